@@ -1,0 +1,1 @@
+"""Specification languages: one package each, none sharing translation code with another."""

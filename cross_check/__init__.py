@@ -1,0 +1,1 @@
+"""Do these specifications say the same thing? Differential runs over traces."""

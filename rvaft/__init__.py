@@ -1,0 +1,1 @@
+"""Attack-fault trees with runtime events."""

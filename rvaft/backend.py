@@ -1,0 +1,100 @@
+"""The interface that every specification language implements, and how backends are found.
+
+A backend has two verbs: `translate` turns a tree into a `Specification`, `read` turns any text of the language into a
+monitor. `Specification.monitor` reads the text back and never looks at the tree.
+Built-in and third-party backends are found the same way: the entry-point group `rvaft.backends`, imported on use.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint, entry_points
+from typing import ClassVar
+
+from rvaft.errors import RvaftError
+from rvaft.monitors import Monitor
+from rvaft.patterns import Pattern
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+
+GROUP = "rvaft.backends"
+
+
+@dataclass(frozen=True, slots=True)
+class Metrics:
+    """Sizes of a specification; None where a language has no such thing.
+
+    `symbols` counts tokens of the property itself, without declarations, headers and comments; `subformulas` the distinct
+    ones; `seconds` is the time the translation took.
+    """
+
+    symbols: int
+    subformulas: int | None = None
+    states: int | None = None
+    edges: int | None = None
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Specification:
+    """A text in a specification language, with the reader that runs it."""
+
+    text: str
+    language: str
+    metrics: Metrics
+    reader: Callable[[str], Monitor] = field(repr=False, compare=False)
+
+    def monitor(self) -> Monitor:
+        """A fresh, independent monitor that runs `text`."""
+        return self.reader(self.text)
+
+
+class Backend(ABC):
+    """One specification language. Capabilities are class attributes, looked at before anything is emitted."""
+
+    name: ClassVar[str]
+    language: ClassVar[str]
+    suffix: ClassVar[str]
+    faithful: ClassVar[bool] = True
+    """Whether the text means the tree; an unfaithful backend is left out of comparisons unless named."""
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
+    default_limit: ClassVar[int]
+    """The size (in the unit the backend documents) above which `translate` raises `TooLarge`."""
+
+    @abstractmethod
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        """The tree as a specification.
+
+        Raises `NotExpressible` where the language cannot say it, `TooLarge` where it could but not within the limit.
+        """
+
+    @abstractmethod
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+        """A monitor that runs a text of the language, whoever wrote it; raises `LanguageError`.
+
+        `atoms` gives the event of each atom that the text itself does not define; without it, `p` is `{"event": "p"}`.
+        A language whose texts always define their events ignores it.
+        """
+
+
+def all_backends() -> Mapping[str, EntryPoint]:
+    """Every registered backend by name, without importing any."""
+    return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name)}
+
+
+def backend(name: str) -> Backend:
+    """The backend of that name, imported now; raises `UnknownBackend`."""
+    found = all_backends()
+    if name not in found:
+        raise UnknownBackend(name, tuple(found))
+    made: Backend = found[name].load()()
+    return made
+
+
+class UnknownBackend(RvaftError, LookupError):
+    """No backend of that name is registered."""
+
+    def __init__(self, name: str, known: tuple[str, ...]) -> None:
+        self.name = name
+        self.known = known
+        super().__init__(f"unknown backend {name}; known: {', '.join(known) or 'none'}")

@@ -1,0 +1,85 @@
+"""Every error a user of rvaft can meet.
+
+All derive from `RvaftError` and from the builtin a caller would expect; what is wrong travels in fields as
+well as in the one-line text.
+"""
+
+from collections.abc import Iterable
+
+
+class RvaftError(Exception):
+    """The root of all errors that rvaft raises on purpose."""
+
+
+class LanguageError(RvaftError, ValueError):
+    """A text is not in the language it should be in (a tree, a pattern, a guard, a specification)."""
+
+    def __init__(self, message: str, *, file: str = "<text>", line: int = 1, column: int = 1, source: str = "") -> None:
+        self.message = message
+        self.file = file
+        self.line = line
+        self.column = column
+        self.source = source
+        super().__init__(message)
+
+    @property
+    def caret(self) -> str:
+        """The offending line with a caret below the column, or the empty string without a source line."""
+        if not self.source:
+            return ""
+        before = "".join(c if c == "\t" else " " for c in self.source[: self.column - 1])
+        return f"{self.source}\n{before}^"
+
+    def __str__(self) -> str:
+        where = f"{self.file}:{self.line}:{self.column}: {self.message}"
+        return f"{where}\n{self.caret}" if self.caret else where
+
+
+class TreeError(RvaftError, ValueError):
+    """A tree breaks a rule; `rule` is the code that `rvaft explain` knows, `nodes` the culprits."""
+
+    def __init__(self, message: str, *, rule: str, nodes: Iterable[str] = ()) -> None:
+        self.message = message
+        self.rule = rule
+        self.nodes = tuple(nodes)
+        super().__init__(f"{message} [{rule}]")
+
+
+class NotExpressible(RvaftError, ValueError):
+    """A backend cannot say this tree under this semantics; it never emits something that means something else."""
+
+    def __init__(self, reason: str, *, backend: str, semantics: str, nodes: Iterable[str] = ()) -> None:
+        self.reason = reason
+        self.backend = backend
+        self.semantics = semantics
+        self.nodes = tuple(nodes)
+        at = f" (at {', '.join(self.nodes)})" if self.nodes else ""
+        super().__init__(f"{backend} cannot express this tree under {semantics}: {reason}{at}")
+
+
+class TooLarge(RvaftError, RuntimeError):
+    """A computation would exceed a limit that the caller can raise."""
+
+    def __init__(self, what: str, *, limit: int) -> None:
+        self.what = what
+        self.limit = limit
+        super().__init__(f"too large: {what} (limit {limit})")
+
+
+class TraceError(RvaftError, ValueError):
+    """A trace is malformed; `line` counts from 1."""
+
+    def __init__(self, message: str, *, file: str = "<trace>", line: int = 1) -> None:
+        self.message = message
+        self.file = file
+        self.line = line
+        super().__init__(f"{file}:{line}: {message}")
+
+
+class ToolMissing(RvaftError, RuntimeError):
+    """A program or library that this step needs is not installed; `remedy` says how to get it."""
+
+    def __init__(self, tool: str, *, remedy: str) -> None:
+        self.tool = tool
+        self.remedy = remedy
+        super().__init__(f"{tool} is not installed: {remedy}")

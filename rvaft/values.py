@@ -1,0 +1,57 @@
+"""JSON values: equality by mathematical value, and a hashable key that respects it.
+
+Python's own `==` will not do: it makes `True == 1`. Values are what a JSON decoder returns (`dict`, `list`, `str`,
+`int`, `float`, `bool`, `None`). Both functions are iterative: a value may be nested arbitrarily deep.
+"""
+
+from collections.abc import Hashable, Mapping
+from typing import Any, TypeAlias
+
+Json: TypeAlias = Any
+Scalar: TypeAlias = str | int | float | bool | None
+
+
+def is_number(value: Json) -> bool:
+    """Whether a value is a JSON number; a boolean is none."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def equal(left: Json, right: Json) -> bool:
+    """Deep equality: numbers by mathematical value, booleans only equal booleans, objects with the same keys."""
+    todo = [(left, right)]
+    while todo:
+        a, b = todo.pop()
+        if is_number(a):
+            if not (is_number(b) and a == b):
+                return False
+        elif isinstance(a, Mapping):
+            if not (isinstance(b, Mapping) and a.keys() == b.keys()):
+                return False
+            todo.extend((a[key], b[key]) for key in a)
+        elif isinstance(a, list):
+            if not (isinstance(b, list) and len(a) == len(b)):
+                return False
+            todo.extend(zip(a, b, strict=True))
+        elif type(a) is not type(b) or a != b:
+            return False
+    return True
+
+
+def key(value: Json) -> Hashable:
+    """A hashable stand-in: two values are `equal` exactly when their keys are."""
+    out: list[Hashable] = []
+    todo: list[Json] = [value]
+    while todo:
+        v = todo.pop()
+        if isinstance(v, Mapping):
+            names = sorted(v)
+            out.append(("{", tuple(names)))
+            todo.extend(v[name] for name in names)
+        elif isinstance(v, list):
+            out.append(("[", len(v)))
+            todo.extend(v)
+        elif isinstance(v, bool) or v is None:
+            out.append(("=", repr(v)))
+        else:
+            out.append(v)
+    return out[0] if len(out) == 1 else tuple(out)

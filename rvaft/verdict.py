@@ -1,0 +1,29 @@
+"""The three verdicts and the three semantics."""
+
+from enum import StrEnum
+
+
+class Verdict(StrEnum):
+    """What is known after a prefix: detected, can no longer be detected, or neither."""
+
+    TRUE = "true"
+    FALSE = "false"
+    UNKNOWN = "unknown"
+
+    @property
+    def final(self) -> bool:
+        """Whether the verdict can never change again."""
+        return self is not Verdict.UNKNOWN
+
+    @property
+    def symbol(self) -> str:
+        """The sign the literature prints: ⊤, ⊥ or ?."""
+        return {"true": "⊤", "false": "⊥", "unknown": "?"}[self.value]
+
+
+class Semantics(StrEnum):
+    """Which positions of a trace a match may use."""
+
+    STRICT = "strict"
+    PROJECTED = "projected"
+    SCATTERED = "scattered"

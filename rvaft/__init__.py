@@ -1,1 +1,111 @@
-"""Attack-fault trees with runtime events."""
+"""Attack-fault trees with runtime events.
+
+`load` or `loads` reads a tree, `translate` makes a specification of it, `monitor` watches events for it.
+Names are imported on first use: `import rvaft` alone costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from rvaft.api import monitor, translate
+    from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends
+    from rvaft.branches import Branch
+    from rvaft.errors import (
+        LanguageError,
+        NotExpressible,
+        OptionError,
+        RvaftError,
+        ToolFailed,
+        ToolMissing,
+        TooLarge,
+        TraceError,
+        TreeError,
+    )
+    from rvaft.findings import Finding, Severity
+    from rvaft.language import dumps, load, loads
+    from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On
+    from rvaft.monitors import Explanation, Monitor
+    from rvaft.tree import RVAFT
+    from rvaft.verdict import Semantics, Verdict
+
+    __version__: str
+
+__all__ = [
+    "RVAFT",
+    "Backend",
+    "Branch",
+    "Causality",
+    "EventType",
+    "Explanation",
+    "Finding",
+    "Gate",
+    "Ignore",
+    "Kind",
+    "LanguageError",
+    "Metrics",
+    "Monitor",
+    "Node",
+    "NotExpressible",
+    "On",
+    "OptionError",
+    "RvaftError",
+    "Semantics",
+    "Severity",
+    "Specification",
+    "TooLarge",
+    "ToolFailed",
+    "ToolMissing",
+    "TraceError",
+    "TreeError",
+    "UnknownBackend",
+    "Verdict",
+    "__version__",
+    "all_backends",
+    "dumps",
+    "load",
+    "loads",
+    "monitor",
+    "translate",
+]
+
+_NAMES: Final = {
+    "rvaft.api": ("monitor", "translate"),
+    "rvaft.backend": ("Backend", "Metrics", "Specification", "UnknownBackend", "all_backends"),
+    "rvaft.branches": ("Branch",),
+    "rvaft.errors": (
+        "LanguageError",
+        "NotExpressible",
+        "OptionError",
+        "RvaftError",
+        "ToolFailed",
+        "ToolMissing",
+        "TooLarge",
+        "TraceError",
+        "TreeError",
+    ),
+    "rvaft.findings": ("Finding", "Severity"),
+    "rvaft.language": ("dumps", "load", "loads"),
+    "rvaft.model": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On"),
+    "rvaft.monitors": ("Explanation", "Monitor"),
+    "rvaft.tree": ("RVAFT",),
+    "rvaft.verdict": ("Semantics", "Verdict"),
+}
+_MODULE_OF: Final = {name: module for module, names in _NAMES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: object = version("rvaft")
+    elif name in _MODULE_OF:
+        value = getattr(import_module(_MODULE_OF[name]), name)
+    else:
+        raise AttributeError(f"module 'rvaft' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

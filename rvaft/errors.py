@@ -83,3 +83,16 @@ class ToolMissing(RvaftError, RuntimeError):
         self.tool = tool
         self.remedy = remedy
         super().__init__(f"{tool} is not installed: {remedy}")
+
+
+class ToolFailed(RvaftError, RuntimeError):
+    """A program that this step needs is installed but did not do its work."""
+
+    def __init__(self, tool: str, *, reason: str) -> None:
+        self.tool = tool
+        self.reason = reason
+        super().__init__(f"{tool} failed: {reason}")
+
+
+class OptionError(RvaftError, ValueError):
+    """An option has a value that is none of those it can have, or two options contradict each other."""

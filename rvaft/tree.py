@@ -5,6 +5,7 @@ The constructor checks what makes a structure a tree at all (every `_check_*` on
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 
@@ -12,16 +13,26 @@ import networkx as nx
 
 from rvaft.errors import TreeError
 from rvaft.guards import variables as guard_variables
-from rvaft.model import Causality, EventType, Gate, Ignore, Node, On, Relevant
+from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Relevant
 from rvaft.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.patterns import variables as pattern_variables
+
+
+@dataclass(frozen=True, slots=True)
+class Whole:
+    """What a restricted tree was made from, and by which selection."""
+
+    tree: "RVAFT"
+    branch: int | None = None
+    kind: Kind | None = None
+    origins: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 class RVAFT:
     """An attack-fault tree with runtime events.
 
-    `nodes` keeps the order of declaration. `alphabet` is what decides relevance under `projected`; a tree restricted to
-    some branches keeps the alphabet of the whole. `origins` maps the names of copied nodes to those of the whole tree.
+    `nodes` keeps the order of declaration. `alphabet` is what decides relevance under `projected`. A tree restricted to some
+    branches of another one is `part_of` it: it keeps the alphabet of the whole, and `origins` maps its nodes to the whole's.
 
     Raises `TreeError` for what is no tree: an unknown root or child, a cycle, a child listed twice, a threshold out of
     range, an unknown event type, a wrong number of arguments, a parameter that is not in its pattern.
@@ -35,15 +46,14 @@ class RVAFT:
         *,
         ignores: Iterable[Ignore] = (),
         causality: Causality = Causality.TOP_DOWN,
-        alphabet: Iterable[Relevant] | None = None,
-        origins: Mapping[str, str] | None = None,
+        part_of: "Whole | None" = None,
     ) -> None:
         self.root = root
         self.nodes: Mapping[str, Node] = MappingProxyType({node.name: node for node in nodes})
         self.events: Mapping[str, EventType] = MappingProxyType({event.name: event for event in events})
         self.ignores = tuple(ignores)
         self.causality = causality
-        self.origins: Mapping[str, str] = MappingProxyType(dict(origins or {}))
+        self.part_of = part_of
         for event in self.events.values():
             _check_parameters(event)
         for node in self.nodes.values():
@@ -57,7 +67,6 @@ class RVAFT:
             raise TreeError(f"the root {root} is not a node of the tree", rule="no-root", nodes=[root])
         self.graph = _graph(self.nodes)
         _check_acyclic(self.graph)
-        self._alphabet = None if alphabet is None else tuple(alphabet)
 
     # -- order and structure ------------------------------------------------------------------------------------
 
@@ -117,7 +126,7 @@ class RVAFT:
         if not node.has_event:
             return None
         if node.on is None:
-            return ObjectPattern((("event", Literal(node.name)),))
+            return ObjectPattern((("event", Literal(self.origins.get(node.name, node.name))),))
         return self.instantiate(node.on)
 
     def instantiate(self, on: On) -> Pattern:
@@ -138,11 +147,21 @@ class RVAFT:
         """The reachable nodes that have a runtime event, parents before children."""
         return tuple(node.name for node in self.top_down() if node.has_event)
 
+    @property
+    def restricted(self) -> bool:
+        """Whether the tree is a part of another one and keeps the alphabet of that."""
+        return self.part_of is not None
+
+    @property
+    def origins(self) -> Mapping[str, str]:
+        """Of a restricted tree: the name that each copied node has in the whole."""
+        return {} if self.part_of is None else self.part_of.origins
+
     @cached_property
     def alphabet(self) -> tuple[Relevant, ...]:
         """Which events are relevant, before `ignore` (semantics, section 3): one entry per occurrence."""
-        if self._alphabet is not None:
-            return self._alphabet
+        if self.part_of is not None:
+            return self.part_of.tree.alphabet
         return tuple(self._relevant(name) for name in self.occurrences)
 
     def _relevant(self, name: str) -> Relevant:
@@ -166,7 +185,7 @@ class RVAFT:
             frozenset(self.events.values()),
             self.ignores,
             self.causality,
-            self._alphabet,
+            self.part_of,
         )
 
     def __eq__(self, other: object) -> bool:

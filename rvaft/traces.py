@@ -1,0 +1,223 @@
+"""Reading traces: JSON Lines, one object per line by RFC 8259, line by line as they come.
+
+A byte order mark, CRLF, blank lines, a missing last newline and an empty trace are fine. Everything else that is not one
+object raises `TraceError` with file and line: what a lenient decoder would let pass (NaN, lone surrogates, numbers that
+overflow) and what would exhaust the machine (deep nesting, endless lines) too. A message never repeats the line.
+A key repeated in one object is malformed where the tree reads it; `Reads` says where that is.
+"""
+
+import json
+import math
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO, Final, TypeAlias
+
+from rvaft.errors import TraceError
+from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.tree import RVAFT
+from rvaft.values import Json
+
+MAX_LINE: Final = 64 * 1024 * 1024
+"""The longest line, in bytes: a log without line ends is refused before it fills the memory."""
+MAX_DEPTH: Final = 500
+"""The deepest nesting of objects and lists; below the limits of every JSON decoder, so that the answer is one everywhere."""
+MAX_DIGITS: Final = 4300
+"""The longest integer; reading one takes time quadratic in its length."""
+
+Source: TypeAlias = str | os.PathLike[str] | BinaryIO | Iterable[bytes]
+
+_BOM: Final = b"\xef\xbb\xbf"
+_BLANK: Final = b" \t\r\n"
+_STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
+_SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
+_ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
+
+
+@dataclass(slots=True)
+class Reads:
+    """Which parts of an event are read: all of it, or these fields and the items of a list."""
+
+    whole: bool = False
+    fields: dict[str, "Reads"] = field(default_factory=dict)
+    items: "Reads | None" = None
+
+    def add(self, pattern: Pattern) -> None:
+        """Read also what this pattern looks at. A variable looks at a whole value: values are compared deeply."""
+        agenda: list[tuple[Reads, Pattern]] = [(self, pattern)]
+        while agenda:
+            reads, part = agenda.pop()
+            match part:
+                case ObjectPattern(fields):
+                    agenda.extend((reads.fields.setdefault(name, Reads()), inner) for name, inner in fields)
+                case ListPattern(items):
+                    reads.items = reads.items or Reads()
+                    agenda.extend((reads.items, inner) for inner in items)
+                case Variable():
+                    reads.whole = True
+                case Literal() | Anything():
+                    pass
+
+
+def reads_of(tree: RVAFT) -> Reads:
+    """What a monitor of the tree reads: all that its runtime events and `ignore` declarations mention."""
+    reads = Reads()
+    for relevant in tree.alphabet:
+        reads.add(relevant.pattern)
+    for ignore in tree.ignores:
+        reads.add(tree.instantiate(ignore.on))
+    return reads
+
+
+def read(source: Source, *, name: str | None = None, reads: Reads | None = None) -> Iterator[dict[str, Json]]:
+    """The events of a trace in turn; raises `TraceError`, and `OSError` for a file that cannot be opened.
+
+    `source` is a path, a binary stream or the lines themselves; `name` stands for it in errors. Without `reads` a
+    repeated key is refused wherever it is.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        with Path(source).open("rb") as stream:
+            yield from _events(_lines(stream), name or os.fspath(source), reads)
+    else:
+        lines = _lines(source) if hasattr(source, "readline") else iter(source)
+        yield from _events(lines, name or "<trace>", reads)
+
+
+def decode(line: bytes, *, reads: Reads | None = None) -> dict[str, Json]:
+    """The event on one line; raises `ValueError` with a message that does not repeat the line."""
+    if len(line) > MAX_LINE:
+        raise ValueError(f"the line is longer than {MAX_LINE // 1024**2} MiB")
+    try:
+        text = line.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line)") from None
+    _check_depth(text)
+    try:
+        value = _DECODER.decode(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"not JSON: {_reason(error)} (column {error.colno})") from None
+    except RecursionError:
+        raise ValueError("nested too deeply for the space left on the stack") from None
+    _check_surrogates(text)
+    if not isinstance(value, dict):
+        raise ValueError(f"not a JSON object but {_KINDS[type(value)]}")
+    _check_repeated(value, reads or Reads(whole=True))
+    return value
+
+
+# -- lines ------------------------------------------------------------------------------------------------------
+
+
+def _lines(stream: BinaryIO) -> Iterator[bytes]:
+    return iter(lambda: stream.readline(MAX_LINE + 1), b"")
+
+
+def _events(lines: Iterator[bytes], file: str, reads: Reads | None) -> Iterator[dict[str, Json]]:
+    for number, line in enumerate(lines, 1):
+        body = line.removeprefix(_BOM) if number == 1 else line
+        if not body.strip(_BLANK):
+            continue
+        try:
+            event = decode(body, reads=reads)
+        except ValueError as error:
+            raise TraceError(str(error), file=file, line=number) from None
+        yield event
+
+
+# -- what the decoder lets pass ----------------------------------------------------------------------------------
+
+
+class _Repeating(dict[str, Json]):
+    """An object in which keys are repeated."""
+
+    __slots__ = ("repeated",)
+    repeated: frozenset[str]
+
+
+def _object(pairs: list[tuple[str, Json]]) -> dict[str, Json]:
+    made = dict(pairs)
+    if len(made) == len(pairs):
+        return made
+    repeating = _Repeating(made)
+    seen: set[str] = set()
+    repeating.repeated = frozenset(key for key, _ in pairs if key in seen or seen.add(key))
+    return repeating
+
+
+def _constant(name: str) -> Json:
+    raise ValueError(f"not JSON: {name} is no JSON number")
+
+
+def _integer(digits: str) -> int:
+    if len(digits) > MAX_DIGITS:
+        raise ValueError(f"a number of more than {MAX_DIGITS} digits")
+    return int(digits)
+
+
+def _float(digits: str) -> float:
+    value = float(digits)
+    if math.isinf(value):
+        raise ValueError("a number beyond the range of a double")
+    return value
+
+
+_DECODER: Final = json.JSONDecoder(
+    object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer, parse_float=_float
+)
+_KINDS: Final[Mapping[type, str]] = {
+    list: "a list",
+    str: "a string",
+    int: "a number",
+    float: "a number",
+    bool: "a boolean",
+    type(None): "null",
+}
+
+
+def _reason(error: json.JSONDecodeError) -> str:
+    """What the decoder says, as a clause; its messages never quote the input."""
+    return error.msg[:1].lower() + error.msg[1:]
+
+
+def _check_depth(text: str) -> None:
+    if text.count("{") + text.count("[") <= MAX_DEPTH:
+        return
+    depth = 0
+    for token in _STRING_OR_BRACKET.finditer(text):
+        match token[0]:
+            case "{" | "[":
+                depth += 1
+            case "}" | "]":
+                depth -= 1
+        if depth > MAX_DEPTH:
+            raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
+
+
+def _check_surrogates(text: str) -> None:
+    if _SURROGATE.search(text) and any(escape[1] for escape in _ESCAPE.finditer(text)):
+        raise ValueError("a lone surrogate: \\ud800 to \\udfff stand only in pairs")
+
+
+def _check_repeated(event: dict[str, Json], reads: Reads) -> None:
+    agenda: list[tuple[Json, Reads]] = [(event, reads)]
+    while agenda:
+        value, here = agenda.pop()
+        if isinstance(value, dict):
+            if isinstance(value, _Repeating):
+                for key in sorted(value.repeated):
+                    if here.whole or key in here.fields:
+                        raise ValueError(f"the key {_quoted(key)} is repeated in an object that the tree reads")
+            if here.whole:
+                agenda.extend((inner, here) for inner in value.values())
+            else:
+                agenda.extend((value[key], inner) for key, inner in here.fields.items() if key in value)
+        elif isinstance(value, list):
+            inner = here if here.whole else here.items
+            if inner is not None:
+                agenda.extend((item, inner) for item in value)
+
+
+def _quoted(key: str) -> str:
+    return json.dumps(key if len(key) <= 40 else f"{key[:40]}…", ensure_ascii=True)

@@ -1,0 +1,66 @@
+"""The trees that ship, their traces, and the verdicts expected of them.
+
+`python -m tests.trees.shipped` writes NAME.verdicts.json anew from the reference; a change there is a change of meaning.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from rvaft import language
+from rvaft.branches import branches
+from rvaft.semantics import Reference
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+
+TREES = Path(__file__).parents[2] / "trees"
+REFUSED = {"remote_inspection/listing"}
+
+Expected = Mapping[str, Mapping[str, Mapping[str, str]]]
+"""Trace name -> semantics -> "tree" or branch number -> the signs ⊤, ⊥, ? after every event."""
+
+
+def names() -> list[str]:
+    """The trees that are valid, as folder/name."""
+    found = [str(path.relative_to(TREES).with_suffix("")) for path in sorted(TREES.rglob("*.rvaft"))]
+    return [name for name in found if name not in REFUSED]
+
+
+def load(name: str) -> RVAFT:
+    """One tree."""
+    return language.load(TREES / f"{name}.rvaft")
+
+
+def traces(name: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Its traces by name."""
+    for path in sorted((TREES / f"{name}.traces").glob("*.jsonl")):
+        yield path.stem, [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def expected(name: str) -> Expected:
+    """The verdicts that are stored."""
+    stored: Expected = json.loads((TREES / f"{name}.verdicts.json").read_text(encoding="utf-8"))
+    return stored
+
+
+def computed(name: str) -> Expected:
+    """The verdicts that the reference gives."""
+    tree = load(name)
+    columns: dict[str, int | None] = {"tree": None, **{str(branch.number): branch.number for branch in branches(tree)}}
+    return {
+        trace: {
+            semantics.value: {
+                column: "".join(v.symbol for v in Reference(tree, semantics, branch=number).run(events))
+                for column, number in columns.items()
+            }
+            for semantics in Semantics
+        }
+        for trace, events in traces(name)
+    }
+
+
+if __name__ == "__main__":
+    for tree_name in names():
+        text = json.dumps(computed(tree_name), indent=1, ensure_ascii=False)
+        (TREES / f"{tree_name}.verdicts.json").write_text(text + "\n", encoding="utf-8")

@@ -89,7 +89,7 @@ CASES = [
     Case("gate event and K+1 before what follows", LOUD, "strict", "g c a b d", "????T"),
     Case(
         "causality reaches through silent gates",
-        'event e(n) = { event: n }; top on e("t") and g; g or h; h and a b;',
+        'event e(n) = { event: n }; top and g on e("t"); g or h; h and a b;',
         "strict",
         "t b a",
         "??T",
@@ -103,7 +103,7 @@ CASES = [
     ),
     Case(
         "an event on the root counts like any other",
-        'event e(n) = { event: n }; top on e("t") or a b;',
+        'event e(n) = { event: n }; top or a b on e("t");',
         "projected",
         "a",
         "F",

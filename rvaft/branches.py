@@ -12,6 +12,7 @@ from functools import cached_property
 from itertools import islice
 
 from rvaft.errors import TooLarge, TreeError
+from rvaft.formulas import TEXT, formula, write
 from rvaft.model import Gate, Kind
 from rvaft.tree import RVAFT
 
@@ -38,6 +39,11 @@ class Branch:
     def kinds(self) -> frozenset[Kind]:
         """The kinds of its nodes."""
         return frozenset(kind for name in self.nodes if (kind := self.tree.nodes[name].kind) is not None)
+
+    @cached_property
+    def formula(self) -> str:
+        """The property as text: `;` in sequence, `&` in any order, `|` a choice, conditions in brackets."""
+        return write(formula(self.tree, self.nodes, self.children), TEXT)
 
     def children(self, name: str) -> tuple[str, ...]:
         """The children of a node that the branch keeps."""

@@ -4,13 +4,13 @@ For display only; nothing is run from it. A node that several parents share stan
 occurrence.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final, TypeAlias
 
-from rvaft.branches import Branch
 from rvaft.errors import TooLarge
+from rvaft.language.expressions import guard_text, name_text, on_text
 from rvaft.model import Causality, Gate, Node
 from rvaft.tree import RVAFT
 
@@ -64,19 +64,10 @@ class Notation:
     close: str = ")"
 
 
-def formula(branch: Branch) -> Formula:
-    """The property of a branch."""
-    return _fold(branch.tree, branch.nodes, branch.children)
-
-
-def formula_of_tree(tree: RVAFT) -> Formula:
-    """The property of the whole tree, choices included."""
-    return _fold(tree, tree.order, lambda name: tree.nodes[name].children)
-
-
-def _fold(tree: RVAFT, order: tuple[str, ...], children: Callable[[str], tuple[str, ...]]) -> Formula:
+def formula(tree: RVAFT, order: Iterable[str], children: Callable[[str], tuple[str, ...]]) -> Formula:
+    """The property of the part of a tree that keeps these nodes (parents first) and these children of them."""
     done: dict[str, Formula] = {}
-    for name in reversed(order):
+    for name in reversed(tuple(order)):
         node = tree.nodes[name]
         body = _body(node, tuple(done[child] for child in children(name)))
         own: list[Formula] = []
@@ -138,3 +129,20 @@ def write(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) -> s
                     inner = [notation.open, *inner, notation.close]
                 todo.extend(reversed(inner))
     return "".join(pieces)
+
+
+def _event(node: Node) -> str:
+    return name_text(node.name) if node.on is None else on_text(node.on)
+
+
+def _condition(node: Node) -> str:
+    return "" if node.when is None else f"[{guard_text(node.when)}]"
+
+
+TEXT: Final = Notation(
+    _event,
+    _condition,
+    {Join.SEQUENCE: " ; ", Join.ANY_ORDER: " & ", Join.AT_LEAST: ", ", Join.CHOICE: " | "},
+    "at least {} of ".format,
+)
+"""Plain text: `a ; b` in sequence, `a & b` in any order, `a | b` one of them, conditions in brackets."""

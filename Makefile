@@ -13,6 +13,17 @@ $(STAMP): pyproject.toml
 	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@touch $@
 
+TREE := trees/remote_inspection/pruned.rvaft
+
+demo: $(STAMP)
+	@echo "# The tree: rvaft show $(TREE)"
+	@$(BIN)/rvaft show $(TREE)
+	@echo; echo "# Its branches: rvaft branches $(TREE)"
+	@$(BIN)/rvaft branches $(TREE)
+	@for language in rml ltlf automaton; do echo; echo "# rvaft emit $(TREE) --to $$language"; $(BIN)/rvaft emit $(TREE) --to $$language || exit 1; done
+	@echo; echo "# The traces of the paper's Tables 2 and 3: python -m papers.fmas2022.verdict_table"
+	@$(BIN)/python -m papers.fmas2022.verdict_table
+
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto -m "not slow"
 

@@ -1,0 +1,1 @@
+"""Extending Attack-Fault Trees with Runtime Verification (FMAS 2022)."""

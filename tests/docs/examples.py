@@ -1,0 +1,92 @@
+"""The examples of README and docs: `sh` blocks in which a line that starts with `$ ` is a command and what follows its output.
+
+`python -m tests.docs.examples` writes the outputs anew; look at the difference before you commit it.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SETUP = re.compile(r"^(make|pip|git clone|python3? -m venv|source) ?")
+"""Commands that set up a machine; the tests run inside the result."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block of code in a page."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+
+def pages() -> list[Path]:
+    """README and the documentation."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(language: str) -> Iterator[Block]:
+    """All blocks in a language."""
+    for page in pages():
+        text = page.read_text(encoding="utf-8")
+        for found in BLOCK.finditer(text):
+            if found[1] == language:
+                yield Block(page, text[: found.start()].count("\n") + 1, language, found[2])
+
+
+def commands(block: str) -> list[tuple[str, str]]:
+    """The commands of a block, each with the output that it shows."""
+    found: list[tuple[str, str]] = []
+    for line in block.splitlines(keepends=True):
+        if line.startswith("$ "):
+            found.append((line[2:].strip(), ""))
+        else:
+            found[-1] = (found[-1][0], found[-1][1] + line)
+    return found
+
+
+def run(command: str, folder: Path) -> str:
+    """What a command prints, errors included."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "LC_ALL": "C.UTF-8", "COLUMNS": "100", "NO_COLOR": "1"}
+    done = subprocess.run(
+        ["bash", "-c", command],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    return done.stdout
+
+
+def rewritten(text: str, folder: Path) -> str:
+    """The page with every output as it is now."""
+
+    def block(found: re.Match[str]) -> str:
+        if found[1] != "sh" or not found[2].startswith("$ "):
+            return found[0]
+        parts = [
+            f"$ {command}\n" + (output if SETUP.match(command) else run(command, folder))
+            for command, output in commands(found[2])
+        ]
+        return f"```sh\n{''.join(parts)}```"
+
+    return BLOCK.sub(block, text)
+
+
+if __name__ == "__main__":
+    for path in pages():
+        path.write_text(rewritten(path.read_text(encoding="utf-8"), ROOT), encoding="utf-8")

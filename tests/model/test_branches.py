@@ -1,0 +1,99 @@
+"""Branches and restriction, against the enumeration that the reference writes out."""
+
+from dataclasses import replace
+from itertools import islice
+from random import Random
+
+import pytest
+
+from rvaft.branches import branch, branches, number_of
+from rvaft.errors import TreeError
+from rvaft.language import loads
+from rvaft.model import Gate, Kind, Node
+from rvaft.restrict import restrict
+from rvaft.semantics import branches as listed
+from rvaft.tree import RVAFT
+
+GATES = (Gate.OR, Gate.OR, Gate.OR, Gate.AND, Gate.VOT)
+
+
+def silly_tree(random: Random, size: int) -> RVAFT:
+    """A DAG full of choices and shared nodes; leaves are default events."""
+    nodes = []
+    for index in range(size):
+        later = [f"n{j}" for j in range(index + 1, size)]
+        kind = random.choice([None, None, None, *Kind])
+        if index < size // 2:
+            children = tuple(random.sample(later, min(len(later), random.randint(1, 3))))
+            gate = random.choice(GATES)
+            threshold = random.randint(1, len(children)) if gate is Gate.VOT else None
+            nodes.append(Node(f"n{index}", gate, children, threshold, kind=kind))
+        else:
+            nodes.append(Node(f"n{index}", kind=kind))
+    return RVAFT("n0", nodes)
+
+
+def choices(tree: RVAFT) -> list[dict[str, str]]:
+    return [{n: kept[0] for n, kept in b.items() if tree.nodes[n].gate is Gate.OR} for b in listed(tree)]
+
+
+@pytest.mark.parametrize("seed", range(400))
+def test_branches_are_those_of_the_definition_in_their_order(seed: int) -> None:
+    tree = silly_tree(Random(seed), 1 + seed % 14)
+    found = list(branches(tree))
+    assert [dict(b.choices) for b in found] == choices(tree)
+    assert [b.number for b in found] == list(range(1, len(found) + 1))
+    assert all(number_of(tree, b.choices) == b.number for b in found)
+
+
+@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("seed", range(400))
+def test_a_kind_has_exactly_the_branches_that_have_it(seed: int, kind: Kind) -> None:
+    tree = silly_tree(Random(seed), 1 + seed % 12)
+    wanted = {frozenset(c.items()) for c, b in zip(choices(tree), listed(tree), strict=True) if kind in kinds(tree, b)}
+    if not wanted:
+        with pytest.raises(TreeError, match="no branch has the kind"):
+            restrict(tree, kind=kind)
+        return
+    part = restrict(tree, kind=kind)
+    named = {name: part.origins.get(name, name) for name in part.nodes}
+    found = {frozenset((named[g], named[c]) for g, c in b.items() if named[g] in tree.nodes) for b in choices(part)}
+    assert found == wanted
+    assert part.alphabet == tree.alphabet
+
+
+def kinds(tree: RVAFT, kept: object) -> set[Kind | None]:
+    assert isinstance(kept, dict)
+    return {tree.nodes[name].kind for name in kept}
+
+
+def test_the_or_nearest_the_root_varies_fastest() -> None:
+    tree = loads("top or p q; p or a b; q and c;")
+    assert [b.formula for b in branches(tree)] == ["a", "c", "b"]
+
+
+def test_branches_are_lazy() -> None:
+    nodes = [Node("top", Gate.AND, tuple(f"g{i}" for i in range(200)))]
+    for i in range(200):
+        nodes += [Node(f"g{i}", Gate.OR, (f"a{i}", f"b{i}")), Node(f"a{i}"), Node(f"b{i}")]
+    tree = RVAFT("top", nodes)
+    assert [b.choices["g1"] for b in islice(branches(tree), 4)] == ["a1", "a1", "b1", "b1"]
+
+
+@pytest.mark.parametrize("number", [0, -1, 3, 10**9])
+def test_a_branch_that_is_not_there(number: int) -> None:
+    with pytest.raises(TreeError, match="there is no branch"):
+        branch(loads("top or a b;"), number)
+
+
+def test_several_copies_of_a_node_keep_its_event() -> None:
+    tree = loads("top and p q; p or f a; q or x b; f fault; x fault;")
+    part = restrict(tree, kind="fault")
+    assert {part.origins[name] for name in part.nodes if name in part.origins} == set(tree.nodes)
+    assert {part.pattern(name) for name in part.occurrences} == {tree.pattern(name) for name in tree.occurrences}
+
+
+def test_the_part_does_not_equal_the_whole() -> None:
+    tree = loads("top or a b;")
+    assert restrict(tree) is tree
+    assert restrict(tree, branch=1) != RVAFT("top", [replace(tree.nodes["top"], children=("a",)), tree.nodes["a"]])

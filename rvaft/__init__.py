@@ -16,9 +16,9 @@ if TYPE_CHECKING:
         NotExpressible,
         OptionError,
         RvaftError,
+        TooLarge,
         ToolFailed,
         ToolMissing,
-        TooLarge,
         TraceError,
         TreeError,
     )
@@ -96,9 +96,7 @@ _MODULE_OF: Final = {name: module for module, names in _NAMES.items() for name i
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        from importlib.metadata import version
-
-        value: object = version("rvaft")
+        value: object = import_module("importlib.metadata").version("rvaft")
     elif name in _MODULE_OF:
         value = getattr(import_module(_MODULE_OF[name]), name)
     else:

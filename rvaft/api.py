@@ -4,62 +4,64 @@
 """
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
+from rvaft.backend import Specification, backend
+from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import OptionError
 from rvaft.model import Kind
+from rvaft.monitors import Monitor
+from rvaft.restrict import restrict
+from rvaft.rules import require_valid
+from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
-
-if TYPE_CHECKING:
-    from rvaft.backend import Specification
-    from rvaft.monitors import Monitor
-    from rvaft.tree import RVAFT
 
 Choice = TypeVar("Choice", bound=StrEnum)
 
 
 def translate(
-    tree: "RVAFT",
+    tree: RVAFT,
     language: str,
     *,
     semantics: Semantics | str = Semantics.PROJECTED,
     branch: int | None = None,
     kind: Kind | str | None = None,
     limit: int | None = None,
-) -> "Specification":
+) -> Specification:
     """The tree as a specification; `language` names a backend.
 
-    Raises `UnknownBackend`, `OptionError`, `TreeError` for a branch or kind that the tree has not, `NotExpressible`
-    where the language cannot say it, and `TooLarge` beyond the limit (None is the backend's own).
+    Raises `UnknownBackend`, `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind,
+    `NotExpressible` where the language cannot say it, and `TooLarge` beyond the limit (None is the backend's own).
     """
-    from rvaft.backend import backend
-
     return backend(language).translate(narrowed(tree, branch, kind), one_of(Semantics, semantics), limit=limit)
 
 
 def monitor(
-    tree: "RVAFT",
+    tree: RVAFT,
     *,
     semantics: Semantics | str = Semantics.PROJECTED,
     branch: int | None = None,
     kind: Kind | str | None = None,
-) -> "Monitor":
-    """A fresh monitor of the tree.
+    limit: int = DEFAULT_LIMIT,
+) -> Monitor:
+    """A fresh monitor of the tree; `limit` bounds the partial matches that it follows.
 
-    Raises `OptionError`, `TreeError` for a branch or kind that the tree has not, and `TooLarge`.
+    Raises `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind, and, when it
+    reads events too, `TooLarge`.
     """
-    from rvaft.engine import Engine
-
-    return Engine(narrowed(tree, branch, kind), one_of(Semantics, semantics))
+    return Engine(narrowed(tree, branch, kind), one_of(Semantics, semantics), limit=limit)
 
 
-def narrowed(tree: "RVAFT", branch: int | None = None, kind: Kind | str | None = None) -> "RVAFT":
-    """The tree itself, or the part of it that a monitor for one branch or one kind looks at."""
-    if branch is None and kind is None:
-        return tree
-    from rvaft.restrict import restrict
+def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:
+    """The tree itself, or the part of it that a monitor for one branch or one kind looks at.
 
-    return restrict(tree, branch=branch, kind=None if kind is None else one_of(Kind, kind))
+    Raises `TreeError` where the tree breaks a rule, or has no such part.
+    """
+    require_valid(tree)
+    part = restrict(tree, branch=branch, kind=None if kind is None else one_of(Kind, kind))
+    if part is not tree:
+        require_valid(part)
+    return part
 
 
 def one_of(choices: type[Choice], value: Choice | str) -> Choice:

@@ -8,14 +8,18 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import networkx as nx
 
-from rvaft.errors import TreeError
+from rvaft.errors import ToolFailed, ToolMissing, TreeError
 from rvaft.guards import variables as guard_variables
 from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Relevant
 from rvaft.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.patterns import variables as pattern_variables
+
+if TYPE_CHECKING:
+    from rvaft.branches import Branch
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +179,29 @@ class RVAFT:
         """The rigid variables of the runtime events of reachable nodes, in order of first occurrence."""
         names = (v for name in self.occurrences for v in pattern_variables(self._patterns[name] or Anything()))
         return tuple(dict.fromkeys(name for name in names if not name.startswith("_")))
+
+    def branches(self) -> "Iterator[Branch]":
+        """The branches in the order of their numbers, from 1; lazily, since there may be very many."""
+        from rvaft.branches import branches  # noqa: PLC0415 (branches are above the tree)
+
+        return branches(self)
+
+    # -- pictures -----------------------------------------------------------------------------------------------
+
+    def to_dot(self) -> str:
+        """The tree drawn in the DOT language of Graphviz."""
+        from rvaft.drawing import dot_text  # noqa: PLC0415 (drawing is above the tree)
+
+        return dot_text(self)
+
+    def _repr_svg_(self) -> str | None:
+        """The picture that a notebook shows, or None, for the plain `repr`, where Graphviz does not draw it."""
+        from rvaft.drawing import picture  # noqa: PLC0415 (drawing is above the tree)
+
+        try:
+            return picture(self.to_dot(), "svg", timeout=20).decode()
+        except (ToolMissing, ToolFailed):
+            return None
 
     # -- value semantics ----------------------------------------------------------------------------------------
 

@@ -1,0 +1,126 @@
+"""Names, patterns and guards as text that reads back equal."""
+
+import json
+from typing import Final
+
+from rvaft.errors import LanguageError
+from rvaft.guards import MAX_DEPTH, Guard, Operation, Operator
+from rvaft.language.words import WORD, bare_name
+from rvaft.model import On
+from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.values import Scalar
+
+_LEVEL: Final = {
+    Operator.OR: 1,
+    Operator.AND: 2,
+    Operator.NOT: 3,
+    **dict.fromkeys((Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE), 4),
+    **dict.fromkeys((Operator.ADD, Operator.SUB), 5),
+    **dict.fromkeys((Operator.MUL, Operator.DIV), 6),
+    Operator.NEGATE: 7,
+}
+_ATOM: Final = 8
+
+
+def quoted(text: str) -> str:
+    """A text as a string of the language, which is a JSON string; raises `LanguageError` for half a surrogate pair."""
+    if any("\ud800" <= character <= "\udfff" for character in text):
+        raise LanguageError("half of a surrogate pair cannot be written")
+    return json.dumps(text, ensure_ascii=False)
+
+
+def name_text(name: str) -> str:
+    """A node's name, in quotes where it needs them."""
+    return name if bare_name(name) else quoted(name)
+
+
+def word_text(word: str) -> str:
+    """The name of a field or an event type, in quotes where it is no word."""
+    return word if WORD.fullmatch(word) else quoted(word)
+
+
+def literal_text(value: Scalar) -> str:
+    """A literal; raises `LanguageError` for a number that the language cannot write."""
+    if isinstance(value, str):
+        return quoted(value)
+    try:
+        return json.dumps(value, allow_nan=False)
+    except ValueError:
+        raise LanguageError("a number that is not finite, or has too many digits, cannot be written") from None
+
+
+def on_text(on: On) -> str:
+    """An event type applied to arguments: `move(Waypoint, _)`."""
+    return f"{word_text(on.event)}({', '.join(pattern_text(argument) for argument in on.arguments)})"
+
+
+def pattern_text(pattern: Pattern) -> str:
+    """A pattern; `parse_pattern` reads it back equal. Raises `LanguageError` when nested deeper than 100."""
+    return _pattern(pattern, 0)
+
+
+def _pattern(pattern: Pattern, depth: int) -> str:
+    if depth > MAX_DEPTH:
+        raise LanguageError(f"a pattern nested deeper than {MAX_DEPTH} cannot be written")
+    match pattern:
+        case Literal(value):
+            return literal_text(value)
+        case Variable(name):
+            return name
+        case Anything():
+            return "_"
+        case ObjectPattern(()):
+            return "{}"
+        case ObjectPattern(fields):
+            inner = ", ".join(f"{word_text(name)}: {_pattern(part, depth + 1)}" for name, part in fields)
+            return f"{{ {inner} }}" if depth == 0 else f"{{{inner}}}"
+        case ListPattern(items):
+            return f"[{', '.join(_pattern(item, depth + 1) for item in items)}]"
+
+
+def guard_text(guard: Guard) -> str:
+    """A guard, with no more parentheses than needed; `parse_guard` reads it back equal.
+
+    Raises `LanguageError` when nested deeper than 100.
+    """
+    return _guard(guard, 0)[0]
+
+
+def _guard(guard: Guard, depth: int) -> tuple[str, int]:
+    """The text, and how tightly its outermost operator binds."""
+    if depth > MAX_DEPTH:
+        raise LanguageError(f"a guard nested deeper than {MAX_DEPTH} cannot be written")
+    match guard:
+        case Variable(name):
+            return name, _ATOM
+        case Literal(value):
+            text = literal_text(value)
+            return text, _LEVEL[Operator.NEGATE] if text.startswith("-") else _ATOM
+        case Operation(operator, operands):
+            level = _LEVEL[operator]
+            parts = [_guard(operand, depth + 1) for operand in operands]
+            return _operation(operator, parts), level
+
+
+def _operation(operator: Operator, parts: list[tuple[str, int]]) -> str:
+    level = _LEVEL[operator]
+    match operator:
+        case Operator.NOT:
+            return f"not {_at_least(level, parts[0])}"
+        case Operator.NEGATE:
+            # -1 is the number; the operator applied to the number 1 is -(1)
+            number = parts[0][1] == _ATOM and parts[0][0][0].isdigit()
+            return f"-({parts[0][0]})" if number else f"-{_at_least(level, parts[0])}"
+        case Operator.AND | Operator.OR:
+            return f" {operator} ".join(_at_least(level + 1, part) for part in parts)
+        case Operator.ADD | Operator.SUB | Operator.MUL | Operator.DIV:
+            left, right = parts
+            return f"{_at_least(level, left)} {operator} {_at_least(level + 1, right)}"
+        case _:
+            left, right = parts
+            return f"{_at_least(level + 1, left)} {operator} {_at_least(level + 1, right)}"
+
+
+def _at_least(level: int, part: tuple[str, int]) -> str:
+    text, own = part
+    return text if own >= level else f"({text})"

@@ -1,0 +1,88 @@
+"""A tree as canonical text: reading it back gives an equal tree."""
+
+import re
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from rvaft.language.expressions import guard_text, name_text, on_text, pattern_text, quoted, word_text
+from rvaft.model import Causality, EventType, Gate, Ignore, Node
+from rvaft.tree import RVAFT
+
+_VALUE: Final = re.compile(r'(?!=)(?:(?!//|/\*)[^\s;"#])+')
+_WIDEST: Final = 40
+"""A cell wider than this does not push the rest of its column to the right."""
+
+
+def dumps(tree: RVAFT) -> str:
+    """The canonical text of a tree: `loads(dumps(tree)) == tree` for every tree that can be written.
+
+    The order is causality, event types, ignores, toplevel, nodes (parents before children, then the unreachable ones); a
+    child that no statement defined stays undefined. What a restricted tree keeps of the alphabet of the whole is not
+    text, and a text with half a surrogate pair or a pattern or guard nested deeper than 100 is a `LanguageError`.
+    """
+    blocks = [
+        [f"causality {tree.causality};"] if tree.causality is not Causality.TOP_DOWN else [],
+        _aligned(_event_cells(event) for event in tree.events.values()),
+        [_ignore(ignore) for ignore in tree.ignores],
+        [f"toplevel {name_text(tree.root)};", *_aligned(_node_cells(node) for node in _stated(tree))],
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def _stated(tree: RVAFT) -> Iterator[Node]:
+    """The nodes that need a statement, in canonical order."""
+    reachable = set(tree.order)
+    children = {child for node in tree.nodes.values() for child in node.children}
+    names = [*tree.order, *sorted(name for name in tree.nodes if name not in reachable)]
+    for name in names:
+        node = tree.nodes[name]
+        implied = not node.declared and node == Node(name) and name in children and name != tree.root
+        if not implied:
+            yield node
+
+
+def _event_cells(event: EventType) -> list[str]:
+    return [f"event {word_text(event.name)}({', '.join(event.parameters)})", f"= {pattern_text(event.pattern)}"]
+
+
+def _ignore(ignore: Ignore) -> str:
+    return (
+        f"ignore {on_text(ignore.on)}" + (f" when {guard_text(ignore.when)}" if ignore.when is not None else "") + ";"
+    )
+
+
+def _node_cells(node: Node) -> list[str]:
+    tail = [f"on {on_text(node.on)}"] if node.on is not None else []
+    tail += [f"when {guard_text(node.when)}"] if node.when is not None else []
+    attributes = " ".join(f"{word_text(key)}={_value(value)}" for key, value in node.attributes)
+    label = f"label {quoted(node.label)}" if node.label is not None else ""
+    return [name_text(node.name), _gate(node), node.kind or "", " ".join(tail), attributes, label]
+
+
+def _gate(node: Node) -> str:
+    if node.gate is None:
+        return ""
+    gate = f"{node.threshold}of{len(node.children)}" if node.gate is Gate.VOT else node.gate.value
+    return " ".join([gate, *(name_text(child) for child in node.children)])
+
+
+def _value(value: str) -> str:
+    return value if _VALUE.fullmatch(value) and value.isprintable() else quoted(value)
+
+
+def _aligned(rows: Iterable[list[str]]) -> list[str]:
+    """Each row as one statement, the cells of a column below each other where they are not too wide."""
+    table = list(rows)
+    if not table:
+        return []
+    widths = [max((len(c) for c in column if len(c) <= _WIDEST), default=0) for column in zip(*table, strict=True)]
+    return [_line(row, widths) for row in table]
+
+
+def _line(row: list[str], widths: list[int]) -> str:
+    line, edge = "", 0
+    for cell, width in zip(row, widths, strict=True):
+        if cell:
+            line = f"{line.ljust(edge - 1)} {cell}" if line else cell
+        edge += width + 1 if width else 0
+    return line + ";"

@@ -1,0 +1,94 @@
+"""The words of the language, and how its terminals are called in messages to people."""
+
+import re
+from typing import Final
+
+from rvaft.printable import visible
+
+STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
+GATES: Final = ("or", "and", "sand", "sand_rl")
+CLAUSES: Final = ("on", "when", "fault", "attack", "label")
+OPERATORS: Final = ("and", "or", "not")
+DYNAMIC: Final = frozenset(
+    {"xor", "nor", "nand", "not", "pand", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
+    | {"spare", "wsp", "csp", "hsp", "fdep", "pdep", "rdep"}
+)
+"""Gates of other fault-tree languages: reserved, so that a forgotten semicolon does not make them names."""
+
+RESERVED: Final = frozenset({*STATEMENTS, *GATES, *CLAUSES, *OPERATORS, *DYNAMIC})
+
+WORD: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_NUMBERED_GATE: Final = re.compile(r"vot[0-9]+")
+
+
+def reserved(word: str) -> bool:
+    """Whether a node of this name needs quotes though it is a word."""
+    return word in RESERVED or _NUMBERED_GATE.fullmatch(word) is not None
+
+
+def bare_name(name: str) -> bool:
+    """Whether a node's name can stand without quotes."""
+    return WORD.fullmatch(name) is not None and not reserved(name)
+
+
+def shown(text: str) -> str:
+    """A piece of somebody's text as it can stand in a message: marked, short, and without control characters."""
+    return f"`{visible(text if len(text) <= 40 else text[:37] + '...')}`"
+
+
+_PUNCTUATION: Final = {
+    "SEMICOLON": "`;`",
+    "COMMA": "`,`",
+    "COLON": "`:`",
+    "EQUALS": "`=`",
+    "LPAR": "`(`",
+    "RPAR": "`)`",
+    "LBRACE": "`{`",
+    "RBRACE": "`}`",
+    "LBRACKET": "`[`",
+    "RBRACKET": "`]`",
+}
+
+_GROUPS: Final = (
+    # what it is called, the terminals that must be possible for it, and the terminals that it covers
+    ("a statement", {"EVENT"}, {*(word.upper() for word in STATEMENTS), "NAME", "STRING"}),
+    ("a gate (or, and, sand, sand_rl, 2of3)", {"K_OF_N"}, {"OR", "AND", "SAND", "SAND_RL", "K_OF_N", "VOT_K"}),
+    ("a name", {"NAME"}, {"NAME", "STRING"}),
+    ("a word or a string in quotes", {"WORD", "STRING"}, {"WORD", "STRING"}),
+    ("a value", {"VALUE"}, {"VALUE", "STRING"}),
+    ("on, when, fault, attack, label or key=value", {"ON"}, {"ON", "WHEN", "FAULT", "ATTACK", "LABEL", "KEY"}),
+    ("a comparison", {"COMPARISON"}, {"COMPARISON", "PLUS", "MINUS", "TIMES", "SLASH", "AND", "OR"}),
+    ("an operator", {"PLUS"}, {"PLUS", "MINUS", "TIMES", "SLASH", "AND", "OR"}),
+    ("and", {"AND"}, {"AND"}),
+    ("or", {"OR"}, {"OR"}),
+    ("a condition", {"NOT"}, {"NOT", "LPAR", "VARIABLE", "STRING", "NUMBER", "MINUS", "TRUE", "FALSE", "NULL"}),
+    (
+        "a pattern",
+        {"LBRACE", "TRUE"},
+        {"LBRACE", "LBRACKET", "WORD", "ANY", "STRING", "NUMBER", "MINUS", "TRUE", "FALSE", "NULL"},
+    ),
+    (
+        "an argument (a Variable, _, a literal)",
+        {"ANY"},
+        {"VARIABLE", "ANY", "STRING", "NUMBER", "MINUS", "TRUE", "FALSE", "NULL"},
+    ),
+    ("a value", {"VARIABLE"}, {"LPAR", "VARIABLE", "STRING", "NUMBER", "MINUS", "TRUE", "FALSE", "NULL"}),
+    ("a number", {"NUMBER"}, {"NUMBER"}),
+    ("a word", {"WORD"}, {"WORD"}),
+    ("a string in quotes", {"STRING"}, {"STRING"}),
+    ("when", {"WHEN"}, {"WHEN"}),
+    ("top_down or bottom_up", {"TOP_DOWN"}, {"TOP_DOWN", "BOTTOM_UP"}),
+    ("the end", {"$END"}, {"$END"}),
+)
+
+
+def expectation(terminals: frozenset[str]) -> str:
+    """What could stand at a place, in words, given the grammar's terminals that could."""
+    left = set(terminals)
+    found: list[str] = []
+    for phrase, needed, covered in _GROUPS:
+        if needed <= left:
+            found.append(phrase)
+            left -= covered
+    found += [_PUNCTUATION[terminal] for terminal in _PUNCTUATION if terminal in left]
+    return " or ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)

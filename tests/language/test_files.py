@@ -1,0 +1,173 @@
+"""Files: imports, prunes, and files that are no trees at all."""
+
+from pathlib import Path
+
+import pytest
+
+from rvaft.errors import LanguageError
+from rvaft.language import parse_file
+from rvaft.language.draft import BrokenPrune, Draft, PruneFault
+
+
+def write(folder: Path, **texts: str) -> Path:
+    """Write the files (`x_dft="…"` is x.dft) and return the path of main.rvaft."""
+    for name, text in texts.items():
+        path = folder / name.replace("__", "/").replace("_", ".")
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    return folder / "main.rvaft"
+
+
+def facts(draft: Draft) -> dict[str, tuple[str, ...]]:
+    """The nodes of a draft with their children."""
+    return {name: tuple(child.value for child in node.children()) for name, node in draft.nodes.items()}
+
+
+# -- imports ----------------------------------------------------------------------------------------------------
+
+
+def test_an_import_is_relative_to_its_file_and_counts_once(tmp_path: Path) -> None:
+    main = write(
+        tmp_path,
+        main_rvaft='import "sub/a.rvaft"; import "b.rvaft"; import "./b.rvaft"; a on e(X);',
+        sub__a_rvaft='import "../b.rvaft"; toplevel a; a or b c;',
+        b_rvaft="event e(x) = { x: x }; toplevel b; b and d;",
+    )
+    draft = parse_file(main)
+    assert facts(draft) == {"b": ("d",), "a": ("b", "c")}
+    assert len(draft.events) == 1
+    assert [Path(place.file).name for place in draft.nodes["a"].statements] == ["a.rvaft", "main.rvaft"]
+    assert draft.events[0].place.file.endswith("sub/../b.rvaft")
+
+
+@pytest.mark.parametrize(
+    ("main", "a", "b", "root"),
+    [
+        ("", "toplevel a;", "", "a"),
+        ("toplevel main;", "toplevel a;", "toplevel b;", "main"),
+        ("", "toplevel a;", "toplevel b;", "a"),  # a imports b
+        ("", "", "toplevel b;", "b"),
+    ],
+)
+def test_the_toplevel_of_the_importing_file_wins(tmp_path: Path, main: str, a: str, b: str, root: str) -> None:
+    path = write(tmp_path, main_rvaft=f'import "a.dft"; main; {main}', a_dft=f'import "b.dft"; a; {a}', b_dft=f"b; {b}")
+    assert parse_file(path).root == root
+
+
+def test_imports_that_contradict_each_other_leave_both_toplevels(tmp_path: Path) -> None:
+    path = write(tmp_path, main_rvaft='import "a.dft"; import "b.dft";', a_dft="toplevel a; a;", b_dft="toplevel b; b;")
+    draft = parse_file(path)
+    assert [said.value for said in draft.toplevels] == ["a", "b"]
+    assert draft.root is None
+
+
+def test_a_circle_of_imports_is_an_error(tmp_path: Path) -> None:
+    path = write(tmp_path, main_rvaft='a;\nimport "b.dft";', b_dft='b; import "c.dft";', c_dft='  import "main.rvaft";')
+    with pytest.raises(LanguageError, match="import each other in a circle") as caught:
+        parse_file(path)
+    assert (Path(caught.value.file).name, caught.value.line, caught.value.column) == ("c.dft", 1, 10)
+
+
+def test_a_long_chain_of_imports(tmp_path: Path) -> None:
+    for number in range(1500):
+        (tmp_path / f"{number}.dft").write_text(f'n{number} or n{number + 1}; import "{number + 1}.dft";')
+    (tmp_path / "1500.dft").write_text("n1500;")
+    assert len(parse_file(tmp_path / "0.dft").nodes) == 1501
+
+
+def test_errors_in_an_imported_file_name_that_file(tmp_path: Path) -> None:
+    path = write(tmp_path, main_rvaft='import "a.dft";', a_dft='toplevel "A";\n"A" wsp "B" "C";')
+    with pytest.raises(LanguageError, match="the gate `wsp` of `A`") as caught:
+        parse_file(path)
+    assert (Path(caught.value.file).name, caught.value.line) == ("a.dft", 2)
+
+
+@pytest.mark.parametrize("name", ["absent.dft", "folder", r"nul\u0000l"])
+def test_what_cannot_be_imported(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    path = write(tmp_path, main_rvaft=f'a;\nimport "{name}";')
+    with pytest.raises(LanguageError, match=r"cannot import .*: cannot read the file: ") as caught:
+        parse_file(path)
+    assert (caught.value.file, caught.value.line, caught.value.column) == (str(path), 2, 8)
+    assert caught.value.__cause__ is not None
+
+
+# -- prunes -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ("r or a b c; prune a c;", {"r": ("b",)}),
+        ("prune a; r and a b; a or c d; c or e; b or d;", {"r": ("b",), "b": ("d",)}),
+        ("r sand a b; a or x; x or y; y; prune a;", {"r": ("b",)}),
+        ("r or a b; a 2of3 c d e; prune a; prune a;", {"r": ("b",)}),
+        ("r or a b c d; a and x; b and x; x; prune a b c;", {"r": ("d",)}),
+        ("toplevel a; r or a b; b or c; prune r;", {"a": ()}),
+        ("r or a b; u or x; a or x; x; prune a;", {"r": ("b",), "u": ("x",), "x": ()}),
+        ("r or a b; a or g; g 2of2 x y; x or z; prune a x;", {"r": ("b",)}),
+    ],
+)
+def test_a_pruned_node_goes_with_what_only_it_reaches(
+    tmp_path: Path, text: str, left: dict[str, tuple[str, ...]]
+) -> None:
+    if "toplevel" in text:
+        text += " a;"
+    draft = parse_file(write(tmp_path, main_rvaft=text))
+    assert draft.broken_prunes == []
+    assert {name: set(names) for name, names in facts(draft).items()} == {n: set(c) for n, c in left.items()}
+
+
+@pytest.mark.parametrize(
+    ("text", "faults"),
+    [
+        ("r 2of3 a b c;\nprune b;", [(PruneFault.VOTE, "b", "r", 2)]),
+        ("r or a b; a and c d;\nprune c\nd;", [(PruneFault.EMPTY, "c", "a", 2)]),
+        ("r or a;\n\nprune x;", [(PruneFault.UNKNOWN, "x", None, 3)]),
+        ("r or a;\nprune r;", [(PruneFault.ROOT, "r", None, 2)]),
+        ("toplevel r; r or a;\nprune r;", [(PruneFault.ROOT, "r", None, 2)]),
+        ("r or a b c; a or x;\nprune x\ny;", [(PruneFault.UNKNOWN, "y", None, 3), (PruneFault.EMPTY, "x", "a", 2)]),
+    ],
+)
+def test_a_prune_that_cannot_be_is_noted(
+    tmp_path: Path, text: str, faults: list[tuple[PruneFault, str, str | None, int]]
+) -> None:
+    broken = parse_file(write(tmp_path, main_rvaft=text)).broken_prunes
+    assert [(b.fault, b.pruned, b.node, b.place.line) for b in broken] == faults
+    assert all(isinstance(b, BrokenPrune) for b in broken)
+
+
+# -- files that are no trees ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("data", "line", "message"),
+    [
+        (b"", 1, "no tree here"),
+        (b"\xef\xbb\xbf \r\n", 1, "no tree here"),
+        (b"a;\nb\xff;", 2, "no UTF-8 text"),
+        (b"\x7fELF\x02\x01\x01\x00\x00", 1, "binary data"),
+        ("a;".encode("utf-16"), 1, "no UTF-8 text"),
+    ],
+)
+def test_files_that_are_no_trees(tmp_path: Path, data: bytes, line: int, message: str) -> None:
+    path = tmp_path / "x.dft"
+    path.write_bytes(data)
+    with pytest.raises(LanguageError, match=message) as caught:
+        parse_file(path)
+    assert (caught.value.file, caught.value.line) == (str(path), line)
+    assert "\n" not in caught.value.message
+
+
+def test_missing_files_and_folders(tmp_path: Path) -> None:
+    with pytest.raises(LanguageError, match="cannot read the file: No such file") as caught:
+        parse_file(tmp_path / "none.rvaft")
+    assert isinstance(caught.value.__cause__, FileNotFoundError)
+    with pytest.raises(LanguageError, match="cannot read the file: Is a directory"):
+        parse_file(str(tmp_path))
+
+
+def test_byte_order_mark_and_line_ends(tmp_path: Path) -> None:
+    path = tmp_path / "x.dft"
+    path.write_bytes(b'\xef\xbb\xbftoplevel "A"; // top\r\n"A" or "B"\r\n"C";\r\n')
+    assert facts(parse_file(path)) == {"A": ("B", "C")}

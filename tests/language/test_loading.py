@@ -1,0 +1,66 @@
+"""From text to a checked tree: the first broken rule is a `TreeError` with its code, place and nodes."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from rvaft.errors import TreeError
+from rvaft.language import dumps, load, loads
+from rvaft.model import Gate
+from rvaft.tree import RVAFT
+
+# text, rule, place, a culprit
+BROKEN = [
+    ("a and b;\nb and a;\ntoplevel a;", "cycle", "2:7", "b"),
+    ("a or b;\na and c;", "duplicate-setting", "2:3", "a"),
+    ("a or b\n  b;", "duplicate-child", "2:3", "b"),
+    ("a 4of3 b c d;", "threshold", "1:3", "a"),
+    ("a 2of3 b c d e;", "threshold", "1:3", "a"),
+    ("a 0of1 b;", "threshold", "1:3", "a"),
+    ("a on e(X);", "unknown-event", "1:6", "a"),
+    ("event e(x) = { x: x };\na or b;\nb on e(X, Y);", "event-arity", "3:6", "b"),
+    ("event e(x) = { y: 1 };\na on e(X);", "unused-parameter", "1:7", ""),
+    ("a or b; c or b;", "no-root", "1:9", "c"),
+    ("a 2of3 b c d;\nprune b;", "prune", "2:7", "a"),
+    ("a and b c;\nb when X > 1;", "unbound-variable", "2:3", "b"),
+    ("a or b;\nb when 1 < 2;", "silent-scenario", "", ""),
+]
+
+
+@pytest.mark.parametrize(("text", "rule", "place", "culprit"), BROKEN)
+def test_a_broken_rule_is_named(text: str, rule: str, place: str, culprit: str) -> None:
+    with pytest.raises(TreeError) as caught:
+        loads(text, "f.rvaft")
+    error = caught.value
+    assert error.rule == rule
+    assert error.message.startswith(f"f.rvaft:{place}")
+    assert not culprit or culprit in error.nodes
+    assert "\n" not in str(error)
+
+
+def test_a_file_by_path_or_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.dft"
+    path.write_text("a or b c;")
+    assert load(path) == load(str(path)) == load(os.path.relpath(path)) == loads("a or b c; b; c;")
+
+
+def test_a_tree_of_10000_nodes_loads() -> None:
+    lines = [f"n{i} or n{2 * i + 1} n{2 * i + 2};" if i < 4999 else f'n{i} label "{i}";' for i in range(9999)]
+    tree = loads("\n".join(lines))
+    assert (len(tree.nodes), tree.root) == (9999, "n0")
+    assert dumps(tree).count("\n") == 10_000
+
+
+def test_a_chain_of_5000_gates_loads() -> None:
+    tree = loads("\n".join(f"n{i} {gate} n{i + 1};" for i, gate in zip(range(5000), ["and", "or"] * 2500, strict=True)))
+    assert tree.root == "n0"
+    assert tree.nodes["n4999"].gate is Gate.OR
+
+
+def test_the_remote_inspection_tree(remote_inspection: str) -> None:
+    tree = loads(remote_inspection)
+    assert isinstance(tree, RVAFT)
+    assert tree.root == "damaged"
+    assert len(tree.nodes) == 12
+    assert loads(dumps(tree)) == tree

@@ -1,0 +1,40 @@
+"""The words that messages use are those of the grammar."""
+
+import re
+from importlib.resources import files
+
+import pytest
+from lark import Lark
+
+from rvaft.language import name_text, parse
+from rvaft.language.words import CLAUSES, DYNAMIC, GATES, OPERATORS, RESERVED, STATEMENTS, bare_name, expectation
+
+GRAMMAR = files("rvaft.language").joinpath("grammar.lark").read_text(encoding="utf-8")
+TERMINALS = {t.name: t for t in Lark(GRAMMAR, parser="lalr", start="tree").terminals}
+
+
+def test_reserved_words_are_those_of_the_grammar() -> None:
+    found = re.search(r"\(\?!\(\?:(.*?)\)\(\?!", TERMINALS["NAME"].pattern.value)
+    assert found is not None
+    assert set(found[1].split("|")) == RESERVED | {"vot[0-9]+"}
+
+
+def test_keywords_are_terminals_of_their_own() -> None:
+    for word in (*STATEMENTS, *GATES, *CLAUSES, *OPERATORS):
+        assert TERMINALS[word.upper()].pattern.value == rf"{word}(?!\w)"
+    assert not DYNAMIC & {*STATEMENTS, *GATES, *CLAUSES}
+
+
+@pytest.mark.parametrize("word", sorted([*RESERVED, "vot2", "a", "_", "a1", "1a", "a-b", "é", "", "2of3"]))
+def test_a_name_is_quoted_where_it_must(word: str) -> None:
+    assert bare_name(word) == (name_text(word) == word) == bool(re.fullmatch(TERMINALS["NAME"].pattern.value, word))
+    assert list(parse(f"{name_text(word)};").nodes) == [word]
+
+
+def test_every_state_of_the_parser_has_an_expectation_in_words() -> None:
+    parser = Lark(GRAMMAR, parser="lalr", start=["tree", "only_pattern", "only_guard"])
+    states = parser.parser.parser._parse_table.states.values()
+    assert len(states) > 100
+    for state in states:
+        terminals = frozenset(state.keys() & (TERMINALS.keys() | {"$END"}))
+        assert not terminals or expectation(terminals)

@@ -10,8 +10,10 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
 
@@ -27,7 +29,7 @@ MAX_DEPTH: Final = 500
 MAX_DIGITS: Final = 4300
 """The longest integer; reading one takes time quadratic in its length."""
 
-Source: TypeAlias = str | os.PathLike[str] | BinaryIO | Iterable[bytes]
+Source: TypeAlias = str | os.PathLike[str] | BinaryIO
 
 _BOM: Final = b"\xef\xbb\xbf"
 _BLANK: Final = b" \t\r\n"
@@ -74,15 +76,16 @@ def reads_of(tree: RVAFT) -> Reads:
 def read(source: Source, *, name: str | None = None, reads: Reads | None = None) -> Iterator[dict[str, Json]]:
     """The events of a trace in turn; raises `TraceError`, and `OSError` for a file that cannot be opened.
 
-    `source` is a path, a binary stream or the lines themselves; `name` stands for it in errors. Without `reads` a
+    `source` is a path or a binary stream; `name` stands for it in errors. Without `reads` a
     repeated key is refused wherever it is.
     """
     if isinstance(source, (str, os.PathLike)):
+        file = name or os.fspath(source)
         with Path(source).open("rb") as stream:
-            yield from _events(_lines(stream), name or os.fspath(source), reads)
+            yield from _events(_lines(stream, file), file, reads)
     else:
-        lines = _lines(source) if hasattr(source, "readline") else iter(source)
-        yield from _events(lines, name or "<trace>", reads)
+        file = name or "<trace>"
+        yield from _events(_lines(source, file), file, reads)
 
 
 def decode(line: bytes, *, reads: Reads | None = None) -> dict[str, Json]:
@@ -102,7 +105,9 @@ def decode(line: bytes, *, reads: Reads | None = None) -> dict[str, Json]:
         raise ValueError("nested too deeply for the space left on the stack") from None
     _check_surrogates(text)
     if not isinstance(value, dict):
-        raise ValueError(f"not a JSON object but {_KINDS[type(value)]}")
+        raise ValueError(  # noqa: TRY004 (the text is wrong, not the caller)
+            f"not a JSON object but {_KINDS[type(value)]}"
+        )
     _check_repeated(value, reads or Reads(whole=True))
     return value
 
@@ -110,8 +115,15 @@ def decode(line: bytes, *, reads: Reads | None = None) -> dict[str, Json]:
 # -- lines ------------------------------------------------------------------------------------------------------
 
 
-def _lines(stream: BinaryIO) -> Iterator[bytes]:
-    return iter(lambda: stream.readline(MAX_LINE + 1), b"")
+def _lines(stream: BinaryIO, file: str) -> Iterator[bytes]:
+    for number in count(1):
+        try:
+            line = stream.readline(MAX_LINE + 1)
+        except OSError as error:
+            raise TraceError(f"cannot be read: {error.strerror or error}", file=file, line=number) from error
+        if not line:
+            return
+        yield line
 
 
 def _events(lines: Iterator[bytes], file: str, reads: Reads | None) -> Iterator[dict[str, Json]]:
@@ -141,8 +153,7 @@ def _object(pairs: list[tuple[str, Json]]) -> dict[str, Json]:
     if len(made) == len(pairs):
         return made
     repeating = _Repeating(made)
-    seen: set[str] = set()
-    repeating.repeated = frozenset(key for key, _ in pairs if key in seen or seen.add(key))
+    repeating.repeated = frozenset(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
     return repeating
 
 
@@ -178,7 +189,7 @@ _KINDS: Final[Mapping[type, str]] = {
 
 def _reason(error: json.JSONDecodeError) -> str:
     """What the decoder says, as a clause; its messages never quote the input."""
-    return error.msg[:1].lower() + error.msg[1:]
+    return (error.msg[:1].lower() + error.msg[1:]).removesuffix(" at").removesuffix(" starting")
 
 
 def _check_depth(text: str) -> None:
@@ -208,7 +219,7 @@ def _check_repeated(event: dict[str, Json], reads: Reads) -> None:
             if isinstance(value, _Repeating):
                 for key in sorted(value.repeated):
                     if here.whole or key in here.fields:
-                        raise ValueError(f"the key {_quoted(key)} is repeated in an object that the tree reads")
+                        raise ValueError(f"the key {_quoted(key)} is repeated")
             if here.whole:
                 agenda.extend((inner, here) for inner in value.values())
             else:

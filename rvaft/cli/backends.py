@@ -1,0 +1,44 @@
+"""`rvaft backends`: the specification languages."""
+
+from importlib.metadata import EntryPoint
+
+import click
+
+from rvaft.backend import Backend, all_backends
+from rvaft.errors import ToolMissing
+from rvaft.model import Node
+from rvaft.printable import visible
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+
+
+@click.command("backends")
+def command() -> int:
+    """List the specification languages, what each can do, and what is missing for it."""
+    rows = [("NAME", "LANGUAGE", "FAITHFUL", "SEMANTICS", "AVAILABLE")]
+    rows += [_row(name, entry) for name, entry in all_backends().items()]
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+        click.echo("  ".join([*cells, row[-1]]))
+    return 0
+
+
+def _row(name: str, entry: EntryPoint) -> tuple[str, str, str, str, str]:
+    try:
+        backend: Backend = entry.load()()
+    except Exception as error:  # noqa: BLE001 (a third party's module may fail in any way; the others still count)
+        return name, "?", "?", "?", visible(f"no: {type(error).__name__}: {error}")
+    semantics = ",".join(choice.value for choice in Semantics if choice in backend.semantics)
+    language = f"{backend.language} ({backend.suffix})"
+    return name, language, "yes" if backend.faithful else "no", semantics, _available(backend)
+
+
+def _available(backend: Backend) -> str:
+    """Whether the backend can translate a smallest tree and run the result here, or what to install."""
+    semantics = next(choice for choice in reversed(Semantics) if choice in backend.semantics)
+    try:
+        backend.translate(RVAFT("a", [Node("a")]), semantics).monitor()
+    except ToolMissing as missing:
+        return visible(f"no: {missing}")
+    return "yes"

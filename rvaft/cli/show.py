@@ -1,0 +1,29 @@
+"""`rvaft show`: draw a tree, or write it in another format."""
+
+import click
+
+from rvaft.cli.options import output_option, tree_argument
+from rvaft.cli.output import deliver
+from rvaft.drawing import Format, draw, format_of, losses
+from rvaft.language import load
+
+
+@click.command("show")
+@tree_argument
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice([form.value for form in Format]),
+    help="The format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz.",
+)
+@output_option
+def command(tree: str, form: str | None, output: str | None) -> int:
+    """Draw a tree, or write it in another format."""
+    chosen = Format(form) if form is not None else (format_of(output) if output else None) or Format.TREE
+    loaded = load(tree)
+    data = draw(loaded, chosen)
+    deliver(data, output, binary=chosen.binary)
+    if chosen is Format.GALILEO:
+        for loss in losses(loaded):
+            click.echo(f"rvaft: warning: galileo: {loss}", err=True)
+    return 0

@@ -1,0 +1,67 @@
+"""Drawing a tree, and writing it in other formats."""
+
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from pathlib import PurePath
+from typing import Final
+
+from rvaft.drawing.dot import dot_text
+from rvaft.drawing.galileo import galileo_text, losses
+from rvaft.drawing.graphviz import picture
+from rvaft.drawing.json_form import json_text
+from rvaft.drawing.tikz import tikz_text
+from rvaft.drawing.tree import tree_text
+from rvaft.language import dumps
+from rvaft.tree import RVAFT
+
+__all__ = ["Format", "dot_text", "draw", "format_of", "losses", "picture"]
+
+
+class Format(StrEnum):
+    """The formats that a tree can be drawn or written in."""
+
+    TREE = "tree"
+    DOT = "dot"
+    SVG = "svg"
+    PDF = "pdf"
+    PNG = "png"
+    TIKZ = "tikz"
+    JSON = "json"
+    GALILEO = "galileo"
+    RVAFT = "rvaft"
+
+    @property
+    def binary(self) -> bool:
+        """Whether the format is not meant for a terminal."""
+        return self in (Format.PDF, Format.PNG)
+
+
+_TEXTS: Final[Mapping[Format, Callable[[RVAFT], str]]] = {
+    Format.TREE: tree_text,
+    Format.DOT: dot_text,
+    Format.TIKZ: tikz_text,
+    Format.JSON: json_text,
+    Format.GALILEO: galileo_text,
+    Format.RVAFT: dumps,
+}
+_PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
+_SUFFIXES: Final[Mapping[str, Format]] = {
+    ".txt": Format.TREE,
+    ".gv": Format.DOT,
+    ".tex": Format.TIKZ,
+    ".dft": Format.GALILEO,
+    **{f".{form}": form for form in Format if form is not Format.TREE},
+}
+assert set(_TEXTS) | set(_PICTURES) == set(Format), "every format is written in one way"
+
+
+def draw(tree: RVAFT, form: Format) -> bytes:
+    """The tree in that format; raises `ToolMissing` and `ToolFailed` for pictures, `OptionError` for what cannot be written."""
+    if form in _PICTURES:
+        return picture(dot_text(tree), form.value)
+    return _TEXTS[form](tree).encode("utf-8", errors="replace")
+
+
+def format_of(file: str) -> Format | None:
+    """The format that the suffix of a file name suggests, if any."""
+    return _SUFFIXES.get(PurePath(file).suffix.lower())

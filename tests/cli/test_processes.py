@@ -1,0 +1,158 @@
+"""The command as a process: pipes, signals, streams, and what it imports."""
+
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from tests.cli.runs import COMMAND, PRUNED, TREES, process
+
+SAND = TREES / "gates" / "sand.rvaft"
+HEAVY: Final = ("sympy", "spot", "rich", "hypothesis")
+
+
+def started(*args: object) -> "subprocess.Popen[str]":
+    pipe = subprocess.PIPE
+    return subprocess.Popen([*COMMAND, *map(str, args)], stdin=pipe, stdout=pipe, stderr=pipe, text=True, bufsize=1)
+
+
+def test_a_stream_is_answered_line_by_line() -> None:
+    with started("monitor", SAND, "--format", "jsonl") as running:
+        assert running.stdin is not None
+        assert running.stdout is not None
+        for number, letter in enumerate("abc", 1):
+            running.stdin.write(f'{{"event": "{letter}"}}\n')
+            running.stdin.flush()
+            said = json.loads(running.stdout.readline())
+            assert (said["event"], said["verdict"]) == (number, "true" if letter == "c" else "unknown")
+        running.stdin.close()
+        assert running.wait(timeout=30) == 1
+
+
+@pytest.mark.parametrize("form", ["text", "jsonl"])
+def test_an_interrupt_ends_without_a_traceback(form: str) -> None:
+    with started("monitor", SAND, "--format", form, "--semantics", "strict") as running:
+        assert running.stdin is not None
+        assert running.stdout is not None
+        assert running.stderr is not None
+        running.stdin.write('{"event": "b"}\n')
+        running.stdin.flush()
+        assert "false" in running.stdout.readline()
+        running.send_signal(signal.SIGINT)
+        assert running.wait(timeout=30) == 130
+        assert running.stderr.read() == ""
+
+
+def test_a_closed_pipe_ends_without_a_traceback(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    log.write_text('{"event": "a"}\n' * 50_000)
+    with started("monitor", SAND, log, "--format", "jsonl") as running:
+        assert running.stdout is not None
+        assert running.stderr is not None
+        assert running.stdout.readline().startswith('{"event": 1')
+        running.stdout.close()
+        assert running.wait(timeout=60) == 141
+        assert running.stderr.read() == ""
+
+
+@pytest.mark.parametrize("args", [["--help"], ["show", SAND], ["check", "--help"], ["explain", "cycle"], ["--version"]])
+def test_output_that_nobody_reads(args: list[object]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([*COMMAND, *map(str, args)], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.parametrize(
+    ("redirection", "said"),
+    [(">&-", "standard output is closed"), ("<&-", "standard input is closed"), ("</dev/null >&- 2>&-", "")],
+)
+def test_a_stream_that_is_closed(redirection: str, said: str) -> None:
+    words = shlex.join([*COMMAND, "monitor", str(SAND)])
+    done = subprocess.run(["/bin/sh", "-c", f"{words} {redirection}"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) <= 1
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_device_is_an_error() -> None:
+    with Path("/dev/full").open("w") as full:
+        words = [*COMMAND, "show", str(SAND)]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "rvaft: error: standard output: cannot write: No space left on device\n"
+
+
+def test_drawings_are_utf_8_whatever_the_locale() -> None:
+    done = subprocess.run(
+        [*COMMAND, "show", str(PRUNED)],
+        env={**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"},
+        capture_output=True,
+        check=True,
+    )
+    assert "├─ ev1 AND" in done.stdout.decode("utf-8")
+
+
+def test_an_output_file_is_whole_and_has_the_usual_permissions(tmp_path: Path) -> None:
+    target = tmp_path / "tree.json"
+    link = tmp_path / "link.json"
+    link.symlink_to(target)
+    assert process("show", SAND, "-o", link, umask=0o027).returncode == 0
+    assert target.stat().st_mode & 0o777 == 0o640
+    assert link.is_symlink()
+    assert target.read_text(encoding="utf-8").startswith('{\n  "format": "rvaft"')
+    target.chmod(0o600)
+    assert process("show", SAND, "-o", target).returncode == 0
+    assert target.stat().st_mode & 0o777 == 0o600
+    assert sorted(tmp_path.iterdir()) == [link, target]
+    assert process("show", SAND, "-o", "/dev/null").returncode == 0
+    assert not Path("/dev/null").is_file()
+
+
+def test_a_binary_picture_is_refused_by_a_terminal() -> None:
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    words = [*COMMAND, "show", str(SAND), "--format", "png"]
+    done = subprocess.run(words, stdout=theirs, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(ours)
+    os.close(theirs)
+    assert done.returncode == 2
+    assert "binary" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ["--help"],
+        ["--version"],
+        ["check", PRUNED],
+        ["monitor", PRUNED, os.devnull],
+        ["monitor", PRUNED, os.devnull, "--branch", "1"],
+        ["show", PRUNED],
+        ["branches", PRUNED],
+        ["explain", "cycle"],
+    ],
+)
+def test_what_starts_often_imports_nothing_heavy(args: list[object]) -> None:
+    words = [str(arg) for arg in args]
+    program = (
+        "import sys\nfrom rvaft.cli import main\n"
+        f"status = main({words!r}, standalone_mode=False)\n"
+        "print('imported', *sorted({name.partition('.')[0] for name in sys.modules}))\n"
+        "sys.exit(status)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    imported = done.stdout.splitlines()[-1].split()
+    assert "click" in imported
+    assert not set(HEAVY) & set(imported)
+    if words == ["--help"]:
+        assert "networkx" not in imported

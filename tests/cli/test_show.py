@@ -1,0 +1,124 @@
+"""`rvaft show`, `branches`, `emit` and `backends`: what they print, and where to."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from rvaft import load, loads, translate
+from rvaft.backend import all_backends, backend
+from rvaft.drawing import Format, draw
+from rvaft.errors import ToolMissing
+from tests.cli.runs import PRUNED, TREES, run
+
+SAND = TREES / "gates" / "sand.rvaft"
+PICTURES = (Format.SVG, Format.PDF, Format.PNG)
+
+
+def test_a_tree_is_drawn_for_the_terminal() -> None:
+    result = run("show", SAND)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.splitlines()[1:] == ["├─ a", "├─ b", "└─ c"]
+
+
+@pytest.mark.parametrize("form", [form for form in Format if form not in PICTURES])
+def test_every_format_of_text(form: Format) -> None:
+    result = run("show", PRUNED, "--format", form)
+    assert result.exit_code == 0
+    assert result.stdout_bytes == draw(load(PRUNED), form)
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
+@pytest.mark.parametrize("form", PICTURES)
+def test_every_format_of_pictures(form: Format, tmp_path: Path) -> None:
+    target = tmp_path / f"tree.{form}"
+    result = run("show", PRUNED, "-o", target)
+    assert (result.exit_code, result.output) == (0, "")
+    assert run("show", PRUNED, "--format", form).stdout_bytes[:4] == target.read_bytes()[:4]
+
+
+def test_the_format_follows_the_suffix_unless_it_is_named(tmp_path: Path) -> None:
+    assert run("show", SAND, "-o", tmp_path / "a.tex").exit_code == 0
+    assert (tmp_path / "a.tex").read_text().startswith(r"\documentclass")
+    assert run("show", SAND, "--format", "json", "-o", tmp_path / "b.tex").exit_code == 0
+    assert json.loads((tmp_path / "b.tex").read_text())["root"] == load(SAND).root
+    assert run("show", SAND, "-o", tmp_path / "c").exit_code == 0
+    assert "├─ a" in (tmp_path / "c").read_text(encoding="utf-8")
+    assert run("show", SAND, "-o", "-").stdout == run("show", SAND).stdout
+
+
+def test_the_canonical_text_reads_back_as_the_same_tree() -> None:
+    assert loads(run("show", PRUNED, "--format", "rvaft").stdout) == load(PRUNED)
+
+
+def test_galileo_warns_of_what_it_cannot_say() -> None:
+    result = run("show", PRUNED, "--format", "galileo")
+    assert result.exit_code == 0
+    assert result.stdout.startswith('toplevel "damaged";\n')
+    warnings = result.stderr.splitlines()
+    assert all(line.startswith("rvaft: warning: galileo: ") for line in warnings)
+    assert any("pand" in line for line in warnings)
+
+
+def test_the_branches_of_the_paper() -> None:
+    result = run("branches", PRUNED)
+    assert result.exit_code == 0
+    rows = [line.split("\t") for line in result.stdout.splitlines()]
+    assert [row[:2] for row in rows] == [["1", "fault"], ["2", "fault"], ["3", "attack"], ["4", "attack"]]
+    assert rows[2][2].startswith("move(Waypoint, _) ")
+    assert "goal(MBGoal)" in rows[3][2]
+    assert run("branches", SAND).stdout.split("\t")[:2] == ["1", "-"]
+
+
+def test_branches_come_one_by_one() -> None:
+    """A tree of 2^60 branches: the first lines are there although the last never will be."""
+    import itertools
+
+    from rvaft.branches import branches
+
+    text = "top and " + " ".join(f"o{n}" for n in range(60)) + ";"
+    text += "".join(f"o{n} or a{n} b{n}; a{n}; b{n};" for n in range(60))
+    assert [branch.number for branch in itertools.islice(branches(loads(text)), 3)] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("options", [{}, {"semantics": "strict"}, {"branch": 2}, {"kind": "fault"}])
+def test_emit_writes_the_text_of_the_specification(options: dict[str, object], tmp_path: Path) -> None:
+    spec = translate(load(PRUNED), "rml", **options)  # type: ignore[arg-type]
+    words = [word for name, value in options.items() for word in (f"--{name}", value)]
+    result = run("emit", PRUNED, "--to", "rml", *words)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.rstrip("\n") == spec.text.rstrip("\n")
+    target = tmp_path / "spec.rml"
+    assert run("emit", PRUNED, "--to", "rml", *words, "-o", target).output == ""
+    assert target.read_text(encoding="utf-8") == result.stdout
+
+
+def test_emit_says_what_a_language_cannot_express_and_what_is_too_large() -> None:
+    result = run("emit", PRUNED, "--to", "rml-paper", "--semantics", "scattered")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("rvaft: error: rml-paper cannot express this tree under scattered: ")
+    result = run("emit", TREES / "gates" / "and.rvaft", "--to", "ltlf", "--limit", "1")
+    assert result.exit_code == 2
+    assert "(limit 1)" in result.stderr or "Spot is not installed" in result.stderr
+
+
+def test_backends_are_listed_with_what_they_can_do_and_need() -> None:
+    result = run("backends")
+    assert (result.exit_code, result.stderr) == (0, "")
+    rows = {line.split()[0]: line for line in result.stdout.splitlines()[1:]}
+    assert set(rows) == set(all_backends())
+    for name, row in rows.items():
+        assert ("yes" if backend(name).faithful else "no") in row
+        assert backend(name).suffix in row
+    assert "scattered" not in rows["rml-paper"]
+
+
+def test_a_missing_library_is_named_where_a_backend_needs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(*_: object, **__: object) -> None:
+        raise ToolMissing("spot", remedy="pip install spottl")
+
+    monkeypatch.setattr(type(backend("ltlf")), "translate", missing)
+    rows = {line.split()[0]: line for line in run("backends").stdout.splitlines()}
+    assert rows["ltlf"].endswith("no: spot is not installed: pip install spottl")
+    assert run("emit", SAND, "--to", "ltlf").stderr == "rvaft: error: spot is not installed: pip install spottl\n"

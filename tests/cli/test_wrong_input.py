@@ -1,0 +1,177 @@
+"""Whatever is wrong with what a user gives: one line that says what, where and what to do; status 2; nothing half-written."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rvaft.cli import main
+from tests.cli.runs import PRUNED, TREES, failed, run
+from tests.test_traces import BAD
+
+SAND = TREES / "gates" / "sand.rvaft"
+READERS = ("check", "show", "branches", "emit", "monitor")
+
+
+def arguments(command: str, tree: object) -> list[object]:
+    more: dict[str, list[object]] = {"emit": ["--to", "rml"], "monitor": ["--word", "a"]}
+    return [command, tree, *more.get(command, [])]
+
+
+@pytest.mark.parametrize("command", READERS)
+@pytest.mark.parametrize(
+    ("content", "parts"),
+    [
+        (None, ["No such file"]),
+        (b"", [":1:1"]),
+        (b"  // nothing\n", ["no statement"]),
+        (bytes(range(256)), [":"]),
+        (b"\x7fELF\x02\x01\x01\x00", ["binary"]),
+        (b"toplevel a; a and \xff;", ["UTF-8"]),
+        (b"x" * 1_000_000, [":1:"]),
+        (b'"' * 1_000_001, [":1:"]),
+    ],
+)
+def test_no_tree(command: str, content: bytes | None, parts: list[str], tmp_path: Path) -> None:
+    tree = tmp_path / "tree.rvaft"
+    if content is not None:
+        tree.write_bytes(content)
+    result = run(*arguments(command, tree))
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    first, *caret = result.stderr.splitlines()
+    assert first.startswith(f"rvaft: error: {tree}:")
+    assert len(caret) in (0, 2)
+    assert all(len(line) < 1000 for line in (first, *caret))
+    assert all(part in first for part in parts)
+
+
+@pytest.mark.parametrize("command", READERS)
+def test_a_folder_is_no_tree(command: str, tmp_path: Path) -> None:
+    failed(run(*arguments(command, tmp_path)), str(tmp_path), "Is a directory")
+
+
+@pytest.mark.parametrize("command", READERS)
+def test_an_unreadable_tree(command: str, tmp_path: Path) -> None:
+    tree = tmp_path / "tree.rvaft"
+    tree.write_text("a;")
+    tree.chmod(0)
+    if os.access(tree, os.R_OK):
+        pytest.skip("this user may read everything")
+    failed(run(*arguments(command, tree)), str(tree), "Permission denied")
+
+
+@pytest.mark.parametrize("command", READERS)
+def test_the_path_in_an_error_stays_on_its_line(command: str) -> None:
+    failed(run(*arguments(command, "no\nsuch\x1b[31m\tfile")), r"no\nsuch\x1b[31m\tfile")
+
+
+WRONG_USE: dict[str, tuple[list[object], list[str]]] = {
+    "no command": ([], ["check, show"]),
+    "unknown command": (["draw"], ["'draw'", "check, show"]),
+    "unknown option": (["--fast"], ["--fast"]),
+    "unknown option of a command": (["check", SAND, "--fast"], ["--fast", "rvaft check --help"]),
+    "no tree": (["check"], ["TREE"]),
+    "two trees to show": (["show", SAND, SAND], ["sand.rvaft"]),
+    "unknown format": (["show", SAND, "--format", "gif"], ["'gif'", "svg"]),
+    "unknown format of findings": (["check", SAND, "--format", "xml"], ["'xml'", "json"]),
+    "no language": (["emit", SAND], ["--to"]),
+    "unknown language": (["emit", SAND, "--to", "klingon"], ["klingon", "known: ", "rml"]),
+    "unknown semantics": (["emit", SAND, "--to", "rml", "--semantics", "weak"], ["'weak'", "scattered"]),
+    "limit 0": (["emit", SAND, "--to", "rml", "--limit", "0"], ["0"]),
+    "unknown backend": (["monitor", SAND, "--word", "a", "--backend", "klingon"], ["klingon", "known: "]),
+    "branch 0": (["monitor", SAND, "--word", "a", "--branch", "0"], ["branch 0"]),
+    "branch -1": (["monitor", SAND, "--word", "a", "--branch", "-1"], ["branch -1"]),
+    "branch too high": (["monitor", PRUNED, "--word", "a", "--branch", "5"], ["branch 5", "4"]),
+    "branch no number": (["monitor", SAND, "--word", "a", "--branch", "one"], ["'one'"]),
+    "unknown kind": (["monitor", SAND, "--word", "a", "--kind", "error"], ["'error'", "attack"]),
+    "kind that no branch has": (["monitor", SAND, "--word", "a", "--kind", "fault"], ["fault"]),
+    "branch and kind": (["emit", PRUNED, "--to", "rml", "--branch", 1, "--kind", "fault"], ["--branch and --kind"]),
+    "word and trace": (["monitor", SAND, "trace.jsonl", "--word", "a"], ["--word and TRACE"]),
+    "no code": (["explain"], ["CODE"]),
+    "unknown code": (["explain", "cycl"], ["cycl", "did you mean cycle"]),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_USE)
+def test_wrong_use(case: str) -> None:
+    words, parts = WRONG_USE[case]
+    failed(run(*words), *parts)
+
+
+@pytest.mark.parametrize("command", ["emit", "monitor"])
+def test_a_tree_that_breaks_a_rule_is_not_run(command: str) -> None:
+    failed(run(*arguments(command, TREES / "remote_inspection" / "listing.rvaft")), "NewWp", "[unbound-variable]")
+
+
+@pytest.mark.parametrize("case", BAD)
+@pytest.mark.parametrize("form", ["text", "jsonl"])
+def test_a_malformed_line_of_a_trace(case: str, form: str, tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    log.write_bytes(b'{"event": "a"}\n' + BAD[case].split(b"\n")[0] + b"\n")
+    result = run("monitor", SAND, log, "--format", form)
+    failed(result, f"{log}:2: ")
+    assert result.stdout == ('{"event": 1, "verdict": "unknown"}\n' if form == "jsonl" else "")
+
+
+def test_a_line_of_a_hundred_megabytes(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    log.write_bytes(b"x" * 100_000_000)
+    failed(run("monitor", SAND, log), f"{log}:1: ")
+
+
+@pytest.mark.parametrize("trace", ["missing", "."])
+def test_no_trace(trace: str, tmp_path: Path) -> None:
+    failed(run("monitor", SAND, tmp_path / trace), str(tmp_path / trace))
+
+
+# -- output files ---------------------------------------------------------------------------------------------------
+
+
+WRITERS: dict[str, list[object]] = {"show": ["show", SAND], "emit": ["emit", SAND, "--to", "rml"]}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_an_output_that_cannot_be_written(writer: str, tmp_path: Path) -> None:
+    target = tmp_path / "missing" / "file"
+    failed(run(*WRITERS[writer], "-o", target), str(target), "cannot write")
+    failed(run(*WRITERS[writer], "-o", tmp_path), str(tmp_path), "cannot write")
+    (tmp_path / "file").write_text("kept")
+    failed(run(*WRITERS[writer], "-o", tmp_path / "file" / "below"), "cannot write")
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "file"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_device_is_named() -> None:
+    failed(run(*WRITERS["show"], "-o", "/dev/full"), "/dev/full", "No space left")
+
+
+def test_a_failure_leaves_the_old_file_as_it_was(tmp_path: Path) -> None:
+    target = tmp_path / "out.svg"
+    target.write_text("old")
+    failed(run("show", SAND, "-o", target, env={"PATH": ""}), "dot is not installed", "apt-get install graphviz")
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_defect_is_reported_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    def explode(*_: object) -> Callable[[], None]:
+        raise RecursionError("maximum recursion depth exceeded")
+
+    assert run("show", SAND).exit_code == 0
+    monkeypatch.setattr("rvaft.cli.show.draw", explode)
+    failed(run("show", SAND), "defect in rvaft", "RecursionError", "test_wrong_input")
+
+
+def test_the_command_returns_its_status_where_it_is_called_from_python() -> None:
+    assert main(["check", str(PRUNED), "--format", "json"], standalone_mode=False) == 0
+    assert main(["explain", "nothing"], standalone_mode=False) == 2
+
+
+def test_json_lines_stay_json_whatever_the_words() -> None:
+    result = run("monitor", SAND, "-", "-", data='{"event": "a"}', env={"PYTHONIOENCODING": "ascii"})
+    assert result.exit_code == 0
+    said = run("monitor", SAND, "-", "-", "--format", "jsonl", data='{"event": "\u2028\x9f"}').stdout
+    assert [json.loads(line)["trace"] for line in said.splitlines()] == ["<stdin>"]

@@ -1,0 +1,59 @@
+"""Trees to draw."""
+
+from rvaft import RVAFT, EventType, Gate, Kind, Node, On
+from rvaft.guards import Operation, Operator
+from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
+
+AWKWARD = (
+    'a "quoted" word',
+    r"\N \G \\ back\slash\\",
+    "<b>bold</b> & &amp; ]]> -->",
+    "line one\nline two\ttab\r\nline three",
+    "%$#_{}~^\\ [x] , = ;",
+    "日本語のとても長いラベルがここにあります",
+    "кириллица العربية",
+    "escape \x1b[31m, zero \x00, next line \x85, right to left \u202e",
+    "x" * 100,
+    "   ",
+    "",
+    "\\",
+    '"];}',
+    "}]\\end{forest}",
+    "</td></tr></table>",
+)
+"""Labels that try to leave their place."""
+
+
+def awkward() -> RVAFT:
+    """Every awkward text as a label, and as the name of a node."""
+    leaves = [Node(f"leaf {number}", label=text) for number, text in enumerate(AWKWARD)]
+    named = [Node(text) for text in AWKWARD if text.strip()]
+    top = Node('top "<\\', Gate.SAND_RL, tuple(node.name for node in leaves + named))
+    return RVAFT(top.name, [top, *leaves, *named])
+
+
+def chain(length: int) -> RVAFT:
+    """A chain of gates."""
+    gates = [Node(f"g{number}", Gate.AND, (f"g{number + 1}",)) for number in range(length)]
+    return RVAFT("g0", [*gates, Node(f"g{length}")])
+
+
+def every_part() -> RVAFT:
+    """All gates and all parts of nodes, one node shared."""
+    event = EventType("seen", ("v", "t"), ObjectPattern((("value", Variable("v")), ("time", Variable("t")))))
+    guard = Operation(Operator.GE, (Variable("V"), Literal(250)))
+    return RVAFT(
+        "top",
+        [
+            Node("top", Gate.OR, ("left", "right", "vote"), label="Top"),
+            Node("left", Gate.SAND, ("a", "shared"), kind=Kind.FAULT),
+            Node("right", Gate.SAND_RL, ("shared", "b"), on=On("seen", (Variable("V"), Anything()))),
+            Node("vote", Gate.VOT, ("a", "b", "shared"), threshold=2, kind=Kind.ATTACK, label="Vote"),
+            Node("shared", Gate.AND, ("c", "d")),
+            Node("a", attributes=(("lambda", "0.5"), ("dorm", "0"))),
+            Node("b", on=On("seen", (Literal("x"), Variable("V"))), label="See x"),
+            Node("c"),
+            Node("d", on=On("seen", (Variable("V"), Literal(None))), when=guard),
+        ],
+        [event],
+    )

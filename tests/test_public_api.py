@@ -1,0 +1,88 @@
+"""The names that `import rvaft` gives: explicit, complete, and imported on use only."""
+
+import ast
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rvaft
+from rvaft import errors
+
+
+def test_every_name_is_there_and_listed() -> None:
+    assert sorted(rvaft.__all__) == sorted(set(rvaft.__all__))
+    for name in rvaft.__all__:
+        assert getattr(rvaft, name) is not None
+        assert name in dir(rvaft)
+    namespace: dict[str, object] = {}
+    exec("from rvaft import *", namespace)
+    assert set(rvaft.__all__) <= set(namespace)
+
+
+def test_type_checkers_and_the_interpreter_see_the_same_names() -> None:
+    source = ast.parse(Path(rvaft.__file__).read_text(encoding="utf-8"))
+    imported = {
+        alias.name: node.module
+        for branch in source.body
+        if isinstance(branch, ast.If)
+        for node in branch.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert imported == rvaft._MODULE_OF
+    assert {*imported, "__version__"} == set(rvaft.__all__)
+
+
+def test_every_error_can_be_imported_from_the_package() -> None:
+    classes = [
+        value for value in vars(errors).values() if isinstance(value, type) and value.__module__ == errors.__name__
+    ]
+    for error in classes:
+        assert getattr(rvaft, error.__name__) is error
+        assert issubclass(error, rvaft.RvaftError)
+        assert error is rvaft.RvaftError or any(
+            issubclass(error, builtin) for builtin in (ValueError, RuntimeError, LookupError)
+        )
+
+
+def test_no_function_shares_its_name_with_a_module() -> None:
+    modules = {module.name for module in pkgutil.iter_modules(rvaft.__path__)}
+    assert not modules & set(rvaft.__all__)
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = rvaft.nothing
+
+
+def test_the_package_alone_imports_nothing() -> None:
+    program = "import sys, rvaft; print(*sorted(name for name in sys.modules if name.partition('.')[0] == 'rvaft'))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["rvaft"]
+
+
+@pytest.mark.parametrize("option", [{"semantics": "weak"}, {"kind": "error"}])
+def test_an_option_with_an_unknown_value_is_named(option: dict[str, str]) -> None:
+    tree = rvaft.RVAFT("a", [rvaft.Node("a")])
+    (value,) = option.values()
+    with pytest.raises(rvaft.OptionError, match=f"{value}.*known: "):
+        rvaft.monitor(tree, **option)  # type: ignore[arg-type]
+
+
+def test_the_two_verbs_narrow_to_a_branch_or_a_kind() -> None:
+    nodes = [rvaft.Node("a"), rvaft.Node("b", kind=rvaft.Kind.ATTACK)]
+    tree = rvaft.RVAFT("top", [rvaft.Node("top", rvaft.Gate.OR, ("a", "b")), *nodes])
+    for option in ({"branch": 2}, {"kind": "attack"}):
+        monitor = rvaft.monitor(tree, **option)
+        assert monitor.step({"event": "a"}) is rvaft.Verdict.FALSE
+        monitor = rvaft.monitor(tree, **option)
+        assert monitor.step({"event": "b"}) is rvaft.Verdict.TRUE
+    with pytest.raises(rvaft.TreeError, match="branch 3"):
+        rvaft.monitor(tree, branch=3)
+    with pytest.raises(rvaft.TreeError, match="fault"):
+        rvaft.monitor(tree, kind="fault")
+    with pytest.raises(rvaft.UnknownBackend, match="known: "):
+        rvaft.translate(tree, "klingon")

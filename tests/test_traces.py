@@ -1,0 +1,276 @@
+"""Reading traces: what is one JSON object per line by RFC 8259, and what is not, whatever the fault."""
+
+import io
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError
+from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
+from rvaft.traces import MAX_DEPTH, MAX_DIGITS, MAX_LINE, Reads, decode, read, reads_of
+
+
+def events(data: bytes, reads: Reads | None = None) -> list[dict[str, Any]]:
+    return list(read(io.BytesIO(data), name="log.jsonl", reads=reads))
+
+
+def nested(levels: int) -> bytes:
+    return b'{"a":' * levels + b"1" + b"}" * levels
+
+
+GOOD = {
+    "empty trace": (b"", []),
+    "only a byte order mark": (b"\xef\xbb\xbf", []),
+    "byte order mark": (b'\xef\xbb\xbf{"a":1}\n', [{"a": 1}]),
+    "CRLF": (b'{"a":1}\r\n{"a":2}\r\n', [{"a": 1}, {"a": 2}]),
+    "blank lines": (b'\n  \t\n{"a":1}\n\r\n\n', [{"a": 1}]),
+    "no last newline": (b'{"a":1}\n{"a":2}', [{"a": 1}, {"a": 2}]),
+    "white space around": (b' \t {"a" : 1 } \r\n', [{"a": 1}]),
+    "line separators of Unicode inside": ('{"a":"\u2028\u2029\x85"}'.encode(), [{"a": "\u2028\u2029\x85"}]),
+    "surrogate pair": (rb'{"a":"\ud83d\ude00"}', [{"a": "\U0001f600"}]),
+    "escaped backslash before ud800": (rb'{"a":"\\ud800"}', [{"a": "\\ud800"}]),
+    "escaped backslash before a pair": (rb'{"a":"\\\ud83d\ude00"}', [{"a": "\\\U0001f600"}]),
+    "deepest nesting": (nested(MAX_DEPTH), [json.loads(nested(MAX_DEPTH))]),
+    "brackets in a string": (b'{"a":"' + b"[{" * 5000 + b'"}', [{"a": "[{" * 5000}]),
+    "longest integer": (b'{"a":' + b"9" * MAX_DIGITS + b"}", [{"a": int("9" * MAX_DIGITS)}]),
+    "largest double": (b'{"a":1.7976931348623157e308}', [{"a": sys.float_info.max}]),
+    "tiny number": (b'{"a":1e-400}', [{"a": 0.0}]),
+    "empty object": (b"{}", [{}]),
+    "zero byte escaped": (rb'{"a":"\u0000"}', [{"a": "\0"}]),
+}
+
+BAD = {
+    "truncated": b'{"a":1',
+    "truncated in a string": b'{"a":"x',
+    "truncated in an escape": b'{"a":"\\u12',
+    "array": b"[1]",
+    "string": b'"a"',
+    "number": b"3",
+    "boolean": b"true",
+    "null": b"null",
+    "NaN": b'{"a":NaN}',
+    "Infinity": b'{"a":[1,{"b":-Infinity}]}',
+    "NaN alone": b"NaN",
+    "invalid UTF-8": b'{"a":"\xff"}',
+    "UTF-16": '{"a":1}'.encode("utf-16"),
+    "surrogate in UTF-8": b'{"a":"\xed\xa0\x80"}',
+    "overlong UTF-8": b'{"a":"\xc0\xaf"}',
+    "depth 10,000": nested(10_000),
+    "depth 10,000 of lists": b'{"a":' + b"[" * 10_000 + b"]" * 10_000 + b"}",
+    "depth 10,000 unclosed": b"[" * 10_000,
+    "one too deep": nested(MAX_DEPTH + 1),
+    "lone high surrogate": rb'{"a":"\ud800"}',
+    "lone low surrogate": rb'{"a":"x\uDFFFy"}',
+    "surrogates the wrong way round": rb'{"a":"\ude00\ud83d"}',
+    "high surrogate before another escape": rb'{"a":"\ud800\n\udc00"}',
+    "lone surrogate in a key": rb'{"\ud800":1}',
+    "lone surrogate in a repeated key's first value": rb'{"b":"\ud800","b":1}',
+    "beyond a double": b'{"a":1e400}',
+    "beyond a double, negative": b'{"a":-1e309}',
+    "too many digits": b'{"a":' + b"9" * (MAX_DIGITS + 1) + b"}",
+    "a million digits": b'{"a":' + b"9" * 1_000_000 + b"}",
+    "control character": b'{"a":"\t"}',
+    "escape character": b'{"a":"\x1b"}',
+    "trailing data": b'{"a":1} x',
+    "two objects": b'{"a":1}{"a":2}',
+    "trailing comma": b'{"a":1,}',
+    "single quotes": b"{'a':1}",
+    "bare key": b"{a:1}",
+    "leading zero": b'{"a":01}',
+    "leading plus": b'{"a":+1}',
+    "no digit after the point": b'{"a":1.}',
+    "no digit before the point": b'{"a":.5}',
+    "hexadecimal": b'{"a":0x1}',
+    "unknown escape": rb'{"a":"\x41"}',
+    "comment": b'{"a":1} // no',
+    "byte order mark later": b'\xef\xbb\xbf{"a":1}',
+    "no-break space": b'\xc2\xa0{"a":1}',
+    "form feed": b"\x0c",
+    "zero byte": b"\x00",
+    "binary": bytes(range(256)),
+    "old Macintosh line ends": b'{"a":1}\r{"a":2}',
+}
+
+
+@pytest.mark.parametrize("case", GOOD)
+def test_what_is_a_trace(case: str) -> None:
+    data, expected = GOOD[case]
+    assert events(data) == expected
+
+
+@pytest.mark.parametrize("case", BAD)
+@pytest.mark.parametrize("ends", [b"", b"\n", b"\r\n"])
+def test_what_is_malformed(case: str, ends: bytes) -> None:
+    stream = io.BytesIO(b'{"a":1}\n\n' + BAD[case].split(b"\n")[0] + ends)
+    reader = read(stream, name="log.jsonl")
+    assert next(reader) == {"a": 1}
+    with pytest.raises(TraceError) as caught:
+        next(reader)
+    assert (caught.value.file, caught.value.line) == ("log.jsonl", 3)
+    message = str(caught.value)
+    assert message.startswith("log.jsonl:3: ")
+    assert "\n" not in message
+    assert len(message) < 200
+    assert isinstance(caught.value, ValueError)
+
+
+def test_a_key_is_not_repeated_where_the_tree_reads() -> None:
+    pattern = ObjectPattern(
+        (
+            ("topic", Literal("t")),
+            ("pose", ObjectPattern((("x", Anything()),))),
+            ("value", Variable("v")),
+            ("list", ListPattern((ObjectPattern((("y", Literal(1)),)),))),
+        )
+    )
+    tree = RVAFT("a", [Node("a", on=On("e", (Variable("V"),)))], [EventType("e", ("v",), pattern)])
+    reads = reads_of(tree)
+    for text in (
+        b'{"topic":1,"topic":1}',
+        b'{"pose":{"x":1,"x":2}}',
+        b'{"pose":1,"pose":2}',
+        b'{"value":{"deep":[{"q":1,"q":1}]}}',
+        b'{"list":[{"y":1,"y":1}]}',
+        b'{"list":[2,{"y":1,"y":1}]}',
+        b'{"pose":{"\\u0078":1,"x":2}}',
+    ):
+        with pytest.raises(TraceError, match="repeated"):
+            events(text, reads)
+    for text in (
+        b'{"other":1,"other":2}',
+        b'{"other":{"topic":1,"topic":2}}',
+        b'{"pose":{"z":1,"z":2,"x":3}}',
+        b'{"pose":{"x":{"x":1,"x":2}}}',
+        b'{"topic":{"topic":1,"topic":2}}',
+        b'{"list":[{"z":1,"z":1}]}',
+        b'{"list":{"y":1,"y":2}}',
+    ):
+        assert len(events(text, reads)) == 1
+        with pytest.raises(TraceError, match="repeated"):
+            events(text)
+
+
+def test_a_default_event_and_an_ignore_are_read_too() -> None:
+    noise = EventType("noise", ("v",), ObjectPattern((("noise", Variable("v")),)))
+    tree = RVAFT("a", [Node("a")], [noise], ignores=[Ignore(On("noise", (Anything(),)))])
+    assert reads_of(tree) == Reads(fields={"event": Reads(), "noise": Reads()})
+    assert events(b'{"noise":{"x":1,"x":2}}', reads_of(tree)) == [{"noise": {"x": 2}}]
+    with pytest.raises(TraceError):
+        events(b'{"noise":1,"noise":2}', reads_of(tree))
+
+
+def test_a_variable_in_an_ignore_reads_the_whole_value() -> None:
+    noise = EventType("noise", ("v",), ObjectPattern((("noise", Variable("v")),)))
+    tree = RVAFT("a", [Node("a")], [noise], ignores=[Ignore(On("noise", (Variable("V"),)))])
+    with pytest.raises(TraceError):
+        events(b'{"noise":{"x":1,"x":2}}', reads_of(tree))
+
+
+class Endless(io.RawIOBase):
+    """A line that never ends; counts what was taken of it."""
+
+    def __init__(self) -> None:
+        self.taken = 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        size = len(buffer)
+        buffer[:] = b"x" * size
+        self.taken += size
+        return size
+
+
+def test_an_endless_line_is_refused_before_it_fills_the_memory() -> None:
+    source = Endless()
+    with pytest.raises(TraceError, match=r"log:1: the line is longer than 64 MiB"):
+        next(read(io.BufferedReader(source), name="log"))
+    assert source.taken <= 2 * MAX_LINE
+
+
+@pytest.mark.parametrize("garbage", [b"[", b'"', b'\\"', b'[\\"', b'{"a":', b'{"a":"\\ud83d', b"\xff"])
+def test_a_long_line_of_garbage_is_refused_in_linear_time(garbage: bytes) -> None:
+    line = garbage * (2_000_000 // len(garbage))
+    with pytest.raises(ValueError, match=r"^.{1,150}$"):
+        decode(line)
+
+
+def test_events_come_as_their_lines_do() -> None:
+    lines = iter([b'{"a":1}\n', b'{"a":2}\n', b"nonsense\n"])
+
+    class Stream(io.BytesIO):
+        def readline(self, size: int | None = -1, /) -> bytes:  # noqa: ARG002 (the interface)
+            return next(lines, b"")
+
+    reader = read(Stream())
+    assert next(reader) == {"a": 1}
+    assert next(reader) == {"a": 2}
+    assert next(lines) == b"nonsense\n"
+
+
+def test_a_path_is_opened_and_named_in_errors(tmp_path: Path) -> None:
+    log = tmp_path / "a.jsonl"
+    log.write_bytes(b'{"a":1}\n{')
+    reader = read(log)
+    assert next(reader) == {"a": 1}
+    with pytest.raises(TraceError, match=r"a\.jsonl:2: "):
+        next(reader)
+    with pytest.raises(FileNotFoundError):
+        next(read(tmp_path / "missing"))
+
+
+def test_a_stream_that_fails_is_an_error_of_the_trace() -> None:
+    class Torn(io.BytesIO):
+        def readline(self, size: int | None = -1, /) -> bytes:
+            return super().readline(size) or self.fail()
+
+        def fail(self) -> bytes:
+            raise OSError(5, "Input/output error")
+
+    reader = read(Torn(b"{}\n"), name="log")
+    assert next(reader) == {}
+    with pytest.raises(TraceError, match="log:2: cannot be read: Input/output error"):
+        next(reader)
+
+
+def deeply(levels: int) -> object:
+    return decode(nested(MAX_DEPTH)) if levels == 0 else deeply(levels - 1)
+
+
+def test_no_recursion_error_leaks_from_a_full_stack() -> None:
+    with pytest.raises(ValueError, match="nested too deeply"):
+        deeply(sys.getrecursionlimit() - 350)
+
+
+unhurried = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=10,
+)
+
+
+@unhurried
+@given(st.dictionaries(st.text(max_size=5), JSON, max_size=4), st.booleans())
+def test_every_object_is_read_back(value: dict[str, Any], ascii_only: bool) -> None:
+    assert decode(json.dumps(value, ensure_ascii=ascii_only).encode()) == value
+
+
+@unhurried
+@given(st.dictionaries(st.text(max_size=3), JSON, max_size=3), st.integers(0), st.binary(min_size=1, max_size=2))
+def test_damage_is_refused_or_still_json(value: dict[str, Any], where: int, damage: bytes) -> None:
+    text = json.dumps(value).encode()
+    where %= len(text) + 1
+    line = (text[:where] + damage + text[where:]).replace(b"\n", b" ")
+    try:
+        event = decode(line)
+    except ValueError:
+        return
+    assert json.loads(line) == event
+    json.dumps(event, allow_nan=False, ensure_ascii=False).encode()

@@ -6,7 +6,7 @@ AND  a | b | c
 SAND a b c, or c b a
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import product
 
@@ -43,7 +43,7 @@ class Writer:
                 body = self._gate(node, [done[child] for child in children if done[child]], f"{prefix}{len(done)}")
                 parts = [event or "", body]
                 in_order = parts if tree.causality is Causality.TOP_DOWN else parts[::-1]
-                done[node.name] = " ".join(part for part in in_order if part)
+                done[node.name] = _sequence(part for part in in_order if part)
         return done[tree.root]
 
     def _gate(self, node: Node, parts: list[str], name: str) -> str:
@@ -53,9 +53,9 @@ class Writer:
             case Gate.AND:
                 return f"({' | '.join(parts)})"
             case Gate.SAND:
-                return " ".join(parts)
+                return _sequence(parts)
             case Gate.SAND_RL:
-                return " ".join(reversed(parts))
+                return _sequence(reversed(parts))
             case Gate.VOT:
                 missing = len(node.children) - len(parts)  # children without occurrences count as observed
                 return self._unrolled(parts, max((node.threshold or 0) - missing, 0), name)
@@ -78,6 +78,16 @@ class Writer:
             options = [f"({parts[i]}{' ' + names[left - {i}, needed - 1] if needed > 1 else ''})" for i in sorted(left)]
             self.equations[equation] = OR.join(options)
         return names[start, k]
+
+
+def _sequence(parts: Iterable[str]) -> str:
+    """The parts one after the other; a name before a parenthesis is set apart, since RML would read a call."""
+    written = ""
+    for part in parts:
+        if written and part.startswith("(") and written[-1] != ")":
+            written = f"({written})"
+        written = f"{written} {part}".strip()
+    return written
 
 
 def branches(tree: RVAFT, limit: int) -> Iterator[Choices]:

@@ -1,0 +1,78 @@
+"""The backend: tree to HOA text, HOA text to monitor."""
+
+from collections.abc import Mapping
+from functools import partial
+from time import perf_counter
+from typing import ClassVar
+
+from backends.automaton.choices import decided
+from backends.automaton.configurations import Moves
+from backends.automaton.hoa import Relevance, Text, write
+from backends.automaton.letters import Alphabet, Letters
+from backends.automaton.minimise import minimised
+from backends.automaton.plan import Plan, plan
+from backends.automaton.structure import Structure, structure
+from backends.automaton.subsets import HOPELESS, Automaton, Subsets
+from rvaft.backend import Backend, Metrics, Specification
+from rvaft.monitors import Monitor
+from rvaft.patterns import Pattern
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+
+
+class AutomatonBackend(Backend):
+    """Deterministic automata that are complete over the letters which an event can make true, and minimal over them.
+
+    A letter that no event makes true leads where the shortest labels let it, mostly nowhere, which HOA reads as rejection; labels
+    of one state are disjoint all the same, and no state owes its verdict to such a letter. The limit of `translate` is a number
+    of states; ten times as many edges are allowed. Reading needs Spot, translating does not.
+    """
+
+    name: ClassVar[str] = "automaton"
+    language: ClassVar[str] = "hoa"
+    suffix: ClassVar[str] = ".hoa"
+    default_limit: ClassVar[int] = 100_000
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        """The tree as an automaton; raises `TooLarge`, never `NotExpressible`."""
+        started = perf_counter()
+        text = _translated(tree, semantics, self.default_limit if limit is None else limit)
+        metrics = Metrics(text.symbols, states=text.states, edges=text.edges, seconds=perf_counter() - started)
+        return Specification(text.text, self.language, metrics, partial(AutomatonBackend.read, self))
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+        """A monitor that runs any HOA text.
+
+        With a proposition `alive` the text is read as an encoding of finite words, whatever its acceptance; without, as a finite
+        automaton that accepts in its accepting states. Raises `LanguageError`, `ToolMissing` without Spot, `TooLarge`.
+        """
+        from backends.automaton.monitor import monitor  # noqa: PLC0415 -- only reading needs Spot
+
+        return monitor(text, atoms or {})
+
+
+def _translated(tree: RVAFT, semantics: Semantics, limit: int) -> Text:
+    parts = structure(tree)
+    relevance, alphabet = _relevance(tree) if semantics is Semantics.PROJECTED else (None, None)
+    letters = Letters(parts.patterns, alphabet)
+    plans = _plans(parts, semantics, limit)
+    automaton = Subsets(Moves(plans), letters, semantics, limit).build() if plans else Automaton(HOPELESS)
+    automaton = minimised(automaton, letters, looping=semantics is Semantics.SCATTERED)
+    return write(automaton, parts, letters, name=f"{tree.root}, {semantics}", relevance=relevance)
+
+
+def _plans(parts: Structure, semantics: Semantics, limit: int) -> tuple[Plan, ...]:
+    if parts.root is None:
+        return ()
+    root, binders, at_least = parts.root, parts.binders(), semantics is not Semantics.SCATTERED
+    graphs = decided(parts, root, at_least=at_least, limit=limit)
+    return tuple(plan(graph, root, binders, at_least=at_least, limit=limit) for graph in graphs)
+
+
+def _relevance(tree: RVAFT) -> tuple[Relevance, Alphabet]:
+    entries = dict.fromkeys((entry.pattern, entry.when) for entry in tree.alphabet)
+    ignored = dict.fromkeys((tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores)
+    alphabet = Alphabet(
+        tuple(pattern for pattern, _ in entries), tuple(pattern for pattern, when in ignored if when is None)
+    )
+    return Relevance(tuple(entries), tuple(ignored)), alphabet

@@ -1,0 +1,126 @@
+"""Runs a table on events: one run for each partial assignment of the variables that matching has produced.
+
+A *slice* is an assignment and the state it has led to. At an event a slice goes on as it is, its atoms with unbound variables being
+false, and for each atom that would bind variables a slice with those values branches off. The verdict is ⊤ when some slice
+has detected, ⊥ when none is left that could. A slice that has bound more than another one in the same state adds
+nothing to it and is dropped.
+"""
+
+from collections.abc import Hashable, Iterator, Mapping
+from functools import lru_cache
+from itertools import combinations
+from typing import Final, TypeAlias
+
+from backends.automaton.header import Meaning, error_at, meaning
+from backends.automaton.names import ALIVE
+from backends.automaton.table import Table, table
+from rvaft.errors import TooLarge
+from rvaft.guards import holds
+from rvaft.guards import variables as guard_variables
+from rvaft.monitors import Monitor
+from rvaft.patterns import Binding, Literal, ObjectPattern, Pattern, match, rigid
+from rvaft.values import Json, key
+from rvaft.verdict import Verdict
+
+SLICES: Final = 100_000
+"""The most slices that a monitor keeps before it gives up with `TooLarge`."""
+
+FEW: Final = 6
+"""Up to this many variables all smaller assignments are looked for."""
+
+Assignment: TypeAlias = frozenset[tuple[str, Hashable]]
+Slice: TypeAlias = tuple[Assignment, int]
+
+
+def monitor(text: str, atoms: Mapping[str, Pattern]) -> Monitor:
+    """A monitor that runs a HOA text; `atoms` gives the events of propositions that the text does not define."""
+    said, run = _read(text)
+    numbers = range(len(run.names))
+    for number in (*said.events, *said.guards, *said.relevant):
+        if number not in numbers:
+            raise error_at(text, 0, f"the text has no proposition {number}, but says what it means")
+    events = dict(said.events)
+    for number in numbers:
+        name = run.names[number]
+        if number not in said.guards and number not in said.relevant and name != ALIVE:
+            events.setdefault(number, atoms.get(name, ObjectPattern((("event", Literal(name)),))))
+    return AutomatonMonitor(run, said, events)
+
+
+@lru_cache(maxsize=8)
+def _read(text: str) -> tuple[Meaning, Table]:
+    """What a text says; kept for monitors of the same text, which only read it."""
+    return meaning(text), table(text)
+
+
+class AutomatonMonitor(Monitor):
+    """Runs one table; shares it with nobody that writes to it."""
+
+    def __init__(self, run: Table, said: Meaning, events: Mapping[int, Pattern], *, limit: int = SLICES) -> None:
+        super().__init__()
+        self._run = run
+        self._said = said
+        self._events = events
+        self._limit = limit
+        self._slices: dict[Slice, Binding] = {(frozenset(), run.start): {}}
+
+    @property
+    def state(self) -> Hashable:
+        """The slices; after a final verdict only that."""
+        return self._verdict if self._verdict.final else frozenset(self._slices)
+
+    def _advance(self, event: Json) -> Verdict:
+        relevant = bool(self._said.relevant) and self._said.is_relevant(event)
+        after: dict[Slice, Binding] = {}
+        for (_, state), bound in self._slices.items():
+            for binding in self._bindings(state, event, bound):
+                letter = tuple(self._holds(number, event, binding, relevant) for number in self._run.seen(state))
+                to = self._run.next(state, letter)
+                match self._run.verdicts[to]:
+                    case Verdict.TRUE:
+                        return Verdict.TRUE
+                    case Verdict.UNKNOWN:
+                        after[_assignment(binding), to] = binding
+                    case Verdict.FALSE:
+                        pass
+        self._slices = {one: binding for one, binding in after.items() if not _redundant(one, after)}
+        if len(self._slices) > self._limit:
+            names = sorted({name for binding in self._slices.values() for name in binding})
+            raise TooLarge(f"slices, one for each assignment of {', '.join(names)}", limit=self._limit)
+        return Verdict.UNKNOWN if self._slices else Verdict.FALSE
+
+    def _bindings(self, state: int, event: Json, bound: Binding) -> Iterator[Binding]:
+        """The assignment of a slice, and those that the event extends it to."""
+        yield bound
+        seen: set[Assignment] = set()
+        for number in self._run.seen(state):
+            if number in self._events:
+                more = _matched(self._events[number], event, bound)
+                if more is not None and len(more) > len(bound) and (name := _assignment(more)) not in seen:
+                    seen.add(name)
+                    yield more
+
+    def _holds(self, number: int, event: Json, bound: Binding, relevant: bool) -> bool:
+        if number in self._events:
+            more = _matched(self._events[number], event, bound)
+            return more is not None and len(more) == len(bound)
+        if number in self._said.guards:
+            guard = self._said.guards[number]
+            return not all(name in bound for name in guard_variables(guard)) or holds(guard, bound)
+        return relevant
+
+
+def _matched(pattern: Pattern, event: Json, bound: Binding) -> dict[str, Json] | None:
+    found = match(pattern, event, bound)
+    return None if found is None else rigid(found)
+
+
+def _assignment(bound: Binding) -> Assignment:
+    return frozenset((name, key(value)) for name, value in bound.items())
+
+
+def _redundant(one: Slice, slices: Mapping[Slice, Binding]) -> bool:
+    """Whether a smaller assignment is in the same state."""
+    assignment, state = one
+    sizes = range(len(assignment)) if len(assignment) <= FEW else {0, len(assignment) - 1}
+    return any((frozenset(part), state) in slices for size in sizes for part in combinations(assignment, size))

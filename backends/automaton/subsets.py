@@ -1,0 +1,153 @@
+"""The deterministic automaton: a state is the set of configurations that a prefix may have led to.
+
+Under `strict` every event must be a move; under `projected` every relevant one; under `scattered` an event may also be
+left out, and a configuration that another one dominates is dropped. Apart from loops the graph has no cycle: every move leaves less
+to happen.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final, TypeAlias
+
+from backends.automaton.configurations import Configuration, Move, Moves
+from backends.automaton.letters import Atoms, Letters, bits
+from rvaft.errors import TooLarge
+from rvaft.verdict import Semantics
+
+DETECTED: Final = 0
+HOPELESS: Final = 1
+"""The two states that every automaton has."""
+
+EDGES: Final = 10
+STEPS: Final = 200
+"""How many edges, and how many steps of the construction, the limit allows for each state it allows."""
+
+Letter: TypeAlias = tuple[Atoms, int]
+"""The atoms that are true, of those a state sees, and the guards that hold, of those that matter then."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One state: the atoms it sees, the guards that matter for each set of true atoms, where each letter leads."""
+
+    sees: Atoms
+    guards: dict[Atoms, int]
+    targets: dict[Letter, int]
+
+    def target(self, atoms: Atoms, holding: int) -> int | None:
+        """Where a letter over more atoms and guards leads, or None where no event makes it true."""
+        seen = atoms & self.sees
+        return self.targets.get((seen, holding & self.guards.get(seen, 0)))
+
+
+DETECTED_ROW: Final = Row(0, {0: 0}, {(0, 0): DETECTED})
+HOPELESS_ROW: Final = Row(0, {0: 0}, {(0, 0): HOPELESS})
+
+
+@dataclass(slots=True)
+class Automaton:
+    """The rows by state, and the state before any event."""
+
+    start: int
+    rows: list[Row] = field(default_factory=lambda: [DETECTED_ROW, HOPELESS_ROW])
+
+
+State: TypeAlias = frozenset[Configuration]
+
+
+class Subsets:
+    """Builds the automaton; raises `TooLarge` beyond `limit` states, or what goes with them."""
+
+    def __init__(self, moves: Moves, letters: Letters, semantics: Semantics, limit: int) -> None:
+        self.moves = moves
+        self.letters = letters
+        self.scattered = semantics is Semantics.SCATTERED
+        self.limit = limit
+        self.edges = 0
+        self.steps = 0
+        self.number: dict[State, int] = {}
+        self.waiting: list[State] = []
+
+    def build(self) -> Automaton:
+        """The automaton of the configurations that `moves` starts with."""
+        start = list(self.moves.start())
+        if any(self.moves.complete(configuration) for configuration in start):
+            return Automaton(DETECTED)
+        automaton = Automaton(self._state([], start))
+        done = 0
+        while done < len(self.waiting):
+            automaton.rows.append(self._row(self.waiting[done]))
+            done += 1
+        return automaton
+
+    def _state(self, kept: list[Configuration], moved: list[Configuration]) -> int:
+        state = frozenset(self._best(kept, moved) if self.scattered else moved)
+        if not state:
+            return HOPELESS
+        if state not in self.number:
+            self.number[state] = len(self.number) + 2
+            self.waiting.append(state)
+            self._count(len(self.number), 1, "states of the automaton")
+        return self.number[state]
+
+    def _best(self, kept: list[Configuration], moved: list[Configuration]) -> list[Configuration]:
+        """Without those that another one dominates; those that were kept before do not dominate each other."""
+        best = kept
+        for one in moved:
+            self._step(len(best))
+            if not any(self.moves.dominates(other, one) for other in best):
+                best = [*(other for other in best if not self.moves.dominates(one, other)), one]
+        return best
+
+    def _row(self, state: State) -> Row:
+        ordered = sorted(state, key=_rank)
+        moves = [move for configuration in ordered for move in self.moves.of(configuration)]
+        by_atom: dict[int, list[Move]] = {}
+        for move in moves:
+            by_atom.setdefault(move.atom, []).append(move)
+        row = Row(sum(1 << atom for atom in by_atom), {}, {})
+        for atoms in self.letters.over(row.sees):
+            enabled = [move for atom in bits(atoms) for move in by_atom[atom]]
+            row.guards[atoms] = _guards(enabled)
+            for holding in _subsets(row.guards[atoms]):
+                row.targets[atoms, holding] = self._successor(ordered, enabled, holding)
+                self.edges += 1
+                self._count(self.edges, EDGES, "edges of the automaton")
+        return row
+
+    def _successor(self, ordered: list[Configuration], enabled: list[Move], holding: int) -> int:
+        self._step(len(enabled))
+        moved = [self.moves.breaking(move, holding) for move in enabled if not move.needed & ~holding]
+        if any(self.moves.complete(configuration) for configuration in moved):
+            return DETECTED
+        return self._state(ordered, moved)
+
+    def _step(self, many: int) -> None:
+        self.steps += many + 1
+        self._count(self.steps, STEPS, "steps of the construction")
+
+    def _count(self, reached: int, each: int, what: str) -> None:
+        if reached > self.limit * each:
+            raise TooLarge(what, limit=self.limit * each)
+
+
+def _rank(configuration: Configuration) -> tuple[int, ...]:
+    c = configuration
+    return (c.plan, c.waiting, c.undecided, c.taken, c.required, c.broken)
+
+
+def _guards(moves: list[Move]) -> int:
+    guards = 0
+    for move in moves:
+        guards |= move.needed | move.noted
+    return guards
+
+
+def _subsets(mask: int) -> Iterator[int]:
+    """All subsets, the whole first."""
+    subset = mask
+    while True:
+        yield subset
+        if not subset:
+            return
+        subset = (subset - 1) & mask

@@ -1,0 +1,240 @@
+"""The suite that every backend has to pass, for the author of any backend to run.
+
+    from backends.conformance import run
+    report = run(MyBackend(), oracle, required=without_variables)
+    assert report.passed, report
+
+The expected verdicts come from an oracle that the caller gives, a monitor for a tree and a semantics that shares nothing with the
+backend. A refusal (`NotExpressible`) and a text that would be too large (`TooLarge`) are counted apart from each other and
+from failures; a refusal of what the caller requires is one. Where a tool is missing, `ToolMissing` goes through to the caller.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice, product
+from random import Random
+from typing import TypeAlias
+
+from backends.conformance_trees import Example, examples
+from rvaft.backend import Backend, Specification
+from rvaft.errors import LanguageError, NotExpressible, TooLarge
+from rvaft.monitors import Monitor
+from rvaft.tree import RVAFT
+from rvaft.values import Json
+from rvaft.verdict import Semantics, Verdict
+
+Oracle: TypeAlias = Callable[[RVAFT, Semantics], Monitor]
+Required: TypeAlias = Callable[[Example, Semantics], bool]
+Trace: TypeAlias = Sequence[Json]
+
+NOISE: Json = {"nothing": "of interest"}
+
+
+def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
+    """Every tree under every semantics must be expressible."""
+    return True
+
+
+def without_variables(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
+    """Every tree without variables must be."""
+    return not example.tree.variables
+
+
+def without_variables_or_determinate(example: Example, semantics: Semantics) -> bool:
+    """Also trees with variables that never have two assignments to follow, where no event is skipped at will."""
+    return not example.tree.variables or (example.determinate and semantics is not Semantics.SCATTERED)
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """One check that did not pass, on which tree and trace, and how."""
+
+    check: str
+    example: str
+    semantics: Semantics
+    what: str
+    trace: tuple[Json, ...] = ()
+
+    def __str__(self) -> str:
+        trace = f" on {list(self.trace)}" if self.trace else ""
+        return f"{self.check}: {self.example} under {self.semantics}{trace}: {self.what}"
+
+
+@dataclass(slots=True)
+class Report:
+    """What a run has found; `refusals` and `too_large` name the example and the semantics."""
+
+    backend: str
+    translations: int = 0
+    verdicts: int = 0
+    failures: list[Failure] = field(default_factory=list)
+    refusals: list[tuple[str, Semantics]] = field(default_factory=list)
+    too_large: list[tuple[str, Semantics]] = field(default_factory=list)
+
+    @property
+    def passed(self) -> bool:
+        """Whether something was compared and nothing failed."""
+        return self.verdicts > 0 and not self.failures
+
+    def __str__(self) -> str:
+        summary = (
+            f"{self.backend}: {self.translations} translations, {self.verdicts} verdicts compared, {len(self.failures)} "
+            f"failures, {len(self.refusals)} refusals, {len(self.too_large)} too large"
+        )
+        return "\n".join([summary, *map(str, self.failures[:10])])
+
+
+def run(
+    backend: Backend,
+    oracle: Oracle,
+    *,
+    required: Required = everything,
+    trees: Iterable[Example] | None = None,
+    words: int = 24,
+    seed: int = 0,
+    limit: int | None = None,
+) -> Report:
+    """Check a backend on the examples (or on other `trees`) under each semantics that it offers.
+
+    `words` bounds the traces for each tree and semantics, `limit` is handed to `translate`.
+    """
+    report = Report(backend.name)
+    for example in examples() if trees is None else trees:
+        for semantics in Semantics:
+            check = _Check(backend, oracle, example, semantics, report)
+            specification = check.translated(required(example, semantics), limit)
+            if specification is not None:
+                traces = list(_traces(example, words, Random(f"{seed} {example.name}")))  # noqa: S311 -- no secret
+                check.all(specification, traces)
+    return report
+
+
+def _traces(example: Example, most: int, random: Random) -> Iterator[Trace]:
+    """All words over the events of an example where there are few, otherwise a sample, and some longer ones."""
+    letters = [*example.events, NOISE]
+    length = 2
+    while len(letters) ** (length + 1) <= most:
+        length += 1
+    short = list(islice(product(letters, repeat=length), most * 10))
+    yield from random.sample(short, min(len(short), most))
+    yield list(example.events)
+    yield list(reversed(example.events))
+    for _ in range(most // 2):
+        yield [random.choice(letters) for _ in range(random.randint(length, 7))]
+    for _ in range(most // 4):
+        shuffled = random.sample(example.events, len(example.events))
+        shuffled.insert(random.randint(0, len(shuffled)), random.choice(letters))
+        yield shuffled
+
+
+@dataclass(frozen=True, slots=True)
+class _Check:
+    """The checks of one tree under one semantics."""
+
+    backend: Backend
+    oracle: Oracle
+    example: Example
+    semantics: Semantics
+    report: Report
+
+    def translated(self, required: bool, limit: int | None) -> Specification | None:
+        """The specification, unless it is refused or too large."""
+        try:
+            specification = self.backend.translate(self.example.tree, self.semantics, limit=limit)
+        except NotExpressible as refusal:
+            self.report.refusals.append((self.example.name, self.semantics))
+            if required:
+                self._fail("required", f"refused: {refusal.reason}")
+            return None
+        except TooLarge as error:
+            self.report.too_large.append((self.example.name, self.semantics))
+            if limit is None:
+                self._fail("size", f"a small tree is too large: {error.what}")
+            return None
+        self.report.translations += 1
+        return specification
+
+    def all(self, specification: Specification, traces: Sequence[Trace]) -> None:
+        """Every check that needs a text."""
+        self._repeatable(specification)
+        try:
+            self._fresh(specification)
+        except LanguageError as error:
+            self._fail("readable", f"the backend cannot read its own text: {error.message}")
+            return
+        self._verdicts(specification, traces)
+        self._self_contained(specification, traces[:5])
+        self._independent(specification, traces[:5])
+        self._states(specification, traces)
+
+    def _repeatable(self, specification: Specification) -> None:
+        again = self.backend.translate(self.example.tree, self.semantics)
+        if again.text != specification.text:
+            self._fail("repeatable", "the second translation differs from the first")
+        if specification.language != self.backend.language:
+            self._fail("language", f"{specification.language} is not {self.backend.language}")
+        if specification.metrics.symbols <= 0:
+            self._fail("metrics", f"{specification.metrics.symbols} symbols")
+
+    def _fresh(self, specification: Specification) -> None:
+        if specification.monitor().verdict is not Verdict.UNKNOWN:
+            self._fail("start", "the verdict before any event is not unknown")
+
+    def _verdicts(self, specification: Specification, traces: Sequence[Trace]) -> None:
+        """After every prefix the verdict is the oracle's, also after a final one."""
+        for trace in traces:
+            monitor, expected = specification.monitor(), self.oracle(self.example.tree, self.semantics)
+            for position, event in enumerate(trace, 1):
+                got, wanted = monitor.step(event), expected.step(event)
+                self.report.verdicts += 1
+                if got is not wanted or monitor.verdict is not got:
+                    self._fail("verdict", f"{got.symbol} instead of {wanted.symbol}", trace[:position])
+                    break
+
+    def _self_contained(self, specification: Specification, traces: Sequence[Trace]) -> None:
+        """The text alone says everything."""
+        for trace in traces:
+            read = self.backend.read(str(specification.text))
+            if list(read.run(trace)) != list(specification.monitor().run(trace)):
+                self._fail("self-contained", "the text read back gives other verdicts", trace)
+
+    def _independent(self, specification: Specification, traces: Sequence[Trace]) -> None:
+        """Monitors that run side by side do not feel each other."""
+        alone = [list(specification.monitor().run(trace)) for trace in traces]
+        beside: list[list[Verdict]] = [[] for _ in traces]
+        monitors = [specification.monitor() for _ in traces]
+        for position in range(max(map(len, traces), default=0)):
+            for number, trace in enumerate(traces):
+                if position < len(trace):
+                    beside[number].append(monitors[number].step(trace[position]))
+        for trace, one, other in zip(traces, alone, beside, strict=True):
+            if one != other:
+                self._fail("independent", "another monitor of the same text changes the verdicts", trace)
+
+    def _states(self, specification: Specification, traces: Sequence[Trace]) -> None:
+        """Monitors with equal states give equal verdicts from there on."""
+        by_state: dict[object, Trace] = {}
+        futures = traces[-3:]
+        for trace in traces[:10]:
+            monitor = specification.monitor()
+            for position, event in enumerate(trace, 1):
+                monitor.step(event)
+                known = by_state.setdefault(monitor.state, trace[:position])
+                if known == trace[:position]:
+                    continue
+                if self._after(specification, known, futures) != self._after(specification, trace[:position], futures):
+                    self._fail("state", f"the state is that after {list(known)}, the future is not", trace[:position])
+                    return
+
+    @staticmethod
+    def _after(specification: Specification, prefix: Trace, futures: Sequence[Trace]) -> list[list[Verdict]]:
+        verdicts = []
+        for future in futures:
+            monitor = specification.monitor()
+            for event in prefix:
+                monitor.step(event)
+            verdicts.append([monitor.verdict, *monitor.run(future)])
+        return verdicts
+
+    def _fail(self, check: str, what: str, trace: Trace = ()) -> None:
+        self.report.failures.append(Failure(check, self.example.name, self.semantics, what, tuple(trace)))

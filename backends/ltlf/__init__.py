@@ -1,0 +1,46 @@
+"""The `ltlf` backend: linear temporal logic on finite traces, in Spot's syntax.
+
+The text explains itself: a leading comment defines the atoms (event patterns and guards), which events are relevant, and the shared
+subformulas. The unit of `limit` is distinct subformulas. Reading a text needs Spot, translating does not.
+"""
+
+import time
+from collections.abc import Mapping
+from typing import ClassVar
+
+from rvaft.backend import Backend, Metrics, Specification
+from rvaft.monitors import Monitor
+from rvaft.patterns import Pattern
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+
+__all__ = ["LtlfBackend"]
+
+
+class LtlfBackend(Backend):
+    """LTLf in Spot's syntax: every tree under every semantics."""
+
+    name: ClassVar[str] = "ltlf"
+    language: ClassVar[str] = "ltlf"
+    suffix: ClassVar[str] = ".ltlf"
+    default_limit: ClassVar[int] = 200_000
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        """The tree as a formula; `TooLarge` beyond `limit` distinct subformulas, never `NotExpressible`."""
+        from backends.ltlf.translation import translation  # noqa: PLC0415 -- kept off the start-up path
+
+        start = time.perf_counter()
+        made = translation(tree, Semantics(semantics), limit=self.default_limit if limit is None else limit)
+        seconds = time.perf_counter() - start
+        metrics = Metrics(symbols=made.symbols, subformulas=made.subformulas, seconds=seconds)
+        return Specification(made.text, self.language, metrics, self.read)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+        """A monitor that runs a formula in Spot's LTLf syntax, with or without a header.
+
+        Raises `LanguageError`, and `ToolMissing` where Spot is not installed.
+        """
+        from backends.ltlf.monitor import LtlfMonitor  # noqa: PLC0415 -- needs Spot
+        from backends.ltlf.program import program  # noqa: PLC0415 -- needs Spot
+
+        return LtlfMonitor(program(text, atoms or {}))

@@ -1,0 +1,148 @@
+"""The translation gate by gate, for plain trees: a term of the size of the tree.
+
+strict, projected: `or` is `\\/`, `and` is `|`, `sand` is juxtaposition; VOT is a shuffle of optional parts, of which at least K must begin:
+`(a? | b? | c?) /\\ (any{2} any*)`.
+scattered: an event is awaited with `not_a* a` and followed by the rest; `and` awaits each child on its own and joins with `/\\`.
+"""
+
+from collections.abc import Generator
+from typing import Any, TypeAlias
+
+from backends.rml.translation.conditions import Every, when_true
+from backends.rml.translation.letters import Letters
+from backends.rml.translation.plain import Plain
+from backends.rml.translation.scenarios import bits
+from backends.rml.translation.terms import (
+    ALL,
+    ANY,
+    Equations,
+    Name,
+    Term,
+    both,
+    either,
+    filtered,
+    optional,
+    shuffle,
+    star,
+    then,
+    times,
+)
+from rvaft.model import Causality, Gate, Node
+
+Steps: TypeAlias = Generator["Steps", Any, Term]
+"""A computation that yields the computations it needs and is sent their results: recursion without a deep stack."""
+
+
+class Composition:
+    """Terms for the parts of a plain tree; `equations` holds what was given a name."""
+
+    def __init__(self, plain: Plain, letters: Letters) -> None:
+        self.plain = plain
+        self.tree = plain.tree
+        self.letters = letters
+        self.equations = Equations("P")
+
+    # -- strict and projected -----------------------------------------------------------------------------------------
+
+    def contiguous(self) -> Term:
+        """The whole tree where the events of a match follow one another."""
+        done: dict[str, Term] = {}
+        for node in self.tree.bottom_up():
+            if self.plain.part[node.name]:
+                parts = [done[child] for child in self.plain.children(node)]
+                body = [self._joined(node, parts)] if parts else []
+                own = [self._event(node.name)] if node.has_event else []
+                top_down = self.tree.causality is Causality.TOP_DOWN
+                done[node.name] = self.equations.shallow(then(*own, *body) if top_down else then(*body, *own))
+        return then(done[self.tree.root], ALL)
+
+    def _joined(self, node: Node, parts: list[Term]) -> Term:
+        match self.plain.joined(node):
+            case Gate.OR:
+                return either(parts)
+            case Gate.AND:
+                return shuffle(parts)
+            case Gate.VOT:
+                return both([shuffle(optional(part) for part in parts), self._enough(node)])
+            case _:
+                return then(*parts)
+
+    def _enough(self, node: Node) -> Term:
+        """At least K parts begin: of single events any may be counted, else the first ones are."""
+        enough = then(times(ANY, node.threshold or 0), star(ANY))
+        children = self.plain.children(node)
+        if all(self.plain.part[child].bit_count() == 1 for child in children):
+            return enough
+        firsts = [self._type(i) for child in children for i in bits(self.plain.first[child])]
+        return filtered(self.letters.types.union(firsts, f"{node.name}_begins"), enough)
+
+    # -- scattered ----------------------------------------------------------------------------------------------------
+
+    def scattered(self) -> Term:
+        """The whole tree where any events may stand between those of a match."""
+        return _run(self._awaited(self.tree.nodes[self.tree.root], ALL))
+
+    def _awaited(self, node: Node, after: Term) -> Steps:
+        """The events of a part, then the rest."""
+        if not self.plain.part[node.name]:
+            return after
+        own = [self.plain.index[node.name]] if node.has_event else []
+        if self.tree.causality is Causality.BOTTOM_UP:
+            after = self._await(own, after)
+            return (yield self._body(node, after))
+        body = yield self._body(node, after)
+        return self._await(own, body)
+
+    def _body(self, node: Node, after: Term) -> Steps:
+        children = self.plain.children(node)
+        match self.plain.joined(node):
+            case Gate.OR:
+                return self._await([next(bits(self.plain.part[child])) for child in children], after)
+            case Gate.AND:
+                rest = after if after == ALL else self.equations.named(after)
+                parts = []
+                for child in children:
+                    parts.append((yield self._awaited(self.tree.nodes[child], rest)))
+                return both(parts)
+            case _:
+                for child in reversed(children):
+                    after = yield self._awaited(self.tree.nodes[child], after)
+                return after
+
+    def _await(self, occurrences: list[int], after: Term) -> Term:
+        """Any number of other events, one of these, then the rest."""
+        if not occurrences:
+            return after
+        wanted = [self._type(i) for i in occurrences]
+        hint = f"not_{self.tree.occurrences[occurrences[0]]}"
+        other = self.letters.types.neither(wanted, hint)
+        return self.equations.shallow(then(star(Name(other)), either(Name(text) for text in wanted), after))
+
+    # -- events -------------------------------------------------------------------------------------------------------
+
+    def _event(self, name: str) -> Term:
+        return Name(self._type(self.plain.index[name]))
+
+    def _type(self, index: int) -> str:
+        """One event type for an occurrence, its own guard folded in."""
+        letter = self.plain.letters[index]
+        texts = self.letters.texts(letter)
+        if len(texts) == 1:
+            return texts[0]
+        name = self.tree.occurrences[index]
+        condition = Every(tuple(when_true(guard) for guard in letter.guards))
+        return self.letters.types.union(self.letters.types.checked(letter.call, condition, name), name)
+
+
+def _run(steps: Steps) -> Term:
+    stack = [steps]
+    result: Term | None = None
+    while stack:
+        try:
+            stack.append(stack[-1].send(result))
+            result = None
+        except StopIteration as stop:
+            stack.pop()
+            result = stop.value
+    assert result is not None
+    return result

@@ -1,0 +1,168 @@
+"""When a tree can be written gate by gate, and what is needed to do so.
+
+A tree is *plain* where its parts can be told apart by the events alone:
+- no variable is remembered and no node is shared; guards hold always or speak of their own node's event only;
+- a part has an event in each of its scenarios, or has none at all and is left out (under a choice it may not be left out).
+Then a gate can be written by its operator under these conditions, `overlap` meaning that one event might match both patterns:
+- under `strict` and `projected`: `or`, no first events of two children overlap; `and` and VOT, no events of two children overlap;
+  VOT, no event of it overlaps with one that may come next after it, nor a first event of a child with a later one of the same child;
+- under `scattered`: `or` over single events only; `and`, no events of two children overlap; VOT is like `or` for K = 1 and like
+  `and` for K = n, otherwise not.
+RML commits to the left operand that can take an event; under these conditions no other one could have.
+"""
+
+from collections.abc import Mapping, Sequence
+
+from backends.rml.translation.letters import Letter, Letters
+from backends.rml.translation.observations import pattern
+from backends.rml.translation.overlap import disjoint
+from backends.rml.translation.scenarios import bits, constant, impossible
+from rvaft.guards import variables as guard_variables
+from rvaft.model import Causality, Gate, Node
+from rvaft.patterns import Literal, ObjectPattern, Pattern
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+
+
+class Plain:
+    """What a translation gate by gate looks at; sets of occurrences are integers. `possible` says whether there is one."""
+
+    def __init__(self, tree: RVAFT, letters: Letters, semantics: Semantics) -> None:
+        self.tree = tree
+        self.letters: list[Letter] = []
+        self.index = {name: i for i, name in enumerate(tree.occurrences)}
+        self.part: dict[str, int] = {}
+        self.first: dict[str, int] = {}
+        self.follow: dict[str, int] = {}
+        self._scattered = semantics is Semantics.SCATTERED
+        self.possible = self._prepared(letters) and all(self._gate_fits(node) for node in tree.top_down())
+
+    def children(self, node: Node) -> tuple[str, ...]:
+        """The children with events, in the order of time where the gate gives one."""
+        kept = tuple(child for child in node.children if self.part[child])
+        return kept[::-1] if node.gate is Gate.SAND_RL else kept
+
+    def _prepared(self, letters: Letters) -> bool:
+        if letters.observations.remembered or self.tree.shared:
+            return False
+        for node in self.tree.top_down():
+            own = node.has_event and node.when is not None and set(guard_variables(node.when)) <= _own(node)
+            if impossible(node) or not (node.when is None or constant(node) or own):
+                return False
+        for name, i in self.index.items():
+            guarded = self.tree.nodes[name].when is not None and not constant(self.tree.nodes[name])
+            letter = letters.letter(i, {}, [name] if guarded else [])
+            if letter is None:
+                return False
+            self.letters.append(letter)
+        self._overlap = overlaps([pattern(self.tree, letter.call) for letter in self.letters])
+        for node in self.tree.bottom_up():
+            self._look_below(node)
+        self._look_behind()
+        return True
+
+    def _look_below(self, node: Node) -> None:
+        own = 1 << self.index[node.name] if node.name in self.index else 0
+        self.part[node.name] = own
+        for child in node.children:
+            self.part[node.name] |= self.part[child]
+        children = self.children(node)
+        firsts = 0
+        for child in children[:1] if node.gate is not None and node.gate.ordered else children:
+            firsts |= self.first[child]
+        top_down = self.tree.causality is Causality.TOP_DOWN
+        self.first[node.name] = own if own and (top_down or not firsts) else firsts
+
+    def _look_behind(self) -> None:
+        """Which events may come right after a part."""
+        self.follow[self.tree.root] = 0
+        for node in self.tree.top_down():
+            bottom_up = self.tree.causality is Causality.BOTTOM_UP
+            after = self.follow[node.name]
+            if bottom_up and node.name in self.index:
+                after = 1 << self.index[node.name]
+            children = self.children(node)
+            ordered = node.gate is not None and node.gate.ordered
+            self.follow.update(dict.fromkeys(node.children, after))
+            for child, following in zip(children, children[1:], strict=False):
+                if ordered:
+                    self.follow[child] = self.first[following]
+
+    def _gate_fits(self, node: Node) -> bool:
+        children = self.children(node)
+        if node.gate in (Gate.OR, Gate.VOT) and 0 < len(children) < len(node.children):
+            return False
+        match self.joined(node):
+            case Gate.OR:
+                if self._scattered:
+                    return all(self.part[child].bit_count() == 1 for child in children)
+                return self._apart([self.first[child] for child in children])
+            case Gate.AND:
+                return self._apart([self.part[child] for child in children])
+            case Gate.VOT:
+                return (
+                    not self._scattered
+                    and self._apart([self.part[child] for child in children])
+                    and self._apart([self.part[node.name], self.follow[node.name]])
+                    and all(self._apart([self.first[c], self.part[c] & ~self.first[c]]) for c in children)
+                )
+            case _:
+                return True
+
+    def joined(self, node: Node) -> Gate | None:
+        """The gate that decides how the children are written; None where there is at most one."""
+        count = len(self.children(node))
+        if count < 2:
+            return None
+        if node.gate is Gate.VOT and node.threshold == count:
+            return Gate.AND
+        if node.gate is Gate.VOT and node.threshold == 1 and self._scattered:
+            return Gate.OR
+        return node.gate
+
+    def _apart(self, parts: Sequence[int]) -> bool:
+        """Whether no events of two parts overlap."""
+        seen = 0
+        for part in parts:
+            if any(self._overlap[i] & seen for i in bits(part)):
+                return False
+            seen |= part
+        return True
+
+
+def overlaps(patterns: Sequence[Pattern]) -> list[int]:
+    """For each pattern the set of those that one event might match as well, itself among them.
+
+    Patterns that have a literal in a common field are compared only where it is the same.
+    """
+    field = _telling(patterns)
+    groups: dict[object, list[int]] = {}
+    for i, one in enumerate(patterns):
+        groups.setdefault(_literals(one).get(field), []).append(i)
+    found = [1 << i for i in range(len(patterns))]
+    others = groups.pop(None, [])
+    for group in (*([*group, *others] for group in groups.values()), others):
+        for position, i in enumerate(group):
+            for j in group[position + 1 :]:
+                if not found[i] >> j & 1 and not disjoint(patterns[i], patterns[j]):
+                    found[i] |= 1 << j
+                    found[j] |= 1 << i
+    return found
+
+
+def _telling(patterns: Sequence[Pattern]) -> str:
+    """The field that has the most different literals."""
+    values: dict[str, set[Literal]] = {}
+    for one in patterns:
+        for name, literal in _literals(one).items():
+            values.setdefault(name, set()).add(literal)
+    return max(values, key=lambda name: (len(values[name]), name), default="")
+
+
+def _literals(one: Pattern) -> Mapping[str, Literal]:
+    fields = one.fields if isinstance(one, ObjectPattern) else ()
+    return {name: inner for name, inner in fields if isinstance(inner, Literal)}
+
+
+def _own(node: Node) -> set[str]:
+    return {a.name for a in node.on.arguments if hasattr(a, "name")} if node.on is not None else set()

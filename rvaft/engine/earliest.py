@@ -1,0 +1,173 @@
+"""`scattered` in linear time: every node starts once and is complete once, as early as can be.
+
+Where no variable ties events together and no event can serve two occurrences that stand side by side, nothing is gained by passing
+over an event, and what a node can do depends on nothing but when it starts. So each node is told to start when what precedes it is
+complete, listens for its event, and tells its parents when it is complete; an ordered gate starts its children in turn. Each
+node starts and completes at most once, so the total work is linear in the tree, beside the look-up per event.
+`suits` says where this holds.
+"""
+
+from collections.abc import Hashable, Iterable, Iterator, Mapping
+
+from rvaft.engine.letters import Letters
+from rvaft.engine.log import Log
+from rvaft.engine.plan import Plan
+from rvaft.engine.starts import Starts
+from rvaft.model import Gate
+from rvaft.values import Json
+from rvaft.verdict import Verdict
+
+
+class Run:
+    """One evaluation; with `choices` an `or` is complete only when the child chosen for it is."""
+
+    def __init__(self, plan: Plan, starts: Starts, choices: Mapping[int, int] | None = None) -> None:
+        self.plan = plan
+        self.starts = starts
+        self.choices = choices or {}
+        self.fired: dict[int, tuple[int, Mapping[str, Json]]] = {}
+        """The occurrences that have their event: its position and the values they saw."""
+        self.listening: dict[int, None] = {}
+        """The nodes that wait for their event."""
+        self._completed: dict[int, dict[int, None]] = {}
+        # The gates whose children have started, each with the children that were complete when it was.
+        self._started: set[int] = set()
+        self._reached: set[int] = set()
+        self._done: set[int] = set()
+        self._settle([("start", plan.root)])
+
+    @property
+    def detected(self) -> bool:
+        """Whether the root is complete."""
+        return self.plan.root in self._done
+
+    def fire(self, served: Iterable[tuple[int, Mapping[str, Json]]], position: int) -> None:
+        """Give an event to those of the nodes that listen."""
+        agenda: list[tuple[str, int]] = []
+        for node, values in served:
+            if node in self.listening:
+                del self.listening[node]
+                self.fired[node] = (position, values)
+                first = self.plan.top_down and self.plan.gates[node] is not None
+                agenda.append(("inside" if first else "complete", node))
+        self._settle(agenda)
+
+    def scenario(self) -> Iterator[tuple[int, tuple[int, ...]]]:
+        """The nodes of the scenario that was matched, with the children they keep."""
+        agenda, seen = [self.plan.root], {self.plan.root}
+        while agenda:
+            node = agenda.pop()
+            kept = tuple(self._completed.get(node, ()))
+            yield node, kept
+            agenda.extend(child for child in reversed(kept) if child not in seen)
+            seen.update(kept)
+
+    def _settle(self, agenda: list[tuple[str, int]]) -> None:
+        """Follow up what has happened: nodes start, their insides start, are reached, they are complete."""
+        while agenda:
+            step, node = agenda.pop()
+            match step:
+                case "start":
+                    self._start(node, agenda)
+                case "inside":
+                    self._start_inside(node, agenda)
+                case "reached":
+                    self._reach(node, agenda)
+                case _:
+                    self._done.add(node)
+                    for parent in self.starts.parents[node]:
+                        if parent in self._completed:
+                            self._hear(parent, node, agenda)
+
+    def _start(self, node: int, agenda: list[tuple[str, int]]) -> None:
+        if node in self._started or self.plan.dead >> node & 1:
+            return
+        self._started.add(node)
+        if self.plan.own[node] and (self.plan.top_down or self.plan.gates[node] is None):
+            self.listening[node] = None
+        else:
+            agenda.append(("inside", node))
+
+    def _start_inside(self, node: int, agenda: list[tuple[str, int]]) -> None:
+        gate, children = self.plan.gates[node], self.plan.children[node]
+        if gate is None:
+            agenda.append(("reached", node))
+            return
+        self._completed[node] = {}
+        first = children[:1] if gate.ordered else children
+        if node in self.choices:
+            first = tuple(child for child in children if child == self.choices[node])
+        agenda.extend(("start", child) for child in reversed(first))
+        for child in first:
+            if child in self._done:  # a shared child that was complete before; it does not tell again
+                self._hear(node, child, agenda)
+
+    def _reach(self, node: int, agenda: list[tuple[str, int]]) -> None:
+        """All that a node needs below it is complete."""
+        self._reached.add(node)
+        if self.plan.own[node] and not self.plan.top_down and self.plan.gates[node] is not None:
+            self.listening[node] = None
+        else:
+            agenda.append(("complete", node))
+
+    def _hear(self, gate: int, child: int, agenda: list[tuple[str, int]]) -> None:
+        """A child of a gate is complete."""
+        complete = self._completed[gate]
+        if gate in self._reached or self.choices.get(gate, child) != child:
+            return  # it is complete already, or the child is not what it keeps
+        complete[child] = None
+        if len(complete) == self._needed(gate):
+            agenda.append(("reached", gate))
+        elif self.plan.gates[gate] in (Gate.SAND, Gate.SAND_RL):
+            agenda.append(("start", self.plan.children[gate][len(complete)]))
+
+    def _needed(self, gate: int) -> int:
+        match self.plan.gates[gate]:
+            case Gate.OR:
+                return 1
+            case Gate.VOT:
+                return self.plan.thresholds[gate]
+            case _:
+                return len(self.plan.children[gate])
+
+
+class Earliest:
+    """The strategy: one run over everything, and the events from which the match of each branch can be found."""
+
+    def __init__(self, plan: Plan, letters: Letters, starts: Starts) -> None:
+        self.plan = plan
+        self.letters = letters
+        self.starts = starts
+        self.run = Run(plan, starts)
+        self._empty_match = self.run.detected
+        self._log = Log(plan, starts) if any(gate is Gate.OR for gate in plan.gates) else None
+
+    @property
+    def state(self) -> Hashable:
+        """Equal states have equal futures: what has started and is complete follows from what has fired."""
+        return frozenset(self.run.fired)
+
+    def advance(self, event: Json, position: int) -> Verdict:
+        """The verdict after one more event."""
+        if not self._empty_match:
+            served = [
+                (node, values)
+                for number, values in self.letters.serving(event, self._wanted)
+                for node in self.letters.serves[number]
+            ]
+            if self._log is not None:
+                self._log.note(position, served)
+            self.run.fire(served, position)
+        return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
+
+    def _wanted(self, number: int) -> bool:
+        return bool(self.letters.serves[number])
+
+    def match(self, choices: Mapping[int, int]) -> Run | None:
+        """The run in which each `or` keeps the child chosen for it, if it detects too."""
+        if self._log is None:
+            return self.run
+        run = Run(self.plan, self.starts, choices)
+        for entry in self._log.entries:
+            run.fire(entry.served, entry.position)
+        return run if run.detected else None

@@ -1,0 +1,172 @@
+"""After detection: a match under given choices of `or` gates, with its scenario."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import NamedTuple, Protocol
+
+from rvaft.engine.configuration import Configuration
+from rvaft.engine.earliest import Earliest, Run
+from rvaft.engine.following import Following
+from rvaft.engine.matching import Matching
+from rvaft.engine.plan import plan_of
+from rvaft.engine.progress import SURE, TOUCHED
+from rvaft.model import Gate
+from rvaft.tree import RVAFT
+from rvaft.values import Json
+
+
+class Step(NamedTuple):
+    """An occurrence, by its name in the whole tree, with the position of its event and the values that it saw."""
+
+    node: str
+    position: int
+    values: Mapping[str, Json]
+
+
+class Found(NamedTuple):
+    """A match: its steps in the order of the events, and the nodes of its scenario with the children they keep."""
+
+    steps: tuple[Step, ...]
+    kept: Mapping[str, tuple[str, ...]]
+
+
+class Finder(Protocol):
+    """Finds the matches at the detecting prefix."""
+
+    def find(self, choices: Mapping[str, str]) -> Found | None:
+        """A match of a scenario in which each of these `or` gates, where it is reached, keeps the child chosen."""
+
+    def settled(self, gate: str) -> bool:
+        """Whether all matches certainly make one choice at an `or` gate."""
+
+
+def whole(tree: RVAFT) -> RVAFT:
+    """The tree that a restricted tree is part of, or the tree itself."""
+    return tree if tree.part_of is None else tree.part_of.tree
+
+
+class FollowedMatches:
+    """Matches that were followed: one is a match under some choices if its steps can be taken in the narrowed tree."""
+
+    def __init__(self, tree: RVAFT, strategy: Following) -> None:
+        restricted_to_branch = tree.part_of is not None and tree.part_of.branch is not None
+        self.tree = tree if restricted_to_branch else whole(tree)
+        self.strategy = strategy
+        names, origins = strategy.plan.names, tree.origins
+        self.matches = [
+            tuple(
+                Step(origins.get(names[taken.node], names[taken.node]), taken.position, taken.values)
+                for taken in reversed(list(configuration.history()))
+            )
+            for configuration in strategy.matches
+        ]
+        self._number = {name: node for node, name in enumerate(names)}
+
+    def find(self, choices: Mapping[str, str]) -> Found | None:
+        """A match under choices."""
+        kept = _narrowed(self.tree, choices)
+        fitting = [steps for steps in self.matches if all(step.node in kept for step in steps)]
+        if not fitting:
+            return None
+        nodes = [replace(self.tree.nodes[name], children=children) for name, children in kept.items()]
+        narrowed = RVAFT(self.tree.root, nodes, self.tree.events.values(), causality=self.tree.causality)
+        matching = Matching(plan_of(narrowed), limit=self.strategy.limit)
+        for steps in fitting:
+            configuration = _replay(matching, steps)
+            if configuration is not None:
+                return Found(steps, _scenario(matching, configuration))
+        return None
+
+    def settled(self, gate: str) -> bool:
+        """With one match and no sharing: something below a child of the gate has been taken."""
+        strategy = self.strategy
+        node = self._number.get(gate)
+        if len(self.matches) > 1 or strategy.plan.core or node is None:
+            return False
+        flags = (strategy.matching.progress.flags(strategy.matches[0], child) for child in strategy.plan.children[node])
+        return any(flag & TOUCHED for flag in flags)
+
+
+def _narrowed(tree: RVAFT, choices: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    """The nodes that are reachable under choices, each with its children."""
+    kept: dict[str, tuple[str, ...]] = {}
+    agenda = [tree.root]
+    while agenda:
+        name = agenda.pop()
+        if name not in kept:
+            kept[name] = (choices[name],) if name in choices else tree.nodes[name].children
+            agenda.extend(reversed(kept[name]))
+    return kept
+
+
+def _replay(matching: Matching, steps: Iterable[Step]) -> Configuration | None:
+    """The configuration after taking the steps in order, if it is a match."""
+    number = {name: node for node, name in enumerate(matching.plan.names)}
+    configuration: Configuration | None = matching.start()
+    for step in steps:
+        if configuration is not None:
+            configuration = matching.extended(configuration, number[step.node], step.values, step.position, reuse=True)
+    return configuration if configuration is not None and matching.standing(configuration)[0] else None
+
+
+def _scenario(matching: Matching, configuration: Configuration) -> dict[str, tuple[str, ...]]:
+    """One scenario that a match is a match of."""
+    plan, core = matching.plan, matching.core
+    kept = dict(next(core.complete(configuration))) if plan.core else {}
+    agenda = [child for children in kept.values() for child in children if child not in core.members]
+    agenda = agenda if plan.core else [plan.root]
+    while agenda:
+        node = agenda.pop()
+        kept[node] = _kept(matching, configuration, node)
+        agenda.extend(kept[node])
+    return {plan.names[node]: tuple(plan.names[child] for child in children) for node, children in kept.items()}
+
+
+def _kept(matching: Matching, configuration: Configuration, node: int) -> tuple[int, ...]:
+    """The children of a node of a part that are in the scenario."""
+    plan = matching.plan
+    children = plan.children[node]
+    flags = {child: matching.progress.flags(configuration, child) for child in children}
+    touched = tuple(child for child in children if flags[child] & TOUCHED)
+    silent = tuple(child for child in children if flags[child] & SURE and not flags[child] & TOUCHED)
+    match plan.gates[node]:
+        case Gate.OR:
+            return touched or silent[:1]
+        case Gate.VOT:
+            return touched + silent[: max(plan.thresholds[node] - len(touched), 0)]
+        case _:
+            return children
+
+
+class EarliestMatches:
+    """The linear way: a run in which the `or` gates keep what is chosen."""
+
+    def __init__(self, tree: RVAFT, strategy: Earliest) -> None:
+        self.strategy = strategy
+        origins = tree.origins
+        self._names = [origins.get(name, name) for name in strategy.plan.names]
+
+    def find(self, choices: Mapping[str, str]) -> Found | None:
+        """A match under choices."""
+        run = self.strategy.match(dict(self._choices(choices)))
+        return None if run is None else self._found(run)
+
+    def settled(self, gate: str) -> bool:  # noqa: ARG002 -- nothing is known without a run
+        """Never known beforehand."""
+        return False
+
+    def _choices(self, choices: Mapping[str, str]) -> Iterator[tuple[int, int]]:
+        """The choices in the numbers of the plan; -1 where a copy of a gate does not have the child."""
+        plan = self.strategy.plan
+        for node, name in enumerate(self._names):
+            if name in choices and plan.gates[node] is Gate.OR:
+                children = (child for child in plan.children[node] if self._names[child] == choices[name])
+                yield node, next(children, -1)
+
+    def _found(self, run: Run) -> Found:
+        names = self._names
+        kept = dict(run.scenario())
+        steps = [Step(names[node], *run.fired[node]) for node in kept if node in run.fired]
+        steps.sort(key=lambda step: step.position)
+        scenario = {names[node]: tuple(names[child] for child in children) for node, children in kept.items()}
+        return Found(tuple(steps), scenario)

@@ -1,0 +1,79 @@
+"""From one configuration to the next: an occurrence takes an event."""
+
+from collections.abc import Mapping
+
+from rvaft.engine.configuration import Configuration, Witness
+from rvaft.engine.core import Core
+from rvaft.engine.plan import Plan
+from rvaft.engine.progress import MORE, SURE, Progress
+from rvaft.guards import holds
+from rvaft.values import Json, equal
+
+
+class Matching:
+    """The partial matches of a tree, whatever the semantics; `limit` bounds one search through a core."""
+
+    def __init__(self, plan: Plan, *, limit: int) -> None:
+        self.plan = plan
+        self.progress = Progress(plan)
+        self.core = Core(plan, self.progress, limit)
+
+    def start(self) -> Configuration:
+        """The configuration before any event."""
+        return self.progress.start()
+
+    def standing(self, configuration: Configuration) -> tuple[bool, bool]:
+        """Whether it is a match, and whether it is a partial match."""
+        if self.plan.core:
+            return self.core.classify(configuration)
+        flags = self.progress.flags(configuration, self.plan.root)
+        return bool(flags & SURE), bool(flags & MORE)
+
+    def extended(
+        self, configuration: Configuration, node: int, values: Mapping[str, Json], position: int, *, reuse: bool = False
+    ) -> Configuration | None:
+        """The configuration after a node's event, or None where it is then neither a match nor a partial match.
+
+        `values` are those that the event gives to the variables of its pattern. With `reuse` the configuration itself changes.
+        """
+        bound, names = configuration.binding, self.plan.exported[node]
+        if configuration.taken >> node & 1 or any(n in bound and not equal(bound[n], values[n]) for n in names):
+            return None
+        new = configuration if reuse else configuration.copy()
+        if self.plan.core:
+            new.inversions |= self.core.inverted(configuration, node)
+        if not self._take(new, node):
+            return None
+        for name in names:
+            new.binding.setdefault(name, values[name])
+        if not self._close(new, names):
+            return None
+        self._forget(new)
+        new.witness = Witness(configuration.witness, node, position, dict(values))
+        return new if any(self.standing(new)) else None
+
+    def _take(self, configuration: Configuration, node: int) -> bool:
+        if node in self.core.members:
+            configuration.taken |= 1 << node
+            return True
+        return self.progress.take(configuration, node)
+
+    def _close(self, configuration: Configuration, names: tuple[str, ...]) -> bool:
+        """Decide the guards that waited for these variables alone; False where one that is needed does not hold."""
+        for node in dict.fromkeys(node for name in names for node in self.plan.guarded_by.get(name, ())):
+            guard = self.plan.guards[node]
+            if configuration.closed >> node & 1 or any(n not in configuration.binding for n in self.plan.needs[node]):
+                continue
+            configuration.closed |= 1 << node
+            if guard is not None and not holds(guard, configuration.binding):
+                configuration.dead |= 1 << node
+            if node not in self.core.members and not self.progress.refresh(configuration, node):
+                return False
+        return True
+
+    def _forget(self, configuration: Configuration) -> None:
+        """Drop the variables that nothing to come mentions."""
+        for name in list(configuration.binding):
+            waiting = any(not configuration.closed >> node & 1 for node in self.plan.guarded_by.get(name, ()))
+            if not waiting and not self.plan.mentions[name] & ~configuration.taken:
+                del configuration.binding[name]

@@ -1,0 +1,86 @@
+"""The table of all rules, by code."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from difflib import get_close_matches
+from typing import Final
+
+from rvaft.errors import RvaftError
+from rvaft.findings import Severity
+from rvaft.rules import contradiction, declarations, detection, leftovers, sharing, structure, variables
+from rvaft.rules.context import Context
+from rvaft.rules.rule import Report, Rule
+
+DRAFT_RULES: Final = (*structure.RULES, *declarations.RULES)
+"""The rules that a draft must keep to be a tree."""
+
+
+def _foreign_in_ignores(context: Context) -> Iterable[Report]:
+    return declarations.foreign_variables(context.tree.ignores)
+
+
+_OF_BOTH: Final = tuple(
+    replace(rule, check=_foreign_in_ignores) for rule in DRAFT_RULES if rule.check is declarations.ignore_variable
+)
+"""The constructor of a tree does not ask this, so a tree built in code is asked again."""
+
+TREE_RULES: Final = (
+    *_OF_BOTH,
+    *detection.RULES,
+    *variables.RULES,
+    *sharing.RULES,
+    *contradiction.RULES,
+    *leftovers.RULES,
+)
+"""The rules about trees and their scenarios."""
+
+
+def _nothing(_: Context) -> Iterable[Report]:
+    return ()
+
+
+UNDECIDED: Final = Rule(
+    "undecided",
+    Severity.WARNING,
+    "rule not decided",
+    _nothing,
+    "Some rules ask for a scenario, and finding one is hard in general when nodes are shared; no rule enumerates them. Where a rule "
+    "reached its limit, or where guards contradict each other by exact arithmetic but doubles may round, it says so.",
+    "event at(t) = { time: t };\ntop sand a b c d;\na on at(T1);\nb on at(T2);\nc when T2 >= T1 + 10;\nd when T2 <= T1;\n",
+    "event at(t) = { time: t };\ntop sand a b c d;\na on at(T1);\nb on at(T2);\nc when T2 >= T1 + 10;\nd when T2 >= T1;\n",
+)
+
+RULES: Final[dict[str, Rule]] = {rule.code: rule for rule in (*DRAFT_RULES, *TREE_RULES, UNDECIDED)}
+
+
+class UnknownRule(RvaftError, KeyError):
+    """There is no rule of that code."""
+
+    def __init__(self, code: str) -> None:
+        self.code = code
+        close = get_close_matches(code, RULES, n=1)
+        guess = f"; did you mean {close[0]}?" if close else f"; the rules are {', '.join(sorted(RULES))}"
+        super().__init__(f"there is no rule {code}{guess}")
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def rule(code: str) -> Rule:
+    """The rule of a code; raises `UnknownRule`."""
+    if code not in RULES:
+        raise UnknownRule(code)
+    return RULES[code]
+
+
+def explain(code: str) -> str:
+    """What a finding with this code means, with a tree that has it and the tree mended; raises `UnknownRule`."""
+    found = rule(code)
+    return (
+        f"{found.code} ({found.severity}): {found.title}\n\n{found.explanation}\n\n"
+        f"Not so:\n\n{_indented(found.bad)}\n\nBut so:\n\n{_indented(found.mended)}\n"
+    )
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}" for line in text.rstrip("\n").split("\n"))

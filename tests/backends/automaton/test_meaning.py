@@ -1,0 +1,121 @@
+"""Random trees against the reference, the hand-written cases, and the language as Spot sees it."""
+
+from itertools import combinations
+from random import Random
+from typing import Any
+
+import pytest
+
+from backends.automaton import AutomatonBackend
+from backends.automaton.header import meaning
+from backends.automaton.monitor import AutomatonMonitor
+from backends.automaton.table import table
+from rvaft.errors import TooLarge
+from rvaft.language import loads
+from rvaft.random_traces import random_trace
+from rvaft.random_trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.restrict import restrict
+from rvaft.semantics import Reference
+from rvaft.verdict import Semantics
+from tests.semantics.cases import CASES, Case
+
+pytestmark = pytest.mark.spot
+spot: Any = pytest.importorskip("spot")
+
+SHAPES = (
+    PLAIN,
+    VARIABLE_FREE,
+    Shape(max_nodes=7),
+    Shape(max_nodes=7, sharing=0.5),
+    Shape(max_nodes=7, variables=1, guards=0.5, typed_events=0.9),
+    Shape(max_nodes=7, sharing=0.4, variables=1, guards=0.4, typed_events=0.8),
+)
+SIGNS = {"true": "T", "false": "F", "unknown": "?"}
+
+
+@pytest.mark.parametrize("seed", range(180))
+def test_random_tree(seed: int) -> None:
+    random = Random(seed)
+    tree = random_tree(random, SHAPES[seed % len(SHAPES)])
+    traces = [random_trace(random, tree) for _ in range(5)]
+    for semantics in Semantics:
+        specification = AutomatonBackend().translate(tree, semantics)
+        for trace in traces:
+            assert list(specification.monitor().run(trace)) == list(Reference(tree, semantics).run(trace))
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_case(case: Case) -> None:
+    tree = loads(case.tree)
+    if case.branch is not None or case.kind is not None:
+        tree = restrict(tree, branch=case.branch, kind=case.kind)
+    monitor = AutomatonBackend().translate(tree, Semantics(case.semantics)).monitor()
+    assert "".join(SIGNS[verdict.value] for verdict in monitor.run(case.events)) == case.verdicts
+
+
+FORMULAS = [
+    ("r or a b c;", "scattered", "F(a | b | c)"),
+    ("r and a b c;", "scattered", "F a & F b & F c"),
+    ("r sand a b c;", "scattered", "F(a & X[!]F(b & X[!]F c))"),
+    ("r sand_rl a b c;", "scattered", "F(c & X[!]F(b & X[!]F a))"),
+    ("r 2of3 a b c;", "scattered", "(F a & F b) | (F a & F c) | (F b & F c)"),
+    ("r sand a b c;", "strict", "a & X[!](b & X[!]c)"),
+    ("r and a b;", "strict", "(a & X[!]b) | (b & X[!]a)"),
+    ("r sand v c; v 1of2 a b;", "strict", "(a & X[!]c) | (b & X[!]c) | (a & X[!](b & X[!]c)) | (b & X[!](a & X[!]c))"),
+    ("r sand a b;", "projected", "!relevant U (relevant & a & X[!](!relevant U (relevant & b)))"),
+]
+
+
+@pytest.mark.parametrize(("tree", "semantics", "formula"), FORMULAS)
+def test_language_is_that_of_a_formula(tree: str, semantics: str, formula: str) -> None:
+    """Over words of exclusive letters, Spot finds the text equivalent to a formula on finite words."""
+    text = AutomatonBackend().translate(loads(f"toplevel r; {tree}"), Semantics(semantics)).text
+    names = [name for name in "abc" if f'"{name}"' in text]
+    exclusive = " & ".join(f"G!({one} & {other})" for one, other in combinations(names, 2))
+    if semantics == "projected":
+        exclusive += " & " + " & ".join(f"G({name} -> relevant)" for name in names)
+    words = spot.translate(spot.formula(exclusive or "1"))
+    expected = spot.translate(spot.from_ltlf(spot.formula(formula)))
+    ours = spot.automaton(text)
+    assert spot.is_deterministic(ours)
+    assert spot.are_equivalent(spot.product(ours, words), spot.product(expected, words))
+
+
+def test_the_text_alone_is_run() -> None:
+    """With the tree gone, another target of one edge gives other verdicts, and so does another event of one proposition."""
+    text = AutomatonBackend().translate(loads("toplevel r; r sand a b c;"), Semantics.STRICT).text
+    trace = [{"event": name} for name in "abc"]
+
+    def verdicts(changed: str) -> str:
+        return "".join(SIGNS[verdict.value] for verdict in AutomatonBackend().read(changed).run(trace))
+
+    assert verdicts(text) == "??T"
+    assert verdicts(text.replace("[0&1] 2", "[0&1] 3")) == "?FF"
+    assert verdicts(text.replace("[0&1] 2", "[0&1] 1")) == "FFF"
+    assert verdicts(text.replace("[0&2] 3", "[0&2] 4")) == "?TT"
+    assert verdicts(text.replace('event: 2 "{ event: \\"b\\" }"', 'event: 2 "{ event: \\"z\\" }"')) == "?FF"
+
+
+def test_slices_follow_each_value() -> None:
+    tree = loads("event a(x) = { a: x }; event b(x) = { b: x }; toplevel r; r sand m n; m on a(X); n on b(X);")
+    specification = AutomatonBackend().translate(tree, Semantics.SCATTERED)
+    monitor = specification.monitor()
+    for value in (1, 2, 3, 1.0, True):
+        monitor.step({"a": value})
+    state = monitor.state
+    monitor.step({"a": 1})
+    assert monitor.state == state
+    assert [verdict.value for verdict in monitor.run([{"b": 4}, {"b": "1"}, {"b": 3.0}])] == [
+        "unknown",
+        "unknown",
+        "true",
+    ]
+
+
+def test_too_many_slices() -> None:
+    tree = loads("event a(x) = { a: x }; event b(x) = { b: x }; toplevel r; r sand m n; m on a(X); n on b(X);")
+    text = AutomatonBackend().translate(tree, Semantics.SCATTERED).text
+    run, said = table(text), meaning(text)
+    monitor = AutomatonMonitor(run, said, said.events, limit=10)
+    with pytest.raises(TooLarge, match="slices, one for each assignment of X"):
+        list(monitor.run({"a": value} for value in range(20)))

@@ -1,0 +1,11 @@
+"""Verdicts as one letter for each event."""
+
+from collections.abc import Iterable
+
+from backends.rml.reading.reader import read
+from rvaft.values import Json
+
+
+def letters(text: str, events: Iterable[Json]) -> str:
+    """What this reader says: T, F or ? after each event."""
+    return "".join({"⊤": "T", "⊥": "F"}.get(verdict.symbol, "?") for verdict in read(text).run(events))

@@ -1,0 +1,143 @@
+"""Every faithful backend against the reference, by the suite that ships with the package."""
+
+from collections.abc import Hashable, Mapping
+from importlib.util import find_spec
+
+import pytest
+
+from backends import conformance
+from backends.conformance import Required
+from backends.conformance_trees import examples
+from rvaft.backend import Backend, Metrics, Specification, all_backends, backend
+from rvaft.errors import LanguageError, NotExpressible
+from rvaft.monitors import Monitor
+from rvaft.patterns import Pattern
+from rvaft.semantics import Reference
+from rvaft.tree import RVAFT
+from rvaft.values import Json
+from rvaft.verdict import Semantics, Verdict
+
+REQUIRED: dict[str, Required] = {
+    "automaton": conformance.everything,
+    "ltlf": conformance.everything,
+    "rml": conformance.without_variables_or_determinate,
+}
+"""What must be expressible; `rml-paper` is not faithful and not here."""
+
+NEEDS_SPOT = {"automaton", "ltlf"}
+
+EXAMPLES = tuple(examples())
+
+
+def oracle(tree: RVAFT, semantics: Semantics) -> Monitor:
+    return Reference(tree, semantics)
+
+
+def faithful() -> list[object]:
+    return [
+        pytest.param(
+            name,
+            marks=[
+                pytest.mark.spot,
+                pytest.mark.skipif(find_spec("spot") is None, reason="its reader needs Spot (spottl)"),
+            ]
+            if name in NEEDS_SPOT
+            else [],
+        )
+        for name in REQUIRED
+    ]
+
+
+@pytest.mark.parametrize("name", faithful())
+def test_backend_conforms(name: str) -> None:
+    report = conformance.run(backend(name), oracle, required=REQUIRED[name], trees=EXAMPLES, words=12)
+    assert report.passed, report
+
+
+@pytest.mark.parametrize("name", [name for name, required in REQUIRED.items() if required is conformance.everything])
+def test_no_refusals(name: str) -> None:
+    made = backend(name)
+    for example in EXAMPLES:
+        for semantics in Semantics:
+            made.translate(example.tree, semantics)
+
+
+def test_every_registered_faithful_backend_is_held_to_it() -> None:
+    made = [backend(name) for name in all_backends()]
+    assert {one.name for one in made if one.faithful} == set(REQUIRED)
+
+
+def test_examples_have_different_names() -> None:
+    assert len({example.name for example in EXAMPLES}) == len(EXAMPLES)
+
+
+class Stubborn(Backend):
+    """Refuses everything; what it says of its language does not matter."""
+
+    name = "stubborn"
+    language = "none"
+    suffix = ".none"
+    default_limit = 1
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        raise NotExpressible(f"no {tree}, whatever the limit {limit}", backend=self.name, semantics=semantics)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+        raise AssertionError((text, atoms))
+
+
+def test_a_refusal_counts_as_a_failure_only_where_it_is_required() -> None:
+    two = EXAMPLES[:2]
+    strict = conformance.run(Stubborn(), oracle, trees=two)
+    assert len(strict.refusals) == len(strict.failures) == 6
+    lenient = conformance.run(Stubborn(), oracle, trees=two, required=lambda *_: False)
+    assert (len(lenient.refusals), lenient.failures) == (6, [])
+    assert not lenient.passed
+
+
+class Mumbling(Stubborn):
+    """Writes what it cannot read."""
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        return Specification(f"{tree} {semantics} {limit}", self.language, Metrics(1), self.read)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+        raise LanguageError(f"{text} with {atoms} is not for me")
+
+
+def test_a_text_that_its_backend_cannot_read_is_a_failure() -> None:
+    report = conformance.run(Mumbling(), oracle, trees=EXAMPLES[:1], limit=None)
+    assert {failure.check for failure in report.failures} >= {"readable"}
+    assert not report.passed
+
+
+class Swapped(Monitor):
+    """A monitor of another semantics."""
+
+    def __init__(self, tree: RVAFT, semantics: Semantics) -> None:
+        super().__init__()
+        other = Semantics.STRICT if semantics is Semantics.SCATTERED else Semantics.SCATTERED
+        self.inner = Reference(tree, other)
+
+    def _advance(self, event: Json) -> Verdict:
+        return self.inner.step(event)
+
+    @property
+    def state(self) -> Hashable:
+        return self.inner.state
+
+
+@pytest.mark.spot
+def test_a_wrong_meaning_is_found() -> None:
+    pytest.importorskip("spot")
+    example = next(example for example in EXAMPLES if example.name == "r sand a b c;")
+    report = conformance.run(backend("automaton"), Swapped, trees=[example])
+    assert any(failure.check == "verdict" for failure in report.failures)
+
+
+def test_examples_reach_every_verdict() -> None:
+    found = set()
+    for example in EXAMPLES:
+        for trace in ([*example.events], [*reversed(example.events)], [{"nothing": 1}]):
+            found |= set(Reference(example.tree, Semantics.STRICT).run(trace))
+    assert len(found) == 3

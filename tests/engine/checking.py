@@ -1,0 +1,110 @@
+"""Hold an engine against the reference: verdicts after every event, and explanations."""
+
+from collections.abc import Sequence
+from itertools import islice
+from typing import Any
+
+from rvaft.engine import Engine
+from rvaft.errors import TreeError
+from rvaft.model import Kind
+from rvaft.monitors import Explanation
+from rvaft.restrict import restrict
+from rvaft.semantics import Reference, Scenario, branches, feasible_scenarios
+from rvaft.semantics.events import holds, observe
+from rvaft.semantics.reference import relevant
+from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics, Verdict
+
+Trace = Sequence[dict[str, Any]]
+
+
+def small_and_valid(tree: RVAFT, most: int = 80) -> bool:
+    """Whether the reference takes the tree, and quickly."""
+    if len(list(islice(resolutions(tree, scenario_choices), most + 1))) > most:
+        return False
+    try:
+        Reference(tree)
+    except TreeError:
+        return False
+    return True
+
+
+def compare(
+    tree: RVAFT, trace: Trace, semantics: str, *, branch: int | None = None, kind: str | None = None
+) -> Engine | None:
+    """The engine after the trace, having said what the reference says; None where there is nothing to compare."""
+    try:
+        reference = Reference(tree, semantics, branch=branch, kind=kind)
+    except TreeError:
+        return None
+    engine = Engine(restrict(tree, branch=branch, kind=kind), semantics)
+    for position, event in enumerate(trace, 1):
+        expected, found = reference.step(event), engine.step(event)
+        assert found == expected, f"{semantics}, branch {branch}, kind {kind}: {found} after {list(trace[:position])}"
+        if found.final:
+            break
+    if engine.verdict is Verdict.TRUE:
+        check_explanation(tree, trace[:position], semantics, engine.explanation, branch=branch, kind=kind)
+    else:
+        assert engine.explanation is None
+    return engine
+
+
+def check_explanation(
+    tree: RVAFT,
+    prefix: Trace,
+    semantics: str,
+    explanation: Explanation | None,
+    *,
+    branch: int | None = None,
+    kind: str | None = None,
+) -> None:
+    """Clause: the explanation gives one match, of the lowest-numbered branch that has one."""
+    assert explanation is not None
+    assert explanation.branch is not None
+    assert explanation.branch == _lowest(tree, prefix, semantics, branch, kind)
+    positions = list(explanation.matched.values())
+    assert positions == sorted(set(positions))
+    assert _allowed(tree, prefix, semantics, positions)
+    binding: Any = {}
+    for name, position in explanation.matched.items():
+        binding = observe(tree, tree.nodes[name], prefix[position - 1], binding)
+        assert binding is not None
+    assert set(binding) == set(explanation.variables)
+    chosen = branches(tree)[explanation.branch - 1]
+    scenarios = [scenario for scenario in feasible_scenarios(tree) if of_branch(scenario, chosen)]
+    assert any(_is_match(scenario, explanation, binding) for scenario in scenarios)
+
+
+def _lowest(tree: RVAFT, prefix: Trace, semantics: str, branch: int | None, kind: str | None) -> int | None:
+    for number, candidate in enumerate(branches(tree), 1):
+        has_kind = kind is None or any(tree.nodes[name].kind is Kind(kind) for name in candidate)
+        if has_kind and branch in (None, number):
+            try:
+                verdicts = list(Reference(tree, semantics, branch=number).run(prefix))
+            except TreeError:
+                continue
+            if verdicts[-1] is Verdict.TRUE:
+                return number
+    return None
+
+
+def _allowed(tree: RVAFT, prefix: Trace, semantics: str, positions: list[int]) -> bool:
+    match Semantics(semantics):
+        case Semantics.STRICT:
+            return positions == list(range(1, len(prefix) + 1))
+        case Semantics.PROJECTED:
+            return positions == [position for position, event in enumerate(prefix, 1) if relevant(tree, event)]
+        case Semantics.SCATTERED:
+            return positions[-1] == len(prefix)
+
+
+def _is_match(scenario: Scenario, explanation: Explanation, binding: Any) -> bool:
+    matched = explanation.matched
+    if scenario.occurrences != set(matched):
+        return False
+    ordered = all(matched[a] < matched[b] for b in scenario.occurrences for a in scenario.before[b])
+    guards = all(holds(node.when, binding) for node in scenario.nodes if node.when is not None)
+    kinds = frozenset(node.kind for node in scenario.nodes if node.kind is not None)
+    return ordered and guards and kinds == explanation.kinds

@@ -1,0 +1,99 @@
+"""Small random trees in which much happens at once: few letters, many ordered and threshold gates, much sharing.
+
+Unlike `rvaft.random_trees` most of their events fit several occurrences, so that a few random letters lead deep into a tree.
+"""
+
+from dataclasses import dataclass
+from random import Random
+from typing import Any, Final
+
+from rvaft.guards import Guard, Operation, Operator
+from rvaft.model import Causality, EventType, Gate, Kind, Node, On
+from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.tree import RVAFT
+
+EVENTS: Final = (
+    EventType("letter", ("l",), ObjectPattern((("l", Variable("l")),))),
+    EventType("pair", ("l", "v"), ObjectPattern((("l", Variable("l")), ("v", Variable("v"))))),
+)
+LETTERS: Final = "abcdef"
+VALUES: Final = (0, 1, 2, "x")
+GUARDED: Final = (Operator.EQ, Operator.NE, Operator.LT, Operator.GE)
+
+
+@dataclass(frozen=True, slots=True)
+class Dense:
+    """What the trees have; probabilities between 0 and 1, and how often each gate is drawn."""
+
+    nodes: int = 9
+    letters: int = 3
+    sharing: float = 0.0
+    gate_events: float = 0.3
+    variables: float = 0.0
+    guards: float = 0.1
+    gates: tuple[Gate, ...] = (Gate.OR, Gate.AND, Gate.SAND, Gate.SAND_RL, Gate.VOT, Gate.VOT, Gate.SAND)
+
+
+def dense_tree(random: Random, shape: Dense) -> RVAFT:
+    """A tree; it may break the rules about scenarios."""
+    gates = random.randint(1, max(1, shape.nodes // 2))
+    names = [f"n{index}" for index in range(shape.nodes)]
+    children: dict[int, list[int]] = {index: [] for index in range(gates)}
+    for index in range(1, shape.nodes):
+        above = list(range(min(index, gates)))
+        children[random.choice(above)].append(index)
+        for parent in above:
+            if index not in children[parent] and random.random() < shape.sharing / len(above):
+                children[parent].append(index)
+    nodes = []
+    for index, name in enumerate(names):
+        below = children.get(index, [])
+        random.shuffle(below)
+        nodes.append(_node(random, shape, name, tuple(names[child] for child in below), is_root=index == 0))
+    return RVAFT("n0", nodes, EVENTS, causality=random.choice(list(Causality)))
+
+
+def _node(random: Random, shape: Dense, name: str, below: tuple[str, ...], *, is_root: bool) -> Node:
+    gate = random.choice(shape.gates) if below else None
+    threshold = random.randint(1, len(below)) if gate is Gate.VOT else None
+    has_event = random.random() < shape.gate_events and not is_root if below else random.random() < 0.85
+    when = _guard(random, shape) if random.random() < shape.guards or not (below or has_event) else None
+    kind = random.choice((None, None, Kind.FAULT, Kind.ATTACK))
+    return Node(name, gate, below, threshold, _on(random, shape) if has_event else None, when, kind)
+
+
+def _on(random: Random, shape: Dense) -> On:
+    letter = Literal(random.choice(LETTERS[: shape.letters]))
+    if random.random() >= shape.variables:
+        return On("letter", (letter,))
+    return On("pair", (letter, random.choice((Variable("X"), Variable("Y"), Variable("Z"), Anything(), Literal(1)))))
+
+
+def _guard(random: Random, shape: Dense) -> Guard:
+    if random.random() >= shape.variables:
+        return Operation(Operator.EQ, (Literal(1), Literal(random.choice((1, 1, 1, 2)))))
+    left = Variable(random.choice("XYZ"))
+    right = random.choice((Variable("X"), Variable("Y"), Literal(1), Literal("x")))
+    return Operation(random.choice(GUARDED), (left, right))
+
+
+def dense_trace(random: Random, shape: Dense, length: int) -> list[dict[str, Any]]:
+    """A trace over the letters of a shape; one of its events in twenty fits nothing."""
+    letters = [*(LETTERS[: shape.letters] * 7), "noise"]
+    values = random.sample(VALUES, 2)
+    return [{"l": random.choice(letters), "v": random.choice(values)} for _ in range(length)]
+
+
+SHAPES: Final = {
+    "plain": Dense(),
+    "few letters": Dense(letters=2, nodes=8),
+    "many letters": Dense(letters=6, nodes=9, gate_events=0.2),
+    "shared": Dense(sharing=0.5, letters=4, nodes=8),
+    "heavily shared": Dense(sharing=1.5, letters=4, nodes=8, gate_events=0.15),
+    "shared order": Dense(sharing=0.8, letters=5, nodes=9, gates=(Gate.OR, Gate.SAND, Gate.SAND_RL, Gate.OR, Gate.AND)),
+    "shared thresholds": Dense(sharing=1.0, letters=5, nodes=9, gates=(Gate.VOT, Gate.OR, Gate.SAND, Gate.AND)),
+    "shared without order": Dense(sharing=1.5, letters=5, nodes=10, gate_events=0, gates=(Gate.VOT, Gate.OR, Gate.AND)),
+    "silent": Dense(guards=0.35, gate_events=0.15, letters=4),
+    "variables": Dense(variables=0.7, guards=0.3, nodes=8),
+    "shared variables": Dense(variables=0.6, guards=0.3, sharing=0.6, nodes=8),
+}

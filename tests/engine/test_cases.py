@@ -1,0 +1,99 @@
+"""The engine against hand-written cases: the table of the semantics, and its own."""
+
+import pytest
+
+from rvaft import language
+from rvaft.engine import Engine, engine
+from rvaft.restrict import restrict
+from rvaft.semantics import Reference
+from rvaft.verdict import Verdict
+from tests.engine.checking import compare
+from tests.semantics.cases import CASES, Case, v
+
+SIGNS = {"true": "T", "false": "F", "unknown": "?"}
+E = "event e(n) = { event: n }; "
+N = "event n(v) = { v: v }; event w(x) = { w: x }; "
+PICK = "top and x y t; x or p q; p and p1 p2; p1 sand a s; q and a s q2; y and s r; "
+
+OWN = [
+    Case("a part is over two levels up", "top sand x d e; x and v; v 2of3 a b c;", "strict", "a b d c", "???F"),
+    Case("a part over, its gate's event last", "causality bottom_up; " + E + 'top sand g d e; g 2of3 a b c on e("g");', "strict", "a b g c", "???F"),
+    Case("K+1 within an ordered part that goes on", "top sand v e; v sand w d; w 1of2 a b;", "strict", "a b d e", "???T"),
+    Case("an order broken where one choice does not ask for it", PICK, "strict", "s a r q2 t", "????T"),
+    Case("a broken order stays broken", PICK, "strict", "s a p2", "??F"),
+    Case("an order kept leaves both choices", PICK, "strict", "a s p2 t r", "????T"),
+    Case("a shared child cannot be both early and late", "top and o t; o sand x y; x or a s; y or b s;", "strict", "s t s", "??F"),
+    Case("a shared child may be early", "top and o t; o sand x y; x or a s; y or b s;", "strict", "s b t", "??T"),
+    Case("a shared child may be late", "top and o t; o sand x y; x or a s; y or b s;", "strict", "t a s", "??T"),
+    Case("a shared gate counts for two thresholds", "top and x y; x 2of3 a s b; y 2of3 c s d; s and k l;", "strict", "k a l c", "???T"),
+    Case("more than the thresholds ask for", "top and x y; x 1of2 a s; y 1of2 c s;", "projected", "a c", "?T"),
+    Case("one shared child for two thresholds", "top and x y; x 1of2 a s; y 1of2 c s;", "strict", "s", "T"),
+    Case("a silent child counts for a threshold", "top 2of3 a g b; g when 1 < 2;", "strict", "b", "T"),
+    Case("a dead child does not", "top 2of3 a g b; g when 1 > 2;", "strict", "b a", "?T"),
+    Case("a silent choice before an event", "top sand v s; v or b g; g when 1 < 2;", "strict", "b s", "?T"),
+    Case("a guard decides between choices", N + "top sand a b; a on n(X); b or c d; c on w(_) when X > 1; d on w(2);", "strict", [*v(1), {"w": 1}], "?F"),
+    Case("a guard of wrong type, and its negation", N + 'top sand a b; a on n(X); b or c d; c when X > "a"; d when not X > "a";', "projected", v(1), "F"),
+    Case("a choice that a guard leaves open", N + "top sand a b; a on n(X); b or c d; c when X > 5; d on w(X);", "strict", [*v(3), {"w": 3}], "?T"),
+    Case("values that differ only in type are one value", N + "top sand a b; a on n(X); b on w(X);", "projected", [*v(1), {"w": 1.0}], "?T"),
+    Case("an ignored event still serves a scattered match", N + "top sand a b; a on n(_); ignore n(V) when V < 3;", "scattered", [*v(1), {"event": "b"}], "?T"),
+    Case("but is not relevant", N + "top sand a b; a on n(_); ignore n(V) when V < 3;", "projected", [*v(1), {"event": "b"}], "?F"),
+    Case("passing over an event that a later one needs", E + 'top and x k; x sand b s; b on e("b"); k sand k1 z; k1 on e("b");', "scattered", "b s z b z", "????T"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", [*CASES, *OWN], ids=lambda case: case.name)
+def test_case(case: Case) -> None:
+    tree = language.loads(case.tree)
+    monitor = engine(restrict(tree, branch=case.branch, kind=case.kind), case.semantics)
+    assert monitor.verdict is Verdict.UNKNOWN
+    assert "".join(SIGNS[verdict.value] for verdict in monitor.run(case.events)) == case.verdicts
+
+
+@pytest.mark.parametrize("case", OWN, ids=lambda case: case.name)
+def test_the_reference_agrees(case: Case) -> None:
+    verdicts = Reference(language.loads(case.tree), case.semantics).run(case.events)
+    assert "".join(SIGNS[verdict.value] for verdict in verdicts) == case.verdicts
+
+
+@pytest.mark.parametrize("case", [*CASES, *OWN], ids=lambda case: case.name)
+@pytest.mark.parametrize("semantics", ["strict", "projected", "scattered"])
+def test_every_semantics_and_every_explanation(case: Case, semantics: str) -> None:
+    compare(language.loads(case.tree), case.events, semantics, branch=case.branch, kind=case.kind)
+
+
+LOWEST = [
+    # tree, word, branch, matched
+    ("top sand x d; x or b a;", "a b d", 1, {"b": 2, "d": 3}),
+    ("top sand x d; x or b a;", "a d b", 2, {"a": 1, "d": 2}),
+    ("top and x y; x sand v s; y and s t; v or b g; g when 1 == 1;", "s b s t", 1, {"b": 2, "s": 3, "t": 4}),
+    (
+        E + 'top and x k; x sand v s; v or b g; g when 1 == 1; b on e("b"); k sand k1 z; k1 on e("b");',
+        "s b s b z",
+        1,
+        {"b": 2, "s": 3, "k1": 4, "z": 5},
+    ),
+    ("top or x y; x sand a b; y sand c b;", "c a b", 1, {"a": 2, "b": 3}),
+    ("top and v o; v 1of2 a p; p or q r; o or c d;", "r a d", 2, {"a": 2, "d": 3}),
+]
+
+
+@pytest.mark.parametrize(("tree", "word", "branch", "matched"), LOWEST)
+def test_the_explanation_is_of_the_lowest_branch(tree: str, word: str, branch: int, matched: dict[str, int]) -> None:
+    loaded = language.loads(tree)
+    trace = [{"event": letter} for letter in word.split()]
+    monitor = compare(loaded, trace, "scattered")
+    assert monitor is not None
+    assert monitor.explanation is not None
+    assert monitor.explanation.branch == branch
+    if matched.keys() <= set(monitor.explanation.matched):
+        assert {name: monitor.explanation.matched[name] for name in matched} == matched
+
+
+def test_nothing_is_explained_before_detection() -> None:
+    monitor = Engine(language.loads("top sand a b;"))
+    assert monitor.explanation is None
+    monitor.step({"event": "a"})
+    assert monitor.explanation is None
+    monitor.step({"event": "b"})
+    assert monitor.explanation is not None
+    assert monitor.explanation.matched == {"a": 1, "b": 2}

@@ -1,0 +1,167 @@
+"""Contradictions are certain, and what is displayed is neither more nor less than the guard."""
+
+from itertools import product
+from random import Random
+
+import pytest
+
+from rvaft.algebra import contradictory, contradictory_over_reals, latex, simplified, simplify_text
+from rvaft.guards import Guard, Operation, Operator, holds, variables
+from rvaft.language import parse_guard
+from rvaft.patterns import Literal, Variable
+from rvaft.rules.refute import refuted
+from rvaft.rules.satisfy import witness
+
+
+def _guards(*texts: str) -> list[Guard]:
+    return [parse_guard(text) for text in texts]
+
+
+@pytest.mark.parametrize(
+    ("texts", "expected"),
+    [
+        (["X > 5", "X < 3"], True),
+        (["X > 5 or X < 2", "X > 3", "X < 4"], True),
+        (["X > 5 or X < 2", "X > 3"], False),
+        (["T2 >= T1 + 10", "T2 < T1"], True),
+        (["T2 >= T1 + 10", "T2 < T1 + 5"], True),
+        (["T2 - T1 > 10", "T2 < T1"], True),
+        (["2 * X > 10", "X < 5"], True),
+        (["X * X < 0"], True),
+        (['X == "a"', "X > 3"], True),
+        (['X != "a"', "X != 3"], False),
+        (["X < Y", "Y < Z", "Z < X"], True),
+        (["X <= Y", "Y <= X", "X != Y"], True),
+        (["X < Y", 'X < "b"', 'Y > "c"'], False),
+        (["X == 1", "X == true"], True),
+        (["X == 1", "X == 1.0"], False),
+        (["X", "not X"], True),
+        (["not (X < 3)", "not (X >= 3)"], True),
+        (["X < 3 or X >= 3", 'X == "a"'], True),
+        (["X < true or X == X"], True),
+        (["X == X or X < true"], False),
+        (["X == null", "X < 1"], True),
+        (["1 / 0 == 1 / 0"], True),
+    ],
+)
+def test_decided(texts: list[str], expected: bool) -> None:
+    assert contradictory(_guards(*texts)) is expected
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("X + 1 == X", 1e17), ("X + 0.5 < X", 2**53 + 1), ("X + 1 >= 5 and X < 4", 3.9999999999999996)],
+)
+def test_what_holds_through_rounding_is_not_called_contradictory(text: str, value: float) -> None:
+    guard = parse_guard(text)
+    assert holds(guard, {"X": value})
+    assert contradictory([guard]) is not True
+    assert contradictory_over_reals([guard]) is True
+
+
+def test_what_exact_arithmetic_cannot_tell_is_left_open() -> None:
+    guards = _guards("X * X == 2")
+    assert contradictory(guards) is None
+    assert contradictory_over_reals(guards) is None
+
+
+_VALUES = (0, 1, 2, 0.5, -1, 1e17, 2**53 + 1, "a", "b", True, False, None, [1], {"a": 1})
+
+
+def _random_guard(random: Random, depth: int) -> Guard:
+    leaf: list[Guard] = [Variable("X"), Variable("Y"), Literal(random.choice((0, 1, 2, 0.5, "a", True, None)))]
+    if depth == 0:
+        return random.choice(leaf)
+    operator = random.choice(list(Operator))
+    count = 1 if operator in (Operator.NOT, Operator.NEGATE) else 2
+    return Operation(operator, tuple(_random_guard(random, depth - random.choice((1, depth))) for _ in range(count)))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_values_satisfy_what_is_refuted(seed: int) -> None:
+    """Strings, truth values, huge integers and doubles that round included."""
+    random, proofs = Random(seed), 0
+    for _ in range(400):
+        guards = [_random_guard(random, random.choice((2, 3))) for _ in range(random.choice((1, 2)))]
+        found = witness(guards)
+        if found is not None:
+            assert all(holds(guard, found) for guard in guards)
+            assert not refuted(guards)
+        elif refuted(guards):
+            proofs += 1
+            for x, y in product(_VALUES, repeat=2):
+                assert not all(holds(guard, {"X": x, "Y": y}) for guard in guards), guards
+    assert proofs > 20
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_no_values_satisfy_what_sympy_refutes(seed: int) -> None:
+    random, asked = Random(100 + seed), 0
+    numbers = [float(n) / 4 for n in range(-12, 13)] + [2**53 + 1, 1e17, 1, 2, 3]
+    while asked < 15:
+        sides = [parse_guard(random.choice(("2 * X", "X + 1", "X - 3", "X * X", "X / 3", "-X"))) for _ in range(2)]
+        compare = [random.choice((Operator.LT, Operator.GT, Operator.GE)) for _ in range(2)]
+        guards: list[Guard] = [
+            Operation(operator, (side, Literal(random.choice((-2, 0, 1, 5)))))
+            for operator, side in zip(compare, sides, strict=True)
+        ]
+        if witness(guards) is None:
+            asked += 1
+            if contradictory(guards):
+                assert not any(all(holds(guard, {"X": x}) for guard in guards) for x in numbers), guards
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("T2 >= T1 + 10", r"\mathit{T2} \geq \mathit{T1} + 10"),
+        ('NewWp != "exit_1"', r"\mathit{NewWp} \neq \text{``exit\_1''}"),
+        ("B and (A or not C)", r"\mathit{B} \wedge \left(\mathit{A} \vee \neg \mathit{C}\right)"),
+        ("X - (Y - 2) / 4 > -1", r"\mathit{X} - \frac{\mathit{Y} - 2}{4} > -1"),
+        ("Gamma == null", r"\mathit{Gamma} = \mathrm{null}"),
+        ("3 - 2 * 4 > X", r"3 - 2 \cdot 4 > \mathit{X}"),
+    ],
+)
+def test_latex_shows_what_is_written(text: str, expected: str) -> None:
+    assert latex(parse_guard(text)) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("X + 2 * X > 9", "X > 3"),
+        ('X > 3 and X > 5 or Y == "a"', 'Y == "a" or X > 5'),
+        ("B and (B or C)", "B"),
+        ("T2 >= T1 + 10", "T2 >= T1 + 10"),
+        ("(X < 3) == true", "(X < 3) == true"),
+    ],
+)
+def test_simplification_is_shorter_or_nothing(text: str, expected: str) -> None:
+    assert simplify_text(parse_guard(text)) == expected
+
+
+def test_simplified_guards_agree_on_numbers() -> None:
+    random, changed = Random(5), 0
+    for _ in range(60):
+        parts = [
+            parse_guard(
+                f"{random.choice(('X', 'Y', 'X + Y', '2 * X'))} {random.choice(('<', '>=', '=='))} {random.randint(0, 3)}"
+            )
+            for _ in range(3)
+        ]
+        guard: Guard = Operation(
+            random.choice((Operator.AND, Operator.OR)),
+            (parts[0], Operation(Operator.NOT, (Operation(Operator.OR, tuple(parts[1:])),))),
+        )
+        shorter = simplified(guard)
+        changed += shorter != guard
+        assert set(variables(shorter)) <= set(variables(guard))
+        for x, y in product((-1, 0, 0.5, 1, 1.5, 2, 3, 4), repeat=2):
+            assert holds(shorter, {"X": x, "Y": y}) == holds(guard, {"X": x, "Y": y})
+    assert changed > 20
+
+
+def test_names_of_a_tree_are_never_evaluated() -> None:
+    guard = Operation(Operator.EQ, (Variable("Symbol"), Literal("__import__('os').abort()")))
+    assert "abort" in latex(guard)
+    assert contradictory([guard]) is False

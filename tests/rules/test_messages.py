@@ -1,0 +1,109 @@
+"""What single findings say, and where."""
+
+from pathlib import Path
+
+import pytest
+
+from rvaft.errors import TreeError
+from rvaft.guards import Operation, Operator
+from rvaft.language import loads, parse, parse_file
+from rvaft.model import EventType, Gate, Ignore, Node, On
+from rvaft.patterns import Literal, ObjectPattern, Variable
+from rvaft.rules import check, check_tree, require_valid
+from rvaft.tree import RVAFT
+
+READING = "event reading(v) = { value: v };\nevent alarm() = { alarm: true };\n"
+
+
+def lines(text: str) -> list[str]:
+    return [str(finding) for finding in check(parse(text))]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            'top and a b;\na label "x";\nb;\na label "y";\n',
+            "<text>:4:3: error: the label of a is set twice, first at <text>:2:3; remove one [duplicate-setting]",
+        ),
+        (
+            "causality top_down;\ntop and a b;\na;\nb;\ncausality bottom_up;\n",
+            "`causality` is set twice, first to top_down at <text>:1",
+        ),
+        ("top 3of2 a b;\na;\nb;\n", "top asks for 3 of 2 children; K must be between 1 and 2 [threshold]"),
+        ("top 0of2 a b;\na;\nb;\n", "top asks for 0 of 2 children; K must be between 1 and 2 [threshold]"),
+        ("top vot3 a b;\na;\nb;\n", "top asks for 3 of 2 children"),
+        ("top 2of3 a b c d;\na;\nb;\nc;\nd;\n", "top is 2of3 but has 4 children; write 2of4, or list 3 children"),
+        ("toplevel topp;\ntop and a b;\na;\nb;\n", "the root topp is not stated anywhere; did you mean top? [no-root]"),
+        ("toplevel top;\ntoplevel a;\ntop and a b;\na;\nb;\n", "`toplevel` names a, but top at <text>:1:"),
+        ("top and top b;\nb;\ntoplevel top;\n", "top is its own child; a node cannot be below itself"),
+        ("top and a b;\na;\nb;\nprune valv;\n", "cannot prune valv: no statement mentions it"),
+        ("toplevel top;\ntop and a b;\na;\nb;\nprune top;\n", "cannot prune top: it is the root [prune]"),
+        ("top and g b;\ng or a;\na;\nb;\nprune a;\n", "the gate g would have no child left; prune g too [prune]"),
+        ("top and pump valve;\npump;\nvalv;\ntoplevel top;\n", "child valve is not declared"),
+        (
+            READING + "top and s h;\ns 2of3 a b c;\na on reading(Value);\nb;\nc;\nh when Value > 1;\n",
+            "variable Value in the guard of h is not bound in the only branch, when s keeps b c; only a binds it",
+        ),
+        (READING + "top sand a h;\na on reading(Value);\nh when Valu > 1;\n", "no `on` binds it; did you mean Value?"),
+    ],
+)
+def test_the_message_says_what_and_how_to_mend(text: str, expected: str) -> None:
+    assert any(expected in line for line in lines(text)), lines(text)
+
+
+def test_a_setting_in_an_imported_file_is_named_with_its_place(tmp_path: Path) -> None:
+    (tmp_path / "base.rvaft").write_text("top and a b;\na when 1 < 2;\nb;\n")
+    (tmp_path / "main.rvaft").write_text('import "base.rvaft";\na when 2 < 3;\n')
+    [finding] = check(parse_file(tmp_path / "main.rvaft"))
+    assert finding.code == "duplicate-setting"
+    assert finding.place.file.endswith("main.rvaft")
+    assert "base.rvaft:2:3" in finding.message
+
+
+def test_a_galileo_tree_has_no_findings() -> None:
+    text = 'toplevel "A";\n"A" or "B" "C" "D";\n"B" lambda=0.1 dorm=0;\n"C" lambda=0.2;\n"D" 2of3 "E" "F" "G";\n'
+    assert lines(text + '"E" prob=0.1;\n"F" prob=0.1;\n"G" prob=0.1;\n') == []
+
+
+def test_require_valid_raises_the_first_error_each_time() -> None:
+    tree = parse(READING + "top or a b;\na on reading(_);\nb when 1 < 2;\n").build()
+    for _ in range(2):
+        with pytest.raises(TreeError) as caught:
+            require_valid(tree)
+        assert caught.value.rule == "silent-scenario"
+        assert caught.value.nodes == ("b",)
+    require_valid(loads("top and a b;\na;\nb;\nc and d;\nd;\ntoplevel top;\n"))
+
+
+def test_a_tree_built_in_code_is_asked_about_its_ignores() -> None:
+    event = EventType("reading", ("v",), ObjectPattern((("value", Variable("v")),)))
+    ignore = Ignore(On("reading", (Variable("V"),)), Operation(Operator.LT, (Variable("W"), Literal(3))))
+    tree = RVAFT("top", [Node("top", Gate.AND, ("a",)), Node("a")], [event], ignores=[ignore])
+    assert "ignore-variable" in {finding.code for finding in check_tree(tree)}
+    with pytest.raises(TreeError, match="ignore-variable"):
+        require_valid(tree)
+
+
+def test_beyond_the_limit_a_rule_says_undecided() -> None:
+    text = "top and p q;\np sand x a;\nq sand y b;\nx or s t;\ny or s u;\na or s v;\nb or t s;\n"
+    tree = loads(text + "".join(f"{name};\n" for name in "stuv"))
+    within = {finding.code for finding in check_tree(tree)}
+    assert "undecided" not in within
+    assert "infeasible-scenario" in within
+    beyond = [finding for finding in check_tree(tree, limit=1) if finding.code == "undecided"]
+    assert {finding.message.split()[0] for finding in beyond} >= {"infeasible-scenario", "shared-under-order"}
+
+
+def test_at_most_fifty_pairs_are_listed() -> None:
+    tree = loads(
+        READING
+        + "top and "
+        + " ".join(f"a{i}" for i in range(30))
+        + ";\n"
+        + "".join(f"a{i} on alarm();\n" for i in range(30))
+        + "ignore reading(_);\n"
+    )
+    found = [finding for finding in check_tree(tree) if finding.code == "ambiguous-event"]
+    assert len(found) == 51
+    assert found[-1].message.startswith("more than 50") or any("more than 50" in f.message for f in found)

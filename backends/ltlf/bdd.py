@@ -1,7 +1,8 @@
 """Reduced ordered binary decision diagrams: Boolean functions in canonical form, equal functions the same number.
 
-Plain loops instead of recursion, since there may be thousands of variables. The variable with the largest
-number is on top, and nothing is ever thrown away. After Bryant, Graph-Based Algorithms for Boolean Function Manipulation (IEEE Transactions on Computers, 1986).
+Plain loops instead of recursion, since there may be thousands of variables. The variable with the largest number is on top, and
+nothing is ever thrown away. After Bryant, Graph-Based Algorithms for Boolean Function Manipulation (IEEE Transactions on
+Computers, 1986).
 """
 
 from collections.abc import Mapping

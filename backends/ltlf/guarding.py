@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from backends.ltlf.budget import Budget
+from backends.ltlf.inevitable import always_in
 from backends.ltlf.parts import Op, Part, Parts
 from rvaft.guards import Guard
 from rvaft.guards import variables as guard_variables
@@ -84,8 +85,7 @@ class _Graph:
             self.below[number] = 1 << number
             for inner in part.parts:
                 self.below[number] |= self.below[inner]
-            chosen = [self.always[inner] for inner in part.parts]
-            self.always[number] = 1 << number | _in_at_least(chosen, _missable(part))
+            self.always[number] = 1 << number | always_in(part, [self.always[inner] for inner in part.parts])
         self.above = self._dominators()
 
     def _dominators(self) -> dict[int, int]:
@@ -120,29 +120,6 @@ class _Graph:
         return max(
             part for part in _bits(self.below[nearest]) if self.rows[part].chooses and self.below[part] >> number & 1
         )
-
-
-def _missable(part: Part) -> int:
-    """In how many of its parts a thing has to be so that it is in every scenario."""
-    match part.op:
-        case Op.ONE:
-            return len(part.parts)
-        case Op.AT_LEAST:
-            return len(part.parts) - part.need + 1
-        case _:
-            return 1
-
-
-def _in_at_least(sets: Sequence[int], count: int) -> int:
-    """What is in at least that many of the sets."""
-    if not sets or count > len(sets):
-        return 0
-    reached = [0] * (count + 1)
-    reached[0] = -1
-    for members in sets:
-        for size in range(count, 0, -1):
-            reached[size] |= reached[size - 1] & members
-    return reached[count]
 
 
 def _bits(members: int) -> Iterator[int]:

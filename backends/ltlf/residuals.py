@@ -1,8 +1,8 @@
 """What a formula still demands after some events: progression, kept canonical.
 
 A residual is a Boolean function over variables each of which stands for "the rest is not empty and satisfies g"; the number of the
-variable is that of g, so that wholes stand above their parts. One event gives two answers at once: whether the formula is satisfied if the trace ends here, and the residual for
-the case that it goes on. After Bacchus and Kabanza, Using temporal logics to express search control knowledge for planning
+variable is that of g, so that wholes stand above their parts. One event gives two answers at once: whether the
+formula is satisfied if the trace ends here, and the residual for the case that it goes on. After Bacchus and Kabanza, Using temporal logics to express search control knowledge for planning
 (Artificial Intelligence, 2000), here with the strong next and the end of the trace.
 """
 

@@ -8,9 +8,10 @@ from backends.ltlf.formulas import FALSE, Formulas
 from backends.ltlf.guarding import settle
 from backends.ltlf.header import Header, Observation
 from backends.ltlf.names import Names
-from backends.ltlf.parts import Parts, parts_of, simplified
+from backends.ltlf.parts import Parts, parts_of
 from backends.ltlf.positions import Positions
 from backends.ltlf.shape import shape_of
+from backends.ltlf.simplifying import simplified
 from backends.ltlf.writing import symbols, write
 from rvaft.errors import TreeError
 from rvaft.guards import Guard

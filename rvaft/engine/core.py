@@ -69,23 +69,22 @@ class Core:
     # -- questions ----------------------------------------------------------------------------------------------
 
     def classify(self, configuration: Configuration) -> tuple[bool, bool]:
-        """Whether what is taken is all of some feasible scenario, and whether it is a proper part of one."""
+        """Whether what is taken is all of some feasible scenario, and, if not, whether it is a proper part of one."""
         key = self._key(configuration)
         found = self._memory.get(key)
         if found is None:
             if len(self._memory) >= MEMORY:
                 self._memory.clear()
             complete = next(self.complete(configuration), None) is not None
-            alive = any(self._goes_on(configuration, kept) for kept in self._search(configuration, complete=False))
+            going_on = (self._goes_on(configuration, kept) for kept in self._search(configuration, complete=False))
+            alive = not complete and any(going_on)
             found = self._memory[key] = (complete, alive)
         return found
 
     def complete(self, configuration: Configuration) -> Iterator[Resolution]:
         """The resolutions whose occurrences are exactly those taken."""
         for kept in self._search(configuration, complete=True):
-            if self._order.allows(
-                configuration, kept, self._elements(configuration, kept), self._touched(configuration)
-            ):
+            if self._fits(configuration, kept):
                 yield kept
 
     def inverted(self, configuration: Configuration, node: int) -> frozenset[tuple[int, int]]:
@@ -143,22 +142,18 @@ class Core:
         return present, finished
 
     def _goes_on(self, configuration: Configuration, kept: Resolution) -> bool:
-        """Whether some scenario of a resolution has what is taken as a proper part."""
+        """Whether some scenario of a resolution has what is taken as a proper part.
+
+        Parts are looked at as finished as they can be: where that leaves nothing to come, there is a match already.
+        """
         present, finished = self._elements(configuration, kept)
-        touched = self._touched(configuration)
-        if not self._order.allows(configuration, kept, (present, finished), touched):
-            return False
-        if present & ~finished:
-            return True
-        for gate, children in kept.items():
-            for child in self.plan.children[gate]:
-                flags = 0 if child in self.members else self.progress.flags(configuration, child)
-                if flags & MORE and (child in children or self.plan.gates[gate] is Gate.VOT):
-                    wider = kept if child in children else {**kept, gate: self._sorted(gate, {*children, child})}
-                    elements = (present | 1 << child, finished & ~(1 << child))
-                    if self._order.allows(configuration, wider, elements, touched):
-                        return True
-        return False
+        unfinished = present & ~finished
+        return bool(unfinished) and self._fits(configuration, kept)
+
+    def _fits(self, configuration: Configuration, kept: Resolution) -> bool:
+        """Whether what is taken is downward closed in a feasible scenario of a resolution."""
+        elements = self._elements(configuration, kept)
+        return self._order.allows(configuration, kept, elements, self._touched(configuration))
 
     # -- the search -----------------------------------------------------------------------------------------------
 
@@ -254,11 +249,9 @@ class Core:
             if touched:
                 yield from [(touched[0],)] if len(touched) == 1 else []
                 return
-            # Silent parts are alike, and so are waiting ones: what orders one orders the other.
-            more = [child for child in silent if self._is(configuration, child, MORE)]
-            first = waiting[:1] or more[:1]
-            # When complete, silent parts differ in the branch they belong to.
-            picks = silent if complete else [*silent[:1], *(child for child in first if child not in silent[:1])]
+            # Waiting parts are alike, since what orders one orders the other, and so are silent ones, except that they
+            # are in different branches.
+            picks = silent if complete else [*silent[:1], *waiting[:1]]
             yield from ((child,) for child in (*picks, *shared))
             return
         sizes = [len(shared)] if self._unordered else range(len(shared) + 1)

@@ -29,6 +29,8 @@ class Run:
         """The occurrences that have their event: its position and the values they saw."""
         self.listening: dict[int, None] = {}
         """The nodes that wait for their event."""
+        self.begun: list[int] = []
+        """Those that began to wait since somebody emptied this list."""
         self._completed: dict[int, dict[int, None]] = {}
         # The gates whose children have started, each with the children that were complete when it was.
         self._started: set[int] = set()
@@ -79,12 +81,16 @@ class Run:
                         if parent in self._completed:
                             self._hear(parent, node, agenda)
 
+    def _listen(self, node: int) -> None:
+        self.listening[node] = None
+        self.begun.append(node)
+
     def _start(self, node: int, agenda: list[tuple[str, int]]) -> None:
         if node in self._started or self.plan.dead >> node & 1:
             return
         self._started.add(node)
         if self.plan.own[node] and (self.plan.top_down or self.plan.gates[node] is None):
-            self.listening[node] = None
+            self._listen(node)
         else:
             agenda.append(("inside", node))
 
@@ -106,7 +112,7 @@ class Run:
         """All that a node needs below it is complete."""
         self._reached.add(node)
         if self.plan.own[node] and not self.plan.top_down and self.plan.gates[node] is not None:
-            self.listening[node] = None
+            self._listen(node)
         else:
             agenda.append(("complete", node))
 
@@ -141,6 +147,10 @@ class Earliest:
         self.run = Run(plan, starts)
         self._empty_match = self.run.detected
         self._log = Log(plan, starts) if any(gate is Gate.OR for gate in plan.gates) else None
+        self._letter = {node: number for number, nodes in enumerate(letters.serves) for node in nodes}
+        self._waiting: dict[int, dict[int, None]] = {}
+        """For each letter the nodes that listen for it."""
+        self._note_listeners()
 
     @property
     def state(self) -> Hashable:
@@ -150,18 +160,30 @@ class Earliest:
     def advance(self, event: Json, position: int) -> Verdict:
         """The verdict after one more event."""
         if not self._empty_match:
-            served = [
-                (node, values)
-                for number, values in self.letters.serving(event, self._wanted)
-                for node in self.letters.serves[number]
-            ]
-            if self._log is not None:
+            if self._log is None:
+                self.run.fire(self._heard(event), position)
+            else:
+                served = self._served(event)
                 self._log.note(position, served)
-            self.run.fire(served, position)
+                self.run.fire(served, position)
+            self._note_listeners()
         return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
 
-    def _wanted(self, number: int) -> bool:
-        return bool(self.letters.serves[number])
+    def _served(self, event: Json) -> list[tuple[int, Mapping[str, Json]]]:
+        """All occurrences that an event can be."""
+        read = self.letters.serving(event, lambda number: bool(self.letters.serves[number]))
+        return [(node, values) for number, values in read for node in self.letters.serves[number]]
+
+    def _heard(self, event: Json) -> list[tuple[int, Mapping[str, Json]]]:
+        """The listening nodes that an event serves; they listen no more."""
+        read = list(self.letters.serving(event, self._waiting.__contains__))
+        return [(node, values) for number, values in read for node in self._waiting.pop(number)]
+
+    def _note_listeners(self) -> None:
+        if self._log is None:
+            for node in self.run.begun:
+                self._waiting.setdefault(self._letter[node], {})[node] = None
+        self.run.begun.clear()
 
     def match(self, choices: Mapping[int, int]) -> Run | None:
         """The run in which each `or` keeps the child chosen for it, if it detects too."""

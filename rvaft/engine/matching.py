@@ -23,7 +23,7 @@ class Matching:
         return self.progress.start()
 
     def standing(self, configuration: Configuration) -> tuple[bool, bool]:
-        """Whether it is a match, and whether it is a partial match."""
+        """Whether it is a match, and, if not, whether it is a partial match."""
         if self.plan.core:
             return self.core.classify(configuration)
         flags = self.progress.flags(configuration, self.plan.root)

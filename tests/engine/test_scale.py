@@ -113,6 +113,16 @@ def test_too_many_ways_are_refused_by_name() -> None:
         list(monitor.run([{f"f{i}": 1 for i in range(20)}] * 10))
 
 
+def test_scattered_keeps_few_partial_matches_where_only_some_events_compete() -> None:
+    leaves = " ".join(f"l{i}" for i in range(40))
+    types = "event p(x) = { x: x }; event q(y) = { y: y }; "
+    tree = language.loads(f"{types} top and {leaves} m n; m on p(1); n on q(1);")
+    monitor = Engine(tree, "scattered", limit=10)
+    events = [{"event": f"l{i}"} for i in range(40)]
+    assert set(monitor.run([*events, {"x": 1, "y": 1}, *events])) == {Verdict.UNKNOWN}
+    assert monitor.step({"y": 1}) is Verdict.TRUE
+
+
 def test_resolutions_of_a_core_are_bounded() -> None:
     """Which choices cover exactly the events seen is as hard as satisfiability."""
     random = Random(3)

@@ -7,7 +7,7 @@ from backends.rml.reading.data import truth
 from backends.rml.reading.terms import Term, Terms
 from rvaft.errors import TooLarge
 
-DEPTH_LIMIT: Final = 200_000
+DEPTH_LIMIT: Final = 50_000
 _Rule: TypeAlias = Generator[Term, bool, bool]
 
 

@@ -14,7 +14,7 @@ from rvaft.monitors import Monitor
 from rvaft.values import Json
 from rvaft.verdict import Verdict
 
-_REMEMBERED: Final = 4096
+_REMEMBERED: Final = 1024
 
 
 def read(text: str) -> Monitor:

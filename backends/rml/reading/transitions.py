@@ -29,7 +29,7 @@ Wish: TypeAlias = tuple[Term, bool]
 """A term, and whether its first way will do."""
 Rule: TypeAlias = Generator[Wish, list[Way], list[Way]]
 
-DEPTH_LIMIT: Final = 200_000
+DEPTH_LIMIT: Final = 50_000
 _NONE: Final[Bindings] = {}
 
 

@@ -1,8 +1,8 @@
-"""Determinisation: every partial match at once, followed by sets of letters.
+r"""Determinisation: every partial match at once, followed by sets of letters.
 
 A configuration is a set of matched occurrences, the register of each variable that has to be remembered, and the scenarios it is a
 partial match of; a state is a set of configurations. One event may be several letters. Each state lists its alternatives, larger sets
-of letters first: `\\/` takes the first that fits, so none needs a negation, and an alternative that detects comes before all others.
+of letters first: `\/` takes the first that fits, so none needs a negation, and an alternative that detects comes before all others.
 Where no alternative fits the monitor reports ⊥ at that very event; under `scattered` the state stays.
 """
 
@@ -88,7 +88,9 @@ class Automaton:
         self._ready = {index: tuple(ways.items()) for index, ways in sorted(ready.items())}
         nodes = self._letters.observations.tree.nodes
         order = [name for name in self._letters.observations.tree.order if name in self._guarded]
-        self._speaks = {name: frozenset(guard_variables(when)) for name in order if (when := nodes[name].when) is not None}
+        self._speaks = {
+            name: frozenset(guard_variables(when)) for name in order if (when := nodes[name].when) is not None
+        }
 
     # -- one state ----------------------------------------------------------------------------------------------------
 

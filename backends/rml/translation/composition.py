@@ -1,8 +1,8 @@
-"""The translation gate by gate, for plain trees: a term of the size of the tree.
+r"""The translation gate by gate, for plain trees: a term of the size of the tree.
 
-strict, projected: `or` is `\\/`, `and` is `|`, `sand` is juxtaposition; VOT is a shuffle of optional parts, of which at least K must begin:
-`(a? | b? | c?) /\\ (any{2} any*)`.
-scattered: an event is awaited with `not_a* a` and followed by the rest; `and` awaits each child on its own and joins with `/\\`.
+strict, projected: `or` is `\/`, `and` is `|`, `sand` is juxtaposition; VOT is a shuffle of optional parts, of which at least K must begin:
+`(a? | b? | c?) /\ (any{2} any*)`.
+scattered: an event is awaited with `not_a* a` and followed by the rest; `and` awaits each child on its own and joins with `/\`.
 """
 
 from collections.abc import Generator
@@ -16,7 +16,9 @@ from backends.rml.translation.terms import (
     ALL,
     ANY,
     Equations,
+    Join,
     Name,
+    Operator,
     Term,
     both,
     either,
@@ -52,9 +54,17 @@ class Composition:
                 parts = [done[child] for child in self.plain.children(node)]
                 body = [self._joined(node, parts)] if parts else []
                 own = [self._event(node.name)] if node.has_event else []
-                top_down = self.tree.causality is Causality.TOP_DOWN
-                done[node.name] = self.equations.shallow(then(*own, *body) if top_down else then(*body, *own))
+                in_time = [*own, *body] if self.tree.causality is Causality.TOP_DOWN else [*body, *own]
+                done[node.name] = self.equations.shallow(self._sequence(in_time))
         return then(done[self.tree.root], ALL)
+
+    def _sequence(self, parts: list[Term]) -> Term:
+        """The parts one after the other; a shuffle behind a name gets a name, for `a (b | c)` is an event type with a pattern."""
+        whole = then(*parts)
+        if not (isinstance(whole, Join) and whole.operator is Operator.THEN):
+            return whole
+        first, *others = whole.parts
+        return then(first, *(self.equations.named(part) if _is_shuffle(part) else part for part in others))
 
     def _joined(self, node: Node, parts: list[Term]) -> Term:
         match self.plain.joined(node):
@@ -65,7 +75,7 @@ class Composition:
             case Gate.VOT:
                 return both([shuffle(optional(part) for part in parts), self._enough(node)])
             case _:
-                return then(*parts)
+                return self._sequence(parts)
 
     def _enough(self, node: Node) -> Term:
         """At least K parts begin: of single events any may be counted, else the first ones are."""
@@ -89,7 +99,8 @@ class Composition:
         own = [self.plain.index[node.name]] if node.has_event else []
         if self.tree.causality is Causality.BOTTOM_UP:
             after = self._await(own, after)
-            return (yield self._body(node, after))
+            body: Term = yield self._body(node, after)
+            return body
         body = yield self._body(node, after)
         return self._await(own, body)
 
@@ -102,7 +113,8 @@ class Composition:
                 rest = after if after == ALL else self.equations.named(after)
                 parts = []
                 for child in children:
-                    parts.append((yield self._awaited(self.tree.nodes[child], rest)))
+                    part = yield self._awaited(self.tree.nodes[child], rest)
+                    parts.append(part)
                 return both(parts)
             case _:
                 for child in reversed(children):
@@ -132,6 +144,10 @@ class Composition:
         name = self.tree.occurrences[index]
         condition = Every(tuple(when_true(guard) for guard in letter.guards))
         return self.letters.types.union(self.letters.types.checked(letter.call, condition, name), name)
+
+
+def _is_shuffle(term: Term) -> bool:
+    return isinstance(term, Join) and term.operator is Operator.SHUFFLE
 
 
 def _run(steps: Steps) -> Term:

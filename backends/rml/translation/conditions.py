@@ -109,7 +109,7 @@ def variables(condition: Condition) -> tuple[str, ...]:
             return tuple(dict.fromkeys(name for part in parts for name in variables(part)))
 
 
-def _when(guard: Guard, wanted: bool) -> Condition:  # noqa: FBT001
+def _when(guard: Guard, wanted: bool) -> Condition:
     if not guard_variables(guard):
         return ALWAYS if value(guard, {}) is wanted else NEVER
     match guard:
@@ -156,7 +156,7 @@ def _equality(left: Guard, right: Guard, *, positive: bool) -> Condition:
     raise AssertionError(left, right)
 
 
-def _equals(side: Guard | None, truth: bool, positive: bool) -> Condition:  # noqa: FBT001
+def _equals(side: Guard | None, truth: bool, positive: bool) -> Condition:
     """Whether the side is that truth value (or, not positive, defined and something else)."""
     match side:
         case Variable():

@@ -7,7 +7,28 @@ import re
 from typing import Final
 
 RESERVED: Final = frozenset(
-    "not matches with empty all let var if else abs sin cos tan min max true false null any none".split()
+    [
+        "not",
+        "matches",
+        "with",
+        "empty",
+        "all",
+        "let",
+        "var",
+        "if",
+        "else",
+        "abs",
+        "sin",
+        "cos",
+        "tan",
+        "min",
+        "max",
+        "true",
+        "false",
+        "null",
+        "any",
+        "none",
+    ]
 )
 
 

@@ -154,8 +154,7 @@ def pattern(tree: RVAFT, call: Call) -> Pattern:
     """The pattern of a call; registers and places stand as variables."""
     if call.event is None:
         return ObjectPattern((("event", Literal(call.default)),))
-    made = tree.instantiate(On(call.event, tuple(_argument(argument) for argument in call.arguments)))
-    return made
+    return tree.instantiate(On(call.event, tuple(_argument(argument) for argument in call.arguments)))
 
 
 def _argument(argument: Argument) -> Literal | Variable | Anything:

@@ -12,6 +12,7 @@ RML commits to the left operand that can take an event; under these conditions n
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 from backends.rml.translation.letters import Letter, Letters
 from backends.rml.translation.observations import pattern
@@ -84,7 +85,7 @@ class Plain:
             children = self.children(node)
             ordered = node.gate is not None and node.gate.ordered
             self.follow.update(dict.fromkeys(node.children, after))
-            for child, following in zip(children, children[1:], strict=False):
+            for child, following in pairwise(children):
                 if ordered:
                     self.follow[child] = self.first[following]
 

@@ -121,7 +121,7 @@ def _surely(tree: RVAFT, position: Mapping[str, int]) -> dict[str, int]:
 def _scenario(tree: RVAFT, kept: Kept, index: Mapping[str, int]) -> Scenario:
     """One pass up for the events in each part, one pass down for what comes before it."""
     part: dict[str, int] = {}
-    for name in reversed(kept):  # type: ignore[call-overload]
+    for name in reversed(tuple(kept)):
         mask = 1 << index[name] if name in index else 0
         for child in kept[name]:
             mask |= part[child]

@@ -1,8 +1,8 @@
-"""The event types of an RML text, declared as they are needed.
+r"""The event types of an RML text, declared as they are needed.
 
 Each event type of the tree is declared once; what an occurrence looks for is that type itself or one derived from it. A derived
 type that binds folds comparisons of numbers into its `with`; any other condition becomes a type of its own that binds nothing and is
-asked beside it (`/\\`), because the negation of a type never binds.
+asked beside it (`/\`), because the negation of a type never binds.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -11,7 +11,6 @@ from itertools import product
 
 from backends.rml.translation.conditions import (
     ALWAYS,
-    Compare,
     Condition,
     Every,
     Same,
@@ -21,12 +20,11 @@ from backends.rml.translation.conditions import (
     variables,
 )
 from backends.rml.translation.literals import in_arithmetic, in_patterns, quoted, spellings
-from backends.rml.translation.names import Names, identifier
+from backends.rml.translation.names import Names
 from backends.rml.translation.observations import Argument, Call, Place, Register, place_name
-from rvaft.guards import Guard, Operation, Operator
+from backends.rml.translation.scopes import Scope, key_of
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.tree import RVAFT
-from rvaft.values import is_number
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +61,7 @@ class Types:
     def checked(self, call: Call, condition: Condition, hint: str) -> list[str]:
         """Types that bind nothing, as parents of another: any of them matches the events of a call that fulfil the condition."""
         if condition == ALWAYS:
-            scope = _Scope(self.tree, call, ())
+            scope = Scope(self.tree, call, ())
             parents, extra = self._parents(call, scope, {})
             return [self._declare((), parents, extra, hint)] if extra else parents
         if numeric(condition) or isinstance(condition, Same):
@@ -87,7 +85,7 @@ class Types:
             return _applied(base.name, [a.name for a in call.arguments if isinstance(a, Register)])
         extra = [n for c in folded for n in variables(c) if "#" not in n and n not in call.registers]
         registers = tuple(dict.fromkeys((*call.registers, *extra)))
-        scope = _Scope(self.tree, call, extra)
+        scope = Scope(self.tree, call, extra)
         used = dict.fromkeys((*registers, *(name for c in folded for name in variables(c))), 2)
         parents, more = self._parents(call, scope, used)
         conditions = [*more, *(scope.condition(condition) for condition in folded)]
@@ -110,10 +108,12 @@ class Types:
                 return self._derived(call, condition, refusals, hint, negated=True)
             case _:
                 registers = _outside(call, condition)
-                scope = _Scope(self.tree, call, registers)
+                scope = Scope(self.tree, call, registers)
                 parents, more = self._parents(call, scope, dict.fromkeys(variables(condition), 2))
                 conditions = [*more, scope.condition(condition)]
-                return _applied(self._declare([scope.names[r] for r in registers], parents, conditions, hint), registers)
+                return _applied(
+                    self._declare([scope.names[r] for r in registers], parents, conditions, hint), registers
+                )
 
     def _refused(self, call: Call, condition: Condition, hint: str) -> str:
         """A type that matches where the condition fails of an event that matches the call."""
@@ -142,7 +142,7 @@ class Types:
             return self._equal_elsewhere(left, right, registers, hint, negated=negated)
         by: Argument = right if isinstance(right, Literal) else _argument(call, right)
         same = replace(call, arguments=tuple(by if _is(a, left) else a for a in call.arguments))
-        scope = _Scope(self.tree, same, registers)
+        scope = Scope(self.tree, same, registers)
         parents, more = self._parents(same, scope, dict.fromkeys(registers, 2))
         parameters = [scope.names[r] for r in registers]
         return _applied(self._declare(parameters, parents, more, hint, negated=negated), registers)
@@ -187,7 +187,7 @@ class Types:
 
     # -- the types of the tree --------------------------------------------------------------------------------------
 
-    def _parents(self, call: Call, scope: "_Scope", used: dict[str, int]) -> tuple[list[str], list[str]]:
+    def _parents(self, call: Call, scope: "Scope", used: dict[str, int]) -> tuple[list[str], list[str]]:
         """The base type applied to the arguments, once for each spelling of a literal, and comparisons for very large integers.
 
         A variable that is not `used` elsewhere and stands but once is written `_`.
@@ -196,7 +196,7 @@ class Types:
         counts = dict(used)
         for argument in call.arguments:
             if isinstance(argument, Register | Place):
-                key = _key(argument)
+                key = key_of(argument)
                 counts[key] = counts.get(key, 0) + 1
         options: list[tuple[str, ...]] = []
         conditions: list[str] = []
@@ -211,7 +211,7 @@ class Types:
                         texts = (variable,)
                     options.append(texts)
                 case Register() | Place():
-                    options.append((scope.names[_key(argument)] if counts[_key(argument)] > 1 else "_",))
+                    options.append((scope.names[key_of(argument)] if counts[key_of(argument)] > 1 else "_",))
                 case Anything():
                     options.append(("_",))
         return [_applied(base.name, chosen) for chosen in product(*options)], conditions
@@ -258,50 +258,6 @@ class Types:
         return _Base(name, tuple(hidden))
 
 
-class _Scope:
-    """The variables of one declaration: registers and places of the call are called after the parameters of its event type."""
-
-    def __init__(self, tree: RVAFT, call: Call, registers: Iterable[str]) -> None:
-        self._fresh = Names()
-        self.names: dict[str, str] = {}
-        parameters = tree.events[call.event].parameters if call.event is not None else ()
-        for argument, parameter in zip(call.arguments, parameters, strict=True):
-            if isinstance(argument, Register | Place) and _key(argument) not in self.names:
-                self.names[_key(argument)] = self._fresh.fresh(identifier(parameter, otherwise="p"))
-        for register in registers:
-            if register not in self.names:
-                self.names[register] = self._fresh.fresh(register)
-
-    def fresh(self, wanted: str) -> str:
-        return self._fresh.fresh(wanted)
-
-    def condition(self, condition: Condition) -> str:
-        """A condition over numbers as a data expression; every operation in parentheses."""
-        match condition:
-            case Compare(operator, left, right):
-                return f"{self._number(left)} {operator.value} {self._number(right)}"
-            case Every(parts):
-                return " && ".join(f"({self.condition(part)})" for part in parts) if parts else "0 == 0"
-            case Some(parts):
-                return " || ".join(f"({self.condition(part)})" for part in parts) if parts else "0 == 1"
-            case _:
-                raise AssertionError(condition)
-
-    def _number(self, guard: Guard) -> str:
-        match guard:
-            case Literal(constant):
-                assert is_number(constant)
-                return in_arithmetic(constant)  # type: ignore[arg-type]
-            case Variable(name):
-                return self.names[name]
-            case Operation(Operator.NEGATE, (operand,)):
-                return f"(-{self._number(operand)})"
-            case Operation(operator, (left, right)):
-                return f"({self._number(left)} {operator.value} {self._number(right)})"
-            case _:
-                raise AssertionError(guard)
-
-
 def _conjunction(conditions: Sequence[str]) -> str:
     return conditions[0] if len(conditions) == 1 else " && ".join(f"({condition})" for condition in conditions)
 
@@ -315,12 +271,8 @@ def _outside(call: Call, condition: Condition) -> list[str]:
     return [name for name in variables(condition) if "#" not in name and name not in call.registers]
 
 
-def _key(argument: Register | Place) -> str:
-    return argument.name if isinstance(argument, Register) else place_name(argument)
-
-
 def _is(argument: Argument, variable: Variable) -> bool:
-    return isinstance(argument, Register | Place) and _key(argument) == variable.name
+    return isinstance(argument, Register | Place) and key_of(argument) == variable.name
 
 
 def _argument(call: Call, variable: Variable) -> Argument:

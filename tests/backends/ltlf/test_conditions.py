@@ -6,9 +6,10 @@ from itertools import product
 import pytest
 
 from backends.ltlf.overlap import may_overlap, overlaps
-from backends.ltlf.parts import parts_of, simplified
+from backends.ltlf.parts import parts_of
 from backends.ltlf.shape import Shape, disjoint_events, entangled, rivals_apart, shape_of
 from backends.ltlf.sharing import always_feasible, same_continuation_or_start, separable
+from backends.ltlf.simplifying import simplified
 from rvaft.language import loads, parse_pattern
 from rvaft.patterns import Pattern
 from rvaft.semantics import Reference
@@ -148,3 +149,8 @@ class TestOneEventForOne:
         assert verdicts(text_of(tree, "strict"), events("a b c d")) == "???T"
         assert verdicts(text_of(tree, "strict"), events("a b d")) == "??T"
         assert verdicts(text_of(tree, "strict"), events("a d")) == "?F"
+
+
+def test_what_another_part_contains_anyway_is_not_asked_twice() -> None:
+    assert body(text_of("t and b s; s sand a b c;", "strict")) == ["a & X[!](b & X[!] c)"]
+    assert body(text_of("t and b s; s or b c;", "scattered")) != body(text_of("t and s; s or b c;", "scattered"))

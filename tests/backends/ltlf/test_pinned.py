@@ -138,7 +138,7 @@ PINNED: list[tuple[str, str, list[str]]] = [
         [
             "s1 := X[!] F b",
             "s2 := X[!] F(a & s1)",
-            "F((g & X[!] F((c & s2) | (a & X[!] F((b & X[!] F c) | (c & s1))))) | (c & X[!] F(g & s2)))",
+            "F((g & X[!] F((a & X[!] F((b & X[!] F c) | (c & s1))) | (c & s2))) | (c & X[!] F(g & s2)))",
         ],
     ),
     ("causality bottom_up; t or g; g sand a b on e(); event e() = {e: 1};", "strict", ["a & X[!](b & X[!] g)"]),

@@ -45,6 +45,7 @@ def verdicts(jobs: Sequence[tuple[Path, Sequence[Sequence[Any]]]]) -> list[list[
         ["swipl", "-O", "-p", f"monitor={_MONITOR}", str(_HERE / "driver.pl")],
         "".join(json.dumps({"spec": str(spec), "traces": traces}) + "\n" for spec, traces in jobs),
     )
+    assert len(lines) == sum(len(traces) for _, traces in jobs), [line for line in lines if line.startswith("died")]
     found = iter(lines)
     return [[next(found) for _ in traces] for _, traces in jobs]
 

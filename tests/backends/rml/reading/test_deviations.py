@@ -1,0 +1,109 @@
+"""Each deviation shown by texts and traces: what the published tools say and what this reader says."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from backends.rml.reading.deviations import DEVIATIONS, touching
+from rvaft.values import Json
+from tests.backends.rml.published.runner import compiled, needs_published, verdicts
+from tests.backends.rml.reading.cases import CASES, events
+from tests.backends.rml.reading.letters import letters
+
+
+@dataclass
+class Shown:
+    number: int
+    text: str
+    trace: list[Json]
+    published: str
+    reader: str
+
+
+SHOWN = (
+    Shown(1, "g(x) matches {v:x} with x > 1;\nMain = g(x) all;", [{"v": "text"}], "E", "F"),
+    Shown(1, "g(x) matches {v:x} with x > 1;\nMain = (g(x) \\/ any) all;", [{"v": None}], "E", "T"),
+    Shown(1, "g matches {v:1} with true;\nMain = g all;", [{"v": 1}], "E", "T"),
+    Shown(2, "g(x) matches {v:x} with x >= 250;\nMain = g(x) all;", [{"v": 249.99999999999}], "T", "F"),
+    Shown(2, "g(x) matches {v:x} with x > 9007199254740992.0;\nMain = g(x) all;", [{"v": 9007199254740993}], "F", "T"),
+    Shown(2, "g(x,y) matches {v:x, w:y} with x == y;\nMain = g(x,y) all;", [{"v": 1, "w": 1.00000000001}], "T", "F"),
+    Shown(3, "g(x,y) matches {v:x} with y > x;\nMain = g(x,y) all;", [{"v": 1}], "T", "F"),
+    Shown(3, "g(x) matches {v:x} | {e:'a'} with x > 1;\nMain = g(x) all;", [{"e": "a"}], "T", "F"),
+    Shown(4, "a matches {v:1};\nMain = a all;", [{"v": 1.0}], "F", "T"),
+    Shown(4, "a(x) matches {v:x};\nMain = a(1) all;", [{"v": 1.0}], "F", "T"),
+    Shown(4, "a(x) matches {v:x};\nMain = {let x; a(x) a(x) all};", [{"v": 1}, {"v": 1.0}], "?F", "?T"),
+    Shown(
+        5, "a(x) matches {v:x};\nMain = {let x; a(x) a(x) all};", [{"v": {"k": 1}}, {"v": {"k": 1, "l": 2}}], "?T", "?F"
+    ),
+    Shown(5, "p(x) matches {e:'a'} | x;\nMain = {let x; p(x) p(x) all};", [{"e": "b"}, {"e": "b", "v": 1}], "?T", "?F"),
+    Shown(7, "n not matches {e:'a', v:x} with x > 5;\nMain = n all;", [{"e": "b"}], "T", "F"),
+    Shown(
+        7,
+        "n(x) not matches {e:'a'} with x > 5;\nb(x) matches {e:'b', v:x};\nMain = {let x; b(x) n(x) all};",
+        [{"e": "b", "v": 6}, {"e": "b", "v": 6}],
+        "?T",
+        "?T",
+    ),
+    Shown(
+        12,
+        "a matches {e:'a'};\nb matches {e:'b'};\nMain = (a all) | (b b);",
+        [{"e": "a"}, {"e": "c"}, {"e": "b"}, {"e": "b"}],
+        "?FFF",
+        "????",
+    ),
+    Shown(12, "b(x) matches {v:x};\nMain = {let x; b(x) (if (x >= 10) all else none)};", [{"v": "z"}], "T", "?"),
+    Shown(
+        12,
+        "b(x) matches {v:x};\nMain = {let x; b(x) (if (x >= 10) any else none)};",
+        [{"v": "zz"}, {"v": 1}],
+        "EE",
+        "?F",
+    ),
+    Shown(
+        12,
+        "b(x) matches {v:x};\nMain = G<y> ;\nG<n> = any (if (n > 1) any else any);",
+        [{"v": "zz"}, {"v": 1}],
+        "EE",
+        "?F",
+    ),
+)
+
+
+@pytest.mark.parametrize("row", SHOWN, ids=lambda row: f"{row.number}: {row.text.splitlines()[0]}")
+def test_the_reader_says_otherwise_and_the_row_is_touched(row: Shown) -> None:
+    assert letters(row.text, row.trace) == row.reader
+    assert row.number in [deviation.number for deviation in touching(row.text, row.trace)]
+
+
+def test_every_row_is_shown_to_differ() -> None:
+    differing = {row.number for row in SHOWN if row.published != row.reader}
+    assert differing == {deviation.number for deviation in DEVIATIONS}
+
+
+@pytest.mark.published
+@needs_published
+def test_the_published_tools_say_so(tmp_path: Path) -> None:
+    specifications = compiled([row.text for row in SHOWN], tmp_path)
+    jobs = [(Path(path), [row.trace]) for path, row in zip(specifications, SHOWN, strict=True)]
+    found = [run[1:] for (run,) in verdicts(jobs)]
+    assert found == [row.published for row in SHOWN]
+
+
+UNTOUCHED = (
+    ("a matches {e:'a'};\nMain = a all;", [{"e": "a", "v": 1.0}]),
+    ("g(x) matches {v:x} with x > 1;\nMain = g(x) all;", [{"e": "a", "v": 2}]),
+    ("a(x) matches {v:x};\nMain = {let x; a(x) a(x) all};", [{"v": [1, "b"]}, {"v": None}]),
+    ("a matches {e:'a'};\nb matches {e:'b'};\nMain = (a | b) all;", [{"e": "a"}]),
+    ("a(n) matches {v:n};\nMain = G<2>;\nG<n> = if (n > 0) a(n) G<n-1> else all;", [{"v": 2}, {"v": 1}]),
+)
+
+
+@pytest.mark.parametrize(("text", "trace"), UNTOUCHED)
+def test_the_predicates_are_not_always_true(text: str, trace: list[Json]) -> None:
+    assert touching(text, trace) == []
+
+
+def test_most_observed_cases_are_untouched() -> None:
+    runs = [(case.whole, events(trace)) for case in CASES for trace in case.runs]
+    assert sum(not touching(*run) for run in runs) > 0.8 * len(runs)

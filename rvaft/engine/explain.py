@@ -24,11 +24,14 @@ def explain(tree: RVAFT, strategy: Following | Earliest) -> Explanation:
     finder: Finder
     finder = EarliestMatches(tree, strategy) if isinstance(strategy, Earliest) else FollowedMatches(tree, strategy)
     part = tree.part_of
-    if part is not None and part.kind is not None and part.branch is None:
+    number: int | None
+    if part is None:
+        found, certain = _lowest(tree, finder)
+        number = lowest_number(tree, _choices(tree, found)) if certain else None
+    elif part.branch is None and part.kind is not None:
         found, number = _lowest_of_kind(part.tree, finder, part.kind)
     else:
-        found, certain = _lowest(whole(tree), finder)
-        number = part.branch if part is not None else lowest_number(tree, _choices(tree, found)) if certain else None
+        found, number = _any(finder), part.branch
     return _explanation(whole(tree), found, number)
 
 

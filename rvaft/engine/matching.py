@@ -16,7 +16,7 @@ class Matching:
     def __init__(self, plan: Plan, *, limit: int) -> None:
         self.plan = plan
         self.progress = Progress(plan)
-        self.core = Core(plan, self.progress, limit)
+        self.core = Core(plan, self.progress, limit=limit)
 
     def start(self) -> Configuration:
         """The configuration before any event."""

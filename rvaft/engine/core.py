@@ -54,11 +54,11 @@ class Core:
         return found
 
     def complete(self, configuration: Configuration) -> Iterator[Resolution]:
-        """The resolutions whose occurrences are exactly those taken."""
+        """Resolutions whose occurrences are exactly those taken; some, if there are any."""
         return self._search.resolutions(configuration, complete=True)
 
     def _unfinished(self, configuration: Configuration) -> Iterator[int]:
-        """What remains in each resolution that has what is taken as a part.
+        """What remains in resolutions that have what is taken as a part.
 
         Parts are looked at as finished as they can be: where that leaves nothing to come, there is a match already.
         """

@@ -38,14 +38,19 @@ class Elements:
         return touched
 
     def present(self, configuration: Configuration, kept: Resolution) -> tuple[int, int]:
-        """The elements of a resolution that have events, and those of them that are finished; parts as finished as can be."""
-        present = finished = 0
-        for node, children in kept.items():
-            if self.plan.own[node]:
-                present |= 1 << node
-                finished |= configuration.taken & 1 << node
+        """The elements of a resolution that have events, and those of them that are finished; parts as finished as can be.
+
+        The resolution may be in the making: what it has reached but not resolved is looked at too.
+        """
+        present = 1 << self.plan.root if self.plan.own[self.plan.root] else 0
+        finished = present & configuration.taken
+        for children in kept.values():
             for child in children:
-                if child not in self.members:
+                if child in self.members:
+                    own = 1 << child if self.plan.own[child] else 0
+                    present |= own
+                    finished |= own & configuration.taken
+                else:
                     flags = self.progress.flags(configuration, child)
                     if not flags & DONE or flags & TOUCHED:
                         present |= 1 << child

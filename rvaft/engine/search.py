@@ -45,17 +45,21 @@ class Search:
         self.limit = limit
 
     def resolutions(self, configuration: Configuration, *, complete: bool) -> Iterator[Resolution]:
-        """The resolutions with a feasible scenario in which what is taken is downward closed.
+        """Resolutions with a feasible scenario in which what is taken is downward closed; some, if there are any.
 
-        If `complete`, only those where nothing remains to be taken.
+        If `complete`, only such where nothing remains to be taken.
         """
         able = self._able(configuration, complete=complete)
         touched = self.elements.touched(configuration)
         needed = [node for node in self.plan.core if self._needed(configuration, node)]
         agenda = [Frame(0, 1, None)] if able & 1 else []
+        seen: set[tuple[int, int]] = set()
         steps = 0
         while agenda:
             place, reached, kept = agenda.pop()
+            steps += 1
+            if steps > self.limit:
+                raise TooLarge(f"resolutions of the choices that share nodes: {self._choices}", limit=self.limit)
             options: list[tuple[int, ...]] = []
             while place < len(self.plan.core):
                 node = self.plan.core[place]
@@ -71,8 +75,11 @@ class Search:
                     kept = Kept(kept, node, options[0])
                     reached |= _mask(options[0])
                 place += 1
-            if not self._within_reach(place, reached, able, needed):
+            ahead = (place, reached & self._ahead[place])
+            if ahead in seen or not self._within_reach(place, reached, able, needed):
                 continue
+            if self._unordered:
+                seen.add(ahead)  # what is reached ahead is all that matters
             resolution = _unrolled(kept)
             present = self.elements.present(configuration, resolution)
             if not self.order.allows(configuration, resolution, present, touched):
@@ -84,6 +91,14 @@ class Search:
                 Frame(place + 1, reached | _mask(children), Kept(kept, node, children))
                 for children in reversed(options)
             )
+
+    @cached_property
+    def _ahead(self) -> tuple[int, ...]:
+        """For each place in the core the nodes from there on."""
+        masks = [0]
+        for node in reversed(self.plan.core):
+            masks.append(masks[-1] | 1 << node)
+        return tuple(reversed(masks))
 
     @cached_property
     def _choices(self) -> str:

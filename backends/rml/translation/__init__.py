@@ -1,5 +1,5 @@
 """The translation of a tree into RML."""
 
-from backends.rml.translation.translate import Translation, translate
+from backends.rml.translation.translating import Translation, translate
 
 __all__ = ["Translation", "translate"]

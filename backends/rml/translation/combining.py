@@ -7,11 +7,10 @@ from typing import Protocol
 
 from backends.rml.translation.letters import Letter
 from backends.rml.translation.observations import Call, pattern
-from backends.rml.translation.overlap import disjoint, implies
+from backends.rml.translation.overlap import implies, overlaps
 from backends.rml.translation.scenarios import bits
 from rvaft.errors import TooLarge
 from rvaft.guards import Guard
-from rvaft.patterns import Pattern
 from rvaft.tree import RVAFT
 
 
@@ -39,8 +38,11 @@ class Combinations:
         number = {call: position for position, call in enumerate(calls)}
         self._call = [number[letter.call] for letter in self.letters]
         patterns = [pattern(tree, call) for call in calls]
-        self._implies = _relation(patterns, lambda one, other: implies(one, other, bound))
-        self._apart = _relation(patterns, disjoint)
+        self._overlap = overlaps(patterns)
+        self._implies = [
+            sum(1 << j for j in bits(near) if i == j or implies(patterns[i], patterns[j], bound))
+            for i, near in enumerate(self._overlap)
+        ]
         self._registers = [frozenset(call.registers) for call in calls]
         self._calls: Sequence[Call] = calls
         facts = dict.fromkeys(guard for letter in self.letters for guard in letter.guards)
@@ -52,14 +54,17 @@ class Combinations:
         self.others = [
             i
             for i in everywhere
-            if not moves[self.letters[i]].detects and not any(self._entails(i, other) for other in self.detecting)
+            if not moves[self.letters[i]].detects
+            and not (self._says_more(i) and any(self._entails(i, other) for other in self.detecting))
         ]
 
     def all(self) -> Iterator[Combination]:
         """Each letter that detects, alone; then all closed sets of the others, larger ones before those they contain."""
         for i in self.detecting:
             yield Combination((self.letters[i],), 1 << i)
-        if all(self._apart[self._call[i]] >> self._call[j] & 1 for i in self.others for j in self.others if i < j):
+        called = [self._call[i] for i in self.others]
+        known = sum(1 << call for call in set(called))
+        if len(set(called)) == len(called) and all(self._overlap[call] & known == 1 << call for call in called):
             for i in self.others:
                 yield Combination((self.letters[i],), 1 << i)
             return
@@ -110,7 +115,7 @@ class Combinations:
 
     @cached_property
     def _excluded(self) -> list[int]:
-        return self._related(lambda i, j: self._apart[self._call[i]] >> self._call[j] & 1)
+        return self._related(lambda i, j: not self._overlap[self._call[i]] >> self._call[j] & 1)
 
     def _related(self, test: Callable[[int, int], int]) -> list[int]:
         return [sum(1 << j for j in self.others if test(i, j)) for i in range(len(self.letters))]
@@ -139,13 +144,14 @@ class Combinations:
         return [
             i
             for i in letters
-            if not any(self._entails(i, j) and (j < i or not self._entails(j, i)) for j in letters if j != i)
+            if not self._says_more(i)
+            or not any(self._entails(i, j) and (j < i or not self._entails(j, i)) for j in letters if j != i)
         ]
+
+    def _says_more(self, letter: int) -> bool:
+        """Whether the letter may entail another one at all."""
+        return bool(self._guards[letter]) or self._implies[self._call[letter]].bit_count() > 1
 
     def _entails(self, letter: int, other: int) -> bool:
         called = self._implies[self._call[letter]] >> self._call[other] & 1
         return bool(called) and not self._guards[other] & ~self._guards[letter]
-
-
-def _relation(things: Sequence[Pattern], test: Callable[[Pattern, Pattern], bool]) -> list[int]:
-    return [sum(1 << j for j, other in enumerate(things) if test(one, other)) for one in things]

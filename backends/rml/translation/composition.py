@@ -43,6 +43,7 @@ class Composition:
         self.tree = plain.tree
         self.letters = letters
         self.equations = Equations("P")
+        self.types = [self._type(index) for index in range(len(plain.letters))]
 
     # -- strict and projected -----------------------------------------------------------------------------------------
 
@@ -83,7 +84,7 @@ class Composition:
         children = self.plain.children(node)
         if all(self.plain.part[child].bit_count() == 1 for child in children):
             return enough
-        firsts = [self._type(i) for child in children for i in bits(self.plain.first[child])]
+        firsts = [self.types[i] for child in children for i in bits(self.plain.first[child])]
         return filtered(self.letters.types.union(firsts, f"{node.name}_begins"), enough)
 
     # -- scattered ----------------------------------------------------------------------------------------------------
@@ -125,7 +126,7 @@ class Composition:
         """Any number of other events, one of these, then the rest."""
         if not occurrences:
             return after
-        wanted = [self._type(i) for i in occurrences]
+        wanted = [self.types[i] for i in occurrences]
         hint = f"not_{self.tree.occurrences[occurrences[0]]}"
         other = self.letters.types.neither(wanted, hint)
         return self.equations.shallow(then(star(Name(other)), either(Name(text) for text in wanted), after))
@@ -133,7 +134,7 @@ class Composition:
     # -- events -------------------------------------------------------------------------------------------------------
 
     def _event(self, name: str) -> Term:
-        return Name(self._type(self.plain.index[name]))
+        return Name(self.types[self.plain.index[name]])
 
     def _type(self, index: int) -> str:
         """One event type for an occurrence, its own guard folded in."""

@@ -1,6 +1,6 @@
 """Letters: what one event has to be for a partial match to go on, and how that is written."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from backends.rml.translation.conditions import NEVER, Condition, Inexpressible, conjuncts, when_true
@@ -32,6 +32,7 @@ class Letters:
     def __init__(self, observations: Observations, types: Types) -> None:
         self.observations = observations
         self.types = types
+        self._rank = {name: position for position, name in enumerate(observations.tree.order)}
         self._nodes: dict[Call, str] = {}
         self._guards: dict[Guard, tuple[str, tuple[Condition, ...]]] = {}
         self._texts: dict[Letter, tuple[str, ...]] = {}
@@ -65,12 +66,10 @@ class Letters:
         """The event types, applied, that an event has to match all at once; the first one binds."""
         if letter not in self._texts:
             node = self._nodes[letter.call]
-            guards = sorted((self._guards[guard] for guard in letter.guards), key=_order(self.observations.tree.order))
+            guards = sorted((self._guards[guard] for guard in letter.guards), key=self._place)
             conditions = [(condition, name) for name, found in guards for condition in found]
             self._texts[letter] = tuple(self.types.observed(letter.call, conditions, node))
         return self._texts[letter]
 
-
-def _order(names: tuple[str, ...]) -> Callable[[tuple[str, tuple[Condition, ...]]], tuple[int, str]]:
-    rank = {name: position for position, name in enumerate(names)}
-    return lambda guard: (rank[guard[0]], repr(guard[1]))
+    def _place(self, guard: tuple[str, tuple[Condition, ...]]) -> tuple[int, str]:
+        return self._rank[guard[0]], repr(guard[1])

@@ -1,6 +1,6 @@
 """What can be said of two patterns without seeing an event: whether none matches both, whether one implies the other."""
 
-from collections.abc import Set
+from collections.abc import Mapping, Sequence, Set
 
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, walk
 
@@ -54,3 +54,37 @@ def implies(special: Pattern, general: Pattern, bound: Set[str]) -> bool:
                 if one != other or isinstance(one, Anything):
                     return False
     return True
+
+
+def overlaps(patterns: Sequence[Pattern]) -> list[int]:
+    """For each pattern the set of those that one event might match as well, itself among them.
+
+    Patterns that have a literal in a common field are compared only where it is the same.
+    """
+    field = _telling(patterns)
+    groups: dict[object, list[int]] = {}
+    for i, one in enumerate(patterns):
+        groups.setdefault(_literals(one).get(field), []).append(i)
+    found = [1 << i for i in range(len(patterns))]
+    others = groups.pop(None, [])
+    for group in (*([*group, *others] for group in groups.values()), others):
+        for position, i in enumerate(group):
+            for j in group[position + 1 :]:
+                if not found[i] >> j & 1 and not disjoint(patterns[i], patterns[j]):
+                    found[i] |= 1 << j
+                    found[j] |= 1 << i
+    return found
+
+
+def _telling(patterns: Sequence[Pattern]) -> str:
+    """The field that has the most different literals."""
+    values: dict[str, set[Literal]] = {}
+    for one in patterns:
+        for name, literal in _literals(one).items():
+            values.setdefault(name, set()).add(literal)
+    return max(values, key=lambda name: (len(values[name]), name), default="")
+
+
+def _literals(one: Pattern) -> Mapping[str, Literal]:
+    fields = one.fields if isinstance(one, ObjectPattern) else ()
+    return {name: inner for name, inner in fields if isinstance(inner, Literal)}

@@ -11,16 +11,15 @@ Then a gate can be written by its operator under these conditions, `overlap` mea
 RML commits to the left operand that can take an event; under these conditions no other one could have.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable
 from itertools import pairwise
 
 from backends.rml.translation.letters import Letter, Letters
 from backends.rml.translation.observations import pattern
-from backends.rml.translation.overlap import disjoint
-from backends.rml.translation.scenarios import bits, constant, impossible
+from backends.rml.translation.overlap import overlaps
+from backends.rml.translation.scenarios import constant, impossible
 from rvaft.guards import variables as guard_variables
 from rvaft.model import Causality, Gate, Node
-from rvaft.patterns import Literal, ObjectPattern, Pattern
 from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
 
@@ -35,6 +34,8 @@ class Plain:
         self.part: dict[str, int] = {}
         self.first: dict[str, int] = {}
         self.follow: dict[str, int] = {}
+        self._touched: dict[str, int] = {}
+        self._touched_first: dict[str, int] = {}
         self._scattered = semantics is Semantics.SCATTERED
         self.possible = self._prepared(letters) and all(self._gate_fits(node) for node in tree.top_down())
 
@@ -73,6 +74,16 @@ class Plain:
             firsts |= self.first[child]
         top_down = self.tree.causality is Causality.TOP_DOWN
         self.first[node.name] = own if own and (top_down or not firsts) else firsts
+        # what overlaps with a part or its first events; kept per node, for a set of bits is slow to walk
+        touched = self._overlap[self.index[node.name]] if own else 0
+        touched_first = 0
+        for child in children:
+            if self.first[child] & self.first[node.name]:
+                touched_first |= self._touched_first[child]
+        self._touched_first[node.name] = touched if self.first[node.name] == own else touched_first
+        for child in children:
+            touched |= self._touched[child]
+        self._touched[node.name] = touched
 
     def _look_behind(self) -> None:
         """Which events may come right after a part."""
@@ -94,18 +105,18 @@ class Plain:
         if node.gate in (Gate.OR, Gate.VOT) and 0 < len(children) < len(node.children):
             return False
         match self.joined(node):
+            case Gate.OR if self._scattered:
+                return all(self.part[child].bit_count() == 1 for child in children)
             case Gate.OR:
-                if self._scattered:
-                    return all(self.part[child].bit_count() == 1 for child in children)
-                return self._apart([self.first[child] for child in children])
+                return _apart((self._touched_first[child], self.first[child]) for child in children)
             case Gate.AND:
-                return self._apart([self.part[child] for child in children])
+                return _apart((self._touched[child], self.part[child]) for child in children)
             case Gate.VOT:
                 return (
                     not self._scattered
-                    and self._apart([self.part[child] for child in children])
-                    and self._apart([self.part[node.name], self.follow[node.name]])
-                    and all(self._apart([self.first[c], self.part[c] & ~self.first[c]]) for c in children)
+                    and _apart((self._touched[child], self.part[child]) for child in children)
+                    and not self._touched[node.name] & self.follow[node.name]
+                    and not any(self._touched_first[c] & self.part[c] & ~self.first[c] for c in children)
                 )
             case _:
                 return True
@@ -121,48 +132,15 @@ class Plain:
             return Gate.OR
         return node.gate
 
-    def _apart(self, parts: Sequence[int]) -> bool:
-        """Whether no events of two parts overlap."""
-        seen = 0
-        for part in parts:
-            if any(self._overlap[i] & seen for i in bits(part)):
-                return False
-            seen |= part
-        return True
 
-
-def overlaps(patterns: Sequence[Pattern]) -> list[int]:
-    """For each pattern the set of those that one event might match as well, itself among them.
-
-    Patterns that have a literal in a common field are compared only where it is the same.
-    """
-    field = _telling(patterns)
-    groups: dict[object, list[int]] = {}
-    for i, one in enumerate(patterns):
-        groups.setdefault(_literals(one).get(field), []).append(i)
-    found = [1 << i for i in range(len(patterns))]
-    others = groups.pop(None, [])
-    for group in (*([*group, *others] for group in groups.values()), others):
-        for position, i in enumerate(group):
-            for j in group[position + 1 :]:
-                if not found[i] >> j & 1 and not disjoint(patterns[i], patterns[j]):
-                    found[i] |= 1 << j
-                    found[j] |= 1 << i
-    return found
-
-
-def _telling(patterns: Sequence[Pattern]) -> str:
-    """The field that has the most different literals."""
-    values: dict[str, set[Literal]] = {}
-    for one in patterns:
-        for name, literal in _literals(one).items():
-            values.setdefault(name, set()).add(literal)
-    return max(values, key=lambda name: (len(values[name]), name), default="")
-
-
-def _literals(one: Pattern) -> Mapping[str, Literal]:
-    fields = one.fields if isinstance(one, ObjectPattern) else ()
-    return {name: inner for name, inner in fields if isinstance(inner, Literal)}
+def _apart(parts: Iterable[tuple[int, int]]) -> bool:
+    """Whether no events of two parts overlap; of each what it overlaps with and its events."""
+    seen = 0
+    for touched, part in parts:
+        if touched & seen:
+            return False
+        seen |= part
+    return True
 
 
 def _own(node: Node) -> set[str]:

@@ -27,6 +27,7 @@ class Scope:
                 self.names[register] = self._fresh.fresh(register)
 
     def fresh(self, wanted: str) -> str:
+        """A variable of this declaration alone."""
         return self._fresh.fresh(wanted)
 
     def condition(self, condition: Condition) -> str:
@@ -57,4 +58,5 @@ class Scope:
 
 
 def key_of(argument: Register | Place) -> str:
+    """The name that a register or place goes by in conditions."""
     return argument.name if isinstance(argument, Register) else place_name(argument)

@@ -1,0 +1,57 @@
+"""What the `rml` backend emits, compiled and run by the published tools, has the verdicts of the reference after every prefix.
+
+Left out are only the pairs of text and trace that the table of deviations names.
+"""
+
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from backends.rml import RmlBackend
+from backends.rml.reading.deviations import touching
+from rvaft.errors import NotExpressible, TooLarge
+from rvaft.random_traces import random_trace
+from rvaft.random_trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.semantics import Reference
+from rvaft.verdict import Semantics
+from tests.backends.rml.published.runner import compiled, needs_published, verdicts
+
+pytestmark = [pytest.mark.published, needs_published]
+
+LETTERS = {"true": "T", "false": "F", "unknown": "?"}
+SHAPES = {
+    "plain": PLAIN,
+    "variable-free": VARIABLE_FREE,
+    "read-once": Shape(sharing=0, typed_events=0.1, variables=0, guards=0.1, ignores=0.1, max_nodes=11),
+    "variables": Shape(variables=1, guards=0.4, max_nodes=7),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_random_trees(name: str, tmp_path: Path) -> None:
+    random = Random(f"published {name}")
+    found = []
+    for _ in range(40):
+        tree = random_tree(random, SHAPES[name])
+        for semantics in Semantics:
+            try:
+                text = RmlBackend().translate(tree, semantics, limit=3_000).text
+            except (NotExpressible, TooLarge):
+                continue
+            traces = [random_trace(random, tree) for _ in range(8)]
+            expected = [
+                "?" + "".join(LETTERS[verdict.value] for verdict in Reference(tree, semantics).run(trace))
+                for trace in traces
+            ]
+            found.append((text, traces, expected))
+    targets = compiled([text for text, _, _ in found], tmp_path)
+    assert [target for target in targets if isinstance(target, str)] == []
+    runs = verdicts([(target, traces) for target, (_, traces, _) in zip(targets, found, strict=True)])  # type: ignore[misc]
+    compared = 0
+    for (text, traces, expected), run in zip(found, runs, strict=True):
+        for trace, wanted, got in zip(traces, expected, run, strict=True):
+            if not touching(text, trace):
+                compared += 1
+                assert got == wanted, f"{text}\n{trace}"
+    assert compared > 100

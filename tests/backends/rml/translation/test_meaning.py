@@ -1,0 +1,169 @@
+"""The text means the tree: read back by the RML reader it gives the verdicts of the reference after every prefix."""
+
+from random import Random
+
+import pytest
+
+from backends.rml import RmlBackend
+from backends.rml.translation import translating
+from rvaft.errors import NotExpressible, TooLarge, TreeError
+from rvaft.language import dumps, loads
+from rvaft.model import Causality, Gate, Node
+from rvaft.random_traces import random_trace
+from rvaft.random_trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.restrict import restrict
+from rvaft.semantics import Reference
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+from tests.backends.rml.translation.orders import orders_strings
+from tests.semantics.cases import CASES, Case
+from tests.trees.shipped import load, names
+
+RML = RmlBackend()
+LIMIT = 5_000
+SINGLE = Shape(sharing=0, typed_events=0.1, variables=0, guards=0.1, ignores=0.1, max_nodes=11)
+VARIABLES = Shape(variables=1, guards=0.4, max_nodes=6)
+
+
+def compare(tree: RVAFT, semantics: Semantics, random: Random, traces: int) -> None:
+    text = RML.translate(tree, semantics, limit=LIMIT).text
+    for _ in range(traces):
+        trace = random_trace(random, tree)
+        if not orders_strings(tree, trace):
+            monitor, reference = RML.read(text), Reference(tree, semantics)
+            found, expected = list(monitor.run(trace)), list(reference.run(trace))
+            assert found == expected, f"{semantics}\n{dumps(tree)}\n{text}\n{trace}"
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_hand_written_cases(case: Case) -> None:
+    tree = restrict(loads(case.tree), branch=case.branch, kind=case.kind)
+    semantics = Semantics(case.semantics)
+    try:
+        made = RML.translate(tree, semantics)
+    except NotExpressible as error:
+        assert "order strings" in error.reason or (tree.variables and semantics is Semantics.SCATTERED)  # noqa: PT017
+        return
+    signs = {"true": "T", "false": "F", "unknown": "?"}
+    assert "".join(signs[verdict.value] for verdict in made.monitor().run(case.events)) == case.verdicts
+
+
+@pytest.mark.parametrize("shape", [PLAIN, VARIABLE_FREE, SINGLE], ids=["plain", "variable-free", "read-once"])
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_random_trees_without_variables_are_never_refused(shape: Shape, semantics: Semantics) -> None:
+    random = Random(f"{shape}{semantics}")
+    compared = 0
+    for _ in range(25):
+        tree = random_tree(random, shape)
+        try:
+            compare(tree, semantics, random, 4)
+        except TooLarge:
+            continue
+        except NotExpressible as error:
+            assert "order strings" in error.reason  # noqa: PT017 -- an `ignore` may do that
+            continue
+        compared += 1
+    assert compared >= 22
+
+
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_gate_by_gate(semantics: Semantics, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also for trees that are small enough to be determinised."""
+    monkeypatch.setattr(translating, "_SMALL", 0)
+    random = Random(5)
+    for _ in range(40):
+        compare(random_tree(random, SINGLE), semantics, random, 4)
+
+
+@pytest.mark.parametrize("semantics", [Semantics.STRICT, Semantics.PROJECTED])
+def test_random_trees_with_variables(semantics: Semantics) -> None:
+    random = Random(f"{semantics}")
+    compared = 0
+    for _ in range(60):
+        tree = random_tree(random, VARIABLES)
+        try:
+            compare(tree, semantics, random, 6)
+        except TooLarge:
+            continue
+        except NotExpressible as error:
+            assert "order strings" in error.reason  # noqa: PT017
+            continue
+        compared += 1
+    assert compared >= 50
+
+
+@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("semantics", [Semantics.STRICT, Semantics.PROJECTED])
+def test_shipped_trees(name: str, semantics: Semantics) -> None:
+    compare(load(name), semantics, Random(name), 10)
+
+
+@pytest.mark.parametrize(
+    "tree",
+    [
+        'event n(v) = { v: v }; top sand a b; a on n(X); b on n(Y) when Y < "b";',
+        'event n(v) = { v: v }; top sand a b; a on n(X); b on n(Y) when not ("b" <= Y);',
+    ],
+)
+def test_a_guard_that_orders_strings_is_refused(tree: str) -> None:
+    with pytest.raises(NotExpressible, match="RML cannot order strings") as caught:
+        RML.translate(loads(tree), Semantics.STRICT)
+    assert caught.value.nodes == ("b",)
+
+
+def test_variables_are_refused_under_scattered_with_the_nodes_that_share_them() -> None:
+    tree = loads("event n(v) = { v: v }; top sand a b c; a on n(X); b on n(X); c on n(Y);")
+    with pytest.raises(NotExpressible, match="any event may be skipped") as caught:
+        RML.translate(tree, Semantics.SCATTERED)
+    assert caught.value.nodes == ("a", "b")
+
+
+def test_a_variable_of_one_event_is_no_obstacle_under_scattered() -> None:
+    tree = loads("event n(v, w) = { v: v, w: w }; top sand a b; a on n(X, X) when X > 1; b on n(Y, _);")
+    compare(tree, Semantics.SCATTERED, Random(1), 40)
+
+
+def test_two_assignments_at_once() -> None:
+    """Which of two events binds X is open until later; each partial match has registers of its own."""
+    tree = loads(
+        "event p(v) = { x: v }; event q(v) = { y: v }; top and m n g; m on p(X); n on q(Y); g and c when X < Y + 0;"
+    )
+    for semantics in (Semantics.STRICT, Semantics.PROJECTED):
+        compare(tree, semantics, Random(2), 60)
+
+
+def test_too_large_is_said_before_it_is_built() -> None:
+    tree = loads(
+        "event p(x) = { x: x }; top and m n " + " ".join(f"a{i}" for i in range(20)) + "; m on p(1); n on p(_);"
+    )
+    with pytest.raises(TooLarge):
+        RML.translate(tree, Semantics.STRICT, limit=1_000)
+    choices = "; ".join(f"o{i} or x{i} y{i}" for i in range(20))
+    shared = loads(f"top and m n {' '.join(f'o{i}' for i in range(20))}; m and s; n and s; {choices};")
+    with pytest.raises(TooLarge, match="scenarios"):
+        RML.translate(shared, Semantics.STRICT, limit=1_000)
+
+
+def test_an_impossible_tree_is_an_error() -> None:
+    tree = RVAFT(
+        "r", [Node("r", Gate.SAND, ("a", "b")), Node("a", Gate.AND, ("c",)), Node("b", Gate.AND, ("c",)), Node("c")]
+    )
+    with pytest.raises(TreeError, match="feasible"):
+        RML.translate(tree, Semantics.STRICT)
+
+
+@pytest.mark.parametrize("gate", [Gate.AND, Gate.SAND, Gate.SAND_RL, Gate.OR])
+@pytest.mark.parametrize("causality", list(Causality))
+def test_a_chain_of_five_thousand_gates(gate: Gate, causality: Causality) -> None:
+    nodes = [Node(f"g{i}", gate, (f"g{i + 1}", f"a{i}") if i % 50 == 0 else (f"g{i + 1}",)) for i in range(5_000)]
+    leaves = [Node(f"a{i}") for i in range(0, 5_000, 50)]
+    tree = RVAFT("g0", [*nodes, *leaves, Node("g5000")], causality=causality)
+    for semantics in (Semantics.STRICT, Semantics.PROJECTED):
+        assert "Main" in RML.translate(tree, semantics).text
+
+
+def test_translation_is_the_same_every_time() -> None:
+    random = Random(9)
+    for _ in range(10):
+        tree = random_tree(random, VARIABLE_FREE)
+        assert len({RML.translate(tree, Semantics.PROJECTED, limit=LIMIT).text for _ in range(2)}) == 1

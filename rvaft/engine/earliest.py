@@ -34,7 +34,6 @@ class Run:
         self._completed: dict[int, dict[int, None]] = {}
         # The gates whose children have started, each with the children that were complete when it was.
         self._started: set[int] = set()
-        self._reached: set[int] = set()
         self._done: set[int] = set()
         self._settle([("start", plan.root)])
 
@@ -110,7 +109,6 @@ class Run:
 
     def _reach(self, node: int, agenda: list[tuple[str, int]]) -> None:
         """All that a node needs below it is complete."""
-        self._reached.add(node)
         if self.plan.own[node] and not self.plan.top_down and self.plan.gates[node] is not None:
             self._listen(node)
         else:
@@ -119,10 +117,11 @@ class Run:
     def _hear(self, gate: int, child: int, agenda: list[tuple[str, int]]) -> None:
         """A child of a gate is complete."""
         complete = self._completed[gate]
-        if gate in self._reached or self.choices.get(gate, child) != child:
-            return  # it is complete already, or the child is not what it keeps
+        needed = self._needed(gate)
+        if len(complete) == needed or self.choices.get(gate, child) != child:
+            return  # it has all it needs already, or the child is not what it keeps
         complete[child] = None
-        if len(complete) == self._needed(gate):
+        if len(complete) == needed:
             agenda.append(("reached", gate))
         elif self.plan.gates[gate] in (Gate.SAND, Gate.SAND_RL):
             agenda.append(("start", self.plan.children[gate][len(complete)]))

@@ -77,6 +77,8 @@ LOWEST = [
         1,
         {"b": 2, "s": 3, "k1": 4, "z": 5},
     ),
+    ("top or n m y; n and a; m when 1 > 2; y and d a;", "d a", 1, {"a": 2}),
+    ("top or c y; y 2of2 d c;", "d c", 1, {"c": 2}),
     ("top or x y; x sand a b; y sand c b;", "c a b", 1, {"a": 2, "b": 3}),
     ("top and v o; v 1of2 a p; p or q r; o or c d;", "r a d", 2, {"a": 2, "d": 3}),
 ]

@@ -1,14 +1,27 @@
 """Every `sh` and `python` block of README and docs is executed and its output compared."""
 
 import doctest
+import re
+from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from _pytest.mark.structures import ParameterSet
 
 from tests.docs.examples import ROOT, SETUP, Block, blocks, commands, run
 
+NEEDS_SPOT = re.compile(r'--backend (ltlf|automaton)|"ltlf"')
 
-@pytest.mark.parametrize("block", list(blocks("sh")), ids=str)
+
+def params(found: Iterable[Block]) -> list[ParameterSet]:
+    """The blocks; those that run a text which only Spot reads are left out where it is not installed."""
+    absent = find_spec("spot") is None
+    skip = pytest.mark.skip(reason="needs Spot (spottl)")
+    return [pytest.param(b, id=str(b), marks=[skip] if absent and NEEDS_SPOT.search(b.text) else []) for b in found]
+
+
+@pytest.mark.parametrize("block", params(blocks("sh")))
 def test_shell(block: Block) -> None:
     assert block.text.startswith("$ "), "a shell block starts with a command after `$ `"
     for command, shown in commands(block.text):
@@ -22,7 +35,7 @@ SESSIONS = [block for block in blocks("python") if block.page.name != "rules.md"
 """The blocks of the page of rules are bad and mended trees, which the tests of the rules run."""
 
 
-@pytest.mark.parametrize("block", SESSIONS, ids=str)
+@pytest.mark.parametrize("block", params(SESSIONS))
 def test_python(block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     example = doctest.DocTestParser().get_doctest(block.text, {}, str(block), str(block.page), block.line)

@@ -109,7 +109,7 @@ class Composition:
         children = self.plain.children(node)
         match self.plain.joined(node):
             case Gate.OR:
-                return self._await([next(bits(self.plain.part[child])) for child in children], after)
+                return self._await([i for child in children for i in bits(self.plain.part[child])], after)
             case Gate.AND:
                 rest = after if after == ALL else self.equations.named(after)
                 parts = []

@@ -6,7 +6,7 @@ A tree is *plain* where its parts can be told apart by the events alone:
 Then a gate can be written by its operator under these conditions, `overlap` meaning that one event might match both patterns:
 - under `strict` and `projected`: `or`, no first events of two children overlap; `and` and VOT, no events of two children overlap;
   VOT, no event of it overlaps with one that may come next after it, nor a first event of a child with a later one of the same child;
-- under `scattered`: `or` over single events only; `and`, no events of two children overlap; VOT is like `or` for K = 1 and like
+- under `scattered`: `or` over parts that are one event in each scenario; `and`, no events of two children overlap; VOT is like `or` for K = 1 and like
   `and` for K = n, otherwise not.
 RML commits to the left operand that can take an event; under these conditions no other one could have.
 """
@@ -34,6 +34,7 @@ class Plain:
         self.part: dict[str, int] = {}
         self.first: dict[str, int] = {}
         self.follow: dict[str, int] = {}
+        self._single: dict[str, bool] = {}
         self._touched: dict[str, int] = {}
         self._touched_first: dict[str, int] = {}
         self._scattered = semantics is Semantics.SCATTERED
@@ -72,6 +73,8 @@ class Plain:
         firsts = 0
         for child in children[:1] if node.gate is not None and node.gate.ordered else children:
             firsts |= self.first[child]
+        choice = len(children) == 1 or self.joined(node) is Gate.OR
+        self._single[node.name] = not children if own else choice and all(self._single[child] for child in children)
         top_down = self.tree.causality is Causality.TOP_DOWN
         self.first[node.name] = own if own and (top_down or not firsts) else firsts
         # what overlaps with a part or its first events; kept per node, for a set of bits is slow to walk
@@ -106,7 +109,7 @@ class Plain:
             return False
         match self.joined(node):
             case Gate.OR if self._scattered:
-                return all(self.part[child].bit_count() == 1 for child in children)
+                return all(self._single[child] for child in children)
             case Gate.OR:
                 return _apart((self._touched_first[child], self.first[child]) for child in children)
             case Gate.AND:

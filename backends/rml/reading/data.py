@@ -1,12 +1,12 @@
 """The value of a data expression: exact numbers, and nothing (`None`) where types are wrong or a variable is unbound.
 
-Integers are exact and the rest are IEEE doubles, as in the tree language; the published monitor calculates with the real
+Integers are exact, the rest are IEEE doubles, and two strings compare by code points, as in the tree language; the published monitor calculates with the real
 constraints of Prolog instead (see `deviations`). Nothing here recurses: an expression may be nested arbitrarily deep.
 """
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from backends.rml.reading.syntax import Apply, Constant, Data, Name
 from rvaft.values import Json, is_number
@@ -28,7 +28,7 @@ _BINARY: Final[Mapping[str, Callable[[Number, Number], Number]]] = {
     "min": min,
     "max": max,
 }
-_COMPARE: Final[Mapping[str, Callable[[Number, Number], bool]]] = {
+_COMPARE: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
     "==": lambda x, y: x == y,
     "!=": lambda x, y: x != y,
     "<": lambda x, y: x < y,
@@ -82,7 +82,8 @@ def _evaluate(data: Data, values: Mapping[str, Json]) -> Json:
 def _apply(operator: str, given: list[Json]) -> Json:
     if operator in ("&&", "||"):
         return _connect(given, decides=operator == "||")
-    if not all(map(is_number, given)):
+    strings = operator in _COMPARE and all(isinstance(value, str) for value in given)
+    if not strings and not all(map(is_number, given)):
         return None
     return _COMPARE[operator](*given) if operator in _COMPARE else _calculate(operator, given)
 

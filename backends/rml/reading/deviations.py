@@ -43,7 +43,7 @@ DEVIATIONS: Final = (
         1,
         "guards over what is no number",
         "a string, a boolean, null, a list or an object in a `with` is an error that ends the monitor, with exit code 0",
-        "the event does not match",
+        "two strings compare by code points; otherwise the event does not match",
         touched.no_number,
     ),
     Deviation(

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from rvaft.errors import TraceError
 from rvaft.model import Kind
 from rvaft.values import Json
 from rvaft.verdict import Verdict
@@ -28,6 +29,7 @@ class Monitor(ABC):
 
     def __init__(self) -> None:
         self._verdict = Verdict.UNKNOWN
+        self._read = 0
 
     @property
     def verdict(self) -> Verdict:
@@ -35,7 +37,11 @@ class Monitor(ABC):
         return self._verdict
 
     def step(self, event: Json) -> Verdict:
-        """Read one event (a JSON object) and return the verdict after it."""
+        """Read one event and return the verdict after it; raises `TraceError` for what is no JSON object."""
+        if not isinstance(event, Mapping):
+            message = f"an event is a JSON object (a dict), not {type(event).__name__}: decode the line first"
+            raise TraceError(message, line=self._read + 1)
+        self._read += 1
         if not self._verdict.final:
             self._verdict = self._advance(event)
         return self._verdict

@@ -1,0 +1,51 @@
+"""What every monitor does, whichever way it was made."""
+
+from typing import Any
+
+import pytest
+
+from rvaft.backend import all_backends, backend
+from rvaft.engine import engine
+from rvaft.errors import ToolMissing, TraceError
+from rvaft.language import loads
+from rvaft.monitors import Monitor
+from rvaft.semantics import Reference
+from rvaft.verdict import Semantics, Verdict
+
+TREE = loads("top sand a b;")
+
+
+def monitor(name: str) -> Monitor:
+    if name == "engine":
+        return engine(TREE, Semantics.STRICT)
+    if name == "reference":
+        return Reference(TREE, Semantics.STRICT)
+    try:
+        return backend(name).translate(TREE, Semantics.STRICT).monitor()
+    except ToolMissing as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.mark.parametrize("name", ["engine", "reference", *all_backends()])
+class TestAnyMonitor:
+    @pytest.mark.parametrize("event", ['{"event": "a"}', b"{}", [], 5, None, [{"event": "a"}]])
+    def test_only_objects_are_events(self, name: str, event: Any) -> None:
+        watching = monitor(name)
+        with pytest.raises(TraceError, match="decode the line first"):
+            watching.step(event)
+        assert watching.verdict is Verdict.UNKNOWN
+        assert watching.step({"event": "a"}) is Verdict.UNKNOWN
+        assert watching.step({"event": "b"}) is Verdict.TRUE
+
+    def test_a_final_verdict_stays(self, name: str) -> None:
+        watching = monitor(name)
+        assert list(watching.run([{"event": "b"}, {"event": "a"}, {"event": "b"}])) == [Verdict.FALSE] * 3
+
+    def test_equal_states_after_equal_traces(self, name: str) -> None:
+        one, other = monitor(name), monitor(name)
+        assert one.state == other.state
+        one.step({"event": "a"})
+        assert one.state != other.state
+        other.step({"event": "a", "more": 1})
+        assert one.state == other.state
+        assert hash(one.state) == hash(other.state)

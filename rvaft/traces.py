@@ -32,6 +32,7 @@ MAX_DIGITS: Final = 4300
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
 
 _BOM: Final = b"\xef\xbb\xbf"
+_HINT: Final = "a trace has one JSON object per line"
 _BLANK: Final = b" \t\r\n"
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
@@ -95,18 +96,18 @@ def decode(line: bytes, *, reads: Reads | None = None) -> dict[str, Json]:
     try:
         text = line.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line)") from None
+        raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line); {_HINT}") from None
     _check_depth(text)
     try:
         value = _DECODER.decode(text)
     except json.JSONDecodeError as error:
-        raise ValueError(f"not JSON: {_reason(error)} (column {error.colno})") from None
+        raise ValueError(f"not JSON: {_reason(error)} (column {error.colno}); {_HINT}") from None
     except RecursionError:
         raise ValueError("nested too deeply for the space left on the stack") from None
     _check_surrogates(text)
     if not isinstance(value, dict):
         raise ValueError(  # noqa: TRY004 (the text is wrong, not the caller)
-            f"not a JSON object but {_KINDS[type(value)]}"
+            f"not a JSON object but {_KINDS[type(value)]}; {_HINT}"
         )
     _check_repeated(value, reads or Reads(whole=True))
     return value

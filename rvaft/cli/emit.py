@@ -3,6 +3,7 @@
 import click
 
 from rvaft.api import translate
+from rvaft.cli.languages import suggesting
 from rvaft.cli.options import exclusive, output_option, part_options, semantics_option, tree_argument
 from rvaft.cli.output import deliver
 from rvaft.language import load
@@ -27,7 +28,9 @@ def command(
 ) -> int:
     """Write a specification of a tree that means the tree under the chosen semantics."""
     exclusive(branch=branch, kind=kind)
-    specification = translate(load(tree), language, semantics=semantics, branch=branch, kind=kind, limit=limit)
+    loaded = load(tree)
+    with suggesting():
+        specification = translate(loaded, language, semantics=semantics, branch=branch, kind=kind, limit=limit)
     text = specification.text
     deliver((text if text.endswith("\n") else f"{text}\n").encode(), output)
     return 0

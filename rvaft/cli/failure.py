@@ -64,6 +64,8 @@ def report(error: BaseException) -> None:
 def described(error: BaseException) -> list[str]:
     """The error line, and for a text that is not in its language the place in it."""
     match error:
+        case LanguageError(__cause__=OSError()):  # the file as a whole, no place in it
+            return [_line(f"{error.file or repr('')}: {error.message}")]
         case LanguageError():
             where = f"{error.file}:{error.line}:{error.column}: {error.message}"
             return [_line(where), *_caret(error)]

@@ -8,12 +8,15 @@ import click
 
 from rvaft.api import monitor, narrowed, translate
 from rvaft.cli.failure import FAILED, FOUND, report
+from rvaft.cli.languages import suggesting
 from rvaft.cli.options import exclusive, part_options, semantics_option, tree_argument
 from rvaft.cli.verdicts import JsonLines, Reporter, Text
 from rvaft.errors import RvaftError
 from rvaft.language import load, on_text
 from rvaft.monitors import Monitor
+from rvaft.patterns import match
 from rvaft.printable import visible
+from rvaft.rules.words import listing
 from rvaft.statistics import Statistics
 from rvaft.traces import Reads, read, reads_of
 from rvaft.tree import RVAFT
@@ -64,7 +67,8 @@ def command(
     if backend is None:
         fresh = lambda: monitor(part, semantics=semantics)  # noqa: E731
     else:
-        fresh = translate(part, backend, semantics=semantics).monitor
+        with suggesting():
+            fresh = translate(part, backend, semantics=semantics).monitor
     traces = [_word(word, whole)] if word is not None else [_trace(name, reads_of(whole)) for name in trace or ("-",)]
     several = len(traces) > 1
     reporter = JsonLines(several, whole) if form == "jsonl" else Text(several, whole, Statistics(whole))
@@ -98,12 +102,20 @@ def _watch(trace: Trace, watching: Monitor, reporter: Reporter) -> int:
 def _word(word: str, tree: RVAFT) -> Trace:
     """Each letter as the default event of that name, also where the node of that name has another event."""
     letters = word.split()
+    unknown: list[str] = []
     for letter in dict.fromkeys(letters):
         node = tree.nodes.get(letter)
         if node is not None and node.on is not None:
-            said = f"the letter {letter} is its default event, but the node {letter} has the event {on_text(node.on)}"
-            click.echo(visible(f"rvaft: warning: {said}"), err=True)
+            _warn(f"the letter {letter} is its default event, but the node {letter} has the event {on_text(node.on)}")
+        elif not any(match(relevant.pattern, {"event": letter}) is not None for relevant in tree.alphabet):
+            unknown.append(letter)
+    if unknown:
+        _warn(f"no node has the default event {listing(unknown, 'or')}")
     return Trace("word", [{"event": letter} for letter in letters])
+
+
+def _warn(said: str) -> None:
+    click.echo(visible(f"rvaft: warning: {said}"), err=True)
 
 
 def _trace(name: str, reads: Reads) -> Trace:

@@ -24,14 +24,25 @@ def write_whole(path: Path, data: bytes) -> None:
 
     What is no regular file (a device, a pipe) is written to as it is. Raises `OSError` with the path in it.
     """
-    target = path.resolve()
     try:
-        if target.exists() and not stat.S_ISREG(target.stat().st_mode):
-            target.write_bytes(data)
-            return
-        _replace(target, data)
+        if _in_place(path):
+            with path.open("wb") as stream:
+                stream.write(data)
+        else:
+            _replace(path.resolve(), data)
     except OSError as error:
         raise OSError(error.errno, f"cannot write: {error.strerror}", str(path)) from error
+
+
+def _in_place(path: Path) -> bool:
+    """Whether a path is written to and never replaced.
+
+    The links below /dev and /proc stand for open files, not for places in a folder: `/dev/stdout` and `/dev/fd/N` resolve
+    to names such as `pipe:[123]`, which nobody can open.
+    """
+    if path.exists() and not stat.S_ISREG(path.stat().st_mode):
+        return True
+    return path.absolute().parts[1:2] in (("dev",), ("proc",)) and path.is_symlink()
 
 
 def _replace(target: Path, data: bytes) -> None:

@@ -14,7 +14,7 @@ from rvaft.drawing.tree import tree_text
 from rvaft.language import dumps
 from rvaft.tree import RVAFT
 
-__all__ = ["Format", "dot_text", "draw", "format_of", "losses", "picture"]
+__all__ = ["SUFFIXES", "Format", "dot_text", "draw", "format_of", "losses", "picture"]
 
 
 class Format(StrEnum):
@@ -45,13 +45,14 @@ _TEXTS: Final[Mapping[Format, Callable[[RVAFT], str]]] = {
     Format.RVAFT: dumps,
 }
 _PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
-_SUFFIXES: Final[Mapping[str, Format]] = {
+SUFFIXES: Final[Mapping[str, Format]] = {
     ".txt": Format.TREE,
     ".gv": Format.DOT,
     ".tex": Format.TIKZ,
     ".dft": Format.GALILEO,
     **{f".{form}": form for form in Format if form is not Format.TREE},
 }
+"""The suffixes of file names and the formats that they suggest."""
 assert set(_TEXTS) | set(_PICTURES) == set(Format), "every format is written in one way"
 
 
@@ -64,4 +65,4 @@ def draw(tree: RVAFT, form: Format) -> bytes:
 
 def format_of(file: str) -> Format | None:
     """The format that the suffix of a file name suggests, if any."""
-    return _SUFFIXES.get(PurePath(file).suffix.lower())
+    return SUFFIXES.get(PurePath(file).suffix.lower())

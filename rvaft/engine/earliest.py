@@ -117,7 +117,7 @@ class Run:
     def _hear(self, gate: int, child: int, agenda: list[tuple[str, int]]) -> None:
         """A child of a gate is complete."""
         complete = self._completed[gate]
-        needed = self._needed(gate)
+        needed = self.plan.least(gate)
         if len(complete) == needed or self.choices.get(gate, child) != child:
             return  # it has all it needs already, or the child is not what it keeps
         complete[child] = None
@@ -125,15 +125,6 @@ class Run:
             agenda.append(("reached", gate))
         elif self.plan.gates[gate] in (Gate.SAND, Gate.SAND_RL):
             agenda.append(("start", self.plan.children[gate][len(complete)]))
-
-    def _needed(self, gate: int) -> int:
-        match self.plan.gates[gate]:
-            case Gate.OR:
-                return 1
-            case Gate.VOT:
-                return self.plan.thresholds[gate]
-            case _:
-                return len(self.plan.children[gate])
 
 
 class Earliest:
@@ -183,6 +174,10 @@ class Earliest:
             for node in self.run.begun:
                 self._waiting.setdefault(self._letter[node], {})[node] = None
         self.run.begun.clear()
+
+    def came(self, node: int) -> bool:
+        """Whether a node's own event, where it has one, came at any time."""
+        return self._log is None or not self.plan.own[node] or self._log.has(node)
 
     def match(self, choices: Mapping[int, int]) -> Run | None:
         """The run in which each `or` keeps the child chosen for it, if it detects too."""

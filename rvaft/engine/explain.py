@@ -60,8 +60,8 @@ def _lowest(tree: RVAFT, finder: Finder) -> tuple[Found, bool]:
     for name in reversed(or_gates(tree)):
         children = tree.nodes[name].children
         digit = children.index(found.kept[name][0]) if name in found.kept else 0
-        if digit and not finder.settled(name):
-            for lower in range(digit):
+        for lower in range(digit):
+            if finder.possible(name, children[lower]):
                 effort += len(tree.nodes)
                 if effort > EFFORT:
                     return found, False

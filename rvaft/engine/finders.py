@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 from rvaft.engine.configuration import Configuration
@@ -36,8 +37,8 @@ class Finder(Protocol):
     def find(self, choices: Mapping[str, str]) -> Found | None:
         """A match of a scenario in which each of these `or` gates, where it is reached, keeps the child chosen."""
 
-    def settled(self, gate: str) -> bool:
-        """Whether all matches certainly make one choice at an `or` gate."""
+    def possible(self, gate: str, child: str) -> bool:
+        """False only where certainly no match keeps this child of an `or` gate (or, if it is the first, does without the gate)."""
 
 
 def whole(tree: RVAFT) -> RVAFT:
@@ -77,14 +78,14 @@ class FollowedMatches:
                 return Found(steps, _scenario(matching, configuration))
         return None
 
-    def settled(self, gate: str) -> bool:
-        """With one match and no sharing: something below a child of the gate has been taken."""
-        strategy = self.strategy
-        node = self._number.get(gate)
-        if len(self.matches) > 1 or strategy.plan.core or node is None:
-            return False
-        flags = (strategy.matching.progress.flags(strategy.matches[0], child) for child in strategy.plan.children[node])
-        return any(flag & TOUCHED for flag in flags)
+    def possible(self, gate: str, child: str) -> bool:
+        """With one match and no sharing it is known what was taken below the gate."""
+        strategy, number = self.strategy, self._number
+        if len(self.matches) > 1 or strategy.plan.core or gate not in number or child not in number:
+            return True
+        match, progress = strategy.matches[0], strategy.matching.progress
+        touched = [node for node in strategy.plan.children[number[gate]] if progress.flags(match, node) & TOUCHED]
+        return not touched or number[child] in touched
 
 
 def _narrowed(tree: RVAFT, choices: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
@@ -145,15 +146,37 @@ class EarliestMatches:
         self.strategy = strategy
         origins = tree.origins
         self._names = [origins.get(name, name) for name in strategy.plan.names]
+        self._number = {name: node for node, name in enumerate(strategy.plan.names)}
 
     def find(self, choices: Mapping[str, str]) -> Found | None:
         """A match under choices."""
         run = self.strategy.match(dict(self._choices(choices)))
         return None if run is None else self._found(run)
 
-    def settled(self, gate: str) -> bool:  # noqa: ARG002 -- nothing is known without a run
-        """Never known beforehand."""
-        return False
+    def possible(self, gate: str, child: str) -> bool:
+        """What events never came decides; the first child also stands for not reaching the gate."""
+        node, kept = self._number.get(gate), self._number.get(child)
+        if node is None or kept is None:
+            return True
+        able, unavoidable = self._limits
+        is_first = self.strategy.plan.children[node][0] == kept
+        return kept in able or (is_first and node not in unavoidable)
+
+    @cached_property
+    def _limits(self) -> tuple[set[int], set[int]]:
+        """The nodes that some choices may make complete, given what came; and those without which the root is not."""
+        plan = self.strategy.plan
+        able: set[int] = set()
+        for node in range(len(plan.names) - 1, -1, -1):
+            count = sum(child in able for child in plan.children[node])
+            if count >= plan.least(node) and self.strategy.came(node) and not plan.dead >> node & 1:
+                able.add(node)
+        unavoidable = {plan.root}
+        for node, children in enumerate(plan.children):
+            candidates = [child for child in children if child in able]
+            if node in unavoidable and len(candidates) == plan.least(node):
+                unavoidable.update(candidates)
+        return able, unavoidable
 
     def _choices(self, choices: Mapping[str, str]) -> Iterator[tuple[int, int]]:
         """The choices in the numbers of the plan; -1 where a copy of a gate does not have the child."""

@@ -42,6 +42,10 @@ class Log:
                 self._own[node] = position
                 self._raise(node, position)
 
+    def has(self, node: int) -> bool:
+        """Whether an event was ever kept for a node's own occurrence."""
+        return node in self._own
+
     def _useful(self, node: int) -> bool:
         last = self._own.get(node)
         if last is None:

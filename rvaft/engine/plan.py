@@ -40,6 +40,16 @@ class Plan:
         """The root of the tree: the first node of the order."""
         return 0
 
+    def least(self, node: int) -> int:
+        """The least number of children that a scenario with a node keeps."""
+        match self.gates[node]:
+            case Gate.OR:
+                return 1
+            case Gate.VOT:
+                return self.thresholds[node]
+            case _:
+                return len(self.children[node])
+
     @cached_property
     def closed(self) -> int:
         """The nodes without a guard that waits for variables."""

@@ -130,18 +130,9 @@ class Search:
                 unfit = unfit or not configuration.closed >> node & 1
                 unfit = unfit or (self.plan.own[node] and not configuration.taken >> node & 1)
             count = sum(able >> child & 1 for child in self.plan.children[node])
-            if not unfit and count >= self._least(node):
+            if not unfit and count >= self.plan.least(node):
                 able |= 1 << node
         return able
-
-    def _least(self, node: int) -> int:
-        match self.plan.gates[node]:
-            case Gate.OR:
-                return 1
-            case Gate.VOT:
-                return self.plan.thresholds[node]
-            case _:
-                return len(self.plan.children[node])
 
     # -- the choices at one node --------------------------------------------------------------------------------
 

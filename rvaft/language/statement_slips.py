@@ -85,7 +85,8 @@ def _unknown_gate(at: Situation) -> Advice | None:
         return Advice(f"an attribute has an equals sign: {shown(at.bad.text)[1:-1]}=…", at.bad.start)
     known = meant(at.bad.text, (*GATES, *CLAUSES))
     mend = f"did you mean {known}?" if known else "the gates are or, and, sand, sand_rl and KofN (2of3)"
-    return Advice(f"unknown gate {shown(at.bad.text)}: {mend}", at.bad.start)
+    what = "word" if known in CLAUSES else "gate"
+    return Advice(f"unknown {what} {shown(at.bad.text)}: {mend}", at.bad.start)
 
 
 def _misspelt_word(at: Situation) -> Advice | None:

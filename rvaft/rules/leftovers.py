@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from rvaft.findings import Severity
+from rvaft.language.expressions import name_text
 from rvaft.rules.context import Context
 from rvaft.rules.rule import Report, Rule
 from rvaft.rules.words import did_you_mean
@@ -15,7 +16,8 @@ def undeclared(context: Context) -> Iterator[Report]:
     for node in tree.nodes.values():
         if not node.declared:
             guess = did_you_mean(node.name, declared)
-            message = f"child {node.name} is not declared; it observes its default event (write `{node.name};`){guess}"
+            mend = f"write `{name_text(node.name)};`"
+            message = f"child {node.name} is not declared; it observes its default event ({mend}){guess}"
             yield Report(node.place(), message, (node.name,))
 
 

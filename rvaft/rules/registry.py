@@ -58,7 +58,7 @@ class UnknownRule(RvaftError, KeyError):
 
     def __init__(self, code: str) -> None:
         self.code = code
-        close = get_close_matches(code, RULES, n=1)
+        close = get_close_matches(code.lower(), RULES, n=1)
         guess = f"; did you mean {close[0]}?" if close else f"; the rules are {', '.join(sorted(RULES))}"
         super().__init__(f"there is no rule {code}{guess}")
 

@@ -57,10 +57,11 @@ def test_large_trees(name: str, semantics: str) -> None:
     hash(monitor.state)
 
 
+@pytest.mark.parametrize("semantics", ["strict", "scattered"])
 @pytest.mark.parametrize("name", ["and", "vot", "or", "chain of sand, deepest first", "chain of or"])
-def test_large_trees_are_explained(name: str) -> None:
+def test_large_trees_are_explained(name: str, semantics: str) -> None:
     tree, word = DEEP_AND_WIDE[name]
-    monitor = Engine(tree, "strict")
+    monitor = Engine(tree, semantics)
     for letter in word:
         monitor.step({"event": letter})
     assert monitor.explanation is not None

@@ -107,7 +107,7 @@ def _word(word: str, tree: RVAFT) -> Trace:
         node = tree.nodes.get(letter)
         if node is not None and node.on is not None:
             _warn(f"the letter {letter} is its default event, but the node {letter} has the event {on_text(node.on)}")
-        elif not any(match(relevant.pattern, {"event": letter}) is not None for relevant in tree.alphabet):
+        elif not any(match(relevant.pattern, {"event": letter}, {}) is not None for relevant in tree.alphabet):
             unknown.append(letter)
     if unknown:
         _warn(f"no node has the default event {listing(unknown, 'or')}")

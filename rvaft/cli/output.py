@@ -26,7 +26,7 @@ def write_whole(path: Path, data: bytes) -> None:
     """
     try:
         if _in_place(path):
-            with path.open("wb") as stream:
+            with path.open("ab") as stream:  # what standard output holds already stays
                 stream.write(data)
         else:
             _replace(path.resolve(), data)

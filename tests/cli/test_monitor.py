@@ -220,3 +220,13 @@ def test_a_tree_of_very_many_event_types_is_summed_up(tmp_path: Path) -> None:
     assert "events read: 2; relevant: b7 1, 499 other types 0" in lines
     assert lines[-1] == "warning: 479 other types never seen"
     assert len(lines) < 30
+
+
+def test_letters_that_no_node_observes_are_named(tmp_path: Path) -> None:
+    result = run("monitor", SAND, "--word", "a q b z c q")
+    assert result.exit_code == 1
+    assert result.stderr == "rvaft: warning: no node has the default event q or z\n"
+    assert run("monitor", SAND, "--word", "a b c").stderr == ""
+    tree = tmp_path / "tree.rvaft"
+    tree.write_text("event named(x) = { event: x };\ntoplevel a;\na on named(X);\n")
+    assert run("monitor", tree, "--word", "q").stderr == ""

@@ -2,13 +2,14 @@
 
 import json
 import os
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from rvaft.cli import main
-from tests.cli.runs import PRUNED, TREES, failed, run
+from tests.cli.runs import COMMAND, PRUNED, TREES, failed, process, run
 from tests.test_traces import BAD
 
 SAND = TREES / "gates" / "sand.rvaft"
@@ -175,3 +176,70 @@ def test_json_lines_stay_json_whatever_the_words() -> None:
     assert result.exit_code == 0
     said = run("monitor", SAND, "-", "-", "--format", "jsonl", data='{"event": "\u2028\x9f"}').stdout
     assert [json.loads(line)["trace"] for line in said.splitlines()] == ["<stdin>"]
+
+
+# -- what was probably meant --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("wanted", "meant"), [("hoa", "automaton"), ("HOA", "automaton"), ("LTL", "ltlf"), ("rml-papr", "rml-paper")]
+)
+def test_a_backend_of_that_language_or_a_close_name_is_suggested(wanted: str, meant: str) -> None:
+    failed(run("emit", SAND, "--to", wanted), wanted, "known: ", f"did you mean {meant}?")
+    failed(run("monitor", SAND, "--word", "a", "--backend", wanted), f"did you mean {meant}?")
+
+
+def test_an_unknown_suffix_is_no_format(tmp_path: Path) -> None:
+    target = tmp_path / "x.jpg"
+    failed(run("show", SAND, "-o", target), ".jpg", ".svg", ".rvaft", "--format")
+    assert list(tmp_path.iterdir()) == []
+    assert run("show", SAND, "--format", "dot", "-o", target).exit_code == 0
+    assert target.read_text().startswith("digraph")
+
+
+@pytest.mark.parametrize("line", ["[1]", "1", "null", "a: 1", "", '{"a":'])
+def test_a_line_that_is_no_object_is_told_what_a_trace_is(line: str) -> None:
+    data = line.encode() or b"\xff"
+    failed(run("monitor", SAND, data=data), "<stdin>:1: not ", "a trace has one JSON object per line")
+
+
+@pytest.mark.parametrize(("tree", "shown"), [("", "''"), ("nowhere.rvaft", "nowhere.rvaft")])
+def test_a_file_that_cannot_be_read_has_no_line(tree: str, shown: str) -> None:
+    result = run("check", tree)
+    failed(result)
+    assert result.stderr.startswith(f"rvaft: error: {shown}: cannot read the file: ")
+
+
+def test_a_code_in_capitals_is_suggested_in_small_letters() -> None:
+    failed(run("explain", "CYCLE"), "there is no rule CYCLE; did you mean cycle?")
+
+
+# -- outputs that are no regular files ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+@pytest.mark.parametrize("target", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
+def test_an_open_pipe_is_written_to(writer: str, target: str) -> None:
+    result = process(*WRITERS[writer], "-o", target)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout == run(*WRITERS[writer]).stdout
+
+
+def test_an_open_file_is_written_to_and_not_replaced(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    with target.open("wb") as stream:
+        stream.write(b"before\n")
+        stream.flush()
+        subprocess.run([*COMMAND, "show", str(SAND), "-o", "/dev/stdout"], stdout=stream, check=True, timeout=60)
+    assert target.read_text(encoding="utf-8") == "before\n" + run("show", SAND).stdout
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_named_pipe_is_written_to(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", str(pipe)], stdout=subprocess.PIPE, encoding="utf-8") as reader:
+        assert run("show", SAND, "-o", pipe).exit_code == 0
+        assert reader.communicate(timeout=60)[0] == run("show", SAND).stdout
+    assert pipe.is_fifo()

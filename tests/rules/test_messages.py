@@ -40,6 +40,12 @@ def lines(text: str) -> list[str]:
         ("top and a b;\na;\nb;\nprune valv;\n", "cannot prune valv: no statement mentions it"),
         ("toplevel top;\ntop and a b;\na;\nb;\nprune top;\n", "cannot prune top: it is the root [prune]"),
         ("top and g b;\ng or a;\na;\nb;\nprune a;\n", "the gate g would have no child left; prune g too [prune]"),
+        (
+            'toplevel top; top or "a b" c;\nc;\n',
+            'child a b is not declared; it observes its default event (write `"a b";`)',
+        ),
+        ('toplevel top; top or "and" c;\nc;\n', '(write `"and";`)'),
+        ("toplevel top; top or a c;\nc;\n", "(write `a;`)"),
         ("top and pump valve;\npump;\nvalv;\ntoplevel top;\n", "child valve is not declared"),
         (
             READING + "top and s h;\ns 2of3 a b c;\na on reading(Value);\nb;\nc;\nh when Value > 1;\n",

@@ -53,10 +53,10 @@ class Log:
         if not self.plan.top_down and any(self._latest.get(child, 0) >= last for child in self.plan.children[node]):
             return True
         for gate, slot in self.starts.chain(node):
-            if slot == 0:
-                if self._own.get(gate, 0) >= last:
-                    return True
-            elif any(self._latest.get(elder, 0) >= last for elder in self.plan.children[gate][:slot]):
+            # a later child of an ordered gate comes after the gate's own event too, whatever stands between: it may be silent
+            if self.plan.top_down and self._own.get(gate, 0) >= last:
+                return True
+            if any(self._latest.get(elder, 0) >= last for elder in self.plan.children[gate][:slot]):
                 return True
         return False
 

@@ -46,6 +46,14 @@ OWN = [
 ]  # fmt: skip
 
 
+def test_an_event_after_a_gate_and_a_silent_child_is_kept_for_the_explanation() -> None:
+    """An `a` before the gate's own event must not stand for the one after it."""
+    tree = language.loads(E + 'top or g z; g sand h a d on e("b"); h when 1 < 2; a; d; z;')
+    trace = [{"event": word} for word in ["a", "b", "a", "d"]]
+    compare(tree, trace, "scattered")
+    compare(tree, trace, "scattered", branch=1)
+
+
 @pytest.mark.parametrize("case", [*CASES, *OWN], ids=lambda case: case.name)
 def test_case(case: Case) -> None:
     tree = language.loads(case.tree)

@@ -9,16 +9,19 @@ backend. A refusal (`NotExpressible`) and a text that would be too large (`TooLa
 from failures; a refusal of what the caller requires is one. Where a tool is missing, `ToolMissing` goes through to the caller.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice, product
 from random import Random
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from backends.conformance_trees import Example, examples
-from rvaft.backend import Backend, Specification
+from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
+from rvaft.guards import holds
+from rvaft.guards import variables as guard_variables
 from rvaft.monitors import Monitor
+from rvaft.patterns import match, variables
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Semantics, Verdict
@@ -28,6 +31,9 @@ Required: TypeAlias = Callable[[Example, Semantics], bool]
 Trace: TypeAlias = Sequence[Json]
 
 NOISE: Json = {"nothing": "of interest"}
+
+VARIANTS: Final = 48
+"""So many events are held against what a backend says it observes."""
 
 
 def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
@@ -127,6 +133,32 @@ def _traces(example: Example, most: int, random: Random) -> Iterator[Trace]:
         yield shuffled
 
 
+def _variants(traces: Sequence[Trace]) -> list[Json]:
+    """The events of some traces, each also with one more field, with one less, and with other values."""
+    found: dict[str, Json] = {}
+    for event in (NOISE, *(event for trace in traces for event in trace)):
+        changed = [event, {**event, "one more": 1}]
+        for name in event:
+            changed.append({other: value for other, value in event.items() if other != name})
+            changed += [{**event, name: value} for value in ("another", 7, [7])]
+        found.update((repr(one), one) for one in changed)
+    return list(found.values())[:: 1 + len(found) // VARIANTS]
+
+
+def _answer(question: Observed, event: Json) -> object:
+    """Whether an event matches and the guard holds; where other events share variables, the values that it gives them."""
+    binding = match(question.pattern, event, {})
+    names = [*variables(question.pattern), *(() if question.when is None else guard_variables(question.when))]
+    if binding is None or any(not name.startswith("_") for name in names):
+        return None if binding is None else tuple((name, repr(value)) for name, value in binding.items())
+    return question.when is None or (set(names) <= binding.keys() and holds(question.when, binding))
+
+
+def _effect(monitor: Monitor, event: Json) -> tuple[Verdict, Hashable]:
+    after = monitor.fork()
+    return after.step(event), after.state
+
+
 @dataclass(frozen=True, slots=True)
 class _Check:
     """The checks of one tree under one semantics."""
@@ -166,6 +198,7 @@ class _Check:
         self._self_contained(specification, traces[:5])
         self._independent(specification, traces[:5])
         self._states(specification, traces)
+        self._observed(specification, traces)
 
     def _repeatable(self, specification: Specification) -> None:
         again = self.backend.translate(self.example.tree, self.semantics)
@@ -225,6 +258,27 @@ class _Check:
                 if self._after(specification, known, futures) != self._after(specification, trace[:position], futures):
                     self._fail("state", f"the state is that after {list(known)}, the future is not", trace[:position])
                     return
+
+    def _observed(self, specification: Specification, traces: Sequence[Trace]) -> None:
+        """Where the backend says what a text asks of events, events with equal answers have equal effects."""
+        questions = self.backend.observed(specification.text)
+        if questions is None:
+            return
+        groups: dict[tuple[object, ...], list[Json]] = {}
+        for event in _variants(traces):
+            groups.setdefault(tuple(_answer(question, event) for question in questions), []).append(event)
+        alike = [group for group in groups.values() if len(group) > 1]
+        for trace in traces[-3:]:
+            for position in (0, len(trace) // 3, len(trace) // 2):
+                monitor = specification.monitor()
+                list(monitor.run(trace[:position]))
+                for first, *others in alike:
+                    wanted = _effect(monitor, first)
+                    for other in others:
+                        if _effect(monitor, other) != wanted:
+                            what = f"{other} has another effect than {first}, and the same answers"
+                            self._fail("observed", what, trace[:position])
+                            return
 
     @staticmethod
     def _after(specification: Specification, prefix: Trace, futures: Sequence[Trace]) -> list[list[Verdict]]:

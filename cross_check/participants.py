@@ -1,18 +1,23 @@
 """Who takes part in a comparison: the reference, the engine, and the text of each backend run by its own reader."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
-from rvaft.backend import Specification, all_backends, backend
+from cross_check.sizes import SCENARIOS, most_scenarios
+from rvaft.backend import Observed, Specification, all_backends, backend
 from rvaft.engine import engine
 from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
+from rvaft.guards import Guard, Operation
 from rvaft.model import Kind
 from rvaft.monitors import Monitor
+from rvaft.patterns import Pattern, Variable, substitute
+from rvaft.patterns import variables as pattern_variables
 from rvaft.restrict import restrict
 from rvaft.semantics import Reference
 from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.values import Json
+from rvaft.verdict import Semantics, Verdict
 
 REFERENCE: Final = "reference"
 ENGINE: Final = "engine"
@@ -20,11 +25,38 @@ ENGINE: Final = "engine"
 
 @dataclass(frozen=True, slots=True)
 class Participant:
-    """Somebody who gives verdicts; `start` makes a fresh monitor."""
+    """Somebody who gives verdicts; `start` makes a fresh monitor.
+
+    `observed` is all that it asks of events, None where nobody knows; `specification` is there for the text of a backend.
+    """
 
     name: str
     start: Callable[[], Monitor]
     specification: Specification | None = None
+    observed: tuple[Observed, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a program of others says of one trace.
+
+    `verdicts` has one verdict for each event; it is None where the program could not run, which `error` then explains.
+    `deviations` names the known deviations of the program that can show on this trace: where there are any and it says something
+    else, that says nothing about the text.
+    """
+
+    verdicts: tuple[Verdict, ...] | None = None
+    error: str = ""
+    deviations: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """A program of others, which answers many whole traces at once; `answers` raises what `Absent` can hold."""
+
+    name: str
+    answers: Callable[[Sequence[Sequence[Json]]], Sequence[Answer]]
+    specification: Specification
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +81,33 @@ class Absent:
 
 
 def faithful_backends() -> tuple[str, ...]:
-    """The backends whose texts should mean the tree."""
-    return tuple(name for name in all_backends() if backend(name).faithful)
+    """The backends whose texts should mean the tree, each in one form."""
+    return tuple(name for name in all_backends() if (found := backend(name)).faithful and found.form_of is None)
+
+
+def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
+    """What the meaning of a tree asks of events: its runtime events, its alphabet, and what it ignores."""
+    patterns = (tree.pattern(name) for name in tree.occurrences)
+    served = [Observed(pattern) for pattern in patterns if pattern is not None]
+    relevant = [Observed(*_own(entry.pattern, entry.when)) for entry in tree.alphabet]
+    ignored = [Observed(*_own(tree.instantiate(ignore.on), ignore.when)) for ignore in tree.ignores]
+    return tuple(dict.fromkeys([*served, *relevant, *ignored]))
+
+
+def _own(pattern: Pattern, when: Guard | None) -> tuple[Pattern, Guard | None]:
+    """The same question with variables of its own: some value each, whatever they are elsewhere."""
+    by = {name: Variable(f"_{name}") for name in pattern_variables(pattern) if not name.startswith("_")}
+    return substitute(pattern, dict(by)), None if when is None else _renamed(when, by)
+
+
+def _renamed(guard: Guard, by: dict[str, Variable]) -> Guard:
+    match guard:
+        case Variable(name):
+            return by.get(name, guard)
+        case Operation(_, operands):
+            return replace(guard, operands=tuple(_renamed(operand, by) for operand in operands))
+        case _:
+            return guard
 
 
 def enlist(
@@ -63,16 +120,42 @@ def enlist(
 ) -> list[Participant | Absent]:
     """The reference, the engine and the backends (all faithful ones unless named), for a tree or a part of it."""
     part = restrict(tree, branch=branch, kind=kind)
-    found: list[Participant | Absent] = [
-        Participant(REFERENCE, lambda: Reference(tree, semantics, branch=branch, kind=kind)),
-        Participant(ENGINE, lambda: engine(part, semantics)),
-    ]
-    for name in faithful_backends() if backends is None else backends:
-        try:
-            specification = backend(name).translate(part, semantics)
-            specification.monitor()
-        except RvaftError as error:
-            found.append(Absent(name, error))
-        else:
-            found.append(Participant(name, specification.monitor, specification))
-    return found
+    names = faithful_backends() if backends is None else backends
+    found = [reference_of(tree, semantics, branch=branch, kind=kind), engine_of(part, semantics)]
+    return [*found, *(translated(name, part, semantics) for name in names)]
+
+
+def engine_of(part: RVAFT, semantics: Semantics) -> Participant | Absent:
+    """The monitor that people run."""
+    try:
+        first = engine(part, semantics)
+    except RvaftError as error:
+        return Absent(ENGINE, error)
+    return Participant(ENGINE, first.fork, observed=observed_by(part))
+
+
+def reference_of(
+    tree: RVAFT, semantics: Semantics, *, name: str = REFERENCE, branch: int | None = None, kind: Kind | None = None
+) -> Participant | Absent:
+    """The definition at work; absent where there are too many scenarios to try them all."""
+    scenarios = most_scenarios(tree)
+    if scenarios > SCENARIOS:
+        return Absent(name, TooLarge(f"about {scenarios:.0e} scenarios to try one by one", limit=SCENARIOS))
+    try:
+        first = Reference(tree, semantics, branch=branch, kind=kind)
+    except RvaftError as error:
+        return Absent(name, error)
+    observed = observed_by(restrict(tree, branch=branch, kind=kind))
+    return Participant(name, first.fork, observed=observed)
+
+
+def translated(name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Participant | Absent:
+    """The text of one backend, run by its own reader; `limit` is that of the translation, None the backend's own."""
+    try:
+        language = backend(name)
+        specification = language.translate(part, semantics, limit=limit)
+        first = specification.monitor()
+        observed = language.observed(specification.text)
+    except RvaftError as error:
+        return Absent(name, error)
+    return Participant(name, first.fork, specification, observed)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         ToolMissing,
         TraceError,
         TreeError,
+        WrongType,
     )
     from rvaft.findings import Finding, Severity
     from rvaft.language import dumps, load, loads
@@ -60,6 +61,7 @@ __all__ = [
     "TreeError",
     "UnknownBackend",
     "Verdict",
+    "WrongType",
     "__version__",
     "all_backends",
     "dumps",
@@ -83,6 +85,7 @@ _NAMES: Final = {
         "TooLarge",
         "TraceError",
         "TreeError",
+        "WrongType",
     ),
     "rvaft.findings": ("Finding", "Severity"),
     "rvaft.language": ("dumps", "load", "loads"),

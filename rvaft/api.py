@@ -4,17 +4,20 @@
 """
 
 from enum import StrEnum
-from typing import TypeVar
+from types import UnionType
+from typing import Final, TypeVar
 
 from rvaft.backend import Specification, backend
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
-from rvaft.errors import OptionError
+from rvaft.errors import OptionError, WrongType
 from rvaft.model import Kind
 from rvaft.monitors import Monitor
 from rvaft.restrict import restrict
 from rvaft.rules import require_valid
 from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
+
+_TREE: Final = "an RVAFT, as rvaft.load returns it"
 
 Choice = TypeVar("Choice", bound=StrEnum)
 
@@ -31,8 +34,12 @@ def translate(
     """The tree as a specification; `language` names a backend.
 
     Raises `UnknownBackend`, `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind,
-    `NotExpressible` where the language cannot say it, and `TooLarge` beyond the limit (None is the backend's own).
+    `NotExpressible` where the language cannot say it, `TooLarge` beyond the limit (None is the backend's own), and `WrongType`.
     """
+    _expect("tree", tree, RVAFT, _TREE)
+    _expect("language", language, str, "a str, the name of a backend")
+    _expect("branch", branch, int | None, "an int")
+    _expect("limit", limit, int | None, "an int")
     return backend(language).translate(narrowed(tree, branch, kind), one_of(Semantics, semantics), limit=limit)
 
 
@@ -46,10 +53,18 @@ def monitor(
 ) -> Monitor:
     """A fresh monitor of the tree; `limit` bounds the partial matches that it follows.
 
-    Raises `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind, and, when it
+    Raises `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind, `WrongType`, and, when it
     reads events too, `TooLarge`.
     """
+    _expect("tree", tree, RVAFT, _TREE)
+    _expect("branch", branch, int | None, "an int")
+    _expect("limit", limit, int, "an int")
     return Engine(narrowed(tree, branch, kind), one_of(Semantics, semantics), limit=limit)
+
+
+def _expect(name: str, value: object, kind: type | UnionType, expected: str) -> None:
+    if not isinstance(value, kind):
+        raise WrongType(name, value, expected)
 
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:

@@ -6,15 +6,18 @@ Built-in and third-party backends are found the same way: the entry-point group 
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import ClassVar
 
-from rvaft.errors import RvaftError
+from rvaft.errors import OptionError, RvaftError
+from rvaft.guards import Guard
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
 from rvaft.tree import RVAFT
+from rvaft.values import Json
 from rvaft.verdict import Semantics
 
 GROUP = "rvaft.backends"
@@ -49,6 +52,17 @@ class Specification:
         return self.reader(self.text)
 
 
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """One thing that a text asks of an event: to match a pattern, for some values of its variables under which the guard holds.
+
+    Variables that start with `_` are this question's own; any other ties several events together.
+    """
+
+    pattern: Pattern
+    when: Guard | None = None
+
+
 class Backend(ABC):
     """One specification language. Capabilities are class attributes, looked at before anything is emitted."""
 
@@ -57,6 +71,10 @@ class Backend(ABC):
     suffix: ClassVar[str]
     faithful: ClassVar[bool] = True
     """Whether the text means the tree; an unfaithful backend is left out of comparisons unless named."""
+    form_of: ClassVar[str | None] = None
+    """The backend whose texts these are in another form, if any; left out of comparisons unless named, as they say nothing new."""
+    tools: ClassVar[tuple[str, ...]] = ()
+    """Programs of others by which `read_with` can run a text as well."""
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     default_limit: ClassVar[int]
     """The size (in the unit the backend documents) above which `translate` raises `TooLarge`."""
@@ -76,7 +94,31 @@ class Backend(ABC):
         A language whose texts always define their events ignores it.
         """
 
+    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
+        """Everything that a text asks of events: two events with the same answers are the same to it.
 
+        A proof of agreement needs this to know the letters. None, the default, says that it is not known, and the text is
+        only tested. Raises `LanguageError` as `read` does.
+        """
+        return None
+
+    def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
+        """A monitor that runs a text by one of `tools` and not by this project's own reader.
+
+        Raises `ToolMissing`, `ToolFailed`, `NotExpressible` for what the tool has no notion of, `TooLarge` for what is too much
+        for it, `LanguageError` as `read` does, and `OptionError` for a tool that is none of these.
+        """
+        raise OptionError(f"no tool {tool} runs {self.language}; known: {', '.join(self.tools) or 'none'}")
+
+    def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:  # noqa: ARG002
+        """Why the published tools of the language may differ from what `read` says of this text on this trace, in a few words each.
+
+        These are known deviations of those tools; a comparison with them leaves such a pair out. Raises `LanguageError`.
+        """
+        return ()
+
+
+@cache
 def all_backends() -> Mapping[str, EntryPoint]:
     """Every registered backend by name, without importing any."""
     return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name)}

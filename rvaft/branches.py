@@ -6,19 +6,18 @@ the branch does not reach has digit 0. The search goes from the slowest digit to
 digits above 0 force upon the gates nearer the root, so it never enters a dead end.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
+from typing import Final, NamedTuple
 
 from rvaft.errors import TooLarge, TreeError
 from rvaft.formulas import TEXT, formula, write
 from rvaft.model import Gate, Kind
-from rvaft.tree import RVAFT
+from rvaft.tree import RVAFT, reachable
 
 DEFAULT_LIMIT = 20_000
-
-Digits = dict[int, int]
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class Branch:
     @cached_property
     def nodes(self) -> tuple[str, ...]:
         """Its nodes, parents before children."""
-        kept = _kept(self.tree, self.choices)
+        kept = set(reachable(self.tree.root, self.children))
         return tuple(name for name in self.tree.order if name in kept)
 
     @cached_property
@@ -53,18 +52,19 @@ class Branch:
 def branches(tree: RVAFT) -> Iterator[Branch]:
     """All branches of a tree in the order of their numbers, from 1; lazily, since there may be very many."""
     search = _Search(tree)
-    for number, digits in enumerate(search.vectors(), 1):
+    for number, digits in enumerate(search.branches(), 1):
         yield Branch(tree, number, search.choices(digits))
 
 
 def branch(tree: RVAFT, number: int) -> Branch:
     """The branch of that number; raises `TreeError` where there is none."""
-    found = next(islice(branches(tree), number - 1, None), None) if number >= 1 else None
-    if found is None:
-        count = sum(1 for _ in islice(branches(tree), max(number, 0)))
-        has = f"has {count}" if number >= 1 else "counts them from 1"
-        raise TreeError(f"there is no branch {number}: the tree {has}", rule="no-branch")
-    return found
+    search = _Search(tree)
+    count = 0
+    for count, digits in enumerate(islice(search.branches(), max(number, 0)), 1):
+        if count == number:
+            return Branch(tree, number, search.choices(digits))
+    has = f"has {count}" if number >= 1 else "counts them from 1"
+    raise TreeError(f"there is no branch {number}: the tree {has}", rule="no-branch")
 
 
 def number_of(
@@ -79,90 +79,135 @@ def number_of(
     return None
 
 
-def _kept(tree: RVAFT, choices: Mapping[str, str]) -> frozenset[str]:
-    kept: set[str] = set()
-    agenda = [tree.root]
-    while agenda:
-        name = agenda.pop()
-        if name not in kept:
-            kept.add(name)
-            agenda.extend((choices[name],) if name in choices else tree.nodes[name].children)
-    return frozenset(kept)
+class _Digits(NamedTuple):
+    """The digits of some gates: every gate has a bit per child, of which `bits` holds the one of the child it keeps.
+
+    Integers, so that comparing the digits of all gates is one step.
+    """
+
+    bits: int
+    gates: int
+    """All the bits of those gates."""
+
+    def agree(self, other: "_Digits") -> bool:
+        """Whether no gate has one digit here and another there."""
+        return self.bits & other.gates == other.bits & self.gates
+
+    def join(self, other: "_Digits") -> "_Digits":
+        """The digits here and there."""
+        return _Digits(self.bits | other.bits, self.gates | other.gates)
+
+
+_NONE: Final = _Digits(0, 0)
 
 
 class _Search:
-    """The enumeration of digit vectors for one tree."""
+    """The enumeration of the digits of all branches of one tree.
+
+    A *way* is the digits of the gates on a path from the root to a node, or on one path to each gate whose digit is above 0:
+    a gate with a digit there is reached.
+    """
 
     def __init__(self, tree: RVAFT) -> None:
         self.tree = tree
         self.gates = [name for name in _breadth_first(tree) if tree.nodes[name].gate is Gate.OR]
-        self.position = {name: index for index, name in enumerate(self.gates)}
+        self._first: dict[str, int] = {}
+        self._all: dict[str, int] = {}
+        width = 0
+        for name in self.gates:
+            children = len(tree.nodes[name].children)
+            self._first[name], self._all[name] = width, (1 << children) - 1 << width
+            width += children
+        self._ways = {tree.root: [_NONE]}
 
-    def choices(self, digits: Digits) -> dict[str, str]:
-        """The choices of the `or` gates that a vector reaches."""
-        picked = {name: self.tree.nodes[name].children[digits[i]] for i, name in enumerate(self.gates)}
-        kept = _kept(self.tree, picked)
-        return {name: child for name, child in picked.items() if name in kept}
+    def choices(self, digits: int) -> dict[str, str]:
+        """The choices of the `or` gates that a branch reaches."""
 
-    def vectors(self) -> Iterator[Digits]:
-        """All vectors that are branches, the last gate's digit varying slowest."""
+        def kept(name: str) -> tuple[str, ...]:
+            children = self.tree.nodes[name].children
+            if name not in self._first:
+                return children
+            own = (digits & self._all[name]) >> self._first[name]
+            return (children[own.bit_length() - 1],)
+
+        return {name: kept(name)[0] for name in reachable(self.tree.root, kept) if name in self._first}
+
+    def branches(self) -> Iterator[int]:
+        """The digits of all branches in the order of their numbers: the last gate's varies slowest."""
         if not self.gates:
-            yield {}
+            yield 0
             return
-        digits: Digits = {}
-        # One level per gate, slowest first: the options left there, and the sets of forced digits that each leads to.
-        levels = [self._options(len(self.gates) - 1, digits, [{}])]
+        # One level per gate, slowest first: its digits that are left, each with the digits so far and the ways they need.
+        levels = [self._options(self.gates[-1], _NONE, [_NONE])]
         while levels:
-            index = len(self.gates) - len(levels)
-            step = next(levels[-1], None)
-            digits.pop(index, None)
-            if step is None:
+            option = next(levels[-1], None)
+            if option is None:
                 levels.pop()
-                continue
-            digits[index], forced = step
-            if index == 0:
-                yield dict(digits)
+            elif len(levels) == len(self.gates):
+                yield option[0].bits
             else:
-                levels.append(self._options(index - 1, digits, forced))
+                levels.append(self._options(self.gates[-1 - len(levels)], *option))
 
-    def _options(self, index: int, digits: Digits, forced: list[Digits]) -> Iterator[tuple[int, list[Digits]]]:
-        for digit in range(len(self.tree.nodes[self.gates[index]].children)):
-            allowed = [way for way in forced if way.get(index, digit) == digit]
-            if digit and allowed:
-                above = {i: d for i, d in digits.items() if i > index} | {index: digit}
-                allowed = [
-                    merged
-                    for way in allowed
-                    for context in self._contexts(self.gates[index])
-                    if (merged := _merge(way, context)) is not None and _merge(merged, above) is not None
-                ]
+    def _options(self, gate: str, slower: _Digits, ways: list[_Digits]) -> Iterator[tuple[_Digits, list[_Digits]]]:
+        """The digits that a gate can have when the slower ones are given, and the ways left then, at least one."""
+        group = self._all[gate]
+        lowest = 1 << self._first[gate]
+        possible = 0
+        for way in ways:
+            possible |= way.bits & group or group
+        while possible:
+            bit = possible & -possible
+            possible ^= bit
+            digit = _Digits(bit, group)
+            allowed = [way for way in ways if way.agree(digit)]
+            if bit != lowest:  # The gate must be reached, as it is where a way goes through it.
+                allowed = self._reaching(gate, slower, allowed)
             if allowed:
-                yield digit, allowed
+                yield slower.join(digit), allowed
 
-    def _contexts(self, name: str) -> list[Digits]:
-        """The ways to reach a gate: each the digits of the `or` gates on one path from the root."""
-        ways: list[Digits] = []
-        agenda: list[tuple[str, Digits]] = [(name, {})]
-        while agenda:
-            node, context = agenda.pop()
-            if node == self.tree.root and context not in ways:
-                ways.append(context)
-            for parent in self.tree.parents(node):
-                position = self.position.get(parent)
-                if position is None:
-                    agenda.append((parent, context))
-                else:
-                    digit = self.tree.nodes[parent].children.index(node)
-                    agenda.append((parent, context | {position: digit}))
-            if len(ways) > DEFAULT_LIMIT or len(agenda) > DEFAULT_LIMIT:
-                raise TooLarge(f"ways to reach {name}", limit=DEFAULT_LIMIT)
-        return ways
+    def _reaching(self, gate: str, slower: _Digits, ways: list[_Digits]) -> list[_Digits]:
+        """The ways extended so that they also reach a gate."""
+        group = self._all[gate]
+        there = [way for way in ways if way.gates & group]
+        if len(there) == len(ways):
+            return there
+        paths = [path for path in self._paths(gate) if path.agree(slower)]
+        extended = (way.join(path) for way in ways if not way.gates & group for path in paths if way.agree(path))
+        return _shortest([*there, *extended], gate)
+
+    def _paths(self, name: str) -> list[_Digits]:
+        """The ways to reach a node."""
+        todo = [name]
+        while todo:
+            node = todo[-1]
+            parents = self.tree.parents(node)
+            unknown = [parent for parent in parents if parent not in self._ways]
+            todo += unknown
+            if not unknown:
+                paths = (self._step(parent, node, way) for parent in parents for way in self._ways[parent])
+                self._ways.setdefault(node, _shortest(paths, node))
+                todo.pop()
+        return self._ways[name]
+
+    def _step(self, parent: str, child: str, way: _Digits) -> _Digits:
+        if parent not in self._first:
+            return way
+        place = self._first[parent] + self.tree.nodes[parent].children.index(child)
+        return way.join(_Digits(1 << place, self._all[parent]))
 
 
-def _merge(left: Digits, right: Digits) -> Digits | None:
-    if any(right.get(index, digit) != digit for index, digit in left.items()):
-        return None
-    return left | right
+def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
+    """The ways that no other one is a part of; raises `TooLarge`."""
+    found: dict[_Digits, None] = {}
+    for way in ways:
+        found[way] = None
+        if len(found) > DEFAULT_LIMIT:
+            raise TooLarge(f"ways to reach {name}", limit=DEFAULT_LIMIT)
+    least: list[_Digits] = []
+    for way in sorted(found, key=lambda way: way.bits.bit_count()):
+        if not any(part.bits & way.bits == part.bits for part in least):
+            least.append(way)
+    return least
 
 
 def _breadth_first(tree: RVAFT) -> list[str]:

@@ -94,5 +94,14 @@ class ToolFailed(RvaftError, RuntimeError):
         super().__init__(f"{tool} failed: {reason}")
 
 
+class WrongType(RvaftError, TypeError):
+    """An argument is of a type that it cannot have."""
+
+    def __init__(self, what: str, value: object, expected: str) -> None:
+        self.value = value
+        self.expected = expected
+        super().__init__(f"{what} must be {expected}, not {type(value).__name__}")
+
+
 class OptionError(RvaftError, ValueError):
     """An option has a value that is none of those it can have, or two options contradict each other."""

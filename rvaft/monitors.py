@@ -2,7 +2,9 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass
+from typing import Self
 
 from rvaft.errors import TraceError
 from rvaft.model import Kind
@@ -49,6 +51,13 @@ class Monitor(ABC):
     def run(self, events: Iterable[Json]) -> Iterator[Verdict]:
         """The verdict after each event in turn."""
         return (self.step(event) for event in events)
+
+    def fork(self) -> Self:
+        """An independent monitor that has read the same events.
+
+        A subclass that changes its parts in place, instead of replacing them, copies those here.
+        """
+        return copy(self)
 
     @abstractmethod
     def _advance(self, event: Json) -> Verdict:

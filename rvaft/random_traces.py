@@ -62,9 +62,9 @@ def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
     event = fitting(random, random.choice(patterns), values)
     if dice < 0.25:
         event = {**event, **fitting(random, random.choice(patterns), values)}
-    elif dice < 0.35:
+    elif dice < 0.35 and event:
         event.pop(random.choice(sorted(event)))
-    elif dice < 0.45:
+    elif 0.35 <= dice < 0.45 and event:
         event[random.choice(sorted(event))] = random.choice(values)
     return event
 

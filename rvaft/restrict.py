@@ -13,7 +13,7 @@ import networkx as nx
 from rvaft.branches import branch as branch_of
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model import Gate, Kind, Node
-from rvaft.tree import RVAFT, Whole
+from rvaft.tree import RVAFT, Whole, reachable
 
 DEFAULT_LIMIT = 1_000
 
@@ -63,17 +63,13 @@ def _union(tree: RVAFT, ways: list[Allowed], branch: int | None, kind: Kind | No
 
 
 def _part(tree: RVAFT, allowed: Allowed) -> list[Node]:
-    """The nodes that stay reachable, with the children that are allowed."""
-    kept: dict[str, Node] = {}
-    agenda = [tree.root]
-    while agenda:
-        name = agenda.pop()
-        if name not in kept:
-            node = tree.nodes[name]
-            children = tuple(child for child in node.children if child in allowed.get(name, node.children))
-            kept[name] = replace(node, children=children)
-            agenda.extend(reversed(children))
-    return list(kept.values())
+    """The nodes reached through the allowed children, with these children only."""
+
+    def kept(name: str) -> tuple[str, ...]:
+        children = tree.nodes[name].children
+        return tuple(child for child in children if child in allowed[name]) if name in allowed else children
+
+    return [replace(tree.nodes[name], children=kept(name)) for name in reachable(tree.root, kept)]
 
 
 def _copy(name: str, number: int) -> str:

@@ -4,11 +4,11 @@ The constructor checks what makes a structure a tree at all (every `_check_*` on
 `rvaft.rules`. Questions about the graph are asked of networkx.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import networkx as nx
 
@@ -72,24 +72,19 @@ class RVAFT:
         self.graph = _graph(self.nodes)
         _check_acyclic(self.graph)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        parts = self.root, tuple(self.nodes.values()), tuple(self.events.values())
+        return _rebuilt, (parts, {"ignores": self.ignores, "causality": self.causality, "part_of": self.part_of})
+
     # -- order and structure ------------------------------------------------------------------------------------
 
     @cached_property
     def order(self) -> tuple[str, ...]:
         """The nodes reachable from the root, parents before children, in a stable order."""
         seen = {self.root} | nx.descendants(self.graph, self.root)
-        rank = {name: index for index, name in enumerate(self._preorder())}
+        preorder = reachable(self.root, lambda name: self.nodes[name].children)
+        rank = {name: index for index, name in enumerate(preorder)}
         return tuple(nx.lexicographical_topological_sort(self.graph.subgraph(seen), key=rank.__getitem__))
-
-    def _preorder(self) -> Iterator[str]:
-        seen: set[str] = set()
-        todo = [self.root]
-        while todo:
-            name = todo.pop()
-            if name not in seen:
-                seen.add(name)
-                yield name
-                todo.extend(reversed(self.nodes[name].children))
 
     def top_down(self) -> Iterator[Node]:
         """The reachable nodes, parents before children."""
@@ -225,6 +220,18 @@ class RVAFT:
         return f"<RVAFT {self.root}: {len(self.nodes)} nodes>"
 
 
+def reachable(start: str, children: Callable[[str], Sequence[str]]) -> Iterator[str]:
+    """The nodes that these children lead to, the first one included, each once, in preorder."""
+    seen: set[str] = set()
+    todo = [start]
+    while todo:
+        name = todo.pop()
+        if name not in seen:
+            seen.add(name)
+            yield name
+            todo.extend(reversed(children(name)))
+
+
 def _graph(nodes: Mapping[str, Node]) -> nx.DiGraph:
     graph = nx.DiGraph()
     graph.add_nodes_from((name, {"node": node}) for name, node in nodes.items())
@@ -239,6 +246,10 @@ def _check_parameters(event: EventType) -> None:
             raise TreeError(
                 f"parameter {parameter} of event {event.name} is not in its pattern", rule="unused-parameter"
             )
+
+
+def _rebuilt(arguments: tuple[Any, ...], keywords: dict[str, Any]) -> RVAFT:
+    return RVAFT(*arguments, **keywords)
 
 
 def _check_gate(node: Node) -> None:

@@ -4,6 +4,7 @@ import ast
 import pkgutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -44,7 +45,7 @@ def test_every_error_can_be_imported_from_the_package() -> None:
         assert getattr(rvaft, error.__name__) is error
         assert issubclass(error, rvaft.RvaftError)
         assert error is rvaft.RvaftError or any(
-            issubclass(error, builtin) for builtin in (ValueError, RuntimeError, LookupError)
+            issubclass(error, builtin) for builtin in (ValueError, RuntimeError, LookupError, TypeError)
         )
 
 
@@ -86,3 +87,25 @@ def test_the_two_verbs_narrow_to_a_branch_or_a_kind() -> None:
         rvaft.monitor(tree, kind="fault")
     with pytest.raises(rvaft.UnknownBackend, match="known: "):
         rvaft.translate(tree, "klingon")
+
+
+TREE = rvaft.RVAFT("a", [rvaft.Node("a")])
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: rvaft.monitor("x"), "tree must be an RVAFT, as rvaft.load returns it, not str"),  # type: ignore[arg-type]
+        (lambda: rvaft.translate(None, "rml"), "tree must be an RVAFT, as rvaft.load returns it, not NoneType"),  # type: ignore[arg-type]
+        (lambda: rvaft.translate(TREE, ["rml"]), "language must be a str, the name of a backend, not list"),  # type: ignore[arg-type]
+        (lambda: rvaft.translate(TREE, "rml", branch="1"), "branch must be an int, not str"),  # type: ignore[arg-type]
+        (lambda: rvaft.translate(TREE, "rml", limit=1.5), "limit must be an int, not float"),  # type: ignore[arg-type]
+        (lambda: rvaft.monitor(TREE, branch=1.0), "branch must be an int, not float"),  # type: ignore[arg-type]
+        (lambda: rvaft.monitor(TREE, limit=None), "limit must be an int, not NoneType"),  # type: ignore[arg-type]
+    ],
+)
+def test_arguments_of_a_wrong_type_are_told_in_one_sentence(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(TypeError) as caught:
+        call()
+    assert isinstance(caught.value, rvaft.WrongType)
+    assert str(caught.value) == said

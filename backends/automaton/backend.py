@@ -13,7 +13,7 @@ from backends.automaton.minimise import minimised
 from backends.automaton.plan import Plan, plan
 from backends.automaton.structure import Structure, structure
 from backends.automaton.subsets import HOPELESS, Automaton, Subsets
-from rvaft.backend import Backend, Metrics, Specification
+from rvaft.backend import Backend, Metrics, Observed, Specification
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
 from rvaft.tree import RVAFT
@@ -48,7 +48,13 @@ class AutomatonBackend(Backend):
         """
         from backends.automaton.monitor import monitor  # noqa: PLC0415 -- only reading needs Spot
 
-        return monitor(text, atoms or {})
+        return monitor(text, {} if atoms is None else atoms)
+
+    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...]:
+        """What the propositions of a HOA text ask of events; raises as `read` does."""
+        from backends.automaton.monitor import observed  # noqa: PLC0415 -- only reading needs Spot
+
+        return observed(text, {} if atoms is None else atoms)
 
 
 def _translated(tree: RVAFT, semantics: Semantics, limit: int) -> Text:

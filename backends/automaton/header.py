@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from rvaft.errors import LanguageError
-from rvaft.guards import Guard, holds
+from rvaft.guards import Guard, holds, variables
 from rvaft.language import parse_guard, parse_pattern
 from rvaft.patterns import Pattern, match
 from rvaft.values import Json
@@ -27,7 +27,9 @@ class Fit:
     def fits(self, event: Json) -> bool:
         """Whether the event matches and the guard, if any, holds."""
         bound = match(self.pattern, event, {})
-        return bound is not None and (self.guard is None or holds(self.guard, bound))
+        if bound is None or self.guard is None:
+            return bound is not None
+        return bound.keys() >= set(variables(self.guard)) and holds(self.guard, bound)  # else it has no value
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,9 @@ from typing import Final, TypeAlias
 
 from backends.automaton.header import Meaning, error_at, meaning
 from backends.automaton.names import ALIVE
+from backends.automaton.observed import questions
 from backends.automaton.table import Table, table
+from rvaft.backend import Observed
 from rvaft.errors import TooLarge
 from rvaft.guards import holds
 from rvaft.guards import variables as guard_variables
@@ -34,6 +36,17 @@ Slice: TypeAlias = tuple[Assignment, int]
 
 def monitor(text: str, atoms: Mapping[str, Pattern]) -> Monitor:
     """A monitor that runs a HOA text; `atoms` gives the events of propositions that the text does not define."""
+    return AutomatonMonitor(*_meant(text, atoms))
+
+
+def observed(text: str, atoms: Mapping[str, Pattern]) -> tuple[Observed, ...]:
+    """All that such a monitor asks of events."""
+    _, said, events = _meant(text, atoms)
+    return questions(said, events)
+
+
+def _meant(text: str, atoms: Mapping[str, Pattern]) -> tuple[Table, Meaning, Mapping[int, Pattern]]:
+    """The table, what the text says, and the event of each proposition that stands for one."""
     said, run = _read(text)
     numbers = range(len(run.names))
     for number in (*said.events, *said.guards, *said.relevant):
@@ -42,9 +55,9 @@ def monitor(text: str, atoms: Mapping[str, Pattern]) -> Monitor:
     events = dict(said.events)
     for number in numbers:
         name = run.names[number]
-        if number not in said.guards and number not in said.relevant and name != ALIVE:
-            events.setdefault(number, atoms.get(name, ObjectPattern((("event", Literal(name)),))))
-    return AutomatonMonitor(run, said, events)
+        if number not in (*events, *said.guards, *said.relevant) and name != ALIVE:
+            events[number] = atoms.get(name, ObjectPattern((("event", Literal(name)),)))
+    return run, said, events
 
 
 @lru_cache(maxsize=8)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from typing import ClassVar
 
-from rvaft.backend import Backend, Metrics, Specification
+from rvaft.backend import Backend, Metrics, Observed, Specification
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
 from rvaft.tree import RVAFT
@@ -23,6 +23,7 @@ class LtlfBackend(Backend):
     name: ClassVar[str] = "ltlf"
     language: ClassVar[str] = "ltlf"
     suffix: ClassVar[str] = ".ltlf"
+    tools: ClassVar[tuple[str, ...]] = ("mona",)
     default_limit: ClassVar[int] = 200_000
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
@@ -43,4 +44,22 @@ class LtlfBackend(Backend):
         from backends.ltlf.monitor import LtlfMonitor  # noqa: PLC0415 -- needs Spot
         from backends.ltlf.program import program  # noqa: PLC0415 -- needs Spot
 
-        return LtlfMonitor(program(text, atoms or {}))
+        return LtlfMonitor(program(text, {} if atoms is None else atoms))
+
+    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...]:
+        """What the atoms of the formula ask of events; raises `LanguageError` and `ToolMissing` as `read` does."""
+        from backends.ltlf.observed import observed  # noqa: PLC0415 -- needs Spot
+
+        return observed(text, {} if atoms is None else atoms)
+
+    def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+        """By `mona`: a monitor that runs the automaton which ltlf2dfa and MONA make of a formula without variables.
+
+        Raises `LanguageError`; `ToolMissing` where Spot (whose parser reads the text), ltlf2dfa or MONA is not installed;
+        `NotExpressible` where there are variables, `TooLarge` where there are too many atoms or MONA comes to no end.
+        """
+        if tool not in self.tools:
+            return super().read_with(tool, text, atoms=atoms)
+        from backends.ltlf.mona.monitor import read  # noqa: PLC0415 -- needs Spot, ltlf2dfa and MONA
+
+        return read(text, {} if atoms is None else atoms)

@@ -19,7 +19,7 @@ class Program:
     def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
         header, rest = split(text)
         formulas = Formulas()
-        root = _root(header, rest, formulas)
+        root = root_of(header, rest, formulas)
         names = [row.name for row in formulas.rows if row.op is Op.ATOM]
         self.atoms: dict[str, Atom] = atoms_of(header, names, given)
         self.candidates = candidates_of(self.atoms)
@@ -28,7 +28,8 @@ class Program:
         self.initial = self.residuals.of(root)
 
 
-def _root(header: Header, rest: str, formulas: Formulas) -> int:
+def root_of(header: Header, rest: str, formulas: Formulas) -> int:
+    """The formula behind a header, among `formulas`; raises `LanguageError` and `ToolMissing`."""
     known: dict[str, int] = {}
 
     def atom(name: str) -> int:

@@ -59,7 +59,7 @@ class _Translator:
         root = self.formulas.disjunction(self._formula(some.parts, some.guards) for some in settled)
         if root == FALSE:
             message = f"no scenario of {self.tree.root} is feasible"
-            raise TreeError(message, rule="no-feasible-scenario", nodes=[self.tree.root])
+            raise TreeError(message, rule="no-scenario", nodes=[self.tree.root])
         definitions, formula = write(self.formulas, root, self.names)
         self.header.definitions.update(definitions)
         used = {self.formulas.rows[number].name for number in self.formulas.reachable(root)}

@@ -1,13 +1,14 @@
 """The `rml` backend: the text means the tree under the published RML compiler and monitor."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import ClassVar
 
-from rvaft.backend import Backend, Metrics, Specification
+from rvaft.backend import Backend, Metrics, Observed, Specification
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
 from rvaft.tree import RVAFT
+from rvaft.values import Json
 from rvaft.verdict import Semantics
 
 
@@ -37,3 +38,15 @@ class RmlBackend(Backend):
         from backends.rml.reading.reader import read  # noqa: PLC0415 -- imported on use
 
         return read(text)
+
+    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
+        """What the event types that an RML text uses ask of events; None where patterns with guards cannot say it."""
+        from backends.rml.reading.observed import observed  # noqa: PLC0415 -- imported on use
+
+        return observed(text)
+
+    def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:
+        """The titles of the rows in the table of deviations that the text touches on the trace."""
+        from backends.rml.reading.deviations import touching  # noqa: PLC0415 -- imported on use
+
+        return tuple(deviation.title for deviation in touching(text, trace))

@@ -20,6 +20,8 @@ _COMMANDS: Final = {
     "branches": "List the branches of a tree: number, kinds, property.",
     "emit": "Write a specification of a tree.",
     "monitor": "Watch events for a tree and give verdicts.",
+    "traces": "Write example logs for a tree.",
+    "cross-check": "Compare the specifications of trees.",
     "backends": "List the specification languages.",
     "explain": "Explain what a finding means.",
 }

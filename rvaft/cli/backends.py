@@ -7,7 +7,7 @@ import click
 from rvaft.backend import Backend, all_backends
 from rvaft.errors import ToolMissing
 from rvaft.model import Node
-from rvaft.printable import visible
+from rvaft.printable import columns, visible
 from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
 
@@ -17,10 +17,7 @@ def command() -> int:
     """List the specification languages, what each can do, and what is missing for it."""
     rows = [("NAME", "LANGUAGE", "FAITHFUL", "SEMANTICS", "AVAILABLE")]
     rows += [_row(name, entry) for name, entry in all_backends().items()]
-    widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    for row in rows:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
-        click.echo("  ".join([*cells, row[-1]]))
+    click.echo("\n".join(columns(rows)))
     return 0
 
 

@@ -4,14 +4,17 @@ import json
 
 import click
 
-from rvaft.cli.explain import SYNTAX
 from rvaft.cli.failure import FAILED, FOUND, report
+from rvaft.cli.options import standard_input
 from rvaft.errors import LanguageError, RvaftError
 from rvaft.findings import Finding, Severity
 from rvaft.language import parse_file
+from rvaft.language.draft import Draft
+from rvaft.language.reader import parse_bytes
 from rvaft.model import Place
 from rvaft.printable import visible
 from rvaft.rules import check
+from rvaft.rules.codes import SYNTAX
 from rvaft.values import Json
 
 
@@ -22,18 +25,28 @@ from rvaft.values import Json
     "--format", "form", type=click.Choice(["text", "json"]), default="text", show_default=True, help="What to print."
 )
 def command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
-    """Report what is wrong or doubtful in trees, one finding per line; `rvaft explain CODE` says more."""
+    """Report what is wrong or doubtful in trees, one finding per line; `rvaft explain CODE` says more.
+
+    The TREE - is standard input.
+    """
     findings: list[Finding] = []
     unreadable: list[Finding] = []
     status = 0
     for tree in trees:
         try:
-            found = check(parse_file(tree))
+            found = check(_draft(tree))
         except LanguageError as error:
             report(error)
             status = FAILED
             place = Place(error.file, error.line, error.column)
             unreadable.append(Finding(place, Severity.ERROR, SYNTAX, error.message))
+            continue
+        except OSError as error:
+            report(error)
+            status = FAILED
+            unreadable.append(
+                Finding(Place(error.filename, 1, 1), Severity.ERROR, SYNTAX, error.strerror or str(error))
+            )
             continue
         except RvaftError as error:
             report(error)
@@ -47,6 +60,17 @@ def command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
         click.echo(json.dumps([_value(finding) for finding in findings + unreadable], indent=2))
     serious = any(strict or finding.severity is Severity.ERROR for finding in findings)
     return max(status, FOUND if serious else 0)
+
+
+def _draft(tree: str) -> Draft:
+    if tree != "-":
+        return parse_file(tree)
+    stream = standard_input("TREE")
+    try:
+        data = stream.read()
+    except OSError as error:
+        raise OSError(error.errno, f"cannot read the file: {error.strerror}", "<stdin>") from error
+    return parse_bytes(data, "<stdin>")
 
 
 def _value(finding: Finding) -> dict[str, Json]:

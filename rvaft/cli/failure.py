@@ -64,13 +64,11 @@ def report(error: BaseException) -> None:
 def described(error: BaseException) -> list[str]:
     """The error line, and for a text that is not in its language the place in it."""
     match error:
-        case LanguageError(__cause__=OSError()):  # the file as a whole, no place in it
-            return [_line(f"{error.file or repr('')}: {error.message}")]
         case LanguageError():
             where = f"{error.file}:{error.line}:{error.column}: {error.message}"
             return [_line(where), *_caret(error)]
         case RvaftError():
-            return [_line(str(error))]
+            return [_line("; ".join([str(error), *getattr(error, "__notes__", ())]))]
         case click.UsageError(ctx=ctx):
             hint = f" (see {ctx.command_path} --help)" if ctx is not None else ""
             return [_line(error.format_message() + hint)]
@@ -78,7 +76,7 @@ def described(error: BaseException) -> list[str]:
             return [_line(error.format_message())]
         case OSError():
             reason = error.strerror or str(error) or type(error).__name__
-            return [_line(f"{os.fsdecode(error.filename)}: {reason}" if error.filename is not None else reason)]
+            return [_line(reason if error.filename is None else f"{os.fsdecode(error.filename) or repr('')}: {reason}")]
         case MemoryError():
             return [_line("out of memory")]
         case _:

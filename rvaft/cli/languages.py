@@ -1,16 +1,18 @@
-"""Which backend was meant where none has the name that a user gave."""
+"""What the errors of backends tell a user of the command: which backend was meant, which option mends it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 
-from rvaft.backend import Backend, UnknownBackend, all_backends
-from rvaft.errors import OptionError
+import click
+
+from rvaft.backend import Backend, UnknownBackend, all_backends, backend
+from rvaft.errors import OptionError, TooLarge
 
 
 @contextmanager
 def suggesting() -> Iterator[None]:
-    """Add to the error about an unknown backend the name that was probably meant."""
+    """Add to the error about an unknown backend the name that was probably meant, and to that about a size the option."""
     try:
         yield
     except UnknownBackend as error:
@@ -18,6 +20,18 @@ def suggesting() -> Iterator[None]:
         if meant is None:
             raise
         raise OptionError(f"{error}; did you mean {meant}?") from error
+    except TooLarge as error:
+        if _raised_by_limit(error):
+            error.add_note("raise it with --limit N")
+        raise
+
+
+def _raised_by_limit(error: TooLarge) -> bool:
+    """Whether the command has the option `--limit` and the limit follows from it: backends spend a multiple of it on some steps."""
+    given = click.get_current_context().params
+    if not {"language", "limit"} <= given.keys():
+        return False
+    return error.limit % (given["limit"] or backend(given["language"]).default_limit) == 0
 
 
 def _meant(name: str) -> str | None:
@@ -25,7 +39,7 @@ def _meant(name: str) -> str | None:
     wanted = name.lower().removeprefix(".")
     for known, entry in all_backends().items():
         with suppress(Exception):  # a third party's module may fail in any way; the others still count
-            backend: Backend = entry.load()()
-            if backend.faithful and wanted in (backend.language.lower(), backend.suffix.removeprefix(".")):
+            found: Backend = entry.load()()
+            if found.faithful and wanted in (found.language.lower(), found.suffix.removeprefix(".")):
                 return known
     return next(iter(get_close_matches(wanted, all_backends(), n=1)), None)

@@ -9,7 +9,7 @@ import click
 from rvaft.api import monitor, narrowed, translate
 from rvaft.cli.failure import FAILED, FOUND, report
 from rvaft.cli.languages import suggesting
-from rvaft.cli.options import exclusive, part_options, semantics_option, tree_argument
+from rvaft.cli.options import exclusive, part_options, semantics_option, standard_input, tree_argument
 from rvaft.cli.verdicts import JsonLines, Reporter, Text
 from rvaft.errors import RvaftError
 from rvaft.language import load, on_text
@@ -120,7 +120,5 @@ def _warn(said: str) -> None:
 
 def _trace(name: str, reads: Reads) -> Trace:
     if name == "-":
-        if sys.stdin is None:
-            raise click.UsageError("standard input is closed: name a TRACE", click.get_current_context())
-        return Trace("<stdin>", read(sys.stdin.buffer, name="<stdin>", reads=reads), live=True)
+        return Trace("<stdin>", read(standard_input("TRACE"), name="<stdin>", reads=reads), live=True)
     return Trace(click.format_filename(name), read(name, reads=reads))

@@ -1,7 +1,8 @@
 """Options that several commands share."""
 
+import sys
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import click
 
@@ -27,6 +28,13 @@ def part_options(function: F) -> F:
         "--kind", type=click.Choice([kind.value for kind in Kind]), help="Only the branches that have this kind."
     )(function)
     return click.option("--branch", type=int, metavar="N", help="Only this branch, counted from 1.")(function)
+
+
+def standard_input(argument: str) -> BinaryIO:
+    """Standard input, which the argument of that name stands for; refused where it is closed."""
+    if sys.stdin is None:
+        raise click.UsageError(f"standard input is closed: name a {argument}", click.get_current_context())
+    return sys.stdin.buffer
 
 
 def exclusive(**options: object) -> None:

@@ -99,7 +99,7 @@ class Text(Reporter):
         if changed:
             _print(f"{where}: {self.monitor.verdict}")
             if self.monitor.explanation is not None:
-                self._exvisible(self.monitor.explanation)
+                self._explain(self.monitor.explanation)
 
     def end(self) -> None:
         """Print the last verdict of the trace."""
@@ -123,7 +123,7 @@ class Text(Reporter):
     def _where(self) -> str:
         return f"{self.trace}: " if self.several else ""
 
-    def _exvisible(self, explanation: Explanation) -> None:
+    def _explain(self, explanation: Explanation) -> None:
         kinds = ", ".join(sorted(kind.value for kind in explanation.kinds))
         branch = "" if explanation.branch is None else f"branch {explanation.branch}"
         if branch or kinds:

@@ -8,6 +8,8 @@ node starts and completes at most once, so the total work is linear in the tree,
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
+from copy import copy
+from typing import Self
 
 from rvaft.engine.letters import Letters
 from rvaft.engine.log import Log
@@ -36,6 +38,19 @@ class Run:
         self._started: set[int] = set()
         self._done: set[int] = set()
         self._settle([("start", plan.root)])
+
+    def fork(self) -> Self:
+        """An independent copy."""
+        twin = copy(self)
+        vars(twin).update(
+            fired=dict(self.fired),
+            listening=dict(self.listening),
+            begun=list(self.begun),
+            _completed={gate: dict(children) for gate, children in self._completed.items()},
+            _started=set(self._started),
+            _done=set(self._done),
+        )
+        return twin
 
     @property
     def detected(self) -> bool:
@@ -141,6 +156,16 @@ class Earliest:
         self._waiting: dict[int, dict[int, None]] = {}
         """For each letter the nodes that listen for it."""
         self._note_listeners()
+
+    def fork(self) -> Self:
+        """An independent copy."""
+        twin = copy(self)
+        vars(twin).update(
+            run=self.run.fork(),
+            _log=None if self._log is None else self._log.fork(),
+            _waiting={letter: dict(nodes) for letter, nodes in self._waiting.items()},
+        )
+        return twin
 
     @property
     def state(self) -> Hashable:

@@ -1,6 +1,8 @@
 """The general way to monitor: follow the set of all partial matches."""
 
 from collections.abc import Hashable
+from copy import copy
+from typing import Self
 
 from rvaft.engine.commitment import commits
 from rvaft.engine.configuration import Configuration
@@ -26,6 +28,13 @@ class Following:
         start = self.matching.start()
         self._empty_match, alive = self.matching.standing(start)
         self._configurations: dict[Hashable, Configuration] = {start.key: start} if alive else {}
+
+    def fork(self) -> Self:
+        """An independent copy; a step may change a configuration in place."""
+        twin = copy(self)
+        copies = {key: configuration.copy() for key, configuration in self._configurations.items()}
+        vars(twin).update(_configurations=copies)
+        return twin
 
     @property
     def state(self) -> Hashable:

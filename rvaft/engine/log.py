@@ -7,7 +7,8 @@ the tree, not on the length of the trace.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from copy import copy
+from typing import NamedTuple, Self
 
 from rvaft.engine.plan import Plan
 from rvaft.engine.starts import Starts
@@ -32,6 +33,12 @@ class Log:
         """The position of the last event kept for a node's own occurrence."""
         self._latest: dict[int, int] = {}
         """The same for a node and everything below it."""
+
+    def fork(self) -> Self:
+        """An independent copy."""
+        twin = copy(self)
+        vars(twin).update(entries=list(self.entries), _own=dict(self._own), _latest=dict(self._latest))
+        return twin
 
     def note(self, position: int, served: Sequence[tuple[int, Mapping[str, Json]]]) -> None:
         """Keep an event for the occurrences it may be needed for."""

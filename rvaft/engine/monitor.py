@@ -1,6 +1,7 @@
 """The engine as a monitor."""
 
 from collections.abc import Hashable
+from typing import Self
 
 from rvaft.engine.earliest import Earliest
 from rvaft.engine.explain import explain
@@ -43,6 +44,12 @@ class Engine(Monitor):
     def _advance(self, event: Json) -> Verdict:
         self._position += 1
         return self._strategy.advance(event, self._position)
+
+    def fork(self) -> Self:
+        """An independent monitor that has read the same events."""
+        twin = super().fork()
+        vars(twin).update(_strategy=self._strategy.fork())
+        return twin
 
     @property
     def state(self) -> Hashable:

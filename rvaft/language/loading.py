@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterable
 
-from rvaft.errors import TreeError
+from rvaft.errors import TreeError, WrongType
 from rvaft.findings import Finding, Severity
 from rvaft.language.draft import Draft
 from rvaft.language.reader import parse, parse_file
@@ -15,11 +15,15 @@ def loads(text: str, file: str = "<text>") -> RVAFT:
 
     Raises `LanguageError` for what is not in the language and `TreeError` for the first rule that the tree breaks.
     """
+    if not isinstance(text, str):
+        raise WrongType("the text of a tree", text, "a str")
     return _checked(parse(text, file))
 
 
 def load(path: os.PathLike[str] | str) -> RVAFT:
-    """The tree in a file, Galileo's static part included; raises as `loads` does, also where the file cannot be read."""
+    """The tree in a file, Galileo's static part included; raises as `loads` does, and `OSError` where it cannot be read."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise WrongType("the path of a tree", path, "a str or a path")
     return _checked(parse_file(path))
 
 

@@ -1,7 +1,7 @@
 """Text to statements, patterns and guards. Whatever is wrong with a text, `LanguageError` is what comes out."""
 
 import re
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any, Final
 
@@ -16,6 +16,8 @@ from rvaft.language.transform import Build
 from rvaft.patterns import Pattern
 
 _NO_TEXT: Final = re.compile("[\0\ud800-\udfff]")
+_REMEMBERED: Final = 1024
+"""Texts of which the pattern or guard is kept: specifications repeat them."""
 
 
 @cache
@@ -31,12 +33,14 @@ def parse_statements(text: str, file: str = "<text>") -> list[Statement]:
     return statements
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def parse_pattern(text: str, file: str = "<pattern>") -> Pattern:
     """The pattern that a text stands for; every word in it is a variable. Raises `LanguageError`."""
     pattern: Pattern = _parse(text, file, "only_pattern")
     return pattern
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def parse_guard(text: str, file: str = "<guard>") -> Guard:
     """The guard that a text stands for; raises `LanguageError`."""
     guard: Guard = _parse(text, file, "only_guard")

@@ -48,17 +48,27 @@ def parse(text: str, file: str = "<text>") -> Draft:
 
 
 def parse_file(path: os.PathLike[str] | str) -> Draft:
-    """The draft of a file and its imports; raises `LanguageError` also where it cannot be read, or is no UTF-8 text."""
+    """The draft of a file and its imports; raises `LanguageError` as `parse` does, and `OSError` where it cannot be read."""
     name = os.fspath(path)
     return parse(_text_of(name), name)
+
+
+def parse_bytes(data: bytes, file: str) -> Draft:
+    """As `parse`, from the bytes of a file or stream; what is no UTF-8 text is a `LanguageError` too."""
+    return parse(_decoded(data, file), file)
 
 
 def _text_of(name: str) -> str:
     try:
         data = Path(name).read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a path that no system can have
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise LanguageError(f"cannot read the file: {reason}", file=name) from error
+    except OSError as error:
+        raise OSError(error.errno, f"cannot read the file: {error.strerror}", name) from error
+    except ValueError as error:  # a path that no system can have
+        raise LanguageError(f"cannot read the file: {error}", file=name) from error
+    return _decoded(data, name)
+
+
+def _decoded(data: bytes, name: str) -> str:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -118,6 +128,8 @@ def _import(source: _Source, path: At[str], open_files: list[_Source]) -> _Sourc
         if isinstance(error.__cause__, UnicodeDecodeError):
             raise
         raise source.error(f"cannot import {shown(path.value)}: {error.message}", path) from error
+    except OSError as error:
+        raise source.error(f"cannot import {shown(path.value)}: {error.strerror}", path) from error
     identity = os.path.realpath(name)
     if any(identity == other.identity for other in open_files):
         raise source.error(f"the files import each other in a circle: {shown(path.value)} is being read already", path)

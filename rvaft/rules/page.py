@@ -1,5 +1,6 @@
 """The reference page of the rules; `python -m rvaft.rules.page > docs/rules.md` writes it."""
 
+from rvaft.rules.codes import CODES
 from rvaft.rules.registry import RULES
 from rvaft.rules.rule import Rule
 
@@ -13,11 +14,19 @@ The rules about scenarios are asked only where the structure has no error. None 
 | --- | --- | --- |
 """
 
+_FOOTER = """
+## Other codes
+
+These are the codes of errors that stop the work; no finding on a tree has them.
+
+"""
+
 
 def page() -> str:
-    """The page in Markdown: a table of all rules, then each with a tree that breaks it and the tree mended."""
+    """The page in Markdown: a table of all rules, each with a tree that breaks it and the tree mended, then the other codes."""
     rows = "".join(f"| [`{rule.code}`](#{rule.code}) | {rule.severity} | {rule.title} |\n" for rule in RULES.values())
-    return _HEADER + rows + "".join(_section(rule) for rule in RULES.values())
+    others = "".join(f"- `{code.code}`: {code.title}. {code.explanation}\n" for code in CODES.values())
+    return _HEADER + rows + "".join(_section(rule) for rule in RULES.values()) + _FOOTER + others
 
 
 def _section(rule: Rule) -> str:

@@ -1,4 +1,4 @@
-"""The table of all rules, by code."""
+"""The table of all rules, by code, and what every code means."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -8,6 +8,7 @@ from typing import Final
 from rvaft.errors import RvaftError
 from rvaft.findings import Severity
 from rvaft.rules import contradiction, declarations, detection, leftovers, sharing, structure, variables
+from rvaft.rules.codes import CODES
 from rvaft.rules.context import Context
 from rvaft.rules.rule import Report, Rule
 
@@ -58,7 +59,7 @@ class UnknownRule(RvaftError, KeyError):
 
     def __init__(self, code: str) -> None:
         self.code = code
-        close = get_close_matches(code.lower(), RULES, n=1)
+        close = get_close_matches(code.lower(), [*RULES, *CODES], n=1)
         guess = f"; did you mean {close[0]}?" if close else f"; the rules are {', '.join(sorted(RULES))}"
         super().__init__(f"there is no rule {code}{guess}")
 
@@ -74,7 +75,9 @@ def rule(code: str) -> Rule:
 
 
 def explain(code: str) -> str:
-    """What a finding with this code means, with a tree that has it and the tree mended; raises `UnknownRule`."""
+    """What this code means, for a finding with a tree that has it and the tree mended; raises `UnknownRule`."""
+    if code in CODES:
+        return f"{code} (error): {CODES[code].title}\n\n{CODES[code].explanation}\n"
     found = rule(code)
     return (
         f"{found.code} ({found.severity}): {found.title}\n\n{found.explanation}\n\n"

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from typing import Final
 
 from rvaft.findings import Severity
 from rvaft.guards import variables as guard_variables
@@ -12,6 +13,9 @@ from rvaft.rules.context import Context
 from rvaft.rules.inevitable import inevitable
 from rvaft.rules.rule import Report, Rule, Undecided
 from rvaft.rules.words import branch_of, did_you_mean, listing
+
+_ONE_OF_TWO_LETTERS: Final = 0.5
+"""How alike names must be to be taken for each other: T1 and T2 are."""
 
 
 def unbound_variable(context: Context) -> Iterator[Report]:
@@ -55,7 +59,8 @@ def _unbound(context: Context, node: Node, name: str, binders: list[str], kept: 
     said = f"variable {name} in the guard of {node.name} is not bound in {where}"
     if binders:
         return f"{said}; only {listing(binders)} binds it: use it in the `on` of a node that is there whenever {node.name} is"
-    return f"{said}; no `on` binds it{did_you_mean(name, context.tree.variables)}"
+    guess = did_you_mean(name, context.tree.variables, cutoff=_ONE_OF_TWO_LETTERS)
+    return f"{said}; no `on` binds it{guess}"
 
 
 def variable_once(context: Context) -> Iterator[Report]:

@@ -20,11 +20,12 @@ def listing(names: Sequence[str], conjunction: str = "and") -> str:
     return f"{', '.join(names[:-1])} {conjunction} {names[-1]}"
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """`; did you mean NAME?`, or nothing where no known name is close."""
+def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
+    """`; did you mean NAME?`, or nothing where no known name is close; capitals and small letters count as equal."""
     candidates = [other for other in known if abs(len(other) - len(name)) <= 2][:_COMPARED]
-    close = get_close_matches(name, candidates, n=1)
-    return f"; did you mean {close[0]}?" if close else ""
+    folded = {other.casefold(): other for other in reversed(candidates)}
+    close = get_close_matches(name.casefold(), folded, n=1, cutoff=cutoff)
+    return f"; did you mean {folded[close[0]]}?" if close else ""
 
 
 def branch_of(tree: RVAFT, kept: Kept) -> str:

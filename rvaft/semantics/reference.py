@@ -45,7 +45,7 @@ class Reference(Monitor):
         chosen = _chosen(tree, branch, None if kind is None else Kind(kind))
         self.scenarios = [s for s in feasible_scenarios(tree) if any(of_branch(s, b) for b in chosen)]
         if not self.scenarios:
-            raise TreeError("no feasible scenario", rule="no-feasible-scenario", nodes=[tree.root])
+            raise TreeError("no feasible scenario", rule="no-scenario", nodes=[tree.root])
         for scenario in self.scenarios:
             _check_scenario(scenario)
         start = [Partial(number, frozenset(), {}) for number in range(len(self.scenarios))]
@@ -149,7 +149,7 @@ def _check_scenario(scenario: Scenario) -> None:
         if unbound:
             raise TreeError(f"{min(unbound)} is unbound in the guard of {node.name}", rule="unbound-variable")
     if not scenario.occurrences:
-        raise TreeError("a feasible scenario has no occurrence", rule="empty-scenario")
+        raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario")
 
 
 def _key(value: Any) -> Hashable:

@@ -10,6 +10,12 @@ def flat(gate: Gate, size: int, threshold: int | None = None) -> RVAFT:
     return RVAFT("top", [Node("top", gate, tuple(leaf.name for leaf in leaves), threshold), *leaves])
 
 
+def chain(gates: int) -> RVAFT:
+    """A chain of `or` gates, each with a leaf of its own and the next gate: one branch more than gates."""
+    nodes = [Node(f"g{i}", Gate.OR, (f"a{i}", f"g{i + 1}")) for i in range(gates)]
+    return RVAFT("g0", [*nodes, *(Node(f"a{i}") for i in range(gates)), Node(f"g{gates}")])
+
+
 def text_of_size(nodes: int) -> str:
     """A tree of about that many nodes as text: gates in turn, three children each."""
     gates = ("or", "and", "sand", "2of3")

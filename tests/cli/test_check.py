@@ -1,12 +1,13 @@
 """`rvaft check` and `rvaft explain`."""
 
 import json
+import os
 import re
 from pathlib import Path
 
 import pytest
 
-from tests.cli.runs import PRUNED, TREES, failed, run
+from tests.cli.runs import PRUNED, TREES, failed, process, run
 
 LINE = re.compile(
     r"(?P<file>[^:]+):(?P<line>\d+):(?P<column>\d+): (?P<severity>error|warning): .+ \[(?P<code>[a-z-]+)\]"
@@ -88,10 +89,44 @@ def test_json_says_also_where_a_tree_does_not_parse(tmp_path: Path) -> None:
     assert (finding["line"], finding["column"], finding["severity"], finding["code"]) == (2, 7, "error", "syntax")
 
 
+def test_a_dash_is_standard_input(warned: Path, wrong: Path) -> None:
+    result = run("check", "-", data=warned.read_bytes())
+    assert result.exit_code == 0
+    assert result.stdout == run("check", warned).stdout.replace(str(warned), "<stdin>")
+    result = run("check", warned, "-", "--format", "json", data=wrong.read_bytes())
+    assert result.exit_code == 1
+    assert {finding["file"] for finding in json.loads(result.stdout)} == {str(warned), "<stdin>"}
+
+
+@pytest.mark.parametrize(
+    ("data", "said"), [(b"a and", "<stdin>:1:6: the text ends"), (b"a;\n\xff", "<stdin>:2:1: this is no UTF-8 text")]
+)
+def test_standard_input_that_is_no_tree(data: bytes, said: str) -> None:
+    result = run("check", "-", data=data)
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"rvaft: error: {said}")
+
+
+def test_standard_input_that_cannot_be_read() -> None:
+    with Path(os.devnull).open("wb") as writable:
+        done = process("check", "-", stdin=writable)
+    assert done.returncode == 2
+    assert done.stderr.startswith("rvaft: error: <stdin>: cannot read the file: ")
+
+
+def test_json_says_also_which_file_cannot_be_read(tmp_path: Path, warned: Path) -> None:
+    missing = tmp_path / "missing.rvaft"
+    result = run("check", missing, warned, "--format", "json")
+    assert result.exit_code == 2
+    (_, finding) = json.loads(result.stdout)
+    assert (finding["file"], finding["code"]) == (str(missing), "syntax")
+    assert finding["message"] == "cannot read the file: No such file or directory"
+
+
 def test_every_code_that_is_reported_is_explained(warned: Path, wrong: Path) -> None:
     result = run("check", warned, wrong)
     codes = {match["code"] for line in result.stdout.splitlines() if (match := LINE.fullmatch(line))}
-    for code in (*codes, "syntax"):
+    for code in (*codes, "syntax", "no-branch"):
         explained = run("explain", code)
         assert explained.exit_code == 0
         assert code in explained.stdout

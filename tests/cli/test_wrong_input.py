@@ -214,6 +214,24 @@ def test_a_code_in_capitals_is_suggested_in_small_letters() -> None:
     failed(run("explain", "CYCLE"), "there is no rule CYCLE; did you mean cycle?")
 
 
+@pytest.mark.parametrize("language", ["rml", "ltlf", "automaton"])
+def test_what_is_too_large_names_the_option_that_raises_the_limit(language: str) -> None:
+    failed(run("emit", PRUNED, "--to", language, "--limit", 1), "too large: ", "(limit 1); raise it with --limit N")
+
+
+def test_a_limit_that_no_option_raises_is_only_named(tmp_path: Path) -> None:
+    tree = tmp_path / "kinds.rvaft"
+    tree.write_text(
+        "toplevel top; top and "
+        + " ".join(f"p{i}" for i in range(1001))
+        + "; s fault;"
+        + " ".join(f"p{i} or s a{i}; a{i};" for i in range(1001))
+    )
+    result = run("emit", tree, "--to", "rml", "--kind", "fault")
+    failed(result, "too large: ways to have the kind fault below top (limit 1000)")
+    assert "--limit" not in result.stderr
+
+
 # -- outputs that are no regular files ------------------------------------------------------------------------------
 
 

@@ -160,11 +160,14 @@ def test_files_that_are_no_trees(tmp_path: Path, data: bytes, line: int, message
 
 
 def test_missing_files_and_folders(tmp_path: Path) -> None:
-    with pytest.raises(LanguageError, match="cannot read the file: No such file") as caught:
-        parse_file(tmp_path / "none.rvaft")
-    assert isinstance(caught.value.__cause__, FileNotFoundError)
-    with pytest.raises(LanguageError, match="cannot read the file: Is a directory"):
+    path = tmp_path / "none.rvaft"
+    with pytest.raises(FileNotFoundError, match="cannot read the file: No such file") as caught:
+        parse_file(path)
+    assert caught.value.filename == str(path)
+    with pytest.raises(IsADirectoryError, match="cannot read the file: Is a directory"):
         parse_file(str(tmp_path))
+    with pytest.raises(LanguageError, match="cannot read the file: embedded null byte"):
+        parse_file("a\0b")
 
 
 def test_byte_order_mark_and_line_ends(tmp_path: Path) -> None:

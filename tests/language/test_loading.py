@@ -1,11 +1,12 @@
 """From text to a checked tree: the first broken rule is a `TreeError` with its code, place and nodes."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from rvaft.errors import TreeError
+from rvaft.errors import TreeError, WrongType
 from rvaft.language import dumps, load, loads
 from rvaft.model import Gate
 from rvaft.tree import RVAFT
@@ -43,6 +44,28 @@ def test_a_file_by_path_or_name(tmp_path: Path) -> None:
     path = tmp_path / "a.dft"
     path.write_text("a or b c;")
     assert load(path) == load(str(path)) == load(os.path.relpath(path)) == loads("a or b c; b; c;")
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    path = tmp_path / "none.rvaft"
+    with pytest.raises(FileNotFoundError, match=r"none\.rvaft") as caught:
+        load(path)
+    assert caught.value.filename == str(path)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: loads(b"a;"), "the text of a tree must be a str, not bytes"),  # type: ignore[arg-type]
+        (lambda: loads(Path("a")), "the text of a tree must be a str, not PosixPath"),  # type: ignore[arg-type]
+        (lambda: load(b"a.rvaft"), "the path of a tree must be a str or a path, not bytes"),  # type: ignore[arg-type]
+        (lambda: load(None), "the path of a tree must be a str or a path, not NoneType"),  # type: ignore[arg-type]
+    ],
+)
+def test_arguments_of_a_wrong_type(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(WrongType) as caught:
+        call()
+    assert str(caught.value).replace("WindowsPath", "PosixPath") == said
 
 
 def test_a_tree_of_10000_nodes_loads() -> None:

@@ -13,6 +13,7 @@ from rvaft.model import Gate, Kind, Node
 from rvaft.restrict import restrict
 from rvaft.semantics import branches as listed
 from rvaft.tree import RVAFT
+from tests.benchmarks.trees import chain
 
 GATES = (Gate.OR, Gate.OR, Gate.OR, Gate.AND, Gate.VOT)
 
@@ -70,6 +71,18 @@ def kinds(tree: RVAFT, kept: object) -> set[Kind | None]:
 def test_the_or_nearest_the_root_varies_fastest() -> None:
     tree = loads("top or p q; p or a b; q and c;")
     assert [b.formula for b in branches(tree)] == ["a", "c", "b"]
+
+
+def test_a_long_chain_of_choices() -> None:
+    tree = chain(300)
+    found = list(branches(tree))
+    assert [b.formula for b in found] == [*(f"a{i}" for i in range(300)), "g300"]
+    assert branch(tree, 300) == found[299]
+
+
+def test_paths_without_a_choice_are_no_choices() -> None:
+    text = "".join(f"g{i} and a{i} b{i}; a{i} and g{i + 1}; b{i} and g{i + 1};" for i in range(60))
+    assert [b.choices for b in branches(loads(f"{text} g60 or x y;"))] == [{"g60": "x"}, {"g60": "y"}]
 
 
 def test_branches_are_lazy() -> None:

@@ -52,6 +52,10 @@ def lines(text: str) -> list[str]:
             "variable Value in the guard of h is not bound in the only branch, when s keeps b c; only a binds it",
         ),
         (READING + "top sand a h;\na on reading(Value);\nh when Valu > 1;\n", "no `on` binds it; did you mean Value?"),
+        (READING + "top sand a h;\na on reading(Value);\nh when VALUE > 1;\n", "binds it; did you mean Value?"),
+        (READING + "top sand a h;\na on reading(T1);\nh when T2 > 1;\n", "no `on` binds it; did you mean T1?"),
+        (READING + "top sand a h;\na on reading(X);\nh when Y > 1;\n", "no `on` binds it [unbound-variable]"),
+        ("top and pump Valve;\npump;\nvalve;\ntoplevel top;\n", "child Valve is not declared"),
     ],
 )
 def test_the_message_says_what_and_how_to_mend(text: str, expected: str) -> None:

@@ -1,5 +1,6 @@
 """Every rule: its code, its words, its examples, its page."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from rvaft.errors import RvaftError, TreeError
 from rvaft.findings import Severity
 from rvaft.language import parse
 from rvaft.rules import RULES, UnknownRule, check, check_draft, explain
+from rvaft.rules.codes import CODES
 from rvaft.rules.page import page
 
 DOCS = Path(__file__).parents[2] / "docs" / "rules.md"
@@ -75,6 +77,34 @@ def test_the_code_of_a_rule_that_no_text_breaks(code: str) -> None:
         eval(RULES[code].bad, names)
     assert caught.value.rule == code
     assert isinstance(eval(RULES[code].mended, names), tree.RVAFT)
+
+
+def codes_in(source: str) -> set[str]:
+    """The codes that a source gives to errors and rules, where it writes them out."""
+    found: set[str] = set()
+    for call in ast.walk(ast.parse(source)):
+        if isinstance(call, ast.Call):
+            given = [keyword.value for keyword in call.keywords if keyword.arg == "rule"]
+            if isinstance(call.func, ast.Name) and call.func.id == "Rule":
+                given += call.args[:1]
+            found |= {str(code.value) for code in given if isinstance(code, ast.Constant)}
+    return found
+
+
+def test_every_code_in_the_source_is_explained() -> None:
+    root = Path(__file__).parents[2]
+    sources = [path for package in ("rvaft", "backends", "cross_check") for path in (root / package).rglob("*.py")]
+    found = {code for path in sources for code in codes_in(path.read_text(encoding="utf-8"))}
+    assert found >= {"no-branch", "cycle", "unbound-variable"}
+    assert found <= {*RULES, *CODES}
+    assert not {*RULES} & {*CODES}
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_explanations_of_other_codes(code: str) -> None:
+    said = explain(code)
+    assert said.startswith(f"{code} (error): {CODES[code].title}\n\n{CODES[code].explanation}")
+    assert code in page()
 
 
 def test_the_page_is_what_the_rules_say() -> None:

@@ -4,7 +4,7 @@ import re
 
 from backends.rml.paper.gates import OR, Choices, Writer, branches, reading_order
 from backends.rml.paper.types import Declarations
-from rvaft.errors import TreeError
+from rvaft.errors import NotExpressible
 from rvaft.guards import Guard, holds
 from rvaft.guards import variables as guard_variables
 from rvaft.patterns import rigid_variables
@@ -26,7 +26,8 @@ def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, i
             terms.append(writer.branch(tree, choices, names.get, f"V{number}_"))
     terms = [term for term in terms if term]
     if not terms:
-        raise TreeError("no branch of the tree can be observed", rule="no-feasible-scenario", nodes=[tree.root])
+        reason = "as the paper unrolls the gates, every branch has a guard that never holds"
+        raise NotExpressible(reason, backend="rml-paper", semantics=semantics, nodes=[tree.root])
     union = terms[0] if len(terms) == 1 else f"({OR.join(f'({term})' for term in terms)})"
     variables = sorted(types.variable(name) for name in tree.variables)
     main = f"{union} all" if len(terms) > 1 or not _loose(union) else f"({union}) all"

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from decimal import Decimal
 
+from backends.rml.words import LARGEST, RESERVED, quoted
 from rvaft.errors import NotExpressible
 from rvaft.guards import Guard, Operation, Operator
 from rvaft.guards import variables as guard_variables
@@ -15,7 +16,6 @@ from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Patter
 from rvaft.values import Scalar
 
 AND = " /\\ "
-LARGEST = 2**31 - 1
 _WORDS = {Operator.AND: "&&", Operator.OR: "||"}
 _FLIPPED = {
     Operator.LT: Operator.GE,
@@ -25,33 +25,6 @@ _FLIPPED = {
     Operator.EQ: Operator.NE,
     Operator.NE: Operator.EQ,
 }
-_RESERVED = frozenset(
-    [
-        "not",
-        "matches",
-        "with",
-        "empty",
-        "all",
-        "let",
-        "var",
-        "if",
-        "else",
-        "abs",
-        "sin",
-        "cos",
-        "tan",
-        "min",
-        "max",
-        "true",
-    ]
-) | {"false", "null", "any", "none"}
-
-
-def string(text: str) -> str:
-    """A string of RML."""
-    for plain, escaped in (("\\", "\\\\"), ("'", "\\'"), ("\n", "\\n"), ("\t", "\\t"), ("\r", "\\r")):
-        text = text.replace(plain, escaped)
-    return f"'{text}'"
 
 
 @dataclass
@@ -78,7 +51,7 @@ class Declarations:
         base = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "_" for c in wish)
         base = base[:1].lower() + base[1:] if base[:1].isalpha() else f"e{base}"
         name, number = base, 1
-        while name in self._taken or name in _RESERVED:
+        while name in self._taken or name in RESERVED:
             number += 1
             name = f"{base}_{number}"
         self._taken.add(name)
@@ -106,7 +79,7 @@ class Declarations:
             case Literal(value):
                 return self._literal(value, node)
             case ObjectPattern(fields):
-                return "{" + ", ".join(f"{string(name)}: {self.pattern(p, node)}" for name, p in fields) + "}"
+                return "{" + ", ".join(f"{quoted(name)}: {self.pattern(p, node)}" for name, p in fields) + "}"
             case ListPattern(items):
                 return "[" + ", ".join(self.pattern(item, node) for item in items) + "]"
 
@@ -117,7 +90,7 @@ class Declarations:
             case bool():
                 return "true" if value else "false"
             case str():
-                return string(value)
+                return quoted(value)
             case _ if value < 0 or abs(value) > LARGEST:
                 raise self.refuse(f"RML has no number {value} in a pattern", node)
             case _:

@@ -1,7 +1,7 @@
 """From RML text to `syntax.Program`, by the published grammar."""
 
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any, Final
 
@@ -27,9 +27,12 @@ _WORDS: Final = {
     "FLOAT": "a number",
     "$END": "the end",
 }
+_REMEMBERED: Final = 64
+"""Texts of which the parts are kept: whoever runs a text asks several things of it."""
 _LITERALS: Final = {"LOWER", "INT", "FLOAT", "BOOLEAN", "NULL", "STRING", "IGNORED"}
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def parse(text: str) -> s.Program:
     """The specification; raises `LanguageError` with line, column and what was expected."""
     try:

@@ -8,6 +8,7 @@ from backends.rml.reading.marks import mark
 from backends.rml.reading.matching import Types
 from backends.rml.reading.parser import parse
 from backends.rml.reading.static import check
+from backends.rml.reading.syntax import Program
 from backends.rml.reading.terms import Term, Terms
 from backends.rml.reading.transitions import Transitions
 from rvaft.monitors import Monitor
@@ -27,11 +28,9 @@ def read(text: str) -> Monitor:
 
 
 class Rules:
-    """The rules for one text, which remember the steps that were taken last."""
+    """The rules for one checked specification, which remember the steps that were taken last."""
 
-    def __init__(self, text: str) -> None:
-        program = parse(text)
-        check(program)
+    def __init__(self, program: Program) -> None:
         self._transitions = Transitions(Terms(program), Types(program.declarations))
         self._taken: dict[tuple[Term, Hashable], Term | None] = {}
         self.start: Final = self._transitions.terms.body("Main")
@@ -52,7 +51,10 @@ class Rules:
         return self._transitions.may_halt(term)
 
 
-_rules = lru_cache(maxsize=256)(Rules)
+@lru_cache(maxsize=256)
+def _rules(text: str) -> Rules:
+    check(program := parse(text))
+    return Rules(program)
 
 
 class RmlMonitor(Monitor):

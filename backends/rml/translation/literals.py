@@ -8,16 +8,10 @@ an argument (`Spelling.argument`) or, larger still, is compared in a `with`.
 from decimal import Decimal
 from typing import Final
 
+from backends.rml.words import LARGEST, quoted
 from rvaft.values import Scalar, is_number
 
-LARGEST: Final = 2**31 - 1
 _CHUNK: Final = 10**9
-_ESCAPES: Final = {"\\": "\\\\", "'": "\\'", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
-
-
-def quoted(text: str) -> str:
-    """A string or a field name."""
-    return "'" + "".join(_ESCAPES.get(character, character) for character in text) + "'"
 
 
 def spellings(value: Scalar) -> tuple[str, ...] | None:

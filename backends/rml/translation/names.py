@@ -4,32 +4,8 @@ Event types and variables start with a lower-case ASCII letter, equations with a
 """
 
 import re
-from typing import Final
 
-RESERVED: Final = frozenset(
-    [
-        "not",
-        "matches",
-        "with",
-        "empty",
-        "all",
-        "let",
-        "var",
-        "if",
-        "else",
-        "abs",
-        "sin",
-        "cos",
-        "tan",
-        "min",
-        "max",
-        "true",
-        "false",
-        "null",
-        "any",
-        "none",
-    ]
-)
+from backends.rml.words import RESERVED
 
 
 class Names:

@@ -51,7 +51,7 @@ def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list
         scenario = _scenario(tree, kept, index)
         found.setdefault((scenario.occurrences, tuple(scenario.before.items()), scenario.guards), scenario)
     if not found:
-        raise TreeError("no scenario is feasible", rule="no-feasible-scenario", nodes=[tree.root])
+        raise TreeError("no scenario is feasible", rule="no-scenario", nodes=[tree.root])
     for scenario in found.values():
         _check(tree, scenario)
     return list(found.values())
@@ -147,7 +147,7 @@ def _scenario(tree: RVAFT, kept: Kept, index: Mapping[str, int]) -> Scenario:
 
 def _check(tree: RVAFT, scenario: Scenario) -> None:
     if not scenario.occurrences:
-        raise TreeError("a feasible scenario has no occurrence", rule="empty-scenario", nodes=[tree.root])
+        raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario", nodes=[tree.root])
     if not scenario.guards:
         return
     bound = {

@@ -19,10 +19,11 @@ from backends.rml.translation.conditions import (
     numeric,
     variables,
 )
-from backends.rml.translation.literals import in_arithmetic, in_patterns, quoted, spellings
+from backends.rml.translation.literals import in_arithmetic, in_patterns, spellings
 from backends.rml.translation.names import Names
 from backends.rml.translation.observations import Argument, Call, Place, Register, place_name
 from backends.rml.translation.scopes import Scope, key_of
+from backends.rml.words import quoted
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.tree import RVAFT
 

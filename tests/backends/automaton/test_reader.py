@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 from backends.automaton import AutomatonBackend
+from rvaft import loads
 from rvaft.errors import LanguageError, ToolMissing
 from rvaft.patterns import ObjectPattern, Variable
+from rvaft.verdict import Semantics
 
 SIGNS = {"true": "T", "false": "F", "unknown": "?"}
 
@@ -209,3 +211,12 @@ def test_without_spot_the_error_says_what_to_install(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, capture_output=True, text=True)
     assert "pip install spottl" in done.stdout
     assert issubclass(ToolMissing, RuntimeError)
+
+
+def test_a_guard_that_its_pattern_does_not_bind_never_holds() -> None:
+    tree = loads("toplevel r; r sand a b; a; b;")
+    text = AutomatonBackend().translate(tree, Semantics.PROJECTED).text
+    odd = text.replace('alphabet: "', 'alphabet: "{ v: V }" "W < 250"\nalphabet: "', 1)
+    assert odd != text
+    # `v` is not relevant then, and may come at any time
+    assert verdicts(odd, [{"v": 1}, {"event": "a"}, {"v": 300}, {"event": "b"}]) == "???T"

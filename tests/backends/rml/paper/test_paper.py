@@ -93,3 +93,10 @@ def test_the_unrolled_vot_explodes_at_a_limit() -> None:
 
 def test_it_is_not_faithful() -> None:
     assert not RmlPaperBackend.faithful
+
+
+def test_a_tree_that_the_unrolled_gates_leave_nothing_of_is_refused() -> None:
+    """A VOT is one branch, with all its guards, though the child that has the guard is not needed."""
+    tree = loads("event on(v) = { v: v };\ntoplevel r; r 1of2 a b; a on on(1); b on on(2) when 1.5 < 0;\n")
+    with pytest.raises(NotExpressible, match="every branch has a guard that never holds"):
+        RmlPaperBackend().translate(tree, Semantics.STRICT)

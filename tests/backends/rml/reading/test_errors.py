@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backends.rml.reading.prolog import prolog
+from backends.rml.prolog.writing import prolog
 from backends.rml.reading.reader import read
 from rvaft.errors import LanguageError, TooLarge
 

@@ -6,8 +6,8 @@ from random import Random
 
 import pytest
 
+from backends.rml.prolog.writing import prolog
 from backends.rml.reading.deviations import touching
-from backends.rml.reading.prolog import prolog
 from rvaft.errors import TooLarge
 from rvaft.values import Json
 from tests.backends.rml.published.runner import compiled, needs_published, verdicts

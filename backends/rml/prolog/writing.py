@@ -1,30 +1,38 @@
 """An RML text in the form the published monitor loads: `match/2` for the event types, `trace_expression/2` for the equations.
 
-Written from the syntax alone; it shares nothing with the reader's own rules. Source: the published compiler, by its output.
+Written from the syntax alone; it shares nothing with the reader's own rules. Source: the published compiler, by its output. One
+thing is different: the compiler's output calls the monitor's `deep_subdict(Event, Pattern)`, but the copy of the monitor that is
+ROSMonitoring's RML oracle has its arguments the other way round (and turns them once more inside nested patterns), so that a
+text which suits one matches hardly any event in the other. Here the text brings its own `fits/2`, which does what the published
+`deep_subdict` does, and means the same in both.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
-from typing import Final, TypeVar
+from typing import Final
 
+from backends.rml.prolog.folding import fold
 from backends.rml.reading import syntax as s
 from backends.rml.reading.matching import ANY, NONE
 from backends.rml.reading.parser import parse
 from backends.rml.reading.static import check
 from rvaft.values import Json
 
-_HEADER: Final = (
-    ":- module(spec, [trace_expression/2, match/2]).",
-    ":- use_module(monitor(deep_subdict)).",
-    ":- use_module(library(clpr)).",
-)
+HEADER: Final = """\
+:- module(spec, [trace_expression/2, match/2]).
+:- use_module(library(clpr)).
+fits(Value, Pattern) :- var(Pattern), !, Pattern = Value.
+fits(Value, Pattern) :- is_dict(Pattern), !, is_dict(Value), dict_pairs(Pattern, _, Fields), fields_fit(Fields, Value).
+fits([Value|Values], [Pattern|Patterns]) :- !, fits(Value, Pattern), fits(Values, Patterns).
+fits(Value, Value).
+fields_fit([], _).
+fields_fit([Name-Pattern|Fields], Value) :- get_dict(Name, Value, Inner), fits(Inner, Pattern), fields_fit(Fields, Value).
+"""
+"""How every text begins."""
 _DATA: Final = {"==": "=:=", "!=": "=\\=", "<=": "=<", "&&": ",", "||": ";"}
 _JOINS: Final = {"cat": "*", "and": "/\\", "or": "\\/", "shuffle": "|"}
 _REPEATS: Final = {"star": "star", "plus": "plus", "optional": "optional", "closure": "clos"}
 _LEAVES: Final = {"empty": "eps", "all": "1"}
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 def prolog(text: str) -> str:
@@ -33,19 +41,7 @@ def prolog(text: str) -> str:
     check(program)
     clauses = [clause for declaration in (*program.declarations, ANY, NONE) for clause in _clauses(declaration)]
     equations = ",\n    ".join(f"{e.name} = {_equation(e)}" for e in program.equations.values())
-    return "\n".join([*_HEADER, *clauses, f"trace_expression('Main', Main) :-\n    {equations}.\n"])
-
-
-def _fold(root: T, children: Callable[[T], Sequence[T]], step: Callable[[T, list[R]], R]) -> R:
-    """The value of a tree from the values of its children, without recursion."""
-    order, todo = list[T](), [root]
-    while todo:
-        order.append(part := todo.pop())
-        todo.extend(reversed(children(part)))
-    done: list[R] = []
-    for part in reversed(order):
-        done.append(step(part, [done.pop() for _ in children(part)]))
-    return done.pop()
+    return HEADER + "\n".join([*clauses, f"trace_expression('Main', Main) :-\n    {equations}.\n"])
 
 
 # -- event types -------------------------------------------------------------------------------------------------------
@@ -53,7 +49,7 @@ def _fold(root: T, children: Callable[[T], Sequence[T]], step: Callable[[T, list
 
 def _clauses(declaration: s.Declaration) -> Iterator[str]:
     head = f"match(Event, {_compound(declaration.name, map(_variable, declaration.parameters))})"
-    goals = [f"deep_subdict(Event, {one})" for value in declaration.values for one in _alternatives(value)]
+    goals = [f"fits(Event, {one})" for value in declaration.values for one in _alternatives(value)]
     goals += [f"match(Event, {_parent(use)})" for use in declaration.parents]
     guard = [] if declaration.guard is None else [f"{{{_data(declaration.guard, _variable)}}}"]
     if declaration.negated:
@@ -74,7 +70,7 @@ def _given(parameter: s.Parameter) -> str:
 
 def _alternatives(value: s.Value) -> list[str]:
     """A pattern without `|` for each choice, those of the first field varying slowest."""
-    return _fold(value, _inside, _choices)
+    return fold(value, _inside, _choices)
 
 
 def _inside(value: s.Value) -> Sequence[s.Value]:
@@ -112,7 +108,7 @@ def _choices(value: s.Value, inside: list[list[str]]) -> list[str]:
 
 
 def _equation(equation: s.Equation) -> str:
-    body = _fold(equation.body, s.children, _expression)
+    body = fold(equation.body, s.children, _expression)
     return f"gen([{', '.join(equation.parameters)}], {body})" if equation.parameters else body
 
 
@@ -175,7 +171,7 @@ def _data(data: s.Data, variable: Callable[[str], str]) -> str:
             case s.Apply(operator):
                 return f"({inside[0]} {_DATA.get(operator, operator)} {inside[1]})"
 
-    return _fold(data, operands, written)
+    return fold(data, operands, written)
 
 
 def _compound(name: str, arguments: Iterable[str]) -> str:

@@ -1,0 +1,354 @@
+"""One comparison: a tree, or a part of it, under one semantics, between everybody who takes part.
+
+What can be proved is proved, on all traces; then everybody, proved or not, also runs the same traces, and the verdict after every
+prefix is compared with that of the first participant: the reference, or where that is absent the next one.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import chain
+from random import Random
+from time import perf_counter
+from typing import Final
+
+from cross_check.deadline import Expired, within
+from cross_check.guided import NoTraceFound, disturbed, guided
+from cross_check.letters import Letters, letters
+from cross_check.participants import Absent, Outside, Participant
+from cross_check.product import Exploration, explore
+from cross_check.results import Difference, Job, Result, Status
+from cross_check.words import words as all_words
+from rvaft.backend import Observed
+from rvaft.errors import NotExpressible, RvaftError, TooLarge
+from rvaft.random_traces import random_trace
+from rvaft.restrict import restrict
+from rvaft.tree import RVAFT
+from rvaft.values import Json
+from rvaft.verdict import Verdict
+
+Trace = Sequence[Json]
+Enlist = Callable[[], Participant | Outside | Absent]
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How hard to look.
+
+    `states` bounds the combinations of states of a proof (0: prove nothing), `words` the events in the enumerated traces,
+    `traces` is the number of random ones and `length` their greatest length; with `recheck` what is proved runs them
+    too. `seconds` bounds each translation, each proof and
+    each participant's run of the traces.
+    """
+
+    states: int = 20_000
+    words: int = 2_000
+    traces: int = 20
+    recheck: bool = True
+    length: int = 8
+    seconds: float | None = None
+    seed: str = "0"
+
+
+@dataclass(slots=True)
+class _Row:
+    """What is known of one participant so far."""
+
+    name: str
+    seconds: float
+    participant: Participant | None = None
+    outside: Outside | None = None
+    status: Status | None = None
+    why: str = ""
+    verdicts: int = 0
+    difference: tuple[tuple[Json, ...], tuple[Verdict, ...]] | None = None
+    masked: int = 0
+    runs: int = 0
+    longest: int = 0
+
+    @property
+    def observed(self) -> tuple[Observed, ...] | None:
+        """What it asks of events, if that is known."""
+        return None if self.participant is None else self.participant.observed
+
+    def differs(self, trace: Trace, got: Sequence[Verdict]) -> None:
+        """It says something else than it should; the shortest trace is kept."""
+        self.status = Status.DIFFERS
+        if self.difference is None or len(trace) < len(self.difference[0]):
+            self.difference = tuple(trace), tuple(got)
+
+    def fail(self, error: RvaftError) -> None:
+        """It stopped with an error."""
+        self.status, self.why = Status(Absent(self.name, error).status), _reason(error)
+
+
+_EXPIRED: Final = "no result within the time limit"
+
+
+@dataclass(slots=True)
+class Comparison:
+    """The steps of one comparison; `run` takes them all."""
+
+    tree: RVAFT
+    job: Job
+    effort: Effort
+    rows: list[_Row] = field(default_factory=list)
+
+    def run(self, candidates: Iterable[tuple[str, Enlist]]) -> list[Result]:
+        """Compare; `candidates` are named before they are made, since making one can take too long."""
+        for name, enlist in candidates:
+            self._enlist(name, enlist)
+        if len(self._present) > 1:
+            self._prove()
+        while self._comparable and not self._test():
+            pass
+        compared = any(row.status is Status.DIFFERS or (row.status and row.status.agrees) for row in self.rows)
+        baseline = self._present[0] if compared and self._present else None
+        if baseline is not None:
+            baseline.status, baseline.why = Status.BASELINE, ""
+        return [self._result(row, baseline) for row in self.rows]
+
+    def _enlist(self, name: str, enlist: Enlist) -> None:
+        started = perf_counter()
+        try:
+            with within(self.effort.seconds):
+                found = enlist()
+        except Expired:
+            self.rows.append(_Row(name, perf_counter() - started, status=Status.TIMEOUT, why=_EXPIRED))
+            return
+        row = _Row(name, perf_counter() - started)
+        if isinstance(found, Absent):
+            row.fail(found.error)
+        elif isinstance(found, Outside):
+            row.outside = found
+        else:
+            row.participant = found
+        self.rows.append(row)
+
+    @property
+    def _present(self) -> list[_Row]:
+        """Those that can be compared; the others are compared with the first."""
+        return [row for row in self.rows if row.participant is not None and row.status in (None, Status.PROVED)]
+
+    @property
+    def _comparable(self) -> bool:
+        return len(self._present) + any(row.outside is not None and row.status is None for row in self.rows) > 1
+
+    # -- proof --------------------------------------------------------------------------------------------------
+
+    def _prove(self) -> None:
+        """Prove what can be proved; the rest gets the reason why it is only tested."""
+        if not self.effort.states:
+            return
+        present = self._present
+        gaps = self._gaps(present)
+        for row in present:
+            # whatever the others are, there is nothing to prove them against where the first has a gap
+            row.why = gaps[row.name] or gaps[present[0].name]
+        able = [row for row in present if not row.why]
+        if len(able) > 1:
+            self._explore(able)
+
+    def _gaps(self, present: list[_Row]) -> dict[str, str]:
+        """For each why nothing can be proved about it; empty where something can."""
+        gaps: dict[str, str] = {}
+        known = {row.name: row.observed for row in present if row.observed is not None}
+        try:
+            with within(self.effort.seconds):
+                if not _letters(known.values()).gap:
+                    gaps = dict.fromkeys(known, "")
+                else:
+                    gaps = {name: _letters([observed]).gap for name, observed in known.items()}
+        except Expired:
+            gaps = dict.fromkeys(known, "no letters within the time limit")
+        except TooLarge as error:
+            gaps = dict.fromkeys(known, f"no letters: {_reason(error)}")
+        return dict.fromkeys((row.name for row in present), "what it observes is not known") | gaps
+
+    def _explore(self, able: list[_Row]) -> None:
+        participants = [row.participant for row in able if row.participant is not None]
+        try:
+            with within(self.effort.seconds):
+                alphabet = _letters(row.observed or () for row in able)
+                found = explore(participants, alphabet.events, limit=self.effort.states)
+        except (Expired, TooLarge) as stopped:
+            why = (
+                "no proof within the time limit" if isinstance(stopped, Expired) else f"no letters: {_reason(stopped)}"
+            )
+            for row in able:
+                row.why = why
+            return
+        for row in able[1:]:
+            self._explored(row, found)
+
+    def _explored(self, row: _Row, found: Exploration) -> None:
+        row.verdicts += found.verdicts
+        if row.name in found.failed:
+            row.fail(found.failed[row.name])
+        elif row.name in found.differ:
+            assert row.participant is not None
+            trace = found.differ[row.name]
+            row.differs(trace, list(row.participant.start().run(trace)))
+        elif found.complete:
+            row.status = Status.PROVED
+        else:
+            row.why = f"state limit {self.effort.states} reached"
+
+    # -- tests --------------------------------------------------------------------------------------------------
+
+    def _test(self) -> bool:
+        """Run the traces; False where the one that the others are compared with fails."""
+        baseline, *others = self._present
+        outside = [row for row in self.rows if row.outside is not None]
+        unproved = bool(outside) or any(row.status is None for row in others)
+        traces = list(self._traces(words=unproved)) if unproved or self.effort.recheck else []
+        expected = self._runs(baseline, traces)
+        if expected is None:
+            return False
+        for row in others:
+            for trace, wanted, got in zip(traces, expected, self._runs(row, traces) or [], strict=False):
+                self._compare(row, trace, wanted, got)
+            self._shorten(row, baseline)
+            row.status = row.status or Status.TESTED
+        for row in outside:
+            self._ask(row, traces, expected)
+            row.status = row.status or Status.TESTED
+        return True
+
+    def _shorten(self, row: _Row, baseline: _Row) -> None:
+        """Leave out the events of a difference that it does not need."""
+        assert row.participant is not None
+        assert baseline.participant is not None
+        position = 0
+        with suppress(RvaftError, Expired), within(self.effort.seconds):
+            while row.difference is not None and position < len(row.difference[0]):
+                trace = row.difference[0]
+                fewer = trace[:position] + trace[position + 1 :]
+                wanted = list(baseline.participant.start().run(fewer))
+                before = len(trace)
+                self._compare(row, fewer, wanted, list(row.participant.start().run(fewer)))
+                position += len(row.difference[0]) == before
+
+    @staticmethod
+    def _compare(row: _Row, trace: Trace, wanted: list[Verdict], got: list[Verdict]) -> None:
+        if wanted != got:
+            length = next(i for i, (one, other) in enumerate(zip(wanted, got, strict=True), 1) if one is not other)
+            row.differs(trace[:length], got[:length])
+
+    def _ask(self, row: _Row, traces: Sequence[Trace], expected: Sequence[list[Verdict]]) -> None:
+        """Compare what a program of others answers; where it is known to deviate, that is only counted."""
+        assert row.outside is not None
+        try:
+            answers = row.outside.answers(traces)
+        except RvaftError as error:
+            row.fail(error)
+            return
+        for trace, wanted, answer in zip(traces, expected, answers, strict=True):
+            got = None if answer.verdicts is None else list(answer.verdicts)
+            if got != wanted and answer.deviations:
+                row.masked += 1
+            elif got is None:
+                row.status, row.why = Status.COULD_NOT_RUN, answer.error
+                return
+            else:
+                self._compare(row, trace, wanted, got)
+                row.runs, row.longest = row.runs + 1, max(row.longest, len(trace))
+                row.verdicts += len(got)
+
+    def _traces(self, *, words: bool) -> Iterator[Trace]:
+        """All words up to some length over the letters, where something was not proved, and random traces."""
+        if words:
+            alphabet = self._alphabet()
+            length, many = 0, 1
+            while many * len(alphabet) * (length + 1) <= self.effort.words and length < self.effort.length:
+                length, many = length + 1, many * len(alphabet)
+            yield from all_words(alphabet, length)
+        part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
+        random = Random(f"{self.effort.seed} {self.job.title} {self.job.semantics}")  # noqa: S311 (no secret)
+        for number in range(self.effort.traces):
+            yield self._guided(random, part, disturb=number % 4 == 1) if number % 2 else self._random(random, part)
+
+    def _guided(self, random: Random, part: RVAFT, *, disturb: bool) -> Trace:
+        """A trace that is led through a scenario, whole or disturbed; any trace where none is found."""
+        try:
+            trace = guided(random, part, self.job.semantics, longest=self.effort.length, attempts=5)
+        except NoTraceFound:
+            return self._random(random, part)
+        return disturbed(random, trace, part) if disturb else trace
+
+    def _random(self, random: Random, part: RVAFT) -> Trace:
+        return random_trace(random, part, max_length=self.effort.length)
+
+    def _alphabet(self) -> tuple[Json, ...]:
+        try:
+            return _letters(row.observed or () for row in self._present).events
+        except TooLarge:
+            return ({},)
+
+    def _runs(self, row: _Row, traces: Sequence[Trace]) -> list[list[Verdict]] | None:
+        """The verdicts after every prefix of every trace, or None where the participant fails."""
+        assert row.participant is not None
+        try:
+            with within(self.effort.seconds):
+                found = [list(row.participant.start().run(trace)) for trace in traces]
+        except RvaftError as error:
+            row.fail(error)
+            return None
+        except Expired:
+            row.status, row.why = Status.TIMEOUT, _EXPIRED
+            return None
+        row.runs, row.longest = len(traces), max(map(len, traces), default=0)
+        row.verdicts += sum(map(len, traces))
+        return found
+
+    # -- results ------------------------------------------------------------------------------------------------
+
+    def _result(self, row: _Row, baseline: _Row | None) -> Result:
+        source = row.participant or row.outside
+        specification = None if source is None else source.specification
+        metrics = None if specification is None else specification.metrics
+        alone = Status.COULD_NOT_RUN, "there is nobody to compare it with"
+        status, why = (row.status, row.why) if row.status is not None else alone
+        return Result(
+            self.job,
+            row.name,
+            status,
+            seconds=row.seconds,
+            symbols=None if metrics is None else metrics.symbols,
+            states=None if metrics is None else metrics.states,
+            verdicts=row.verdicts,
+            traces=row.runs,
+            longest=row.longest,
+            why=why,
+            difference=_difference(row, baseline),
+            masked=row.masked,
+        )
+
+
+def _letters(observed: Iterable[Iterable[Observed]]) -> Letters:
+    """The letters of several participants together."""
+    return _remembered(frozenset(chain.from_iterable(observed)))
+
+
+@lru_cache(maxsize=16)
+def _remembered(questions: frozenset[Observed]) -> Letters:
+    return letters(sorted(questions, key=repr))
+
+
+def _reason(error: RvaftError) -> str:
+    """Why, beside a status that says the rest."""
+    match error:
+        case NotExpressible():
+            return error.reason
+        case TooLarge():
+            return f"{error.what} (limit {error.limit})"
+        case _:
+            return str(error).splitlines()[0]
+
+
+def _difference(row: _Row, baseline: _Row | None) -> Difference | None:
+    if row.difference is None or baseline is None or baseline.participant is None:
+        return None
+    trace, got = row.difference
+    return Difference(trace, baseline.name, tuple(baseline.participant.start().run(trace)), got)

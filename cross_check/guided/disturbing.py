@@ -1,0 +1,193 @@
+"""Traces with something wrong in them: what happens to logs, and what tells implementations apart."""
+
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from random import Random
+from typing import Final, TypeAlias
+
+from cross_check.guided.events import noise, some_event
+from cross_check.guided.values import around
+from rvaft.random_traces import COMMON, interesting_values
+from rvaft.tree import RVAFT
+from rvaft.values import Json, equal, is_number
+
+Place: TypeAlias = tuple[int, tuple[str | int, ...]]
+"""The index of an event, and the fields and list indices that lead to a value in it."""
+
+_EXACT: Final = 2**53
+
+
+class Disturbance(StrEnum):
+    """The ways in which one edit disturbs a trace."""
+
+    EXTRA = "an extra event"
+    MISSING = "a missing event"
+    SWAPPED = "two events swapped"
+    REPEATED = "an event repeated"
+    BOUND = "a value at or next to a bound"
+    TYPE = "a value of a wrong type"
+    NUMBER = "1 for 1.0 or 1.0 for 1"
+    FIELD = "a dropped field"
+    NOISE = "an event of noise"
+
+
+def disturbed(random: Random, trace: list[Json], tree: RVAFT) -> list[Json]:
+    """The trace after one edit or a few; the trace itself stays as it is."""
+    for _ in range(random.choice((1, 1, 1, 2, 2, 3))):
+        kinds = random.sample(list(Disturbance), len(Disturbance))
+        after = (disturbed_by(kind, random, trace, tree) for kind in kinds)
+        trace = next((edited for edited in after if edited is not None), trace)
+    return trace
+
+
+def disturbed_by(kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
+    """The trace after one edit of a kind, different from what it was, or None where there is nothing to edit in that way."""
+    return _EDITS[kind](random, trace, tree)
+
+
+# -- whole events -------------------------------------------------------------------------------------------------
+
+
+def _extra(random: Random, trace: list[Json], tree: RVAFT) -> list[Json]:
+    return _with(random, trace, some_event(random, tree, interesting_values(tree)))
+
+
+def _noise(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
+    event = noise(random, tree, COMMON)
+    return None if event is None else _with(random, trace, event)
+
+
+def _with(random: Random, trace: list[Json], event: Json) -> list[Json]:
+    index = random.randint(0, len(trace))
+    return [*trace[:index], event, *trace[index:]]
+
+
+def _missing(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
+    if not trace:
+        return None
+    index = random.randrange(len(trace))
+    return [*trace[:index], *trace[index + 1 :]]
+
+
+def _swapped(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
+    for _ in range(10):
+        if len(trace) > 1:
+            first = random.randrange(len(trace) - 1)
+            second = random.choice((first + 1, random.randrange(first + 1, len(trace))))
+            if not equal(trace[first], trace[second]):
+                result = list(trace)
+                result[first], result[second] = result[second], result[first]
+                return result
+    return None
+
+
+def _repeated(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
+    if not trace:
+        return None
+    index = random.randrange(len(trace))
+    again = random.choice((index, random.randint(index, len(trace) - 1))) + 1
+    return [*trace[:again], trace[index], *trace[again:]]
+
+
+# -- values in events ---------------------------------------------------------------------------------------------
+
+
+def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
+    """Bounds are the constants of the tree, the numbers of the trace, and the sums of both (`T2 >= T1 + 10`)."""
+    numbers = [place for place in _places(trace) if is_number(_at(trace, place))]
+    if not numbers:
+        return None
+    place = random.choice(numbers)
+    old = _at(trace, place)
+    constants = [constant for constant in interesting_values(tree) if is_number(constant)]
+    other, constant = _at(trace, random.choice(numbers)), random.choice(constants)
+    bounds = (old, other, constant, other + constant, other - constant)
+    new = [near for bound in bounds for near in around(bound) if not equal(near, old)]
+    return _put(trace, place, random.choice(new)) if new else None
+
+
+def _type(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
+    places = _places(trace)
+    if not places:
+        return None
+    place = random.choice(places)
+    old = _at(trace, place)
+    others: list[Json] = [value for value in COMMON if _kind(value) is not _kind(old)]
+    if isinstance(old, (int, float)):  # also what a careless comparison takes for the same value
+        others += [str(old)]
+        others += [int(old)] if isinstance(old, bool) else [bool(old)] if old in (0, 1) else []
+    return _put(trace, place, random.choice(others))
+
+
+def _number(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
+    places = []
+    for place in _places(trace):
+        value = _at(trace, place)
+        if is_number(value) and abs(value) < _EXACT and value == int(value):
+            places.append(place)
+    if not places:
+        return None
+    place = random.choice(places)
+    value = _at(trace, place)
+    return _put(trace, place, float(value) if isinstance(value, int) else int(value))
+
+
+def _field(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
+    places = [place for place in _places(trace) if isinstance(place[1][-1], str)]
+    if not places:
+        return None
+    index, path = random.choice(places)
+    owner: Place = (index, path[:-1])
+    return _put(trace, owner, {name: value for name, value in _at(trace, owner).items() if name != path[-1]})
+
+
+def _kind(value: Json) -> type:
+    return float if is_number(value) else type(value)
+
+
+def _places(trace: list[Json]) -> list[Place]:
+    """All values inside the events, in order; an event itself is none."""
+    found: list[Place] = []
+    for index, event in enumerate(trace):
+        todo: list[tuple[tuple[str | int, ...], Json]] = [((), event)]
+        while todo:
+            path, value = todo.pop()
+            if path:
+                found.append((index, path))
+            if isinstance(value, Mapping):
+                todo += [((*path, name), inner) for name, inner in reversed(list(value.items()))]
+            elif isinstance(value, list):
+                todo += [((*path, number), inner) for number, inner in reversed(list(enumerate(value)))]
+    return found
+
+
+def _at(trace: list[Json], place: Place) -> Json:
+    index, path = place
+    value = trace[index]
+    for step in path:
+        value = value[step]
+    return value
+
+
+def _put(trace: list[Json], place: Place, new: Json) -> list[Json]:
+    """The trace with another value at a place; only what leads there is copied."""
+    index, path = place
+    for depth in range(len(path) - 1, -1, -1):
+        owner = _at(trace, (index, path[:depth]))
+        copied: Json = dict(owner) if isinstance(owner, Mapping) else list(owner)
+        copied[path[depth]] = new
+        new = copied
+    return [*trace[:index], new, *trace[index + 1 :]]
+
+
+_EDITS: Final[Mapping[Disturbance, Callable[[Random, list[Json], RVAFT], list[Json] | None]]] = {
+    Disturbance.EXTRA: _extra,
+    Disturbance.MISSING: _missing,
+    Disturbance.SWAPPED: _swapped,
+    Disturbance.REPEATED: _repeated,
+    Disturbance.BOUND: _bound,
+    Disturbance.TYPE: _type,
+    Disturbance.NUMBER: _number,
+    Disturbance.FIELD: _field,
+    Disturbance.NOISE: _noise,
+}

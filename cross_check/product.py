@@ -1,0 +1,158 @@
+"""Proof of agreement: the product of the participants' states, explored breadth-first over all letters.
+
+Every monitor has a `state` whose equality means equal futures, and two events that are the same letter are the same to all. So
+if no reachable combination of states holds two different verdicts, no trace does; and where one does, the first that
+is met gives a shortest trace on which they differ.
+"""
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
+
+from cross_check.participants import Participant
+from rvaft.errors import RvaftError
+from rvaft.monitors import Monitor
+from rvaft.values import Json
+from rvaft.verdict import Verdict
+
+GONE = -1
+"""Stands for the state of a participant that is compared no more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exploration:
+    """What the product has shown, each participant against the first one; `verdicts` counts the prefixes compared for each.
+
+    `differ` gives a shortest distinguishing trace; `failed` what a monitor raised. `complete` says that no combination of states
+    was left out; then the others agree on all traces over the letters.
+    """
+
+    combinations: int
+    verdicts: int
+    longest: int
+    complete: bool
+    differ: dict[str, tuple[Json, ...]] = field(default_factory=dict)
+    failed: dict[str, RvaftError] = field(default_factory=dict)
+
+
+class _Machine:
+    """The reachable states of one participant, numbered as they are met; every step is taken once."""
+
+    def __init__(self, participant: Participant, letters: Sequence[Json]) -> None:
+        self.name = participant.name
+        self._letters = letters
+        self._numbers: dict[Hashable, int] = {}
+        self._monitors: list[Monitor] = []
+        self.verdicts: list[Verdict] = []
+        self._steps: list[list[int | None]] = []
+        self._start = participant.start
+
+    def start(self) -> int:
+        """The number of the state before any event."""
+        return self._number(self._start())
+
+    def step(self, state: int, letter: int) -> int:
+        """The number of the state after one more event."""
+        after = self._steps[state][letter]
+        if after is None:
+            monitor = self._monitors[state].fork()
+            monitor.step(self._letters[letter])
+            after = self._steps[state][letter] = self._number(monitor)
+        return after
+
+    def _number(self, monitor: Monitor) -> int:
+        state = (monitor.verdict, monitor.state)
+        number = self._numbers.setdefault(state, len(self._monitors))
+        if number == len(self._monitors):
+            self._monitors.append(monitor)
+            self.verdicts.append(monitor.verdict)
+            self._steps.append([None] * len(self._letters))
+        return number
+
+
+class _Explorer:
+    """The breadth-first search; `traces` are kept as back pointers."""
+
+    def __init__(self, participants: Sequence[Participant], letters: Sequence[Json]) -> None:
+        self.machines = [_Machine(participant, letters) for participant in participants]
+        self.letters = letters
+        self.differ: dict[str, tuple[Json, ...]] = {}
+        self.failed: dict[str, RvaftError] = {}
+        self.verdicts = 0
+        self._came: list[tuple[int, int]] = []
+
+    def run(self, limit: int) -> Exploration:
+        """Explore until everything is seen, or `limit` combinations."""
+        start = self._start()
+        agenda = [start]
+        known = {start}
+        self._came = [(GONE, GONE)]
+        depth = [0]
+        complete = True
+        for position, states in enumerate(agenda):
+            if len(agenda) > limit:
+                complete = False
+                break
+            if self._lonely(states):
+                continue
+            for letter in range(len(self.letters)):
+                after = self._after(position, states, letter)
+                if after not in known:
+                    known.add(after)
+                    agenda.append(after)
+                    self._came.append((position, letter))
+                    depth.append(depth[position] + 1)
+        return Exploration(len(known), self.verdicts, max(depth), complete, self.differ, self.failed)
+
+    def _start(self) -> tuple[int, ...]:
+        states: list[int] = []
+        for machine in self.machines:
+            try:
+                states.append(machine.start())
+            except RvaftError as error:
+                self.failed[machine.name] = error
+                states.append(GONE)
+        return self._compared(tuple(states), ())
+
+    def _after(self, position: int, states: tuple[int, ...], letter: int) -> tuple[int, ...]:
+        found: list[int] = []
+        for machine, state in zip(self.machines, states, strict=True):
+            try:
+                gone = state == GONE or machine.name in self.differ or machine.name in self.failed
+                found.append(GONE if gone else machine.step(state, letter))
+            except RvaftError as error:
+                self.failed[machine.name] = error
+                found.append(GONE)
+        verdicts = {m.verdicts[s] for m, s in zip(self.machines, found, strict=True) if s != GONE}
+        self.verdicts += 1
+        if len(verdicts) <= 1:
+            return tuple(found)
+        return self._compared(tuple(found), (*self._trace(position), self.letters[letter]))
+
+    def _compared(self, states: tuple[int, ...], trace: tuple[Json, ...]) -> tuple[int, ...]:
+        """The states, without those participants whose verdict is not that of the first."""
+        if states[0] == GONE:
+            return states
+        expected = self.machines[0].verdicts[states[0]]
+        kept: list[int] = []
+        for machine, state in zip(self.machines, states, strict=True):
+            differs = state != GONE and machine.verdicts[state] is not expected
+            if differs:
+                self.differ.setdefault(machine.name, trace)
+            kept.append(GONE if differs else state)
+        return tuple(kept)
+
+    def _lonely(self, states: tuple[int, ...]) -> bool:
+        """Whether nobody is left to compare."""
+        return states[0] == GONE or all(state == GONE for state in states[1:])
+
+    def _trace(self, position: int) -> tuple[Json, ...]:
+        letters: list[Json] = []
+        while position:
+            position, letter = self._came[position]
+            letters.append(self.letters[letter])
+        return tuple(reversed(letters))
+
+
+def explore(participants: Sequence[Participant], letters: Sequence[Json], *, limit: int) -> Exploration:
+    """Compare everybody with the first participant on all traces over the letters; see the module."""
+    return _Explorer(participants, letters).run(limit)

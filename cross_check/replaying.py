@@ -1,0 +1,57 @@
+"""Saved cases run again."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from cross_check.bogus import verdicts_of
+from cross_check.cases import Case
+from cross_check.participants import REFERENCE, Absent
+from cross_check.results import Difference, Job, Result, Status
+from cross_check.roster import Roster
+from rvaft.errors import RvaftError
+from rvaft.verdict import Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What one participant of a case says now; `before` is what it said when the case was saved, if it did."""
+
+    result: Result
+    before: tuple[Verdict, ...] | None
+    now: tuple[Verdict, ...] | None
+
+    @property
+    def changed(self) -> bool:
+        """Whether it says something else than it did."""
+        return self.before is not None and self.now is not None and self.before != self.now
+
+
+def replay(case: Case, roster: Roster) -> Iterator[Replay]:
+    """What the participants say on the trace of a case: those of the roster, and those that the case has verdicts of."""
+    job = Job(case.name, case.semantics, case.branch, case.kind)
+    baseline: tuple[Verdict, ...] | None = None
+    for name, enlist in roster.candidates(case.tree, job):
+        found = verdicts_of(enlist(), case.trace)
+        if isinstance(found, RvaftError):
+            status = Status(Absent(name, found).status)
+            yield Replay(Result(job, name, status, why=str(found)), case.verdicts.get(name), None)
+            continue
+        before = case.verdicts.get(name)
+        if baseline is None:
+            baseline = found
+            yield Replay(
+                Result(job, name, Status.BASELINE, verdicts=len(found), traces=1, longest=len(found)), before, found
+            )
+        elif found == baseline:
+            yield Replay(
+                Result(job, name, Status.TESTED, verdicts=len(found), traces=1, longest=len(found)), before, found
+            )
+        else:
+            difference = Difference(case.trace, REFERENCE, baseline, found)
+            yield Replay(
+                Result(
+                    job, name, Status.DIFFERS, verdicts=len(found), traces=1, longest=len(found), difference=difference
+                ),
+                before,
+                found,
+            )

@@ -1,0 +1,114 @@
+"""What a comparison says of each participant. Its words are never blurred: proved is not tested, and neither is absence."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from rvaft.model import Kind
+from rvaft.values import Json
+from rvaft.verdict import Semantics, Verdict
+
+
+class Status(StrEnum):
+    """How it ended for one participant."""
+
+    BASELINE = "baseline"
+    """The others are compared with it."""
+    PROVED = "proved"
+    """It agrees with the first participant on all traces."""
+    TESTED = "tested"
+    """It agrees on the traces that were tried."""
+    DIFFERS = "differs"
+    NOT_EXPRESSIBLE = "not expressible"
+    TOO_LARGE = "too large"
+    TIMEOUT = "timeout"
+    TOOL_MISSING = "tool missing"
+    COULD_NOT_RUN = "could not run"
+
+    @property
+    def agrees(self) -> bool:
+        """Whether verdicts were compared and all were equal."""
+        return self in (Status.PROVED, Status.TESTED)
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A trace on which a participant and the first one give different verdicts, and what each says after every prefix."""
+
+    trace: tuple[Json, ...]
+    baseline: str
+    expected: tuple[Verdict, ...]
+    got: tuple[Verdict, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What is compared: a tree or a part of it under one semantics. `name` says which tree in reports."""
+
+    name: str
+    semantics: Semantics
+    branch: int | None = None
+    kind: Kind | None = None
+
+    @property
+    def title(self) -> str:
+        """The name, with the part."""
+        part = (
+            f" branch {self.branch}" if self.branch is not None else f" {self.kind}s" if self.kind is not None else ""
+        )
+        return f"{self.name}{part}"
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One participant in one comparison.
+
+    `seconds` is the time of the translation and the first reading, `verdicts` how many were compared, `symbols` and `states` the
+    sizes of its text. `why` explains what is neither proved nor tested, or why it is only tested. `masked` counts traces
+    on which it differs as its tool is known to.
+    """
+
+    job: Job
+    participant: str
+    status: Status
+    seconds: float = 0.0
+    symbols: int | None = None
+    states: int | None = None
+    verdicts: int = 0
+    traces: int = 0
+    longest: int = 0
+    why: str = ""
+    difference: Difference | None = None
+    masked: int = 0
+
+    @property
+    def text(self) -> str:
+        """The result in one line."""
+        match self.status:
+            case Status.PROVED | Status.BASELINE:
+                return str(self.status)
+            case Status.TESTED:
+                because = f" ({self.why})" if self.why else ""
+                masked = f", {self.masked} masked" if self.masked else ""
+                traces = "trace" if self.traces == 1 else "traces"
+                return f"tested: {self.traces} {traces} up to length {self.longest}{masked}{because}"
+            case Status.DIFFERS:
+                length = len(self.difference.trace) if self.difference is not None else 0
+                return f"differs after {length} event{'' if length == 1 else 's'}"
+            case _:
+                return f"{self.status}: {self.why}" if self.why else str(self.status)
+
+
+def exit_status(
+    results: Iterable[Result], *, fail_on_not_expressible: bool = False, fail_on_timeout: bool = False
+) -> int:
+    """0 where all that ran agree, 1 where some differ, 2 where something could not run; 2 wins."""
+    failing = {Status.COULD_NOT_RUN, Status.TOOL_MISSING}
+    if fail_on_not_expressible:
+        failing |= {Status.NOT_EXPRESSIBLE, Status.TOO_LARGE}
+    if fail_on_timeout:
+        failing.add(Status.TIMEOUT)
+    found = {result.status for result in results}
+    if found & failing:
+        return 2
+    return 1 if Status.DIFFERS in found else 0

@@ -1,0 +1,235 @@
+"""`rvaft cross-check`: whether the specifications of a tree say the same thing."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Final, TypeVar
+
+import click
+
+from cross_check.against import handwritten
+from cross_check.bogus import keep
+from cross_check.campaign import MAX_NODES, campaign
+from cross_check.cases import load_all
+from cross_check.catalogue import EFFORT, Entry, catalogue
+from cross_check.comparison import Effort
+from cross_check.replaying import replay
+from cross_check.results import Job, Result, Status, exit_status
+from cross_check.roster import PATIENCE, Roster
+from cross_check.runs import Task, run
+from rvaft.api import narrowed
+from rvaft.backend import all_backends, backend
+from rvaft.cli.failure import FAILED, INTERRUPTED, Stopped, report
+from rvaft.cli.languages import suggesting
+from rvaft.cli.options import exclusive, part_options
+from rvaft.cli.reports import Reports, Watched, report_options
+from rvaft.errors import RvaftError
+from rvaft.language import load
+from rvaft.model import Kind
+from rvaft.printable import columns, visible
+from rvaft.verdict import Semantics, Verdict
+
+SMALL_PROOF: Final = 500
+"""Combinations of states of a proof in a random campaign, where many trees say more than one."""
+SMALL_TEXT: Final = 10_000
+"""The limit of translations there."""
+
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class Failures:
+    """Reports what cannot be read, so that the rest still runs."""
+
+    met: bool = False
+
+    def collect(self, read: Callable[[str], T], names: Iterable[str]) -> Iterator[T]:
+        """What can be read of these."""
+        for name in names:
+            try:
+                yield read(name)
+            except (RvaftError, OSError) as error:
+                report(error)
+                self.met = True
+
+
+def _semantics(_context: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[Semantics, ...] | None:
+    if value is None:
+        return None
+    if value == "all":
+        return tuple(Semantics)
+    try:
+        return tuple(dict.fromkeys(Semantics(name.strip()) for name in value.split(",")))
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not `all` or some of {', '.join(Semantics)}, with commas") from None
+
+
+@click.command("cross-check")
+@click.argument("trees", nargs=-1, metavar="[TREE]...")
+@click.option("--against", multiple=True, metavar="[LANG:]FILE", help="A specification to hold against each TREE.")
+@click.option("--backends", metavar="A,B", help="These backends instead of all faithful ones.")
+@click.option("--semantics", callback=_semantics, metavar="S,...|all", help="Default: all; with --against, projected.")
+@part_options
+@click.option("--random", type=click.IntRange(min=1), metavar="N", help="Compare N random trees.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="The seed of everything random.")
+@click.option(
+    "--max-nodes",
+    type=click.IntRange(min=2),
+    default=MAX_NODES,
+    show_default=True,
+    metavar="M",
+    help="Of random trees.",
+)
+@click.option("--traces", type=click.IntRange(min=0), metavar="N", help="Random traces for each comparison.")
+@click.option("--length", type=click.IntRange(min=1), default=8, show_default=True, metavar="L", help="Of traces.")
+@click.option(
+    "--states", type=click.IntRange(min=0), default=20_000, show_default=True, metavar="N", help="Of a proof."
+)
+@click.option("--limit", type=click.IntRange(min=1), metavar="N", help="Of translations, in the language's own unit.")
+@click.option(
+    "--jobs", type=click.IntRange(min=1), default=None, metavar="N", help="Processes.  [default: one per processor]"
+)
+@click.option(
+    "--timeout", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS", help="For each step of a case."
+)
+@click.option("--stop-on-error", is_flag=True, help="Stop at the first disagreement.")
+@click.option("--save-bogus", metavar="DIR", help="Shrink each disagreement and save it as a case below DIR.")
+@click.option("--replay", "replay_folder", metavar="DIR", help="Run saved cases again.")
+@click.option("--rml-monitor", metavar="DIR", help="Also run RML by the published monitor, of which DIR is a checkout.")
+@click.option("--mona", is_flag=True, help="Also run LTLf by MONA (small trees without variables).")
+@report_options
+@click.option("--fail-on-not-expressible", is_flag=True, help="Exit with 2 where a language cannot say a tree.")
+@click.option("--fail-on-timeout", is_flag=True, help="Exit with 2 where the time was too short.")
+def command(
+    *,
+    trees: tuple[str, ...],
+    against: tuple[str, ...],
+    backends: str | None,
+    semantics: tuple[Semantics, ...] | None,
+    branch: int | None,
+    kind: str | None,
+    random: int | None,
+    seed: int,
+    max_nodes: int,
+    traces: int | None,
+    length: int,
+    states: int,
+    limit: int | None,
+    jobs: int | None,
+    timeout: float | None,
+    stop_on_error: bool,
+    save_bogus: str | None,
+    replay_folder: str | None,
+    rml_monitor: str | None,
+    mona: bool,
+    fail_on_not_expressible: bool,
+    fail_on_timeout: bool,
+    **files: str | None,
+) -> int:
+    """Compare the reference, the engine and all faithful backends: on each TREE, or without one on every gate.
+
+    Proves agreement on all traces where it can, tests it otherwise, and says which. The exit status is 1 when some differ, 2 when
+    something could not be read or run.
+    """
+    exclusive(branch=branch, kind=kind)
+    exclusive(random=random, replay=replay_folder)
+    context = click.get_current_context()
+    if (random is not None or replay_folder is not None) and (trees or branch is not None or kind is not None):
+        raise click.UsageError("--random and --replay bring their own trees", context)
+    if (branch is not None or kind is not None) and not trees:
+        raise click.UsageError("--branch and --kind need a TREE", context)
+    texts, trees = _sorted_out(against, trees)
+    if against and not trees:
+        raise click.UsageError("--against needs a TREE to compare with", context)
+    failures = Failures()
+    roster = Roster(
+        _backends(backends),
+        tuple(failures.collect(handwritten, texts)),
+        rml_monitor=None if rml_monitor is None else Path(rml_monitor),
+        mona=mona,
+        patience=timeout or PATIENCE,
+        limit=SMALL_TEXT if limit is None and random is not None else limit,
+    )
+    if replay_folder is not None:
+        return _replayed(Path(replay_folder), roster)
+    chosen = semantics or ((Semantics.PROJECTED,) if against else tuple(Semantics))
+    entries: Iterable[Entry]
+    if trees:
+        part = partial(_entry, branch=branch, kind=None if kind is None else Kind(kind))
+        entries, count = (loaded := list(failures.collect(part, trees))), len(loaded)
+        effort = Effort(states=states)
+    elif random is not None:
+        entries, count = campaign(random, seed, max_nodes), random
+        effort = Effort(states=min(states, SMALL_PROOF), words=0)
+    else:
+        entries, count = (gates := list(catalogue())), len(gates)
+        effort = replace(EFFORT, states=states)
+    effort = replace(effort, length=length, seconds=timeout, seed=str(seed))
+    effort = effort if traces is None else replace(effort, traces=traces)
+    tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e in entries for s in chosen)
+    reports = Reports({form: path for form, path in files.items() if path is not None}, every=bool(trees))
+    interrupted = False
+    with Watched(count * len(chosen)) as watched, closing(run(tasks, jobs=jobs or os.cpu_count() or 1)) as running:
+        try:
+            for task, results in running:
+                watched.advance()
+                reports.add(results)
+                differing = [result for result in results if result.status is Status.DIFFERS]
+                if save_bogus is not None:
+                    for result in differing:
+                        click.echo(f"saved {keep(task, result, Path(save_bogus))}")
+                if differing and stop_on_error:
+                    break
+        except KeyboardInterrupt:
+            interrupted = True
+    reports.finish()
+    if interrupted:
+        raise Stopped(INTERRUPTED)
+    status = exit_status(
+        reports.results, fail_on_not_expressible=fail_on_not_expressible, fail_on_timeout=fail_on_timeout
+    )
+    return FAILED if failures.met else status
+
+
+def _backends(named: str | None) -> tuple[str, ...] | None:
+    """The backends that a list names; raises `OptionError` for an unknown one."""
+    if named is None:
+        return None
+    names = tuple(dict.fromkeys(name.strip() for name in named.split(",")))
+    with suggesting():
+        for name in names:
+            backend(name)
+    return names
+
+
+def _sorted_out(against: tuple[str, ...], trees: tuple[str, ...]) -> tuple[list[str], tuple[str, ...]]:
+    """The specifications and the trees: what follows the first FILE of --against is a specification too, where its name says so."""
+    suffixes = {backend(name).suffix for name in all_backends()}
+    texts = [tree for tree in trees if Path(tree).suffix in suffixes] if against else []
+    return [*against, *texts], tuple(tree for tree in trees if tree not in texts)
+
+
+def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:
+    tree = load(path)
+    narrowed(tree, branch, kind)  # refuses what breaks a rule, and a part that is not there
+    return Entry(path, tree, branch, kind)
+
+
+def _replayed(folder: Path, roster: Roster) -> int:
+    """Run saved cases again, one table each."""
+    results: list[Result] = []
+    for case in load_all(folder):
+        click.echo(visible(f"{case.name}: {case.semantics}"))
+        rows = [("PARTICIPANT", "BEFORE", "NOW", "RESULT")]
+        for one in replay(case, roster):
+            results.append(one.result)
+            rows.append((one.result.participant, _symbols(one.before), _symbols(one.now), one.result.text))
+        click.echo("\n".join(f"  {line}" for line in columns(rows)))
+    return exit_status(results)
+
+
+def _symbols(verdicts: tuple[Verdict, ...] | None) -> str:
+    return "-" if verdicts is None else "".join(verdict.symbol for verdict in verdicts)

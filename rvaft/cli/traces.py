@@ -1,0 +1,111 @@
+"""`rvaft traces`: example logs for a tree."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Final
+
+import click
+
+from cross_check.guided import PLAIN, NoTraceFound, detecting, near_miss
+from rvaft.api import narrowed
+from rvaft.cli.options import exclusive, part_options, semantics_option, tree_argument
+from rvaft.cli.output import deliver, write_whole
+from rvaft.language import load
+from rvaft.random_traces import random_trace
+from rvaft.tree import RVAFT
+from rvaft.values import Json
+from rvaft.verdict import Semantics
+
+DEFAULT_NUMBER: Final = 5
+"""How many traces go into a folder; standard output takes one."""
+RANDOM_LENGTH: Final = 10
+"""The most events of a random trace, unless `--length` says otherwise."""
+_REDRAWS: Final = 20
+"""How often to draw again so that a trace is none of those before; some trees have only one."""
+
+Maker = Callable[[Random, RVAFT, Semantics, int | None], list[Json]]
+
+
+def _detecting(random: Random, tree: RVAFT, semantics: Semantics, longest: int | None) -> list[Json]:
+    return detecting(random, tree, semantics, manner=PLAIN, longest=longest)
+
+
+def _near_miss(random: Random, tree: RVAFT, semantics: Semantics, longest: int | None) -> list[Json]:
+    return near_miss(random, tree, semantics, manner=PLAIN, longest=longest).trace
+
+
+def _random(random: Random, tree: RVAFT, semantics: Semantics, longest: int | None) -> list[Json]:  # noqa: ARG001
+    return random_trace(random, tree, max_length=longest or RANDOM_LENGTH)
+
+
+@click.command("traces")
+@tree_argument
+@click.option("--detect", is_flag=True, help="Traces whose last event detects the tree (the default).")
+@click.option("--near-miss", is_flag=True, help="Traces that do not detect the tree, one edit away from one that does.")
+@click.option("--random", "chance", is_flag=True, help="Random events that have to do with the tree.")
+@click.option("-n", "number", type=click.IntRange(min=1), metavar="N", help="How many; default: 5 with -o, else 1.")
+@semantics_option
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Another seed gives other traces.")
+@click.option("--length", type=click.IntRange(min=1), metavar="L", help="At most L events in a trace.")
+@part_options
+@click.option("-o", "--output", metavar="DIR", help="Write DIR/detect-1.jsonl and so on instead of to standard output.")
+def command(
+    *,
+    tree: str,
+    detect: bool,
+    near_miss: bool,
+    chance: bool,
+    number: int | None,
+    semantics: str,
+    seed: int,
+    length: int | None,
+    branch: int | None,
+    kind: str | None,
+    output: str | None,
+) -> int:
+    """Write example logs for a tree: N traces as JSON Lines, one to standard output or each to a file of a folder.
+
+    The same options give the same traces. A folder that is not there is made; files of the same names are replaced.
+    """
+    exclusive(**{"detect": detect or None, "near-miss": near_miss or None, "random": chance or None})
+    exclusive(branch=branch, kind=kind)
+    folder = None if output in (None, "-") else output
+    wanted = number or (DEFAULT_NUMBER if folder is not None else 1)
+    if folder is None and wanted > 1:
+        raise click.UsageError(f"{wanted} traces need a folder: name it with -o", click.get_current_context())
+    name, make = ("near-miss", _near_miss) if near_miss else ("random", _random) if chance else ("detect", _detecting)
+    part = narrowed(load(tree), branch, kind)
+    try:
+        texts = _texts(wanted, f"{seed} {name}", lambda random: make(random, part, Semantics(semantics), length))
+    except NoTraceFound as error:
+        remedy = "another --seed" if length is None else "a larger --length or another --seed"
+        raise click.ClickException(f"{click.format_filename(tree)}: {error}; try {remedy}") from error
+    if folder is None:
+        deliver(texts[0].encode(), output)
+    else:
+        _write(Path(folder), name, texts)
+    return 0
+
+
+def _texts(wanted: int, seed: str, make: Callable[[Random], list[Json]]) -> list[str]:
+    """The traces as JSON Lines, each from a seed of its own, so that asking for more does not change the first ones."""
+    texts: list[str] = []
+    for number in range(1, wanted + 1):
+        random = Random(f"{seed} {number}")  # noqa: S311 (no secret)
+        for _ in range(_REDRAWS):
+            text = "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in make(random))
+            if text and text not in texts:
+                break
+        texts.append(text)
+    return texts
+
+
+def _write(folder: Path, name: str, texts: list[str]) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OSError(error.errno, f"cannot make the folder: {error.strerror}", str(folder)) from error
+    for number, text in enumerate(texts, 1):
+        write_whole(folder / f"{name}-{number}.jsonl", text.encode())

@@ -1,0 +1,464 @@
+"""Cases: what is saved is loaded again, whole or not at all, and what is no case is said in one line."""
+
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cross_check import cases
+from cross_check.cases import Case, CaseError, Text, case_folders, case_name, load, load_all, save
+from rvaft import Kind, RvaftError, Semantics, Verdict, dumps, loads
+from rvaft.errors import TraceError
+from rvaft.restrict import restrict
+from rvaft.strategies import trees_with_traces
+
+UNKNOWN, TRUE, FALSE = Verdict.UNKNOWN, Verdict.TRUE, Verdict.FALSE
+TREE = """event x(p) = { x: p, "näme": "ü\\n" };
+top sand a b label "Ωμέγα — \\"quoted\\" 😀" lambda="0.1";
+a on x(1.0) attack;
+b when V > 1 on x(V);
+"""
+CASE = Case(
+    "sand-projected-12ab",
+    loads(TREE),
+    ({"x": 1, "näme": "ü\n"}, {"x": 1.0, "y": ["\u2028", None, True, {"": 1e300}]}),
+    Semantics.PROJECTED,
+    1,
+    Kind.ATTACK,
+    {"reference": (UNKNOWN, TRUE), "my döts/x.rml": (UNKNOWN, FALSE)},
+    {
+        "my döts/x.rml": Text("rml", "Main = a;\r\n"),
+        "rml": Text("rml", ""),
+        "tree": Text("rvaft", "a;"),
+        "case": Text("json", "{}"),
+        "RML!": Text("rml", "another"),
+    },
+)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+# -- there and back ---------------------------------------------------------------------------------------------
+
+
+def test_a_case_reads_back_as_it_was(tmp_path: Path) -> None:
+    path = save(CASE, tmp_path / "new" / "folder")
+    assert path == tmp_path / "new" / "folder" / CASE.name
+    assert load(path) == CASE
+    assert repr(load(path).trace) == repr(CASE.trace)
+    assert dumps(load(path).tree) == dumps(CASE.tree)
+    assert load(str(path)).specifications == CASE.specifications
+
+
+def test_the_files_are_for_people(tmp_path: Path) -> None:
+    path = save(CASE, tmp_path)
+    names = {
+        "tree.rvaft",
+        "trace.jsonl",
+        "case.json",
+        "my-d-ts-x-rml.rml",
+        "rml.rml",
+        "tree-2.rvaft",
+        "case-2.json",
+        "rml-2.rml",
+    }
+    assert files(path).keys() == names
+    assert (path / "tree.rvaft").read_text(encoding="utf-8") == dumps(CASE.tree)
+    assert (path / "my-d-ts-x-rml.rml").read_bytes() == b"Main = a;\r\n"
+    assert [json.loads(line) for line in (path / "trace.jsonl").read_bytes().split(b"\n")[:-1]] == list(CASE.trace)
+    record = json.loads((path / "case.json").read_bytes())
+    assert record["semantics"] == "projected"
+    assert (record["branch"], record["kind"]) == (1, "attack")
+    assert record["verdicts"] == {"reference": ["unknown", "true"], "my döts/x.rml": ["unknown", "false"]}
+    assert record["specifications"]["my döts/x.rml"] == {"language": "rml", "file": "my-d-ts-x-rml.rml"}
+    assert "döts" in (path / "case.json").read_text(encoding="utf-8")
+
+
+def test_an_empty_trace_and_nobody(tmp_path: Path) -> None:
+    case = Case("empty", loads("a;"), (), Semantics.STRICT)
+    assert load(save(case, tmp_path)) == case
+
+
+PARTICIPANTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
+
+
+@settings(
+    max_examples=30,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.large_base_example, HealthCheck.data_too_large],
+)
+@given(st.data(), trees_with_traces(max_length=4))
+def test_every_case_reads_back(data: st.DataObject, pair: tuple[Any, list[Any]]) -> None:
+    tree, trace = pair
+    verdicts = st.lists(st.sampled_from(Verdict), min_size=len(trace), max_size=len(trace)).map(tuple)
+    text = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
+    case = Case(
+        "n",
+        tree,
+        tuple(trace),
+        data.draw(st.sampled_from(Semantics)),
+        data.draw(st.none() | st.integers(1, 10**6)),
+        data.draw(st.none() | st.sampled_from(Kind)),
+        data.draw(st.dictionaries(PARTICIPANTS, verdicts, max_size=3)),
+        data.draw(st.dictionaries(PARTICIPANTS, st.builds(Text, text, text), max_size=3)),
+    )
+    with TemporaryDirectory() as folder:
+        path = save(case, folder)
+        again = load(path)
+        assert again == case
+        assert repr(again.trace) == repr(case.trace)
+        assert save(again, folder) == path
+
+
+# -- names ------------------------------------------------------------------------------------------------------
+
+
+def test_the_same_case_is_the_same_folder(tmp_path: Path) -> None:
+    first = save(CASE, tmp_path)
+    before = files(tmp_path)
+    assert save(CASE, tmp_path) == first
+    assert files(tmp_path) == before
+
+
+def test_another_case_of_the_name_gets_a_number(tmp_path: Path) -> None:
+    others = [
+        replace(CASE, trace=({"x": True, "näme": ""}, CASE.trace[1])),
+        replace(CASE, trace=({**CASE.trace[0], "x": 1.0}, CASE.trace[1])),
+        replace(CASE, semantics=Semantics.STRICT),
+        replace(CASE, branch=2),
+        replace(CASE, kind=None),
+        replace(CASE, verdicts={}),
+        replace(CASE, specifications={}),
+        replace(CASE, tree=loads(TREE.replace("1.0", "1"))),
+    ]
+    paths = [save(case, tmp_path) for case in (CASE, *others)]
+    assert [path.name for path in paths] == [CASE.name, *(f"{CASE.name}-{number}" for number in range(2, 10))]
+    assert [save(case, tmp_path) for case in (CASE, *others)] == paths
+    assert [repr(load(path).trace) for path in paths] == [repr(case.trace) for case in (CASE, *others)]
+
+
+def test_what_is_in_the_way_stays(tmp_path: Path) -> None:
+    (tmp_path / "n").write_text("mine")
+    (tmp_path / "n-2").mkdir()
+    (tmp_path / "n-3").symlink_to("nowhere")
+    path = save(replace(CASE, name="n"), tmp_path)
+    assert path == tmp_path / "n-4"
+    assert (tmp_path / "n").read_text() == "mine"
+    assert list((tmp_path / "n-2").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [
+        ("../up", "up"),
+        ("a/b", "a-b"),
+        ("", "case"),
+        ("..", "case"),
+        ("Ä Ö", "case"),
+        (".x", "x"),
+        ("x" * 200, "x" * 60),
+    ],
+)
+def test_a_name_stays_in_its_folder(tmp_path: Path, name: str, folder: str) -> None:
+    home = tmp_path / "home"
+    assert save(replace(CASE, name=name), home) == home / folder
+    assert [path.name for path in tmp_path.iterdir()] == ["home"]
+
+
+def test_names_tell_the_gate_the_semantics_and_a_digest() -> None:
+    tree, trace = loads("top and a b;"), [{"event": "a"}]
+    name = case_name(tree, trace, Semantics.PROJECTED)
+    stem, digest = name.rsplit("-", 1)
+    assert stem == "and-projected"
+    assert len(digest) == 4
+    assert set(digest) <= set("0123456789abcdef")
+    assert name == case_name(loads(dumps(tree)), list(trace), Semantics.PROJECTED)
+    others = [
+        case_name(tree, [], Semantics.PROJECTED),
+        case_name(loads("top and a c;"), trace, Semantics.PROJECTED),
+        case_name(tree, trace, Semantics.PROJECTED, branch=1),
+        case_name(tree, trace, Semantics.PROJECTED, kind=Kind.FAULT),
+    ]
+    assert len({name, *others}) == 5
+    assert case_name(loads("a;"), trace, Semantics.STRICT).startswith("leaf-strict-")
+
+
+def test_many_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
+    many = [replace(CASE, name="n", branch=number % 3 + 1) for number in range(12)]
+    paths: list[Path] = []
+    threads = [threading.Thread(target=lambda case=case: paths.append(save(case, tmp_path))) for case in many]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted({path.name for path in paths}) == sorted(path.name for path in tmp_path.iterdir())
+    assert {load(path).branch for path in tmp_path.iterdir()} == {1, 2, 3}
+
+
+# -- all or nothing ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fails_at", [1, 2, 3, 4])
+def test_nothing_is_left_of_a_case_that_could_not_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_at: int
+) -> None:
+    written, write = 0, Path.write_bytes
+
+    def failing(self: Path, data: bytes) -> int:
+        nonlocal written
+        written += 1
+        if written == fails_at:
+            raise OSError(28, "No space left on device")
+        return write(self, data)
+
+    monkeypatch.setattr(Path, "write_bytes", failing)
+    with pytest.raises(CaseError, match=r"^[^\n]*cannot be written: No space left on device$"):
+        save(CASE, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_left_after_an_interrupt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(case: Case, temporary: Path) -> None:
+        assert temporary.is_dir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cases, "_check_reads_back", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        save(CASE, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def _deep(levels: int) -> Any:
+    value: Any = 1
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
+CANNOT_BE_SAVED: dict[str, Callable[[], Case]] = {
+    "not a number": lambda: replace(CASE, trace=({"x": float("nan")}, {})),
+    "half a surrogate pair": lambda: replace(CASE, trace=({"x": "\ud800"}, {})),
+    "nested too deeply to be read": lambda: replace(CASE, trace=({"x": _deep(600)}, {})),
+    "nested too deeply to be written": lambda: replace(CASE, trace=({"x": _deep(100_000)}, {})),
+    "too many digits": lambda: replace(CASE, trace=({"x": 10**5000}, {})),
+    "no JSON value": lambda: replace(CASE, trace=({"x": object()}, {})),
+    "a tuple for a list": lambda: replace(CASE, trace=({"x": (1, 2)}, {})),
+    "a key that is no string": lambda: replace(CASE, trace=({1: 2}, {})),
+    "an event that is no object": lambda: replace(CASE, trace=([1], {})),
+    "half a pair in a specification": lambda: replace(CASE, specifications={"a": Text("rml", "\udfff")}),
+    "half a pair in a participant": lambda: replace(CASE, verdicts={"\udfff": (TRUE, TRUE)}),
+    "a tree that breaks a rule": lambda: replace(CASE, tree=_silent()),
+}
+
+
+def _silent() -> Any:
+    from rvaft import RVAFT, Gate, Node
+    from rvaft.patterns import Literal
+
+    return RVAFT("a", [Node("a", Gate.OR, ("b",)), Node("b", when=Literal(True))])
+
+
+@pytest.mark.parametrize("what", CANNOT_BE_SAVED)
+def test_what_could_not_be_read_back_is_not_written(tmp_path: Path, what: str) -> None:
+    with pytest.raises(CaseError) as caught:
+        save(CANNOT_BE_SAVED[what](), tmp_path)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path) not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("folder", ["file", "file/inner", "a\0b"])
+def test_a_folder_that_cannot_be_written(tmp_path: Path, folder: str) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(CaseError, match="cannot be written"):
+        save(CASE, tmp_path / folder)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_verdicts_are_as_many_as_events() -> None:
+    with pytest.raises(CaseError, match="rml has 1 verdicts for a trace of length 2"):
+        replace(CASE, verdicts={"rml": (TRUE,)})
+
+
+def test_a_case_has_a_whole_tree() -> None:
+    with pytest.raises(CaseError, match="whole tree"):
+        replace(CASE, tree=restrict(loads("top or a b;"), branch=1))
+
+
+# -- what is no case --------------------------------------------------------------------------------------------
+
+
+def _record(**changed: Any) -> Callable[[Path], None]:
+    def change(case: Path) -> None:
+        record = json.loads((case / "case.json").read_bytes())
+        record.update(changed)
+        record = {key: value for key, value in record.items() if value is not ...}
+        (case / "case.json").write_text(json.dumps(record))
+
+    return change
+
+
+def _content(name: str, data: bytes) -> Callable[[Path], None]:
+    def change(case: Path) -> None:
+        (case / name).write_bytes(data)
+
+    return change
+
+
+def _without(name: str) -> Callable[[Path], None]:
+    return lambda case: (case / name).unlink()
+
+
+def _folder(name: str) -> Callable[[Path], None]:
+    def change(case: Path) -> None:
+        (case / name).unlink()
+        (case / name).mkdir()
+
+    return change
+
+
+BAD: dict[str, tuple[Callable[[Path], None], str]] = {
+    "no case.json": (_without("case.json"), "case.json: cannot be read: No such file"),
+    "no tree": (_without("tree.rvaft"), "tree.rvaft: cannot be read: No such file"),
+    "no trace": (_without("trace.jsonl"), "trace.jsonl: cannot be read: No such file"),
+    "no specification": (_without("rml.rml"), "rml.rml: cannot be read: No such file"),
+    "case.json is a folder": (_folder("case.json"), "case.json: cannot be read: Is a directory"),
+    "trace is a folder": (_folder("trace.jsonl"), "cannot be read: Is a directory"),
+    "tree is a folder": (_folder("tree.rvaft"), "tree.rvaft: cannot be read: Is a directory"),
+    "empty": (_content("case.json", b""), "not JSON: Expecting value (line 1, column 1)"),
+    "cut off": (_content("case.json", b'{\n"semantics": "str'), "not JSON: Unterminated string starting at (line 2"),
+    "not UTF-8": (_content("case.json", b'{"\xff'), "not UTF-8 (byte 3)"),
+    "deep": (_content("case.json", b"[" * 100_000), "nested too deeply"),
+    "digits": (_content("case.json", b"[" + b"1" * 5000 + b"]"), "not a case: "),
+    "NaN": (_content("case.json", b'{"branch": NaN}'), "NaN is no JSON number"),
+    "repeated": (_content("case.json", b'{"branch": 1, "branch": 2}'), 'the key "branch" is repeated'),
+    "a list": (_content("case.json", b"[]"), "the case should be an object, not []"),
+    "null": (_content("case.json", b"null"), "the case should be an object, not null"),
+    "no semantics": (_record(semantics=...), 'the case lacks the key "semantics"'),
+    "no verdicts": (_record(verdicts=...), 'the case lacks the key "verdicts"'),
+    "misspelt": (_record(brnach=1), 'the case has the unknown key "brnach"; known: branch, kind,'),
+    "semantics unknown": (
+        _record(semantics="stirct"),
+        '"semantics" should be one of strict, projected, scattered, not "stirct"',
+    ),
+    "semantics a list": (
+        _record(semantics=["strict"]),
+        '"semantics" should be one of strict, projected, scattered, not ["strict"]',
+    ),
+    "branch a text": (_record(branch="1"), '"branch" should be a whole number from 1, or null, not "1"'),
+    "branch true": (_record(branch=True), "not true"),
+    "branch 0": (_record(branch=0), "not 0"),
+    "branch 1.0": (_record(branch=1.0), "not 1.0"),
+    "kind unknown": (_record(kind="both"), '"kind" should be one of fault, attack, not "both"'),
+    "verdicts a list": (_record(verdicts=[]), '"verdicts" should be an object, not []'),
+    "verdicts of one no list": (_record(verdicts={"a": "true"}), '"a" should be a list, not "true"'),
+    "verdict unknown": (
+        _record(verdicts={"a": ["true", "maybe"]}),
+        'item 2 of "a" should be one of true, false, unknown',
+    ),
+    "verdict a boolean": (
+        _record(verdicts={"a": [True, True]}),
+        'item 1 of "a" should be one of true, false, unknown, not true',
+    ),
+    "too few verdicts": (_record(verdicts={"a": ["true"]}), "case.json: a has 1 verdicts for a trace of length 2"),
+    "specifications a list": (_record(specifications=[]), '"specifications" should be an object'),
+    "specification a text": (_record(specifications={"a": "rml"}), '"a" should be an object, not "rml"'),
+    "specification without file": (_record(specifications={"a": {"language": "rml"}}), '"a" lacks the key "file"'),
+    "language a number": (
+        _record(specifications={"a": {"language": 1, "file": "rml.rml"}}),
+        '"language" should be a string, not 1',
+    ),
+    "file outside": (
+        _record(specifications={"a": {"language": "r", "file": "../x"}}),
+        '"file" should be the name of a file in the folder',
+    ),
+    "file a number": (_record(specifications={"a": {"language": "r", "file": 3}}), '"file" should be a string, not 3'),
+    "specification not UTF-8": (_content("rml.rml", b"\xff"), "rml.rml: not UTF-8 (byte 1)"),
+    "tree imports what is not there": (_content("tree.rvaft", b'import "none.dft"; a;'), "tree.rvaft"),
+    "tree malformed": (_content("tree.rvaft", b"top and;"), "tree.rvaft:1:"),
+    "tree breaks a rule": (_content("tree.rvaft", b"top and a a;"), "lists its child a twice"),
+    "trace malformed": (_content("trace.jsonl", b'{"a": 1}\n{"a": \n'), "trace.jsonl:2: not JSON"),
+    "trace of no objects": (_content("trace.jsonl", b"{}\n3\n"), "trace.jsonl:2: not a JSON object"),
+    "shorter trace": (_content("trace.jsonl", b"{}\n"), "has 2 verdicts for a trace of length 1"),
+    "long text": (_record(semantics="x" * 1000), 'not "xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx...'),
+    "control code": (_record(semantics="\x1b[2J"), 'not "\\u001b[2J"'),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_what_is_no_case_is_said_in_one_line(tmp_path: Path, what: str) -> None:
+    change, message = BAD[what]
+    path = save(CASE, tmp_path)
+    change(path)
+    with pytest.raises(RvaftError) as caught:
+        load(path)
+    first, *caret = str(caught.value).splitlines()
+    assert message in first
+    assert first.startswith(str(path))
+    assert not caret or what in ("tree malformed", "tree imports what is not there")
+    with pytest.raises(type(caught.value)):
+        load_all(tmp_path)
+
+
+def test_what_may_be_left_out(tmp_path: Path) -> None:
+    path = save(CASE, tmp_path)
+    (path / "case.json").write_bytes(b'\xef\xbb\xbf{"semantics": "strict", "verdicts": {}}\r\n')
+    assert load(path) == Case(CASE.name, CASE.tree, CASE.trace, Semantics.STRICT)
+
+
+@pytest.mark.parametrize("path", ["none", "file", "a\0b"])
+def test_a_path_that_is_no_folder(tmp_path: Path, path: str) -> None:
+    (tmp_path / "file").write_text("{}")
+    with pytest.raises(CaseError, match="there is no folder of this name"):
+        load(tmp_path / path)
+    with pytest.raises(CaseError, match=r"^[^\n]*cannot be read: "):
+        load_all(tmp_path / path)
+
+
+def test_the_name_is_that_of_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = save(CASE, tmp_path).rename(tmp_path / "Übernommen 1")
+    assert load(path).name == "Übernommen 1"
+    monkeypatch.chdir(path)
+    assert load(".").name == "Übernommen 1"
+
+
+# -- many cases -------------------------------------------------------------------------------------------------
+
+
+def test_all_cases_of_a_folder(tmp_path: Path) -> None:
+    many = [replace(CASE, name=name) for name in ("b", "c", "a")]
+    paths = [save(case, tmp_path) for case in many]
+    (tmp_path / "README.md").write_text("about these cases")
+    (tmp_path / ".a.12ab34cd").mkdir()
+    assert load_all(tmp_path) == tuple(sorted(many, key=lambda case: case.name))
+    assert case_folders(str(tmp_path)) == tuple(sorted(paths))
+    assert load_all(paths[0]) == (many[0],)
+
+
+def test_a_folder_without_cases(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="there is no case here"):
+        load_all(tmp_path)
+
+
+def test_half_a_case_is_no_folder_of_cases(tmp_path: Path) -> None:
+    path = save(CASE, tmp_path)
+    (path / "case.json").unlink()
+    with pytest.raises(CaseError, match=r"case\.json: cannot be read"):
+        load_all(path)
+
+
+def test_a_broken_trace_is_a_trace_error(tmp_path: Path) -> None:
+    path = save(CASE, tmp_path)
+    (path / "trace.jsonl").write_bytes(b"x")
+    with pytest.raises(TraceError) as caught:
+        load(path)
+    assert (caught.value.file, caught.value.line) == (str(path / "trace.jsonl"), 1)

@@ -1,0 +1,95 @@
+"""Where the paper's translation is known to differ from the meaning, pinned: the tree, the trace, and what both shrink to."""
+
+from dataclasses import dataclass
+
+import pytest
+
+from cross_check.bogus import shrunk, verdicts
+from cross_check.comparison import Effort
+from cross_check.results import Job, Status
+from cross_check.roster import Roster
+from cross_check.runs import Task
+from rvaft import loads
+from rvaft.language import dumps
+from rvaft.values import Json
+from rvaft.verdict import Semantics
+
+PAPER = Roster(backends=("rml-paper",))
+
+
+@dataclass(frozen=True)
+class Known:
+    """A tree and a trace with the verdicts of both, and the smallest tree and trace of that kind."""
+
+    name: str
+    tree: str
+    trace: tuple[Json, ...]
+    reference: str
+    paper: str
+    small_tree: str
+    small_trace: tuple[Json, ...]
+
+
+def word(letters: str) -> tuple[Json, ...]:
+    return tuple({"event": letter} for letter in letters.split())
+
+
+KNOWN = [
+    Known(
+        "VOT with a compound child: the unrolled alternatives start alike, and only the first is followed",
+        "toplevel r; r 2of3 s b c; s sand a d; a; b; c; d;",
+        word("a b d"),
+        "??⊤",
+        "?⊥⊥",
+        "toplevel a;\na 1of2 b c;\nb and d e;\nd;\ne;\nc;\n",
+        word("d c"),
+    ),
+    Known(
+        "VOT followed by an event: a third child after the second is not at least two",
+        "toplevel r; r sand v d; v 2of3 a b c; a; b; c; d;",
+        word("a b c d"),
+        "???⊤",
+        "??⊥⊥",
+        "toplevel a;\na and b c;\nb 1of2 d e;\nd;\ne;\nc;\n",
+        word("d e"),
+    ),
+    Known(
+        "OR branches with a common start: the attack is missed",
+        "toplevel r; r sand a outcome; outcome or late altered; late fault; altered attack; a;",
+        word("a altered"),
+        "?⊤",
+        "?⊥",
+        "toplevel a;\na and b c;\nb;\nc or d e;\nd;\ne;\n",
+        word("b e"),
+    ),
+    Known(
+        "AND children with overlapping events: the first child takes the event that only the second could do without",
+        "event both(x, y) = { x: x, y: y }; event one(x) = { x: x };\ntoplevel r; r and p q; p on one(1); q on both(1, _);",
+        ({"x": 1, "y": 2}, {"x": 1}),
+        "?⊤",
+        "?⊥",
+        "event e() = { y: _ };\n\ntoplevel a;\na and b c;\nb;\nc         on e();\n",
+        ({"y": 0, "event": "b"}, {"event": "b"}),
+    ),
+]
+
+
+@pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.name.partition(":")[0])
+def test_the_paper_s_translation_differs(known: Known) -> None:
+    job = Job(known.name, Semantics.STRICT)
+    names = ("reference", "engine", "rml-paper")
+    found = verdicts(PAPER, loads(known.tree), job, known.trace, names)
+    said = {name: "".join(verdict.symbol for verdict in found[name]) for name in names}
+    assert said == {"reference": known.reference, "engine": known.reference, "rml-paper": known.paper}
+
+
+@pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.name.partition(":")[0])
+def test_the_checker_finds_and_shrinks_it(known: Known) -> None:
+    task = Task(loads(known.tree), Job("known", Semantics.STRICT), PAPER, Effort())
+    (differing,) = [result for result in task.run() if result.status is Status.DIFFERS]
+    assert differing.participant == "rml-paper"
+    case = shrunk(task, differing)
+    assert dumps(case.tree) == known.small_tree
+    assert case.trace == known.small_trace
+    assert set(case.verdicts) == {"reference", "rml-paper"}
+    assert case.specifications["rml-paper"].language == "rml"

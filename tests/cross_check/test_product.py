@@ -1,0 +1,91 @@
+"""Proofs: what the product of states shows, on monitors made for the purpose."""
+
+from collections.abc import Hashable
+
+import pytest
+
+from cross_check.participants import Participant
+from cross_check.product import explore
+from rvaft.errors import TooLarge
+from rvaft.monitors import Monitor
+from rvaft.values import Json
+from rvaft.verdict import Verdict
+
+LETTERS: tuple[Json, ...] = ({}, {"event": "a"})
+
+
+class Counting(Monitor):
+    """⊤ at the n-th `a`; ⊥ at the first other event, if `strict`."""
+
+    def __init__(self, needed: int, *, strict: bool = False, fails_at: int | None = None) -> None:
+        super().__init__()
+        self.left = needed
+        self.strict = strict
+        self.fails_at = fails_at
+
+    @property
+    def state(self) -> Hashable:
+        return self.left
+
+    def _advance(self, event: Json) -> Verdict:
+        if event != LETTERS[1]:
+            return Verdict.FALSE if self.strict else Verdict.UNKNOWN
+        self.left -= 1
+        if self.left == self.fails_at:
+            raise TooLarge("states of a test", limit=1)
+        return Verdict.TRUE if self.left == 0 else Verdict.UNKNOWN
+
+
+def counting(name: str, needed: int, *, strict: bool = False, fails_at: int | None = None) -> Participant:
+    return Participant(name, lambda: Counting(needed, strict=strict, fails_at=fails_at))
+
+
+def test_equal_monitors_are_proved_equal() -> None:
+    found = explore([counting("one", 3), counting("two", 3)], LETTERS, limit=100)
+    assert (found.complete, found.differ, found.failed) == (True, {}, {})
+    assert found.combinations == 4
+    assert found.longest == 3
+
+
+def test_a_difference_is_a_shortest_trace() -> None:
+    found = explore([counting("one", 3), counting("two", 5), counting("three", 3)], LETTERS, limit=100)
+    assert found.differ == {"two": ({"event": "a"},) * 3}
+    assert found.complete
+
+
+def test_each_that_differs_has_a_trace_of_its_own() -> None:
+    found = explore([counting("one", 2), counting("two", 1), counting("three", 2, strict=True)], LETTERS, limit=100)
+    assert found.differ == {"two": ({"event": "a"},), "three": ({},)}
+
+
+def test_a_limit_leaves_it_open() -> None:
+    found = explore([counting("one", 50), counting("two", 50)], LETTERS, limit=10)
+    assert not found.complete
+    assert found.differ == {}
+
+
+def test_a_limit_that_is_just_enough() -> None:
+    assert explore([counting("one", 3), counting("two", 3)], LETTERS, limit=4).complete
+    assert not explore([counting("one", 3), counting("two", 3)], LETTERS, limit=3).complete
+
+
+def test_who_fails_is_named_and_the_others_go_on() -> None:
+    found = explore([counting("one", 3), counting("two", 3, fails_at=1), counting("three", 4)], LETTERS, limit=100)
+    assert list(found.failed) == ["two"]
+    assert found.differ == {"three": ({"event": "a"},) * 3}
+
+
+@pytest.mark.parametrize("first", [counting("one", 3, fails_at=2)])
+def test_without_the_first_nothing_is_compared(first: Participant) -> None:
+    found = explore([first, counting("two", 1)], LETTERS, limit=100)
+    assert list(found.failed) == ["one"]
+
+
+def test_a_difference_before_any_event() -> None:
+    class Done(Counting):
+        def __init__(self) -> None:
+            super().__init__(1)
+            self._verdict = Verdict.TRUE
+
+    found = explore([counting("one", 1), Participant("done", Done)], LETTERS, limit=100)
+    assert found.differ == {"done": ()}

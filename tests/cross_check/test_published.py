@@ -1,0 +1,228 @@
+"""`rml-published`: the published monitor, run from a checkout.
+
+What needs the checkout is marked; the rest runs stand-ins: folders that are none, programs that are no `swipl`, and a monitor of
+a few lines that does what the published one should not.
+"""
+
+import os
+import shutil
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from backends.conformance_trees import examples
+from cross_check.participants import Answer
+from cross_check.published import run
+from rvaft.backend import backend
+from rvaft.errors import LanguageError, NotExpressible, ToolFailed, ToolMissing
+from rvaft.language import load, loads
+from rvaft.random_traces import random_trace
+from rvaft.semantics import Reference
+from rvaft.traces import read
+from rvaft.values import Json
+from rvaft.verdict import Semantics, Verdict
+
+TREES = Path(__file__).parents[2] / "trees"
+T, F, Q = Verdict.TRUE, Verdict.FALSE, Verdict.UNKNOWN
+A: Json = {"event": "a"}
+B: Json = {"event": "b"}
+
+
+def emitted(text: str, semantics: Semantics = Semantics.STRICT) -> str:
+    return backend("rml-prolog").translate(loads(text), semantics).text
+
+
+SEQUENCE = emitted("r sand a b;")
+
+# -- stand-ins ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A folder that looks like a checkout of the monitor."""
+    (folder := tmp_path / "monitor").mkdir()
+    (folder / "trace_expressions_semantics.pl").write_text(":- module(trace_expressions, [next/3, may_halt/1]).\n")
+    return folder
+
+
+def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path, script: str) -> None:
+    """Put a `swipl` that runs a shell script at the front of the path."""
+    (programs := folder / "bin").mkdir()
+    (programs / "swipl").write_text(f"#!/bin/sh\n{script}\n")
+    (programs / "swipl").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
+
+
+def test_a_folder_that_is_no_checkout(tmp_path: Path) -> None:
+    with pytest.raises(ToolMissing, match="RMLatDIBRIS/monitor") as caught:
+        run(SEQUENCE, [[A]], tmp_path, timeout=5)
+    assert str(tmp_path) in str(caught.value)
+    with pytest.raises(ToolMissing, match="is no checkout"):
+        run(SEQUENCE, [[A]], tmp_path / "nowhere", timeout=5)
+
+
+def test_no_swipl(monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ToolMissing, match="swipl is not installed: install SWI-Prolog"):
+        run(SEQUENCE, [[A]], checkout, timeout=5)
+
+
+def test_other_prolog_is_refused(checkout: Path) -> None:
+    with pytest.raises(LanguageError):
+        run("trace_expression('Main', 1).", [[A]], checkout, timeout=5)
+
+
+def test_traces_that_are_not_reached_in_time_have_an_error(
+    monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path
+) -> None:
+    pretend(monkeypatch, tmp_path, """echo '{"loaded": true}'; echo '{"verdicts": ["unknown"]}'; exec sleep 60""")
+    found = run(SEQUENCE, [[A], [B]], checkout, timeout=1)
+    assert found == [Answer((Q,)), Answer(error="timeout: no answer within 1 s")]
+
+
+def test_a_monitor_that_dies_has_answered_what_it_has_answered(
+    monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path
+) -> None:
+    script = (
+        """echo '{"loaded": true}'; echo '{"error": "type_error(x)"}'; printf '{"verd'; echo 'Stack!' >&2; exit 3"""
+    )
+    pretend(monkeypatch, tmp_path, script)
+    found = run(SEQUENCE, [[A], [B]], checkout, timeout=20)
+    assert found == [Answer(error="type_error(x)"), Answer(error="the monitor ended early: Stack!")]
+
+
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        ("""echo '{"error": "Syntax   error\\\\n here"}'""", "cannot load the specification: Syntax error here"),
+        ("echo Welcome", "it does not answer in JSON: Welcome"),
+        ("exit 7", "the monitor ended early: exit status 7"),
+        ("exec sleep 60", "timeout: no answer within 1 s"),
+    ],
+)
+def test_what_does_not_load_is_a_failure(
+    monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path, script: str, reason: str
+) -> None:
+    pretend(monkeypatch, tmp_path, script)
+    with pytest.raises(ToolFailed) as caught:
+        run(SEQUENCE, [[A]], checkout, timeout=1)
+    assert reason in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+# -- the driver, with a monitor of a few lines -------------------------------------------------------------------------
+
+needs_swipl = pytest.mark.skipif(shutil.which("swipl") is None, reason="swipl is not on the path")
+
+ODD = """
+:- module(trace_expressions, [next/3, may_halt/1]).
+next(Term, Event, After) :- get_dict(event, Event, Name), step(Name, Term, After).
+step("a", Term, Term).
+step("halt", _, done).
+step("fail", _, _) :- fail.
+step("raise", _, _) :- throw(error(type_error(evaluable, f(X, X)), a_long_story)).
+step("throw", _, _) :- throw(left).
+step("endless", _, Term) :- Term = f(Term), throw(Term).
+step("loop", Term, After) :- step("loop", Term, After).
+step("deep", Term, f(After)) :- step("deep", Term, After).
+may_halt(done).
+"""
+
+
+@needs_swipl
+def test_exceptions_belong_to_their_trace(checkout: Path) -> None:
+    (checkout / "trace_expressions_semantics.pl").write_text(ODD)
+    words = ("a raise a", "a halt raise", "a", "fail throw", "throw", "endless", "a a", "")
+    found = run(SEQUENCE, [[{"event": e} for e in word.split()] for word in words], checkout, timeout=60)
+    errors = [result.error for result in found]
+    assert errors[0].startswith("type_error(evaluable,f(")
+    assert errors[4] == "left"
+    assert errors[5].startswith("@(") or errors[5].startswith("f(f(")
+    assert [found[i].verdicts for i in (1, 2, 3, 6, 7)] == [(Q, T, T), (Q,), (F, F), (Q, Q), ()]
+    assert [result.verdicts is None for result in found] == [bool(error) for error in errors]
+
+
+@needs_swipl
+def test_what_takes_all_memory_or_all_time(checkout: Path) -> None:
+    (checkout / "trace_expressions_semantics.pl").write_text(ODD)
+    deep, after, loop, never = run(SEQUENCE, [[{"event": e}] for e in ("deep", "a", "loop", "a")], checkout, timeout=25)
+    assert "resource_error" in deep.error
+    assert after == Answer((Q,))
+    assert loop.error == never.error == "timeout: no answer within 25 s"
+
+
+@needs_swipl
+def test_a_monitor_that_does_not_load(checkout: Path) -> None:
+    (checkout / "trace_expressions_semantics.pl").write_text(
+        ":- module(trace_expressions, [next/3, may_halt/1]).\nnext("
+    )
+    with pytest.raises(ToolFailed, match=r"cannot load the specification: .*yntax error"):
+        run(SEQUENCE, [[A]], checkout, timeout=60)
+
+
+# -- the published monitor, and its copy in ROSMonitoring's RML oracle -------------------------------------------------
+
+MONITORS = {
+    "monitor": os.environ.get("RML_MONITOR", ""),
+    "rosmonitoring": str(Path(os.environ.get("ROSMONITORING", ""), "oracle", "RMLOracle", "prolog")),
+}
+
+
+@pytest.fixture(params=MONITORS)
+def published(request: pytest.FixtureRequest) -> Path:
+    folder = Path(MONITORS[request.param])
+    if shutil.which("swipl") is None or not (folder / "trace_expressions_semantics.pl").is_file():
+        pytest.skip("RML_MONITOR or ROSMONITORING names no checkout, or swipl is not on the path")
+    return folder
+
+
+@pytest.mark.published
+def test_verdicts_are_those_of_the_reference(published: Path) -> None:
+    random = Random("rml-published")
+    compared = 0
+    for example in [example for number, example in enumerate(examples()) if number % 24 == 0]:
+        for semantics in Semantics:
+            try:
+                text = backend("rml-prolog").translate(example.tree, semantics).text
+            except NotExpressible:
+                continue
+            traces = [random_trace(random, example.tree) for _ in range(12)]
+            for given, result in zip(traces, run(text, traces, published, timeout=60), strict=True):
+                if not result.deviations:
+                    compared += 1
+                    expected = tuple(Reference(example.tree, semantics).run(given))
+                    assert result.verdicts == expected, (example.name, semantics, given, result.error)
+    assert compared > 100
+
+
+@pytest.mark.published
+def test_the_paper_s_traces(published: Path) -> None:
+    tree = load(TREES / "remote_inspection" / "pruned.rvaft")
+    text = backend("rml-prolog").translate(tree, Semantics.PROJECTED).text
+    traces = [list(read(file)) for file in sorted((TREES / "remote_inspection" / "pruned.traces").iterdir())]
+    found = run(text, traces, published, timeout=60)
+    assert [result.verdicts for result in found] == [
+        tuple(Reference(tree, Semantics.PROJECTED).run(trace)) for trace in traces
+    ]
+    assert all("tolerance of guards" in result.deviations for result in found)
+
+
+@pytest.mark.published
+def test_an_exception_of_the_published_monitor_is_no_verdict(published: Path) -> None:
+    text = emitted("event p(x) = {p: x}; r sand a b; a on p(X) when X > 1; b on p(_);")
+    string, number = run(text, [[{"p": "a"}], [{"p": 2}, {"p": 1}]], published, timeout=60)
+    assert string.verdicts is None
+    assert "type_error" in string.error
+    assert string.deviations == ("guards over what is no number",)
+    assert number == Answer((Q, T))
+
+
+@pytest.mark.published
+def test_events_with_more_fields_than_the_pattern(published: Path) -> None:
+    """The copy in ROSMonitoring has the arguments of `deep_subdict` the other way round; the text must not depend on it."""
+    text = emitted("event p(x) = {p: {q: x, r: [x, 1]}}; r sand a b; a on p(X); b on p(X);")
+    one: Json = {"topic": "t", "p": {"q": 5, "r": [5, 1], "more": 0}}
+    other: Json = {"p": {"q": 6, "r": [6, 1]}}
+    found = run(text, [[one, one], [one, other], [{"p": {"q": 5}}]], published, timeout=60)
+    assert [result.verdicts for result in found] == [(Q, T), (Q, F), (F,)]

@@ -1,0 +1,440 @@
+"""Shrinking: planted faults shrink to pairs known in advance, and every result disagrees, is valid, minimal and smaller."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from random import Random
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cross_check.reductions import Pair
+from cross_check.shrinking import NotReproduced, shrink
+from rvaft import RVAFT, Causality, Gate, Node, NotExpressible, OptionError, TreeError, Verdict, dumps, loads
+from rvaft.engine import Engine
+from rvaft.guards import Operation, Operator
+from rvaft.patterns import Literal
+from rvaft.random_traces import random_trace
+from rvaft.random_trees import Shape, random_tree
+from rvaft.restrict import restrict
+from rvaft.rules import require_valid
+from rvaft.values import Json
+
+Trace = list[Json]
+Change = Callable[[RVAFT], RVAFT]
+
+
+# -- wrong readings of a tree -----------------------------------------------------------------------------------
+
+
+def _each(change: Callable[[Node], Node]) -> Change:
+    def changed(tree: RVAFT) -> RVAFT:
+        nodes = [change(node) for node in tree.nodes.values()]
+        return RVAFT(tree.root, nodes, tree.events.values(), ignores=tree.ignores, causality=tree.causality)
+
+    return changed
+
+
+def _gate(old: Gate, new: Gate) -> Change:
+    return _each(lambda node: replace(node, gate=new, threshold=None) if node.gate is old else node)
+
+
+def _one_more(node: Node) -> Node:
+    return node if node.threshold is None else replace(node, threshold=min(node.threshold + 1, len(node.children)))
+
+
+def _at_bounds(node: Node) -> Node:
+    match node.when:
+        case Operation(Operator.GE, operands):
+            return replace(node, when=Operation(Operator.GT, operands))
+        case _:
+            return node
+
+
+def _without_ignores(tree: RVAFT) -> RVAFT:
+    return RVAFT(tree.root, tree.nodes.values(), tree.events.values(), causality=tree.causality)
+
+
+def _turned_round(tree: RVAFT) -> RVAFT:
+    causality = Causality.BOTTOM_UP if tree.causality is Causality.TOP_DOWN else Causality.TOP_DOWN
+    return RVAFT(tree.root, tree.nodes.values(), tree.events.values(), ignores=tree.ignores, causality=causality)
+
+
+def _doubled(tree: RVAFT) -> RVAFT:
+    """Every shared leaf once for each parent, on the same event."""
+    nodes = dict(tree.nodes)
+    events = list(tree.events.values())
+    for name in tree.shared:
+        leaf = nodes[name]
+        if leaf.gate is None and leaf.on is not None:
+            for number, parent in enumerate(tree.parents(name)[1:]):
+                copy_name = f"{name}#{number}"
+                children = tuple(copy_name if child == name else child for child in nodes[parent].children)
+                nodes[parent] = replace(nodes[parent], children=children)
+                nodes[copy_name] = replace(leaf, name=copy_name)
+    return RVAFT(tree.root, nodes.values(), events, ignores=tree.ignores, causality=tree.causality)
+
+
+WRONG: dict[str, Change] = {
+    "K + 1": _each(_one_more),
+    "sand reversed": _each(
+        lambda node: replace(node, children=node.children[::-1]) if node.gate is Gate.SAND else node
+    ),
+    "sand_rl as sand": _gate(Gate.SAND_RL, Gate.SAND),
+    "sand as and": _gate(Gate.SAND, Gate.AND),
+    "or as and": _gate(Gate.OR, Gate.AND),
+    "guards on events dropped": _each(lambda node: replace(node, when=None) if node.on is not None else node),
+    "> for >=": _each(_at_bounds),
+    "ignores dropped": _without_ignores,
+    "causality turned round": _turned_round,
+    "shared nodes doubled": _doubled,
+}
+
+
+def differ(wrong: str, semantics: str = "projected") -> Callable[[RVAFT, Trace], bool]:
+    """Whether the wrong reading and the right one give different verdicts after some prefix."""
+
+    def disagrees(tree: RVAFT, trace: Trace) -> bool:
+        changed = WRONG[wrong](tree)
+        require_valid(changed)
+        return list(Engine(tree, semantics).run(trace)) != list(Engine(changed, semantics).run(trace))
+
+    return disagrees
+
+
+def word(text: str) -> Trace:
+    return [{"event": name} for name in text.split()]
+
+
+# -- planted disagreements --------------------------------------------------------------------------------------
+
+LARGE = """
+event move(w, t)  = { topic: "/command", name: "move", waypoint: w, time: t };
+event read(v, t)  = { topic: "/sensor", value: v, time: t };
+event spare(x)    = { spare: x };
+ignore spare(X) when X > 3 or X == "none" or not X < 2;
+
+top   or     early late           label "The worst";
+early sand   seen done   attack   lambda=0.1;
+seen         on read(V, T) when V >= 250 and (V < 900 or T == 0);
+done  2of3   x y z       fault;
+x     and    x1 x2       on move(W, T2);
+y;
+z     sand   y x2;
+x1           on spare(_);
+x2           label "shared";
+late  sand_rl first second;
+first;
+second       on read(5, _);
+"""
+READ: dict[str, Any] = {"topic": "/sensor", "value": 251, "time": 7, "more": [1, {"a": None}]}
+MOVE: dict[str, Any] = {"topic": "/command", "name": "move", "waypoint": "w1", "time": 1.5}
+
+PLANTED: list[tuple[str, str, str, Trace, str, Trace]] = [
+    # wrong reading, semantics, tree, trace, the smallest tree, the smallest trace
+    (
+        "K + 1",
+        "projected",
+        LARGE,
+        [{"noise": 1}, READ, {"spare": 9}, *word("y x2"), MOVE, {"spare": 1}, *word("x2 y")],
+        "toplevel a;\na 1of2 b c;\nb;\nc;\n",
+        word("b"),
+    ),
+    (
+        "sand reversed",
+        "strict",
+        LARGE,
+        [READ, *word("y"), MOVE, *word("x2 x2")],
+        "toplevel a;\na sand b c;\nb;\nc;\n",
+        word("b"),
+    ),
+    (
+        "sand reversed",
+        "scattered",
+        LARGE,
+        [{"a": 1}, READ, *word("y y"), MOVE, {"spare": 0}, *word("x2 q")],
+        "toplevel a;\na sand b c;\nb;\nc;\n",
+        word("b c"),
+    ),
+    (
+        "sand_rl as sand",
+        "projected",
+        LARGE,
+        [{**READ, "value": 5}, *word("first")],
+        "toplevel a;\na sand_rl b c;\nb;\nc;\n",
+        word("b"),
+    ),
+    (
+        "or as and",
+        "scattered",
+        LARGE,
+        [{**READ, "value": 5}, *word("y first")],
+        "toplevel a;\na or b c;\nb;\nc;\n",
+        word("b"),
+    ),
+    (
+        "causality turned round",
+        "projected",
+        "event go(p) = { go: p };\ncausality bottom_up;\ntop and p c;\np sand a b on go(1);\na;\nb;\nc;\n",
+        [*word("a c b"), {"go": 1}],
+        "event e() = { go: _ };\n\ntoplevel a;\na or b on e();\nb;\n",
+        word("b"),
+    ),
+    (
+        "guards on events dropped",
+        "projected",
+        LARGE,
+        [{**READ, "value": 200, "time": 3}, {**READ, "value": 5}],
+        "event e(v) = { value: v };\n\ntoplevel a;\na on e(V) when V;\n",
+        [{"value": 0}],
+    ),
+    (
+        "> for >=",
+        "scattered",
+        "event r(v, s) = { v: v, s: { deep: s } };\ntop sand a b; a on r(V, S) when V >= 250; b on r(W, S) when W < V;",
+        [{"v": 250, "s": {"deep": 1}}, {"v": 3, "s": {"deep": 1.0, "x": 2}}],
+        "event e(v) = { v: v };\n\ntoplevel a;\na on e(V) when V >= 0;\n",
+        [{"v": 0}],
+    ),
+    (
+        "ignores dropped",
+        "projected",
+        LARGE,
+        [{"spare": 9}, {**READ, "value": 5}, *word("first")],
+        "event e() = {};\n\nignore e();\n\ntoplevel a;\na;\n",
+        word("a"),
+    ),
+    (
+        "shared nodes doubled",
+        "projected",
+        "event e(n) = { n: n };\ntop and p q r;\np and s x;\nq sand y s;\nr;\ns on e(1);\nx;\ny;\n",
+        [*word("r y x"), {"n": 1}],
+        "event e() = {};\n\ntoplevel a;\na and b c;\nc or b;\nb         on e();\n",
+        [{}],
+    ),
+]
+
+
+@pytest.mark.parametrize("planted", PLANTED, ids=[f"{wrong}, {semantics}" for wrong, semantics, *_ in PLANTED])
+def test_a_planted_fault_shrinks_to_its_core(planted: tuple[str, str, str, Trace, str, Trace]) -> None:
+    wrong, semantics, text, trace, smallest, left = planted
+    tree, found = shrink(loads(text), trace, differ(wrong, semantics))
+    assert (dumps(tree), found) == (smallest, left)
+
+
+# -- every result -----------------------------------------------------------------------------------------------
+
+SEEDS = st.integers(0, 2**32)
+SEMANTICS = st.sampled_from(["strict", "projected", "scattered"])
+FAULTS = st.sampled_from(["K + 1", "sand reversed", "sand_rl as sand", "or as and", "guards on events dropped"])
+"""Those that random trees show often, under every semantics."""
+SETTINGS = settings(max_examples=10, deadline=None)
+SHAPE = Shape(max_nodes=7, sharing=0.4, guards=0.4, ignores=0.4)
+
+
+def found(seed: int, wrong: str, semantics: str) -> tuple[RVAFT, Trace, Callable[[RVAFT, Trace], bool]]:
+    """A random tree and trace on which the wrong reading shows."""
+    random, disagrees = Random(seed), differ(wrong, semantics)
+    while True:
+        tree = random_tree(random, SHAPE)
+        trace = random_trace(random, tree)
+        with suppress(TreeError):
+            if disagrees(tree, trace):
+                return tree, trace, disagrees
+
+
+@SETTINGS
+@given(SEEDS, FAULTS, SEMANTICS)
+def test_every_result_disagrees_is_valid_and_minimal(seed: int, wrong: str, semantics: str) -> None:
+    tree, trace, disagrees = found(seed, wrong, semantics)
+    before = repr(trace)
+    smaller, left = shrink(tree, trace, disagrees)
+    assert repr(trace) == before
+    require_valid(smaller)
+    assert disagrees(smaller, left)
+    assert len(left) <= len(trace)
+    assert Pair.of(smaller, left).measure <= Pair.of(tree, trace).measure
+    assert loads(dumps(smaller)) == smaller
+    assert not any(_still(disagrees, *less) for less in _one_less(smaller, left))
+    again = shrink(smaller, left, disagrees)
+    assert (dumps(again[0]), repr(again[1])) == (dumps(smaller), repr(left))
+
+
+def _still(disagrees: Callable[[RVAFT, Trace], bool], nodes: tuple[str, list[Node]], tree: RVAFT, trace: Trace) -> bool:
+    root, parts = nodes
+    try:
+        less = RVAFT(root, parts, tree.events.values(), ignores=tree.ignores, causality=tree.causality)
+        require_valid(less)
+        return disagrees(less, trace)
+    except TreeError:
+        return False
+
+
+def _one_less(tree: RVAFT, trace: Trace) -> Iterator[tuple[tuple[str, list[Node]], RVAFT, Trace]]:
+    """The pair without one thing: an event, a field, an edge, a guard, a runtime event, all above a node."""
+    every = list(tree.nodes.values())
+    for index, event in enumerate(trace):
+        yield (tree.root, every), tree, [*trace[:index], *trace[index + 1 :]]
+        for field in event:
+            left = {name: value for name, value in event.items() if name != field}
+            yield (tree.root, every), tree, [*trace[:index], left, *trace[index + 1 :]]
+    for node in every:
+        others = [other for other in every if other is not node]
+        yield (node.name, every), tree, trace if node.name != tree.root else []
+        yield (
+            (tree.root, [*others, replace(node, gate=None, children=(), threshold=None)]),
+            tree,
+            trace if node.gate else [],
+        )
+        if node.on is not None:
+            yield (tree.root, [*others, replace(node, on=None)]), tree, trace
+        if node.when is not None:
+            yield (tree.root, [*others, replace(node, when=None)]), tree, trace
+        for child in node.children if len(node.children) > 1 else ():
+            rest = tuple(name for name in node.children if name != child)
+            threshold = None if node.threshold is None else min(node.threshold, len(rest))
+            yield (tree.root, [*others, replace(node, children=rest, threshold=threshold)]), tree, trace
+        if node.kind or node.label or node.attributes:
+            yield (tree.root, [*others, replace(node, kind=None, label=None, attributes=())]), tree, trace
+
+
+@SETTINGS
+@given(SEEDS, FAULTS, st.integers(1, 40))
+def test_the_steps_are_all_that_is_asked(seed: int, wrong: str, steps: int) -> None:
+    tree, trace, disagrees = found(seed, wrong, "projected")
+    asked: list[bool] = []
+
+    def counted(candidate: RVAFT, events: Trace) -> bool:
+        require_valid(candidate)
+        asked.append(disagrees(candidate, events))
+        return asked[-1]
+
+    smaller, left = shrink(tree, trace, counted, steps=steps)
+    assert len(asked) <= steps
+    assert disagrees(smaller, left)
+
+
+def test_one_step_changes_nothing() -> None:
+    tree = loads("top and a b;")
+    assert shrink(tree, word("n a"), lambda _tree, _trace: True, steps=1) == (tree, word("n a"))
+
+
+def test_nothing_is_asked_twice() -> None:
+    asked: list[str] = []
+
+    def detected(tree: RVAFT, trace: Trace) -> bool:
+        asked.append(dumps(tree) + repr(trace))
+        return list(Engine(tree, "scattered").run(trace))[-1:] == [Verdict.TRUE] and len(tree.nodes) > 3
+
+    shrink(loads("top and p q; p or a b; q 2of3 c d e;"), word("a c n d e"), detected)
+    assert len(set(asked)) == len(asked)
+
+
+def test_a_long_log_takes_few_steps() -> None:
+    tree = loads("top sand a b c;")
+    log = [{"event": "noise", "number": number} for number in range(1000)]
+    for position, name in ((17, "a"), (500, "b"), (940, "c")):
+        log[position] = {"event": name}
+    asked = 0
+
+    def detected(tree: RVAFT, trace: Trace) -> bool:
+        nonlocal asked
+        asked += 1
+        return list(Engine(tree, "scattered").run(trace))[-1:] == [Verdict.TRUE] and len(tree.nodes) == 4
+
+    smaller, left = shrink(tree, log, detected)
+    assert (dumps(smaller), left) == ("toplevel a;\na or b c d;\nb;\nc;\nd;\n", word("b"))
+    assert asked < 200
+
+
+HASHED = """
+import sys
+from rvaft import dumps, loads
+from cross_check.shrinking import shrink
+from rvaft.engine import Engine
+def disagrees(tree, trace):
+    print(dumps(tree), trace)
+    return len(tree.nodes) > 2 and list(Engine(tree, "scattered").run(trace))[-1:] == ["true"]
+shrink(loads(sys.argv[1]), [{"noise": 1}, {"x": 1, "y": 2}, *({"event": name} for name in "b c a d".split())], disagrees)
+"""
+UNTIDY = """
+event x(p) = { x: p }; event y(p) = { y: p }; event z(p) = { z: p }; event w(p) = { w: p };
+ignore w(1);
+toplevel top;
+top and p q r; p or a b on x(V) lambda=1; q 2of3 b c d when V < 5; r sand_rl d a; other or b e; e on y(2);
+"""
+
+
+def test_the_way_does_not_depend_on_hashing() -> None:
+    outputs = [
+        subprocess.run(
+            [sys.executable, "-c", HASHED, UNTIDY],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2")
+    ]
+    assert outputs[0] == outputs[1]
+    assert outputs[0].count("toplevel") > 30
+
+
+# -- what it refuses, and what it takes for agreement -----------------------------------------------------------
+
+
+def test_errors_of_rvaft_are_no_disagreement() -> None:
+    def only_large(tree: RVAFT, trace: Trace) -> bool:
+        if len(tree.nodes) < 3:
+            raise NotExpressible("too small", backend="none", semantics="strict")
+        return True
+
+    tree, trace = shrink(loads("top sand a b c d;"), word("a b"), only_large)
+    assert (dumps(tree), trace) == ("toplevel a;\na or b c;\nb;\nc;\n", [])
+
+
+def test_other_errors_come_through() -> None:
+    def broken(tree: RVAFT, trace: Trace) -> bool:
+        if len(trace) < 2:
+            raise ZeroDivisionError
+        return True
+
+    with pytest.raises(ZeroDivisionError):
+        shrink(loads("a;"), word("a b"), broken)
+
+
+def test_agreement_cannot_be_shrunk() -> None:
+    with pytest.raises(NotReproduced, match="no disagreement"):
+        shrink(loads("a;"), word("a"), lambda _tree, _trace: False)
+
+    def failing(tree: RVAFT, trace: Trace) -> bool:
+        raise OptionError("no")
+
+    with pytest.raises(NotReproduced, match="no disagreement"):
+        shrink(loads("a;"), word("a"), failing)
+
+
+def test_what_is_no_whole_valid_tree_is_refused() -> None:
+    with pytest.raises(OptionError, match="not 0"):
+        shrink(loads("a;"), word("a"), lambda _tree, _trace: True, steps=0)
+    with pytest.raises(OptionError, match="whole tree"):
+        shrink(restrict(loads("top or a b;"), branch=1), word("a"), lambda _tree, _trace: True)
+    silent = RVAFT("a", [Node("a", Gate.OR, ("b",)), Node("b", when=Operation(Operator.EQ, (Literal(1), Literal(1))))])
+    with pytest.raises(TreeError):
+        shrink(silent, word("a"), lambda _tree, _trace: True)
+
+
+def test_a_disagreement_of_a_part_shrinks_the_whole() -> None:
+    def disagrees(tree: RVAFT, trace: Trace) -> bool:
+        right, wrong = (restrict(one, kind="attack") for one in (tree, WRONG["sand reversed"](tree)))
+        return list(Engine(right).run(trace)) != list(Engine(wrong).run(trace))
+
+    tree, trace = shrink(
+        loads('top or p q; p sand a b fault; q sand c d attack; c label "see";'), word("n c d"), disagrees
+    )
+    assert (dumps(tree), trace) == ("toplevel a;\na sand b c attack;\nb;\nc;\n", word("b"))

@@ -1,0 +1,124 @@
+"""The GitHub Action and the hooks for pre-commit: the very commands they contain, run on a repository of trees."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+
+ROOT: Final = Path(__file__).parents[2]
+ACTION: Final = yaml.safe_load((ROOT / "action.yml").read_text())
+HOOKS: Final = {hook["id"]: hook for hook in yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text())}
+EXPRESSION: Final = re.compile(r"\$\{\{ (inputs|github)\.([a-z_-]+) \}\}")
+
+GOOD: Final = "toplevel r; r and a s; s sand b c; a; b; c;\n"
+BAD: Final = "toplevel r; r and a b; b and r;\n"
+
+
+def steps() -> dict[str, dict[str, Any]]:
+    return {step["name"]: step for step in ACTION["runs"]["steps"] if "run" in step}
+
+
+def run_step(name: str, folder: Path, **inputs: str) -> subprocess.CompletedProcess[str]:
+    """Run a step as a runner does: the inputs come by its environment, and the shell stops at the first error."""
+    step = steps()[name]
+    given = {key: str(value.get("default", "")) for key, value in ACTION["inputs"].items()} | inputs
+
+    def value(found: re.Match[str]) -> str:
+        return given[found[2]] if found[1] == "inputs" else str(ROOT)
+
+    environment = {key: EXPRESSION.sub(value, text) for key, text in step.get("env", {}).items()}
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.run(
+        ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]],
+        cwd=folder,
+        env={**os.environ, **environment, "PATH": path, "GITHUB_STEP_SUMMARY": str(folder / "summary")},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Path:
+    (tmp_path / "models" / "deep").mkdir(parents=True)
+    (tmp_path / "models" / "deep" / "good tree.rvaft").write_text(GOOD)
+    (tmp_path / "top.rvaft").write_text(GOOD)
+    return tmp_path
+
+
+def test_nothing_is_interpolated_into_a_script() -> None:
+    """What a user gives reaches the shell by the environment only, so that it cannot be a command."""
+    assert steps().keys() == {"Install rvaft", "Check the trees", "Cross-check the trees"}
+    assert not any("${{" in step["run"] for step in steps().values())
+
+
+def test_the_action_installs_from_its_own_folder(tmp_path: Path) -> None:
+    """The command itself runs, with pip told to build nothing and fetch nothing."""
+    dry = {"PIP_DRY_RUN": "1", "PIP_NO_DEPS": "1", "PIP_NO_BUILD_ISOLATION": "0", "PIP_NO_INDEX": "1"}
+    before = dict(os.environ)
+    os.environ.update(dry)
+    try:
+        done = run_step("Install rvaft", tmp_path)
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+    assert done.returncode == 0, done.stderr
+
+
+def test_good_trees_pass_and_leave_reports(repository: Path) -> None:
+    checked = run_step("Check the trees", repository)
+    assert (checked.returncode, checked.stdout) == (0, ""), checked.stderr
+    compared = run_step("Cross-check the trees", repository, semantics="strict,scattered")
+    assert compared.returncode == 0, compared.stdout + compared.stderr
+    junit = ET.parse(repository / "rvaft-reports" / "junit.xml").getroot()
+    assert {suite.get("name") for suite in junit} == {
+        f"{tree} ({semantics})"
+        for tree in ("models/deep/good tree.rvaft", "top.rvaft")
+        for semantics in ("strict", "scattered")
+    }
+    assert "no disagreement" in (repository / "summary").read_text()
+    assert (repository / "rvaft-reports" / "results.csv").read_text().count("proved") >= 4
+
+
+def test_a_bad_tree_fails_the_check(repository: Path) -> None:
+    (repository / "bad.rvaft").write_text(BAD)
+    done = run_step("Check the trees", repository)
+    assert done.returncode == 1
+    assert "[cycle]" in done.stdout
+
+
+def test_a_tree_that_cannot_be_compared_fails_the_run_and_still_leaves_reports(repository: Path) -> None:
+    (repository / "bad.rvaft").write_text(BAD)
+    done = run_step("Cross-check the trees", repository, semantics="strict")
+    assert done.returncode == 2
+    assert "top.rvaft" in (repository / "rvaft-reports" / "results.csv").read_text()
+
+
+def test_no_tree_at_all_is_an_error(tmp_path: Path) -> None:
+    done = run_step("Check the trees", tmp_path)
+    assert done.returncode == 2
+    assert "no tree matches" in done.stdout
+
+
+def hook(name: str, folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
+    """Run a hook as pre-commit does: its entry, with the changed files that it wants behind it."""
+    wanted = [file for file in files if re.search(HOOKS[name]["files"], file)]
+    command = [*shlex.split(HOOKS[name]["entry"]), *wanted]
+    command[0] = str(Path(sys.executable).parent / command[0])
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.mark.parametrize("name", ["rvaft-check", "rvaft-cross-check"])
+def test_hooks(name: str, repository: Path) -> None:
+    (repository / "bad.rvaft").write_text(BAD)
+    good = ("top.rvaft", "models/deep/good tree.rvaft", "README.md")
+    assert hook(name, repository, *good).returncode == 0
+    assert hook(name, repository, *good, "bad.rvaft").returncode != 0

@@ -7,7 +7,7 @@ from typing import Final
 from cross_check.sizes import SCENARIOS, most_scenarios
 from rvaft.backend import Observed, Specification, all_backends, backend
 from rvaft.engine import engine
-from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
+from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.guards import Guard, Operation
 from rvaft.model import Kind
 from rvaft.monitors import Monitor
@@ -82,7 +82,15 @@ class Absent:
 
 def faithful_backends() -> tuple[str, ...]:
     """The backends whose texts should mean the tree, each in one form."""
-    return tuple(name for name in all_backends() if (found := backend(name)).faithful and found.form_of is None)
+    return tuple(name for name in all_backends() if _compared(name))
+
+
+def _compared(name: str) -> bool:
+    try:
+        found = backend(name)
+    except ToolFailed:
+        return True  # absent, and said to be
+    return found.faithful and found.form_of is None
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:

@@ -12,7 +12,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import ClassVar
 
-from rvaft.errors import OptionError, RvaftError
+from rvaft.errors import OptionError, RvaftError, ToolFailed
 from rvaft.guards import Guard
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
@@ -125,11 +125,16 @@ def all_backends() -> Mapping[str, EntryPoint]:
 
 
 def backend(name: str) -> Backend:
-    """The backend of that name, imported now; raises `UnknownBackend`."""
+    """The backend of that name, imported now; raises `UnknownBackend`, and `ToolFailed` for one that cannot be loaded."""
     found = all_backends()
     if name not in found:
         raise UnknownBackend(name, tuple(found))
-    made: Backend = found[name].load()()
+    try:
+        made: Backend = found[name].load()()
+    except Exception as error:  # a third party's module may fail in any way
+        raise ToolFailed(
+            f"the backend {name}", reason=f"it cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
     return made
 
 

@@ -8,7 +8,7 @@ from typing import Final
 from rvaft.errors import LanguageError
 from rvaft.guards import Guard, holds, variables
 from rvaft.language import parse_guard, parse_pattern
-from rvaft.patterns import Pattern, match
+from rvaft.patterns import Anything, ObjectPattern, Pattern, match
 from rvaft.values import Json
 
 _TOKEN: Final = re.compile(
@@ -128,9 +128,12 @@ def _string(text: str, line: _Line, value: str) -> str:
 
 def _pattern(text: str, line: _Line, value: str) -> Pattern:
     try:
-        return parse_pattern(_string(text, line, value))
+        pattern = parse_pattern(_string(text, line, value))
     except LanguageError as error:
         raise error_at(text, line.position, error.message) from None
+    if not isinstance(pattern, ObjectPattern | Anything):
+        raise error_at(text, line.position, "an event is an object: expected a pattern such as { field: 1 }, or _")
+    return pattern
 
 
 def _guard(text: str, line: _Line, value: str) -> Guard:

@@ -18,7 +18,7 @@ from typing import Final
 from rvaft.errors import LanguageError
 from rvaft.guards import Guard
 from rvaft.language import guard_text, parse_guard, parse_pattern, pattern_text
-from rvaft.patterns import Pattern
+from rvaft.patterns import Anything, ObjectPattern, Pattern
 
 OPENING: Final = "/* rvaft"
 CLOSING: Final = "*/"
@@ -111,6 +111,8 @@ def _observation(text: str, line: str, number: int, column: int) -> Observation:
         pattern = parse_pattern(pieces[0][1])
     except LanguageError as error:
         raise _malformed(error.message, line, number, column + error.column - 1) from None
+    if not isinstance(pattern, ObjectPattern | Anything):
+        raise _malformed("an event is an object: expected a pattern such as { field: 1 }, or _", line, number, column)
     guards: list[Guard] = []
     for start, piece in pieces[1:]:
         try:

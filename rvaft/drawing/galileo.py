@@ -7,6 +7,8 @@ kinds, labels and `ignore` have no form there either; `losses` says what is lost
 from collections.abc import Iterator
 
 from rvaft.errors import OptionError
+from rvaft.language.expressions import bare_value
+from rvaft.language.words import WORD
 from rvaft.model import Causality, Gate, Node
 from rvaft.tree import RVAFT
 
@@ -31,6 +33,8 @@ def losses(tree: RVAFT) -> Iterator[str]:
         yield f"{count} fault or attack {_plural(count, 'mark')} left out"
     if count := sum(node.label is not None for node in nodes):
         yield f"{count} {_plural(count, 'label')} left out"
+    if count := sum(not _plain(*attribute) for node in nodes for attribute in node.attributes):
+        yield f"{count} {_plural(count, 'attribute')} left out whose name or value Galileo cannot write"
     if tree.ignores:
         yield "ignore declarations left out"
     if tree.causality is Causality.BOTTOM_UP:
@@ -45,7 +49,7 @@ def _statement(node: Node) -> str:
         words.append(_gate(node))
         children = node.children[::-1] if node.gate is Gate.SAND_RL else node.children
         words.extend(_name(child) for child in children)
-    words.extend(f"{key}={value}" for key, value in node.attributes)
+    words.extend(f"{key}={value}" for key, value in node.attributes if _plain(key, value))
     return " ".join(words) + ";"
 
 
@@ -63,6 +67,11 @@ def _name(name: str) -> str:
     if '"' in name or not name.isprintable():
         raise OptionError(f"Galileo cannot write the name {name!r}: rename the node")
     return f'"{name}"'
+
+
+def _plain(key: str, value: str) -> bool:
+    """Whether an attribute can be written; Galileo has no quotes around what comes after a name."""
+    return WORD.fullmatch(key) is not None and bare_value(value)
 
 
 def _plural(count: int, noun: str) -> str:

@@ -1,6 +1,7 @@
 """Names, patterns and guards as text that reads back equal."""
 
 import json
+import re
 from typing import Final
 
 from rvaft.errors import LanguageError
@@ -20,6 +21,7 @@ _LEVEL: Final = {
     Operator.NEGATE: 7,
 }
 _ATOM: Final = 8
+_VALUE: Final = re.compile(r'(?!=)(?:(?!//|/\*)[^\s;"#])+')
 
 
 def quoted(text: str) -> str:
@@ -124,3 +126,13 @@ def _operation(operator: Operator, parts: list[tuple[str, int]]) -> str:
 def _at_least(level: int, part: tuple[str, int]) -> str:
     text, own = part
     return text if own >= level else f"({text})"
+
+
+def bare_value(value: str) -> bool:
+    """Whether the value of a Galileo attribute can stand without quotes."""
+    return value.isprintable() and _VALUE.fullmatch(value) is not None
+
+
+def value_text(value: str) -> str:
+    """The value of a Galileo attribute, in quotes where it needs them."""
+    return value if bare_value(value) else quoted(value)

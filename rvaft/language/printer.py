@@ -1,14 +1,12 @@
 """A tree as canonical text: reading it back gives an equal tree."""
 
-import re
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from rvaft.language.expressions import guard_text, name_text, on_text, pattern_text, quoted, word_text
+from rvaft.language.expressions import guard_text, name_text, on_text, pattern_text, quoted, value_text, word_text
 from rvaft.model import Causality, EventType, Gate, Ignore, Node
 from rvaft.tree import RVAFT
 
-_VALUE: Final = re.compile(r'(?!=)(?:(?!//|/\*)[^\s;"#])+')
 _WIDEST: Final = 40
 """A cell wider than this does not push the rest of its column to the right."""
 
@@ -54,7 +52,7 @@ def _ignore(ignore: Ignore) -> str:
 def _node_cells(node: Node) -> list[str]:
     tail = [f"on {on_text(node.on)}"] if node.on is not None else []
     tail += [f"when {guard_text(node.when)}"] if node.when is not None else []
-    attributes = " ".join(f"{word_text(key)}={_value(value)}" for key, value in node.attributes)
+    attributes = " ".join(f"{word_text(key)}={value_text(value)}" for key, value in node.attributes)
     label = f"label {quoted(node.label)}" if node.label is not None else ""
     return [name_text(node.name), _gate(node), node.kind or "", " ".join(tail), attributes, label]
 
@@ -64,10 +62,6 @@ def _gate(node: Node) -> str:
         return ""
     gate = f"{node.threshold}of{len(node.children)}" if node.gate is Gate.VOT else node.gate.value
     return " ".join([gate, *(name_text(child) for child in node.children)])
-
-
-def _value(value: str) -> str:
-    return value if _VALUE.fullmatch(value) and value.isprintable() else quoted(value)
 
 
 def _aligned(rows: Iterable[list[str]]) -> list[str]:

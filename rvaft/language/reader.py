@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import assert_never
+from typing import Final, assert_never
 
 from rvaft.errors import LanguageError
 from rvaft.language.diagnosis import error_in_line
@@ -31,6 +31,9 @@ from rvaft.language.statements import (
 )
 from rvaft.language.words import shown
 from rvaft.model import EventType, Ignore, Place
+
+MAX_FILE: Final = 16 * 1024 * 1024
+"""The largest file, in bytes: a tree of ten thousand nodes takes less than one mebibyte."""
 
 
 def parse(text: str, file: str = "<text>") -> Draft:
@@ -60,7 +63,8 @@ def parse_bytes(data: bytes, file: str) -> Draft:
 
 def _text_of(name: str) -> str:
     try:
-        data = Path(name).read_bytes()
+        with Path(name).open("rb") as stream:
+            data = stream.read(MAX_FILE + 1)  # never more: a device has no end
     except OSError as error:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", name) from error
     except ValueError as error:  # a path that no system can have
@@ -69,6 +73,8 @@ def _text_of(name: str) -> str:
 
 
 def _decoded(data: bytes, name: str) -> str:
+    if len(data) > MAX_FILE:
+        raise LanguageError(f"the file is larger than {MAX_FILE // 1024**2} MiB, which is no tree", file=name)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -16,7 +16,7 @@ def median(*arguments: str) -> float:
     taken = []
     for _ in range(ROUNDS):
         start = time.perf_counter()
-        subprocess.run([sys.executable, *arguments], input="", capture_output=True, text=True, check=False)
+        subprocess.run([sys.executable, *arguments], input="", capture_output=True, text=True, check=True)
         taken.append(time.perf_counter() - start)
     return statistics.median(taken)
 

@@ -93,7 +93,9 @@ def test_a_handwritten_text_that_means_something_else_gives_a_shortest_trace(san
 
 def test_a_text_that_looks_at_another_field_is_not_proved(sand: Path, tmp_path: Path) -> None:
     """The letters are those of the file too: here only an event with both fields tells it from the tree."""
-    text = "a matches {'event':'a'}; b matches {'event':'b'}; late matches {'late':true}; ok not matches {'late':true};\n"
+    text = (
+        "a matches {'event':'a'}; b matches {'event':'b'}; late matches {'late':true}; ok not matches {'late':true};\n"
+    )
     odd = written(tmp_path, "odd.rml", f"{text}Main = (a /\\ ok) b all;\n")
     result = run("cross-check", sand, "--against", odd, "--semantics", "strict")
     assert result.exit_code == 1, result.output
@@ -147,7 +149,9 @@ def test_a_report_that_cannot_be_written_is_an_error(sand: Path, tmp_path: Path)
 
 
 def test_a_disagreement_is_shrunk_saved_and_replayed(tmp_path: Path) -> None:
-    tree = written(tmp_path, "tree.rvaft", "toplevel r; r or x y; x 2of3 s b c; s sand a d; a; b; c; d; y and e f; e; f;")
+    tree = written(
+        tmp_path, "tree.rvaft", "toplevel r; r or x y; x 2of3 s b c; s sand a d; a; b; c; d; y and e f; e; f;"
+    )
     options = ("--backends", "rml-paper", "--semantics", "strict", "--save-bogus", tmp_path / "bogus")
     result = run("cross-check", tree, *options)
     assert result.exit_code == 1

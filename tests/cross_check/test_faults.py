@@ -52,7 +52,9 @@ def test_a_fault_shows(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert difference is not None
     assert difference.expected != difference.got
     print(f"{fault.name}: {found.job.title}, {found.job.semantics}, after {len(difference.trace)} events")
-    print(f"  expected {''.join(v.symbol for v in difference.expected)}, got {''.join(v.symbol for v in difference.got)}")
+    print(
+        f"  expected {''.join(v.symbol for v in difference.expected)}, got {''.join(v.symbol for v in difference.got)}"
+    )
     for event in difference.trace:
         print(f"  {json.dumps(event)}")
 

@@ -379,7 +379,7 @@ OFFERED: dict[str, tuple[Reduction, str, Trace, str, Trace]] = {
         simpler_patterns,
         "event x(p, q) = { x: p, y: [p], z: q }; top and a; a on x(V, W);",
         [{"x": 1, "y": [1], "z": 1}],
-        "event x(q) = { x: _, y: [_], z: q };\n\ntoplevel top;\ntop and a;\na       on x(W);\n",
+        "event x(q) = { x: _, y: [_], z: q };\n\ntoplevel top;\ntop and a;\na         on x(W);\n",
         [{"x": 1, "y": [1], "z": 1}],
     ),
     "anything for a part of a pattern": (

@@ -230,3 +230,12 @@ def test_a_suffix_names_a_format(file: str, form: Format) -> None:
     assert format_of(file) is form
     assert format_of("a.odt") is None
     assert format_of("tree") is None
+
+
+def test_an_attribute_that_galileo_cannot_write_is_left_out_and_said() -> None:
+    """Otherwise its value becomes statements of its own."""
+    tree = loads('top or a b; a k="x; sneaky or hidden" lambda=0.5; b m="1\\" // z" "k\\"];x"="1";')
+    text = draw(tree, Format.GALILEO).decode()
+    assert text == 'toplevel "top";\n"top" or "a" "b";\n"a" lambda=0.5;\n"b";\n'
+    assert any(loss.startswith("3 attributes left out") for loss in losses(tree))
+    assert loads(text).nodes.keys() == tree.nodes.keys()

@@ -174,3 +174,22 @@ def test_byte_order_mark_and_line_ends(tmp_path: Path) -> None:
     path = tmp_path / "x.dft"
     path.write_bytes(b'\xef\xbb\xbftoplevel "A"; // top\r\n"A" or "B"\r\n"C";\r\n')
     assert facts(parse_file(path)) == {"A": ("B", "C")}
+
+
+@pytest.mark.parametrize("text", ["{}", 'import "{}";\ntop or a;'])
+def test_a_file_without_end_is_an_error(tmp_path: Path, text: str) -> None:
+    endless = Path("/dev/zero")
+    if not endless.exists():
+        pytest.skip("this system has no /dev/zero")
+    (tmp_path / "main.rvaft").write_text(text.format(endless))
+    with pytest.raises(LanguageError, match="larger than 16 MiB"):
+        parse_file(endless if text == "{}" else tmp_path / "main.rvaft")
+
+
+def test_a_file_of_one_endless_line_is_an_error(tmp_path: Path) -> None:
+    huge = tmp_path / "huge.rvaft"
+    with huge.open("wb") as stream:
+        stream.write(b"top or ")
+        stream.truncate(100_000_000)
+    with pytest.raises(LanguageError, match="larger than 16 MiB"):
+        parse_file(huge)

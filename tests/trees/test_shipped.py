@@ -1,7 +1,12 @@
-"""Every shipped tree: its traces get the verdicts that are stored with it."""
+"""Every shipped tree: its traces get the verdicts that are stored with it, from everybody."""
 
 import pytest
 
+from cross_check.participants import Absent, Participant
+from cross_check.results import Job
+from cross_check.roster import Roster
+from rvaft.errors import NotExpressible, ToolMissing
+from rvaft.verdict import Semantics
 from tests.trees import shipped
 
 
@@ -9,3 +14,22 @@ from tests.trees import shipped
 def test_the_reference_gives_the_stored_verdicts(name: str) -> None:
     assert shipped.computed(name) == shipped.expected(name)
     assert len(dict(shipped.traces(name))) >= 6
+
+
+@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("name", shipped.names())
+def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics: Semantics) -> None:
+    tree, traces, expected = shipped.load(name), dict(shipped.traces(name)), shipped.expected(name)
+    columns = [column for column in next(iter(expected.values()))[semantics] if column in ("tree", "1", "2")]
+    for column in columns:
+        job = Job(name, semantics, branch=None if column == "tree" else int(column))
+        for participant, enlist in Roster().candidates(tree, job):
+            made = enlist()
+            if isinstance(made, Absent):
+                refused = participant == "rml" and isinstance(made.error, NotExpressible) and tree.variables
+                assert (refused and semantics is Semantics.SCATTERED) or isinstance(made.error, ToolMissing), made.error
+                continue
+            assert isinstance(made, Participant)
+            for trace, events in traces.items():
+                said = "".join(verdict.symbol for verdict in made.start().run(events))
+                assert said == expected[trace][semantics][column], f"{participant} on {trace}, {column}"

@@ -1,5 +1,6 @@
 """Any HOA text: written by hand, by Spot, with other acceptance; and texts that are none."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -220,3 +221,13 @@ def test_a_guard_that_its_pattern_does_not_bind_never_holds() -> None:
     assert odd != text
     # `v` is not relevant then, and may come at any time
     assert verdicts(odd, [{"v": 1}, {"event": "a"}, {"v": 300}, {"event": "b"}]) == "???T"
+
+
+def test_an_event_is_an_object() -> None:
+    """A word alone would be a variable, which matches whatever comes."""
+    tree = loads("toplevel r; r sand a b; a; b;")
+    text = AutomatonBackend().translate(tree, Semantics.STRICT).text
+    assert 'event: 1 "' in text
+    for wrong in ("garbage", "[1]", "1"):
+        with pytest.raises(LanguageError, match="an event is an object"):
+            AutomatonBackend().read(re.sub(r'event: 1 ".*"', f'event: 1 "{wrong}"', text))

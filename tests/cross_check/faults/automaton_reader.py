@@ -124,7 +124,11 @@ FAULTS: Final = (
     ),
     _other("`>=` for `>`", "A value on a bound passes.", put(f"{_AT}monitor:holds", loosely_holds)),
     _other("guards not looked at", "Every value passes.", put(f"{_AT}monitor:holds", always_holds)),
-    _other("1 is not 1.0", "A number with a decimal point misses a literal.", put(f"{_AT}monitor:match", match_telling_apart)),
+    _other(
+        "1 is not 1.0",
+        "A number with a decimal point misses a literal.",
+        put(f"{_AT}monitor:match", match_telling_apart),
+    ),
     _other("numbers and texts confused", "Two values pass for one.", put(f"{_AT}monitor:match", match_confused)),
     _other("true is 1", "Two values pass for one.", put(f"{_AT}monitor:match", match_like_python)),
 )

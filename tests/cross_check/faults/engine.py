@@ -68,9 +68,7 @@ FAULTS: Final = (
         "filters=tuple(uses.filter(node) for",
         "filters=tuple(None for",
     ),
-    _other(
-        "a guard over two events not looked at", "Every value passes.", put(f"{_AT}matching:holds", always_holds)
-    ),
+    _other("a guard over two events not looked at", "Every value passes.", put(f"{_AT}matching:holds", always_holds)),
     _other("`>=` for `>` over two events", "A value on a bound passes.", put(f"{_AT}matching:holds", loosely_holds)),
     _other("`>=` for `>` on one event", "A value on a bound passes.", put(f"{_AT}letters:holds", loosely_holds)),
     _fault(
@@ -150,7 +148,11 @@ FAULTS: Final = (
         "self._configurations or self.semantics is Semantics.SCATTERED",
         "True",
     ),
-    _other("⊤ not final", "After a detection the verdict changes again.", put(f"{_AT}monitor:Engine.step", step_without_latch)),
+    _other(
+        "⊤ not final",
+        "After a detection the verdict changes again.",
+        put(f"{_AT}monitor:Engine.step", step_without_latch),
+    ),
     _fault(
         "one event serves two nodes at once",
         "Nodes that compete for an event are followed as if they did not.",
@@ -182,7 +184,13 @@ FAULTS: Final = (
     _other("1 is not 1.0 in a literal", "1.0 is not found where 1 is filed.", put(f"{_AT}letters:key", repr)),
     _other("1 is not 1.0 in a variable", "A value is not found again.", put(f"{_AT}matching:equal", told_apart)),
     _other("1 is not 1.0 in a pattern", "A literal is missed.", put(f"{_AT}letters:match", match_telling_apart)),
-    _other("numbers and texts confused in a variable", "Two values pass for one.", put(f"{_AT}matching:equal", confused)),
-    _other("numbers and texts confused in a pattern", "Two values pass for one.", put(f"{_AT}letters:match", match_confused)),
+    _other(
+        "numbers and texts confused in a variable", "Two values pass for one.", put(f"{_AT}matching:equal", confused)
+    ),
+    _other(
+        "numbers and texts confused in a pattern",
+        "Two values pass for one.",
+        put(f"{_AT}letters:match", match_confused),
+    ),
     _other("true is 1 in a pattern", "Two values pass for one.", put(f"{_AT}letters:match", match_like_python)),
 )

@@ -59,7 +59,11 @@ FAULTS: Final = (
         "elif self._implied(row.operands[0]):",
         "else:\n                found = inner\n            if False:",
     ),
-    _other("⊤ not final", "After a detection the verdict changes again.", put(f"{_AT}monitor:LtlfMonitor.step", step_without_latch)),
+    _other(
+        "⊤ not final",
+        "After a detection the verdict changes again.",
+        put(f"{_AT}monitor:LtlfMonitor.step", step_without_latch),
+    ),
     _fault(
         "⊥ one event late",
         "The slices before the event decide whether there is hope.",
@@ -111,8 +115,12 @@ FAULTS: Final = (
     ),
     _other("`>=` for `>`", "A value on a bound passes.", put(f"{_AT}atoms:holds", loosely_holds)),
     _other("guards not looked at", "Every value passes.", put(f"{_AT}atoms:holds", always_holds)),
-    _other("1 is not 1.0", "A number with a decimal point misses a literal.", put(f"{_AT}atoms:match", match_telling_apart)),
+    _other(
+        "1 is not 1.0", "A number with a decimal point misses a literal.", put(f"{_AT}atoms:match", match_telling_apart)
+    ),
     _other("literals looked up by their text", "1.0 is not found where 1 is filed.", put(f"{_AT}candidates:key", repr)),
-    _other("numbers and texts confused", "Two values of a variable pass for one.", put(f"{_AT}atoms:match", match_confused)),
+    _other(
+        "numbers and texts confused", "Two values of a variable pass for one.", put(f"{_AT}atoms:match", match_confused)
+    ),
     _other("true is 1", "Two values of a variable pass for one.", put(f"{_AT}atoms:match", match_like_python)),
 )

@@ -163,8 +163,9 @@ FAULTS: Final = (
         "`>=` for `>`",
         "A value on the bound of a guard is taken.",
         "scopes:Scope.condition",
-        'return f"{self._number(left)} {operator.value} {self._number(right)}"',
-        'return f"{self._number(left)} {operator.value.replace('>', '>=').replace('==', '=')} {self._number(right)}"',
+        "case Compare(operator, left, right):",
+        "case Compare(operator, left, right):\n"
+        "            operator = {Operator.GT: Operator.GE, Operator.LT: Operator.LE}.get(operator, operator)",
     ),
     _fault(
         "numbers in quotes",

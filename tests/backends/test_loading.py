@@ -1,0 +1,38 @@
+"""A backend of somebody else that cannot be loaded is an error like any other, and stops nobody else."""
+
+from importlib.metadata import EntryPoint
+
+import pytest
+
+import rvaft
+from cross_check.participants import Absent, enlist, faithful_backends
+from rvaft import backend as backends
+from rvaft.errors import ToolFailed
+from rvaft.verdict import Semantics
+from tests.cli.runs import TREES, failed, run
+
+TREE = TREES / "gates" / "and.rvaft"
+
+
+@pytest.fixture
+def broken(monkeypatch: pytest.MonkeyPatch) -> str:
+    known = {**backends.all_backends(), "broken": EntryPoint("broken", "no_such_module:Backend", backends.GROUP)}
+    monkeypatch.setattr(backends, "all_backends", lambda: known)
+    monkeypatch.setattr("cross_check.participants.all_backends", lambda: known)
+    return "broken"
+
+
+def test_it_is_named_with_the_reason(broken: str) -> None:
+    with pytest.raises(ToolFailed, match="the backend broken failed: it cannot be loaded: ModuleNotFoundError"):
+        rvaft.translate(rvaft.load(TREE), broken)
+    failed(run("emit", TREE, "--to", broken), "the backend broken failed")
+    failed(run("monitor", TREE, "--backend", broken, "--word", "a"), "the backend broken failed")
+
+
+def test_a_comparison_names_it_and_goes_on(broken: str) -> None:
+    assert broken in faithful_backends()
+    found = {one.name: one for one in enlist(rvaft.load(TREE), Semantics.STRICT)}
+    absent = found[broken]
+    assert isinstance(absent, Absent)
+    assert absent.status == "could not run"
+    assert not isinstance(found["rml"], Absent)

@@ -1,0 +1,227 @@
+"""One comparison: what is said of whom, and that nothing counts as agreement which is none."""
+
+from collections.abc import Callable, Hashable, Sequence
+
+import pytest
+
+from cross_check.comparison import Comparison, Effort, Enlist
+from cross_check.participants import Absent, Answer, Outside, Participant, observed_by, reference_of
+from cross_check.results import Job, Result, Status, exit_status
+from rvaft import loads
+from rvaft.backend import Metrics, Observed, Specification
+from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
+from rvaft.monitors import Monitor
+from rvaft.patterns import Literal, ObjectPattern
+from rvaft.semantics import Reference
+from rvaft.values import Json
+from rvaft.verdict import Semantics, Verdict
+
+TREE = loads("toplevel r; r sand a b; a; b;")
+JOB = Job("tree", Semantics.STRICT)
+TEXT = Specification("text", "language", Metrics(3, states=4), lambda _: Reference(TREE, Semantics.STRICT))
+
+
+class Spoiled(Monitor):
+    """The reference, but for what happens at one event."""
+
+    def __init__(self, at: Json, spoil: Callable[[Verdict], Verdict]) -> None:
+        super().__init__()
+        self.inner = Reference(TREE, Semantics.STRICT)
+        self.at = at
+        self.spoil = spoil
+
+    @property
+    def state(self) -> Hashable:
+        return self.inner.state, self.verdict
+
+    def fork(self) -> "Spoiled":
+        twin = super().fork()
+        twin.inner = self.inner.fork()
+        return twin
+
+    def _advance(self, event: Json) -> Verdict:
+        verdict = self.inner.step(event)
+        return self.spoil(verdict) if event == self.at else verdict
+
+
+def compare(*others: tuple[str, Enlist], effort: Effort = Effort()) -> dict[str, Result]:
+    candidates = [("reference", lambda: reference_of(TREE, JOB.semantics)), *others]
+    return {result.participant: result for result in Comparison(TREE, JOB, effort).run(candidates)}
+
+
+def same(observed: tuple[Observed, ...] | None = observed_by(TREE)) -> Enlist:
+    return lambda: Participant("same", lambda: Reference(TREE, Semantics.STRICT), TEXT, observed)
+
+
+def fail(error: RvaftError) -> Enlist:
+    return lambda: Absent("failed", error)
+
+
+def raising(_verdict: Verdict) -> Verdict:
+    raise TooLarge("partial matches", limit=7)
+
+
+def test_proved_with_the_sizes_of_the_text() -> None:
+    found = compare(("same", same()))
+    assert found["reference"].status is Status.BASELINE
+    assert (found["same"].status, found["same"].text) == (Status.PROVED, "proved")
+    assert (found["same"].symbols, found["same"].states) == (3, 4)
+    assert found["same"].verdicts > 0
+
+
+def test_without_knowing_what_it_asks_it_is_only_tested() -> None:
+    found = compare(("same", same(None)))
+    assert found["same"].status is Status.TESTED
+    assert found["same"].text.endswith("(what it observes is not known)")
+
+
+def test_a_shared_variable_is_only_tested() -> None:
+    odd = (*observed_by(TREE), Observed(ObjectPattern((("v", loads_variable()),))))
+    assert "variables" in compare(("same", same(odd)))["same"].why
+
+
+def loads_variable() -> object:
+    from rvaft.patterns import Variable
+
+    return Variable("V")
+
+
+def test_a_proof_asked_for_no_states_is_no_proof() -> None:
+    found = compare(("same", same()), effort=Effort(states=0))
+    assert found["same"].status is Status.TESTED
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "text"),
+    [
+        (
+            NotExpressible("no gates", backend="x", semantics="strict"),
+            Status.NOT_EXPRESSIBLE,
+            "not expressible: no gates",
+        ),
+        (TooLarge("states", limit=5), Status.TOO_LARGE, "too large: states (limit 5)"),
+        (
+            ToolMissing("spot", remedy="install it"),
+            Status.TOOL_MISSING,
+            "tool missing: spot is not installed: install it",
+        ),
+        (RvaftError("oh no"), Status.COULD_NOT_RUN, "could not run: oh no"),
+    ],
+)
+def test_who_is_absent_is_named_and_does_not_agree(error: RvaftError, status: Status, text: str) -> None:
+    found = compare(("failed", fail(error)), ("same", same()))
+    assert (found["failed"].status, found["failed"].text) == (status, text)
+    assert not found["failed"].status.agrees
+    assert found["same"].status is Status.PROVED
+
+
+def test_alone_nobody_agrees() -> None:
+    found = compare(("failed", fail(TooLarge("states", limit=5))))
+    assert found["reference"].status is Status.COULD_NOT_RUN
+    assert exit_status(found.values()) == 2
+
+
+def test_without_the_reference_the_next_one_is_the_baseline() -> None:
+    absent: Enlist = lambda: Absent("reference", TooLarge("scenarios", limit=1))  # noqa: E731
+    rows = Comparison(TREE, JOB, Effort()).run([("reference", absent), ("same", same()), ("again", same())])
+    assert [row.status for row in rows] == [Status.TOO_LARGE, Status.BASELINE, Status.PROVED]
+
+
+@pytest.mark.parametrize("observed", [observed_by(TREE), None], ids=["proof", "test"])
+def test_a_difference_comes_with_the_shortest_trace(observed: tuple[Observed, ...] | None) -> None:
+    spoiled = Spoiled({"event": "b"}, lambda verdict: Verdict.UNKNOWN if verdict is Verdict.TRUE else verdict)
+    found = compare(("spoiled", lambda: Participant("spoiled", spoiled.fork, observed=observed)))["spoiled"]
+    assert found.status is Status.DIFFERS
+    assert found.difference is not None
+    assert found.difference.trace == ({"event": "a"}, {"event": "b"})
+    assert found.difference.expected == (Verdict.UNKNOWN, Verdict.TRUE)
+    assert found.difference.got == (Verdict.UNKNOWN, Verdict.UNKNOWN)
+    assert exit_status([found]) == 1
+
+
+def test_what_is_proved_is_run_again_and_a_lie_about_what_is_asked_is_found() -> None:
+    """Who looks at more than it says is caught by the traces that everybody runs, though its proof went through."""
+    noisy = Spoiled({"noise": 0}, lambda _: Verdict.UNKNOWN)
+    for effort, status in ((Effort(traces=400), Status.DIFFERS), (Effort(recheck=False), Status.PROVED)):
+        found = compare(
+            ("noisy", lambda: Participant("noisy", noisy.fork, observed=observed_by(TREE))),
+            ("same", same()),
+            effort=effort,
+        )
+        assert found["noisy"].status is status
+
+
+@pytest.mark.parametrize("observed", [observed_by(TREE), None], ids=["proof", "test"])
+def test_who_raises_could_not_run(observed: tuple[Observed, ...] | None) -> None:
+    broken = Spoiled({"event": "b"}, raising)
+    found = compare(("broken", lambda: Participant("broken", broken.fork, observed=observed)), ("same", same()))
+    assert found["broken"].text == "too large: partial matches (limit 7)"
+    assert found["same"].status is Status.PROVED
+
+
+# -- programs of others -----------------------------------------------------------------------------------------
+
+
+def outside(answer: Callable[[list[Verdict]], Answer]) -> Enlist:
+    def answers(traces: Sequence[Sequence[Json]]) -> list[Answer]:
+        return [answer(list(Reference(TREE, Semantics.STRICT).run(trace))) for trace in traces]
+
+    return lambda: Outside("other", answers, TEXT)
+
+
+def wrong(verdicts: list[Verdict]) -> list[Verdict]:
+    return [Verdict.UNKNOWN if verdict is Verdict.TRUE else verdict for verdict in verdicts]
+
+
+def test_a_program_of_others_is_tested_also_where_all_is_proved() -> None:
+    found = compare(("same", same()), ("other", outside(lambda verdicts: Answer(tuple(verdicts)))))
+    assert found["same"].status is Status.PROVED
+    assert found["other"].status is Status.TESTED
+    assert found["other"].traces > 20
+    assert found["other"].masked == 0
+
+
+def test_a_known_deviation_is_masked_and_counted_only_where_it_shows() -> None:
+    masked = outside(lambda verdicts: Answer(tuple(wrong(verdicts)), deviations=("tolerance",)))
+    found = compare(("same", same()), ("other", masked))["other"]
+    assert found.status is Status.TESTED
+    assert found.masked > 0
+    assert f", {found.masked} masked" in found.text
+    assert compare(("other", outside(lambda v: Answer(tuple(v), deviations=("tolerance",)))))["other"].masked == 0
+
+
+def test_a_deviation_that_is_not_known_is_a_difference() -> None:
+    found = compare(("same", same()), ("other", outside(lambda verdicts: Answer(tuple(wrong(verdicts))))))["other"]
+    assert found.status is Status.DIFFERS
+    assert found.difference is not None
+    assert found.difference.expected[-1] is Verdict.TRUE
+
+
+def test_an_exception_of_a_program_is_no_agreement() -> None:
+    found = compare(("same", same()), ("other", outside(lambda _: Answer(error="type_error"))))["other"]
+    assert found.text == "could not run: type_error"
+
+
+# -- exit status ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("statuses", "expected", "strict"),
+    [
+        ([Status.BASELINE, Status.PROVED, Status.TESTED], 0, 0),
+        ([Status.BASELINE, Status.DIFFERS], 1, 1),
+        ([Status.BASELINE, Status.NOT_EXPRESSIBLE], 0, 2),
+        ([Status.BASELINE, Status.TOO_LARGE], 0, 2),
+        ([Status.BASELINE, Status.TIMEOUT], 0, 2),
+        ([Status.DIFFERS, Status.TOOL_MISSING], 2, 2),
+        ([Status.DIFFERS, Status.COULD_NOT_RUN], 2, 2),
+    ],
+)
+def test_exit_status(statuses: list[Status], expected: int, strict: int) -> None:
+    results = [Result(JOB, str(status), status) for status in statuses]
+    assert exit_status(results) == expected
+    assert exit_status(results, fail_on_not_expressible=True, fail_on_timeout=True) == strict
+
+
+def test_literals_of_the_observed_tree() -> None:
+    assert {Observed(ObjectPattern((("event", Literal(name)),))) for name in "ab"} <= set(observed_by(TREE))

@@ -1,59 +1,36 @@
 """`rvaft cross-check`: whether the specifications of a tree say the same thing."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 import click
 
 from cross_check.against import handwritten
-from cross_check.bogus import keep
 from cross_check.campaign import MAX_NODES, campaign
-from cross_check.cases import load_all
 from cross_check.catalogue import EFFORT, Entry, catalogue
 from cross_check.comparison import Effort
-from cross_check.replaying import replay
-from cross_check.results import Job, Result, Status, exit_status
+from cross_check.results import Job, exit_status
 from cross_check.roster import PATIENCE, Roster
-from cross_check.runs import Task, run
+from cross_check.runs import Task
 from rvaft.api import narrowed
 from rvaft.backend import all_backends, backend
-from rvaft.cli.failure import FAILED, INTERRUPTED, Stopped, report
+from rvaft.cli.comparing import Failures, Watching, replayed
+from rvaft.cli.failure import FAILED
 from rvaft.cli.languages import suggesting
 from rvaft.cli.options import exclusive, part_options
-from rvaft.cli.reports import Reports, Watched, report_options
-from rvaft.errors import RvaftError
+from rvaft.cli.reports import Reports, report_options
 from rvaft.language import load
 from rvaft.model import Kind
-from rvaft.printable import columns, visible
-from rvaft.verdict import Semantics, Verdict
+from rvaft.verdict import Semantics
 
 SMALL_PROOF: Final = 500
 """Combinations of states of a proof in a random campaign, where many trees say more than one."""
 SMALL_TEXT: Final = 10_000
 """The limit of translations there."""
-
-T = TypeVar("T")
-
-
-@dataclass(slots=True)
-class Failures:
-    """Reports what cannot be read, so that the rest still runs."""
-
-    met: bool = False
-
-    def collect(self, read: Callable[[str], T], names: Iterable[str]) -> Iterator[T]:
-        """What can be read of these."""
-        for name in names:
-            try:
-                yield read(name)
-            except (RvaftError, OSError) as error:
-                report(error)
-                self.met = True
 
 
 def _semantics(_context: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[Semantics, ...] | None:
@@ -136,12 +113,12 @@ def command(
     """
     exclusive(branch=branch, kind=kind)
     exclusive(random=random, replay=replay_folder)
+    texts, trees = _sorted_out(against, trees)
     context = click.get_current_context()
     if (random is not None or replay_folder is not None) and (trees or branch is not None or kind is not None):
         raise click.UsageError("--random and --replay bring their own trees", context)
     if (branch is not None or kind is not None) and not trees:
         raise click.UsageError("--branch and --kind need a TREE", context)
-    texts, trees = _sorted_out(against, trees)
     if against and not trees:
         raise click.UsageError("--against needs a TREE to compare with", context)
     failures = Failures()
@@ -154,40 +131,27 @@ def command(
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )
     if replay_folder is not None:
-        return _replayed(Path(replay_folder), roster)
-    chosen = semantics or ((Semantics.PROJECTED,) if against else tuple(Semantics))
+        return replayed(Path(replay_folder), roster)
     entries: Iterable[Entry]
     if trees:
         part = partial(_entry, branch=branch, kind=None if kind is None else Kind(kind))
-        entries, count = (loaded := list(failures.collect(part, trees))), len(loaded)
-        effort = Effort(states=states)
+        found = list(failures.collect(part, trees))
+        entries, count, effort = found, len(found), Effort(states=states)
     elif random is not None:
         entries, count = campaign(random, seed, max_nodes), random
         effort = Effort(states=min(states, SMALL_PROOF), words=0)
     else:
-        entries, count = (gates := list(catalogue())), len(gates)
-        effort = replace(EFFORT, states=states)
+        gates = list(catalogue())
+        entries, count, effort = gates, len(gates), replace(EFFORT, states=states)
+    if against and not roster.against:  # nothing that could be read is left to compare
+        entries, count = (), 0
     effort = replace(effort, length=length, seconds=timeout, seed=str(seed))
     effort = effort if traces is None else replace(effort, traces=traces)
+    chosen = semantics or ((Semantics.PROJECTED,) if against else tuple(Semantics))
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e in entries for s in chosen)
     reports = Reports({form: path for form, path in files.items() if path is not None}, every=bool(trees))
-    interrupted = False
-    with Watched(count * len(chosen)) as watched, closing(run(tasks, jobs=jobs or os.cpu_count() or 1)) as running:
-        try:
-            for task, results in running:
-                watched.advance()
-                reports.add(results)
-                differing = [result for result in results if result.status is Status.DIFFERS]
-                if save_bogus is not None:
-                    for result in differing:
-                        click.echo(f"saved {keep(task, result, Path(save_bogus))}")
-                if differing and stop_on_error:
-                    break
-        except KeyboardInterrupt:
-            interrupted = True
-    reports.finish()
-    if interrupted:
-        raise Stopped(INTERRUPTED)
+    watching = Watching(reports, failures, stop_on_error, None if save_bogus is None else Path(save_bogus))
+    watching.run(tasks, count * len(chosen), jobs or os.cpu_count() or 1)
     status = exit_status(
         reports.results, fail_on_not_expressible=fail_on_not_expressible, fail_on_timeout=fail_on_timeout
     )
@@ -216,20 +180,3 @@ def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:
     tree = load(path)
     narrowed(tree, branch, kind)  # refuses what breaks a rule, and a part that is not there
     return Entry(path, tree, branch, kind)
-
-
-def _replayed(folder: Path, roster: Roster) -> int:
-    """Run saved cases again, one table each."""
-    results: list[Result] = []
-    for case in load_all(folder):
-        click.echo(visible(f"{case.name}: {case.semantics}"))
-        rows = [("PARTICIPANT", "BEFORE", "NOW", "RESULT")]
-        for one in replay(case, roster):
-            results.append(one.result)
-            rows.append((one.result.participant, _symbols(one.before), _symbols(one.now), one.result.text))
-        click.echo("\n".join(f"  {line}" for line in columns(rows)))
-    return exit_status(results)
-
-
-def _symbols(verdicts: tuple[Verdict, ...] | None) -> str:
-    return "-" if verdicts is None else "".join(verdict.symbol for verdict in verdicts)

@@ -177,7 +177,7 @@ FAULTS: Final = (
         "an exclusive choice taken for one that may be more",
         "Two children of an `or` that one event begins are followed as if both were wanted.",
         "terms:Terms._made",
-        "case Op.ONE:\n                        yield event, left",
-        "case Op.ONE:\n                        yield event, self._all([left, *others])",
+        "case Op.ONE:\n                    yield event, left",
+        "case Op.ONE:\n                    yield event, self._all([left, *others])",
     ),
 )

@@ -1,9 +1,9 @@
 """The trees of the run without arguments, built here so that an installed package has them.
 
 Every gate with one to four children and every threshold, each without and with an event of its own under both causalities; every
-ordered pair of gates nested once, and a choice of order three gates deep; a node shared under each gate; two children with the same
-event, or that begin with the same event; one monitor per branch and per kind; a vote with more orders than can be written out; a guard
-in every place where one can be; and literals that only their type tells apart.
+ordered pair of gates nested once, and an order or a choice three gates deep; a node shared under each gate, also where a choice adds
+an order; two children with the same event, or that begin with the same event; one monitor per branch and per kind; a vote with more
+orders than can be written out; a guard in every place where one can be; and literals that only their type tells apart.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,6 +16,7 @@ from rvaft.language import parse_guard
 from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On
 from rvaft.patterns import Literal, ObjectPattern, Variable
 from rvaft.tree import RVAFT
+from rvaft.values import Scalar
 
 EFFORT: Final = Effort(words=200, traces=24, recheck=False)
 """Enough to notice every fault that the tests plant in translations and readers, and no more."""
@@ -34,7 +35,7 @@ GUARDS: Final = {
     "a negation": "not (T == S or Q == P)",
     "a negated order": "not (T < 3)",
 }
-LITERALS: Final = (1, 1.0, "1", True)
+LITERALS: Final[tuple[Scalar, ...]] = (1, 1.0, "1", True)
 """The first two are equal."""
 
 
@@ -75,16 +76,16 @@ def gates(children: int) -> Iterator[GateOver]:
 def catalogue() -> Iterator[Entry]:
     """All trees of the run without arguments: small ones first, and early those that tell most."""
     yield from _single(1, 2)
+    yield from _valued()
     yield from _parts()
     yield from _same_event()
     yield from _alike()
     yield from _shared()
     yield from _deep()
-    yield from _valued()
     yield from _guarded()
+    yield from _votes()
     yield from _nested()
     yield from _single(3, 4)
-    yield from _votes()
 
 
 def _single(*counts: int) -> Iterator[Entry]:
@@ -130,6 +131,15 @@ def _shared() -> Iterator[Entry]:
         ]
         yield Entry(f"{_named(gate, 2)} over a shared node", RVAFT("r", nodes))
 
+    for gate in (GateOver(Gate.AND), GateOver(Gate.VOT, 2)):
+        nodes = [
+            gate.node("r", ("o", "x", "s")),
+            Node("o", Gate.OR, ("q", "c")),
+            Node("q", Gate.SAND, ("x", "s")),
+            *map(Node, ("c", "x", "s")),
+        ]
+        yield Entry(f"{_named(gate, 3)} with an order that a choice adds", RVAFT("r", nodes))
+
 
 def _nested() -> Iterator[Entry]:
     for outer, inner in product(Gate, repeat=2):
@@ -143,13 +153,15 @@ def _nested() -> Iterator[Entry]:
 
 
 def _deep() -> Iterator[Entry]:
-    """An order between a gate and a leaf, below each gate."""
-    for outer in Gate:
+    """An order of, or a choice between, a gate and a leaf, below each gate."""
+    for outer, middle in product(Gate, (Gate.SAND, Gate.OR)):
         gate = GateOver(outer, 2 if outer is Gate.VOT else None)
         upper = ("a", "s", "e") if outer is Gate.VOT else ("a", "s")
         leaves = [name for name in (*upper, "b", "c", "d") if name != "s"]
-        nodes = [gate.node("r", upper), Node("s", Gate.SAND, ("g", "d")), Node("g", Gate.AND, ("b", "c"))]
-        yield Entry(f"{_named(gate, len(upper))} over sand over and", RVAFT("r", [*nodes, *map(Node, leaves)]))
+        nodes = [gate.node("r", upper), Node("s", middle, ("g", "d")), Node("g", Gate.AND, ("b", "c"))]
+        yield Entry(f"{_named(gate, len(upper))} over {middle} over and", RVAFT("r", [*nodes, *map(Node, leaves)]))
+    nodes = [Node("r", Gate.SAND, ("v", "y", "z")), GateOver(Gate.VOT, 1).node("v", ("a", "b"))]
+    yield Entry("1of2 with two to follow", RVAFT("r", [*nodes, *map(Node, "abyz")]))
 
 
 def _votes() -> Iterator[Entry]:
@@ -198,6 +210,10 @@ def _valued() -> Iterator[Entry]:
     yield Entry("an `ignore` with a guard", RVAFT("r", nodes, [READ], ignores=[ignored]))
     nodes = [Node("r", Gate.SAND, ("a", "b")), _FIRST, Node("b", on=_on(READ, "P"))]
     yield Entry("a variable bound twice", RVAFT("r", nodes, [AT, READ]))
+    for gate in (Gate.SAND, Gate.SAND_RL, Gate.AND):
+        few = Node("b", on=_on(READ, "V"), when=parse_guard("V >= 0 and V <= 1"))  # so that 1, 1.0 and true meet
+        nodes = [Node("r", gate, ("a", "b")), Node("a", on=_on(SEEN, "V")), few]
+        yield Entry(f"{gate}, a variable bound twice", RVAFT("r", nodes, [SEEN, READ]))
     nodes = [
         Node("r", Gate.OR, ("p", "q")),
         Node("p", Gate.SAND, ("a", "b", "c", "d")),

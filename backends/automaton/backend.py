@@ -25,7 +25,7 @@ class AutomatonBackend(Backend):
 
     A letter that no event makes true leads where the shortest labels let it, mostly nowhere, which HOA reads as rejection; labels
     of one state are disjoint all the same, and no state owes its verdict to such a letter. The limit of `translate` is a number
-    of states; ten times as many edges are allowed. Reading needs Spot, translating does not.
+    of states; for each, ten edges and a thousand steps of the construction are allowed. Reading needs Spot, translating does not.
     """
 
     name: ClassVar[str] = "automaton"
@@ -36,7 +36,7 @@ class AutomatonBackend(Backend):
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as an automaton; raises `TooLarge`, never `NotExpressible`."""
         started = perf_counter()
-        text = _translated(tree, semantics, self.default_limit if limit is None else limit)
+        text = _translated(tree, Semantics(semantics), self.default_limit if limit is None else limit)
         metrics = Metrics(text.symbols, states=text.states, edges=text.edges, seconds=perf_counter() - started)
         return Specification(text.text, self.language, metrics, partial(AutomatonBackend.read, self))
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
 from backends.automaton.configurations import Configuration, Move, Moves
-from backends.automaton.letters import Atoms, Letters, bits
+from backends.automaton.letters import Atoms, Letters
+from backends.automaton.successors import Successors
 from rvaft.errors import TooLarge
 from rvaft.verdict import Semantics
 
@@ -19,7 +20,7 @@ HOPELESS: Final = 1
 """The two states that every automaton has."""
 
 EDGES: Final = 10
-STEPS: Final = 200
+STEPS: Final = 1000
 """How many edges, and how many steps of the construction, the limit allows for each state it allows."""
 
 Letter: TypeAlias = tuple[Atoms, int]
@@ -70,18 +71,17 @@ class Subsets:
 
     def build(self) -> Automaton:
         """The automaton of the configurations that `moves` starts with."""
-        start = list(self.moves.start())
+        start = frozenset(self.moves.start())
         if any(self.moves.complete(configuration) for configuration in start):
             return Automaton(DETECTED)
-        automaton = Automaton(self._state([], start))
+        automaton = Automaton(self._state(frozenset(self._best(start)) if self.scattered else start))
         done = 0
         while done < len(self.waiting):
             automaton.rows.append(self._row(self.waiting[done]))
             done += 1
         return automaton
 
-    def _state(self, kept: list[Configuration], moved: list[Configuration]) -> int:
-        state = frozenset(self._best(kept, moved) if self.scattered else moved)
+    def _state(self, state: State) -> int:
         if not state:
             return HOPELESS
         if state not in self.number:
@@ -90,10 +90,10 @@ class Subsets:
             self._count(len(self.number), 1, "states of the automaton")
         return self.number[state]
 
-    def _best(self, kept: list[Configuration], moved: list[Configuration]) -> list[Configuration]:
-        """Without those that another one dominates; those that were kept before do not dominate each other."""
-        best = kept
-        for one in moved:
+    def _best(self, start: State) -> list[Configuration]:
+        """The configurations at the start without those that another one dominates."""
+        best: list[Configuration] = []
+        for one in sorted(start, key=_rank):
             self._step(len(best))
             if not any(self.moves.dominates(other, one) for other in best):
                 best = [*(other for other in best if not self.moves.dominates(one, other)), one]
@@ -101,46 +101,34 @@ class Subsets:
 
     def _row(self, state: State) -> Row:
         ordered = sorted(state, key=_rank)
-        moves = [move for configuration in ordered for move in self.moves.of(configuration)]
         by_atom: dict[int, list[Move]] = {}
-        for move in moves:
-            by_atom.setdefault(move.atom, []).append(move)
+        for configuration in ordered:
+            for move in self.moves.of(configuration):
+                by_atom.setdefault(move.atom, []).append(move)
+        kept = ordered if self.scattered else []
+        successors = Successors(self.moves, by_atom, kept, dominating=self.scattered, step=self._step)
         row = Row(sum(1 << atom for atom in by_atom), {}, {})
         for atoms in self.letters.over(row.sees):
-            enabled = [move for atom in bits(atoms) for move in by_atom[atom]]
-            row.guards[atoms] = _guards(enabled)
+            row.guards[atoms] = successors.guards(atoms)
             for holding in _subsets(row.guards[atoms]):
-                row.targets[atoms, holding] = self._successor(ordered, enabled, holding)
+                after = successors.of(atoms, holding)
+                row.targets[atoms, holding] = DETECTED if after is None else self._state(after)
                 self.edges += 1
-                self._count(self.edges, EDGES, "edges of the automaton")
+                self._count(self.edges, EDGES, f"edges of the automaton, {EDGES} allowed for each state")
         return row
 
-    def _successor(self, ordered: list[Configuration], enabled: list[Move], holding: int) -> int:
-        self._step(len(enabled))
-        moved = [self.moves.breaking(move, holding) for move in enabled if not move.needed & ~holding]
-        if any(self.moves.complete(configuration) for configuration in moved):
-            return DETECTED
-        return self._state(ordered, moved)
-
     def _step(self, many: int) -> None:
-        self.steps += many + 1
-        self._count(self.steps, STEPS, "steps of the construction")
+        self.steps += many
+        self._count(self.steps, STEPS, f"steps of the construction, {STEPS} allowed for each state")
 
     def _count(self, reached: int, each: int, what: str) -> None:
         if reached > self.limit * each:
-            raise TooLarge(what, limit=self.limit * each)
+            raise TooLarge(what, limit=self.limit)
 
 
 def _rank(configuration: Configuration) -> tuple[int, ...]:
     c = configuration
     return (c.plan, c.waiting, c.undecided, c.taken, c.required, c.broken)
-
-
-def _guards(moves: list[Move]) -> int:
-    guards = 0
-    for move in moves:
-        guards |= move.needed | move.noted
-    return guards
 
 
 def _subsets(mask: int) -> Iterator[int]:

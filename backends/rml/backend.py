@@ -15,14 +15,16 @@ from rvaft.verdict import Semantics
 class RmlBackend(Backend):
     """Attack-fault trees in the Runtime Monitoring Language (RML).
 
-    Trees without variables are expressed under every semantics; under `strict` and `projected` also trees with variables, unless a
-    guard orders strings. `limit` counts scenarios, and alternatives of the equations.
+    Trees without variables are expressed under every semantics, with one exception: RML cannot order strings, so `projected` is
+    refused where relevance depends on their order, by a guard of `ignore` (or, in a part of a tree, by one of a node outside it).
+    Under `strict` and `projected` also trees with variables are expressed, unless a guard orders strings. `limit` counts scenarios,
+    and alternatives of the equations, ten symbols of the text being allowed for each.
     """
 
     name: ClassVar[str] = "rml"
     language: ClassVar[str] = "rml"
     suffix: ClassVar[str] = ".rml"
-    default_limit: ClassVar[int] = 100_000
+    default_limit: ClassVar[int] = 20_000
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as an RML text; raises `NotExpressible` and `TooLarge`."""

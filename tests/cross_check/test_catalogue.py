@@ -16,14 +16,14 @@ def test_every_tree_keeps_the_rules_and_has_a_name_of_its_own() -> None:
 
 
 def test_every_gate_with_one_to_four_children_without_and_with_its_own_event() -> None:
-    plain = set()
-    own = set()
+    plain: set[tuple[object, ...]] = set()
+    own: set[tuple[object, ...]] = set()
     for entry in ENTRIES:
         for node in entry.tree.top_down():
             if node.gate is not None and all(entry.tree.nodes[child].leaf for child in node.children):
                 shape = (node.gate, len(node.children), node.threshold)
                 (own if node.on else plain).add((*shape, entry.tree.causality) if node.on else shape)
-    expected = {(gate, n, None) for gate in Gate if gate is not Gate.VOT for n in (1, 2, 3, 4)}
+    expected: set[tuple[object, ...]] = {(gate, n, None) for gate in Gate if gate is not Gate.VOT for n in (1, 2, 3, 4)}
     expected |= {(Gate.VOT, n, k) for n in (1, 2, 3, 4) for k in range(1, n + 1)}
     assert expected <= plain
     assert {(*shape, causality) for shape in expected for causality in Causality} <= own

@@ -11,12 +11,13 @@ from rvaft import loads
 from rvaft.backend import Metrics, Observed, Specification
 from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
 from rvaft.monitors import Monitor
-from rvaft.patterns import Literal, ObjectPattern
+from rvaft.patterns import Literal, ObjectPattern, Variable
 from rvaft.semantics import Reference
 from rvaft.values import Json
 from rvaft.verdict import Semantics, Verdict
 
 TREE = loads("toplevel r; r sand a b; a; b;")
+EFFORT = Effort()
 JOB = Job("tree", Semantics.STRICT)
 TEXT = Specification("text", "language", Metrics(3, states=4), lambda _: Reference(TREE, Semantics.STRICT))
 
@@ -44,7 +45,7 @@ class Spoiled(Monitor):
         return self.spoil(verdict) if event == self.at else verdict
 
 
-def compare(*others: tuple[str, Enlist], effort: Effort = Effort()) -> dict[str, Result]:
+def compare(*others: tuple[str, Enlist], effort: Effort = EFFORT) -> dict[str, Result]:
     candidates = [("reference", lambda: reference_of(TREE, JOB.semantics)), *others]
     return {result.participant: result for result in Comparison(TREE, JOB, effort).run(candidates)}
 
@@ -76,14 +77,8 @@ def test_without_knowing_what_it_asks_it_is_only_tested() -> None:
 
 
 def test_a_shared_variable_is_only_tested() -> None:
-    odd = (*observed_by(TREE), Observed(ObjectPattern((("v", loads_variable()),))))
+    odd = (*observed_by(TREE), Observed(ObjectPattern((("v", Variable("V")),))))
     assert "variables" in compare(("same", same(odd)))["same"].why
-
-
-def loads_variable() -> object:
-    from rvaft.patterns import Variable
-
-    return Variable("V")
 
 
 def test_a_proof_asked_for_no_states_is_no_proof() -> None:

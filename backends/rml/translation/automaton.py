@@ -53,7 +53,7 @@ class _Move:
 
 
 class Automaton:
-    """The alternatives of each state; state 0 is the first. Raises `TooLarge` beyond `limit` alternatives."""
+    """The alternatives of each state; state 0 is the first. Raises `TooLarge` beyond `limit` alternatives, rejected ones included."""
 
     def __init__(
         self, scenarios: list[Scenario], letters: Letters, registers: Registers, semantics: Semantics, *, limit: int
@@ -100,10 +100,7 @@ class Automaton:
             moves = {letter: move for letter, move in moves.items() if move.detects or self._helps(state, move)}
         tree = self._letters.observations.tree
         made = list(moves.values())
-        for combination in Combinations(tree, moves, state.bound, limit=self._limit - self._size).all():
-            self._size += 1
-            if self._size > self._limit:
-                raise TooLarge("alternatives of the RML equations", limit=self._limit)
+        for combination in Combinations(tree, moves, state.bound, self._count).all():
             fitting = [made[i] for i in bits(combination.fits)]
             target = ACCEPT
             if not any(move.detects for move in fitting):
@@ -112,6 +109,12 @@ class Automaton:
                 yield Alternative(combination.letters, combination.fits, target)
         if self._scattered:
             yield Alternative((), 0, STAY)
+
+    def _count(self) -> None:
+        """One more alternative, in whatever state."""
+        self._size += 1
+        if self._size > self._limit:
+            raise TooLarge("alternatives of the RML equations", limit=self._limit)
 
     def _target(self, state: State, moves: list[_Move], written: tuple[Letter, ...]) -> int:
         merged: dict[Partial, int] = dict(state.partials) if self._scattered else {}

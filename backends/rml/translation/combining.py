@@ -9,7 +9,6 @@ from backends.rml.translation.letters import Letter
 from backends.rml.translation.observations import Call, pattern
 from backends.rml.translation.overlap import implies, overlaps
 from backends.rml.translation.scenarios import bits
-from rvaft.errors import TooLarge
 from rvaft.guards import Guard
 from rvaft.tree import RVAFT
 
@@ -29,11 +28,13 @@ class Combination:
 
 
 class Combinations:
-    """The combinations of some letters; raises `TooLarge` beyond `limit`."""
+    """The combinations of some letters; `count` is called for each before it is looked at, and may raise."""
 
-    def __init__(self, tree: RVAFT, moves: Mapping[Letter, Move], bound: frozenset[str], *, limit: int) -> None:
+    def __init__(
+        self, tree: RVAFT, moves: Mapping[Letter, Move], bound: frozenset[str], count: Callable[[], None]
+    ) -> None:
         self.letters = list(moves)
-        self._limit = limit
+        self._count = count
         calls = list(dict.fromkeys(letter.call for letter in self.letters))
         number = {call: position for position, call in enumerate(calls)}
         self._call = [number[letter.call] for letter in self.letters]
@@ -61,11 +62,13 @@ class Combinations:
     def all(self) -> Iterator[Combination]:
         """Each letter that detects, alone; then all closed sets of the others, larger ones before those they contain."""
         for i in self.detecting:
+            self._count()
             yield Combination((self.letters[i],), 1 << i)
         called = [self._call[i] for i in self.others]
         known = sum(1 << call for call in set(called))
         if len(set(called)) == len(called) and all(self._overlap[call] & known == 1 << call for call in called):
             for i in self.others:
+                self._count()
                 yield Combination((self.letters[i],), 1 << i)
             return
         yield from sorted(self._closed(), key=lambda combination: -combination.fits.bit_count())
@@ -76,6 +79,7 @@ class Combinations:
         seen = dict.fromkeys(single)
         agenda = list(single)
         for fits in agenda:
+            self._count()
             if any(self._covers(fits, i) for i in self.detecting):
                 continue  # the alternative that detects comes first
             yield Combination(self._written(fits), fits)
@@ -86,8 +90,6 @@ class Combinations:
                 if other & ~fits and not other & excluded:
                     union = self._closure(fits | other)
                     if union not in seen:
-                        if len(seen) >= self._limit:
-                            raise TooLarge("sets of letters that one event may be", limit=self._limit)
                         seen[union] = None
                         agenda.append(union)
 

@@ -24,6 +24,10 @@ _SMALL: Final = 120
 """A tree with a VOT is written as equations up to that many alternatives, which read better; and detection shows at once."""
 
 
+SYMBOLS: Final = 10
+"""How many symbols of the text the limit allows for each alternative it allows: a text has to be read in reasonable time."""
+
+
 @dataclass(frozen=True, slots=True)
 class Translation:
     """A text and its sizes; `states` is None where it was made gate by gate."""
@@ -41,7 +45,10 @@ class _Property:
 
 
 def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> Translation:
-    """The tree as an RML text; raises `NotExpressible`, `TooLarge`, `TreeError`."""
+    """The tree as an RML text; raises `NotExpressible`, `TooLarge`, `TreeError`.
+
+    `limit` bounds the scenarios, the alternatives of equations, and with `SYMBOLS` the length of the text.
+    """
     observations = Observations(tree)
     if semantics is Semantics.SCATTERED and observations.remembered:
         names = sorted(observations.remembered)
@@ -58,7 +65,10 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> Translation:
     body = "\n".join(f"{name} = {written(term)};" for name, term in [("Main", main), *made.equations])
     header = f"// The attack-fault tree {' '.join(tree.root.split())} under the semantics {semantics}."
     text = "\n".join([header, "", *types.lines, "", body, ""])
-    return Translation(text, symbols(body), made.states)
+    size = symbols(body)
+    if size + sum(map(symbols, types.lines)) > SYMBOLS * limit:
+        raise TooLarge(f"symbols of the RML text, {SYMBOLS} allowed for each alternative", limit=limit)
+    return Translation(text, size, made.states)
 
 
 def _property(tree: RVAFT, semantics: Semantics, letters: Letters, limit: int) -> _Property:

@@ -3,7 +3,7 @@
 from typing import Final
 
 from tests.cross_check.faults.mistaken import loose_text
-from tests.cross_check.faults.planting import Fault, edit, put
+from tests.cross_check.faults.planting import Fault, both, edit, put
 
 _AT: Final = "backends.automaton."
 
@@ -124,19 +124,23 @@ FAULTS: Final = (
         "if closed is not None and",
         "if not letter and closed is not None and closed.bit_count() == 1 and",
     ),
-    _fault(
-        "negations dropped from labels",
-        "An event that fits two nodes follows the edge of one of them.",
-        "labels:cubes",
-        "other_atoms & ~atoms",
-        "0",
+    Fault(
+        "automaton translation: negation dropped from labels",
+        "automaton",
+        "Of nodes that exclude each other an edge wants both.",
+        both(
+            edit(f"{_AT}labels:Writer._alias", 'f"!{self.atoms[other]}"', 'f"{self.atoms[other]}"'),
+            edit(f"{_AT}hoa:write", "state-acc deterministic", "state-acc"),
+        ),
     ),
-    _fault(
-        "negations of guards dropped from labels",
-        "An event that breaks a guard follows the edge of one that does not.",
-        "labels:cubes",
-        "other_guards & matter & ~holding",
-        "holding & ~holding",
+    Fault(
+        "automaton translation: negation of guards dropped from labels",
+        "automaton",
+        "The edge for a guard that is broken wants it to hold.",
+        both(
+            edit(f"{_AT}labels:Writer.label", 'f"!{self.guards[guard]}"', 'f"{self.guards[guard]}"'),
+            edit(f"{_AT}hoa:write", "state-acc deterministic", "state-acc"),
+        ),
     ),
     _fault(
         "minimisation merges states with the same successors",

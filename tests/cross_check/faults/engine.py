@@ -7,8 +7,8 @@ from tests.cross_check.faults.mistaken import (
     confused,
     loosely_holds,
     match_confused,
-    match_like_python,
     match_telling_apart,
+    python_equal,
     step_without_latch,
     told_apart,
 )
@@ -95,9 +95,9 @@ FAULTS: Final = (
     _fault(
         "precedence lost through a nested gate",
         "What is below a child of an ordered gate comes after what should follow it.",
-        "progress:Progress._recount_ordered",
-        "late += was_done - is_done",
-        "late = 0",
+        "progress:Progress._ended",
+        "self._tally(configuration, gate)[0] > slot",
+        "False",
     ),
     _fault(
         "causality swapped",
@@ -192,5 +192,5 @@ FAULTS: Final = (
         "Two values pass for one.",
         put(f"{_AT}letters:match", match_confused),
     ),
-    _other("true is 1 in a pattern", "Two values pass for one.", put(f"{_AT}letters:match", match_like_python)),
+    _other("true is 1 in a variable", "Two values pass for one.", put(f"{_AT}matching:equal", python_equal)),
 )

@@ -25,20 +25,6 @@ def _fault(name: str, why: str, where: str, old: str, new: str) -> Fault:
 
 FAULTS: Final = (
     _fault(
-        "`X[!]` read as `X`",
-        "The weak next holds at the end of a trace.",
-        "spot_text:_operator",
-        'case "strong_X", [a]:\n            return f.next(a)',
-        'case "strong_X", [a]:\n            return f.negation(f.next(f.negation(a)))',
-    ),
-    _fault(
-        "`W` for `U`",
-        "The weak until holds where its right side never comes.",
-        "spot_text:_operator",
-        'case "U", [a, b]:\n            return f.until(a, b)',
-        'case "U", [a, b]:\n            return f.negation(f.until(f.negation(b), f.negation(f.disjunction([a, b]))))',
-    ),
-    _fault(
         "`X[!]` read as no operator",
         "What should hold at the next event is asked of this one.",
         "spot_text:_operator",
@@ -53,11 +39,18 @@ FAULTS: Final = (
         "self.diagrams.variable(formula)",
     ),
     _fault(
-        "`F` commits to the first beginning",
-        "A match that begins later is lost.",
+        "`F` looks at the next event alone",
+        "A match may not begin later.",
         "residuals:Residuals._progress",
-        "elif self._implied(row.operands[0]):",
-        "else:\n                found = inner\n            if False:",
+        "Progress(inner.accepted, again)",
+        "inner",
+    ),
+    _fault(
+        "`U` takes its right side for the next event alone",
+        "No irrelevant event may come before a relevant one.",
+        "residuals:Residuals._until",
+        "later = self.diagrams.conjunction(stay.residual, self.diagrams.variable(formula))",
+        "later = FALSE",
     ),
     _other(
         "⊤ not final",

@@ -18,10 +18,10 @@ from typing import Final, TypeAlias
 from backends.conformance_trees import Example, examples
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
-from rvaft.guards import holds
+from rvaft.guards import Guard, Operation, Operator, holds
 from rvaft.guards import variables as guard_variables
 from rvaft.monitors import Monitor
-from rvaft.patterns import match, variables
+from rvaft.patterns import Literal, Variable, match, variables
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Semantics, Verdict
@@ -47,8 +47,37 @@ def without_variables(example: Example, semantics: Semantics) -> bool:  # noqa: 
 
 
 def without_variables_or_determinate(example: Example, semantics: Semantics) -> bool:
-    """Also trees with variables that never have two assignments to follow, where no event is skipped at will."""
+    """Also trees with variables that never have two assignments to follow, where no event is skipped at will.
+
+    Except, with variables or without, where the order of strings has to be asked (`strings_ordered`).
+    """
+    if strings_ordered(example.tree, semantics):
+        return False
     return not example.tree.variables or (example.determinate and semantics is not Semantics.SCATTERED)
+
+
+def strings_ordered(tree: RVAFT, semantics: Semantics) -> bool:
+    """Whether a guard orders what an event has against a string.
+
+    That may be a guard of a node or, under `projected`, one that relevance depends on: of `ignore`, or of a node of the whole tree.
+    """
+    asked = [node.when for node in tree.top_down()]
+    if semantics is Semantics.PROJECTED:
+        asked += [entry.when for entry in tree.alphabet] + [ignore.when for ignore in tree.ignores]
+    return any(_orders_a_string(guard) for guard in asked if guard is not None)
+
+
+def _orders_a_string(guard: Guard) -> bool:
+    match guard:
+        case Operation(Operator.LT | Operator.LE | Operator.GT | Operator.GE, (left, right)):
+            return any(
+                isinstance(one, Variable) and isinstance(other, Literal) and isinstance(other.value, str)
+                for one, other in ((left, right), (right, left))
+            ) or any(map(_orders_a_string, (left, right)))
+        case Operation(_, operands):
+            return any(map(_orders_a_string, operands))
+        case _:
+            return False
 
 
 @dataclass(frozen=True, slots=True)

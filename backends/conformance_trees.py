@@ -80,6 +80,7 @@ OVERLAPPING = {
 
 IGNORING = {
     "ignored by a guard": "ignore px(V) when V > 1; r sand a b; a on px(_); b on py(_);",
+    "ignored by the order of strings": 'ignore px(V) when V > "1"; r sand a b; a on px(_); b on py(_);',
     "ignored outright": "ignore pxy(_, _); r and a b; a on px(1); b on py(1);",
     "a node that waits for what is ignored": "ignore py(_); r sand a b; a on px(1); b on py(1);",
 }

@@ -1,10 +1,9 @@
 """Specifications written by hand, or by another tool, to be held against a tree."""
 
-import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from cross_check.participants import Absent, Participant, reference_of
 from rvaft.backend import all_backends, backend
@@ -32,44 +31,60 @@ class Handwritten:
         if self.language == TREE:
             other = loads(self.text)
             require_valid(other)
-            return reference_of(other, semantics, name=self.path)
+            found = reference_of(other, semantics, name=self.path)
+            return found if isinstance(found, Absent) else replace(found, tree=other)
         reader = backend(self.language)
-        atoms = _Known(self.path, tree)
+        atoms = _Events(self.path, tree)
         first = reader.read(self.text, atoms=atoms)
         return Participant(self.path, first.fork, observed=reader.observed(self.text, atoms=atoms))
 
 
 def handwritten(named: str) -> Handwritten:
-    """What `[LANG:]FILE` names; the language follows the suffix where it is not given.
+    """What `[LANG:]FILE` names; the language follows the suffix where it is not given, and the file `-` is standard input.
 
     Raises `OSError` where the file cannot be read, `OptionError` where nobody can tell its language, `LanguageError` where it is no
     text in that language.
     """
     language, path = _split(named)
-    data = Path(path).read_bytes()
+    data = sys.stdin.buffer.read() if path == "-" else Path(path).read_bytes()
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         message = f"not UTF-8 (byte {error.start + 1})"
         raise LanguageError(message, file=path) from None
-    found = Handwritten(path, language, text)
+    found = Handwritten("<stdin>" if path == "-" else path, language, text)
     _check(found)
     return found
 
 
 def _split(named: str) -> tuple[str, str]:
-    known = (TREE, *all_backends())
-    language, colon, path = named.partition(":")
-    if colon and language in known and path:
+    """The name of what reads a file, and its path."""
+    before, colon, path = named.partition(":")
+    if colon and path and (language := _language(before)) is not None:
         return language, path
+    if colon and path and before.isidentifier() and not Path(named).exists():
+        raise OptionError(f"{named}: unknown language {before}; known: {', '.join(_known())}")
     suffix = Path(named).suffix
-    if suffix == f".{TREE}":
-        return TREE, named
+    if (language := _language(suffix.removeprefix("."))) is not None and suffix:
+        return language, named
+    reason = f"the suffix {suffix} tells no language" if suffix else "without a suffix nobody can tell its language"
+    raise OptionError(f"{named}: {reason}; write LANG:{Path(named).name} with LANG one of {', '.join(_known())}")
+
+
+def _known() -> tuple[str, ...]:
+    return (TREE, *all_backends())
+
+
+def _language(word: str) -> str | None:
+    """The name of what reads a language: its own, or that of the faithful backend whose language or suffix the word is."""
+    word = word.lower()
+    if word in _known():
+        return word
     for name in all_backends():
-        if backend(name).faithful and backend(name).suffix == suffix:
-            return name, named
-    hint = f"write LANG:{os.path.basename(named)} with LANG one of {', '.join(known)}"  # noqa: PTH119 (also for odd paths)
-    raise OptionError(f"{named}: the suffix {suffix or 'that is missing'} tells no language; {hint}")
+        found = backend(name)
+        if found.faithful and word in (found.language, found.suffix.removeprefix(".")):
+            return name
+    return None
 
 
 def _check(found: Handwritten) -> None:
@@ -85,25 +100,17 @@ def _check(found: Handwritten) -> None:
         ) from None
 
 
-class _Known(Mapping[str, Pattern]):
+class _Events(dict[str, Pattern]):
     """The events of a tree's nodes; an atom of another name is an error and not the default event."""
 
     def __init__(self, path: str, tree: RVAFT) -> None:
         self._path = path
         patterns = ((name, tree.pattern(name)) for name in tree.occurrences)
-        self._events = {name: pattern for name, pattern in patterns if pattern is not None}
+        super().__init__((name, pattern) for name, pattern in patterns if pattern is not None)
 
-    def __getitem__(self, name: str) -> Pattern:
-        try:
-            return self._events[name]
-        except KeyError:
-            raise LanguageError(
-                f"the atom {name} is no node with a runtime event, and the text does not say which event it is",
-                file=self._path,
-            ) from None
-
-    def __iter__(self):  # type: ignore[no-untyped-def]
-        return iter(self._events)
-
-    def __len__(self) -> int:
-        return len(self._events)
+    def get(self, name: str, default: Any = None) -> Any:  # noqa: ARG002 (as in every mapping)
+        """The event of a node; raises `LanguageError`."""
+        if name not in self:
+            reason = f"the atom {name} is no node with a runtime event, and the text does not say which event it is"
+            raise LanguageError(reason, file=self._path)
+        return self[name]

@@ -34,7 +34,10 @@ def shrunk(task: Task, result: Result) -> Case:
     tree, trace = shrink(task.tree, list(result.difference.trace), disagrees)
     job = task.job
     made = [(name, enlist()) for name, enlist in task.roster.candidates(tree, job) if name in names]
-    texts = {name: one.specification for name, one in made if not isinstance(one, Absent) and one.specification}
+    texts = {text.path: Text(text.language, text.text) for text in task.roster.against if text.path in names}
+    for name, one in made:
+        if not isinstance(one, Absent) and one.specification is not None:
+            texts[name] = Text(one.specification.language, one.specification.text)
     return Case(
         case_name(tree, trace, job.semantics, branch=job.branch, kind=job.kind),
         tree,
@@ -43,7 +46,7 @@ def shrunk(task: Task, result: Result) -> Case:
         job.branch,
         job.kind,
         {name: said for name, one in made if isinstance(said := verdicts_of(one, trace), tuple)},
-        {name: Text(text.language, text.text) for name, text in texts.items()},
+        texts,
     )
 
 

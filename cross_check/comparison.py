@@ -14,11 +14,12 @@ from time import perf_counter
 from typing import Final
 
 from cross_check.deadline import Expired, within
-from cross_check.guided import NoTraceFound, disturbed, guided
+from cross_check.guided import NoTraceFound, disturbed, guided, with_constant
 from cross_check.letters import Letters, letters
-from cross_check.participants import Absent, Outside, Participant
+from cross_check.participants import Absent, Outside, Participant, literals
 from cross_check.product import Exploration, explore
 from cross_check.results import Difference, Job, Result, Status
+from cross_check.sizes import least_events
 from cross_check.words import words as all_words
 from rvaft.backend import Observed
 from rvaft.errors import NotExpressible, RvaftError, TooLarge
@@ -27,6 +28,11 @@ from rvaft.restrict import restrict
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Verdict
+
+SHORTEST: Final = 8
+"""Traces are at least so long, unless a length is asked for."""
+LONGEST: Final = 500
+"""And at most so long."""
 
 Trace = Sequence[Json]
 Enlist = Callable[[], Participant | Outside | Absent]
@@ -37,16 +43,15 @@ class Effort:
     """How hard to look.
 
     `states` bounds the combinations of states of a proof (0: prove nothing), `words` the events in the enumerated traces,
-    `traces` is the number of random ones and `length` their greatest length; with `recheck` what is proved runs them
-    too. `seconds` bounds each translation, each proof and
-    each participant's run of the traces.
+    `traces` is the number of random ones, `length` their greatest length (None: enough for a detection); with `recheck` what is
+    proved runs them too. `seconds` bounds each translation, each proof and each participant's run of the traces.
     """
 
     states: int = 20_000
     words: int = 2_000
     traces: int = 20
     recheck: bool = True
-    length: int = 8
+    length: int | None = None
     seconds: float | None = None
     seed: str = "0"
 
@@ -103,17 +108,20 @@ class Comparison:
             self._prove()
         while self._comparable and not self._test():
             pass
-        compared = any(row.status is Status.DIFFERS or (row.status and row.status.agrees) for row in self.rows)
-        baseline = self._present[0] if compared and self._present else None
+        met = any(row.status is Status.DIFFERS or (row.status and row.status.agrees) for row in self.rows)
+        baseline = self._present[0] if met and self._present else None
         if baseline is not None:
             baseline.status, baseline.why = Status.BASELINE, ""
         return [self._result(row, baseline) for row in self.rows]
 
     def _enlist(self, name: str, enlist: Enlist) -> None:
         started = perf_counter()
+        found: Participant | Outside | Absent
         try:
             with within(self.effort.seconds):
                 found = enlist()
+        except RvaftError as error:
+            found = Absent(name, error)
         except Expired:
             self.rows.append(_Row(name, perf_counter() - started, status=Status.TIMEOUT, why=_EXPIRED))
             return
@@ -206,6 +214,9 @@ class Comparison:
         expected = self._runs(baseline, traces)
         if expected is None:
             return False
+        if traces and not any(Verdict.TRUE in wanted for wanted in expected):
+            for row in (*others, *outside):
+                row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
         for row in others:
             for trace, wanted, got in zip(traces, expected, self._runs(row, traces) or [], strict=False):
                 self._compare(row, trace, wanted, got)
@@ -258,27 +269,44 @@ class Comparison:
 
     def _traces(self, *, words: bool) -> Iterator[Trace]:
         """All words up to some length over the letters, where something was not proved, and random traces."""
+        part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
+        longest = self.effort.length or max(SHORTEST, min(least_events(part) + 2, LONGEST))
         if words:
             alphabet = self._alphabet()
             length, many = 0, 1
-            while many * len(alphabet) * (length + 1) <= self.effort.words and length < self.effort.length:
+            while many * len(alphabet) * (length + 1) <= self.effort.words and length < longest:
                 length, many = length + 1, many * len(alphabet)
             yield from all_words(alphabet, length)
-        part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
+        trees = [part, *(row.participant.tree for row in self._present if row.participant and row.participant.tree)]
         random = Random(f"{self.effort.seed} {self.job.title} {self.job.semantics}")  # noqa: S311 (no secret)
+        values, constants = self._values(trees)
         for number in range(self.effort.traces):
-            yield self._guided(random, part, disturb=number % 4 == 1) if number % 2 else self._random(random, part)
+            tree = trees[number // 4 % len(trees)]
+            trace = None if number % 4 == 0 else self._guided(random, tree, longest)
+            if trace is None:
+                yield random_trace(random, tree, max_length=min(longest, SHORTEST))
+            elif number % 4 == 1:
+                yield trace
+            elif number % 4 == 2:
+                yield disturbed(random, trace, tree, values)
+            else:
+                yield with_constant(random, trace, constants) or disturbed(random, trace, tree, values)
 
-    def _guided(self, random: Random, part: RVAFT, *, disturb: bool) -> Trace:
-        """A trace that is led through a scenario, whole or disturbed; any trace where none is found."""
+    def _guided(self, random: Random, tree: RVAFT, longest: int) -> list[Json] | None:
+        """A trace that is led through a scenario, where one is found."""
         try:
-            trace = guided(random, part, self.job.semantics, longest=self.effort.length, attempts=5)
+            return guided(random, tree, self.job.semantics, longest=longest, attempts=5)
         except NoTraceFound:
-            return self._random(random, part)
-        return disturbed(random, trace, part) if disturb else trace
+            return None
 
-    def _random(self, random: Random, part: RVAFT) -> Trace:
-        return random_trace(random, part, max_length=self.effort.length)
+    def _values(self, trees: Sequence[RVAFT]) -> tuple[list[Json], list[Json]]:
+        """What all participants compare with: everything, and the constants of guards alone."""
+        questions = [question for row in self._present for question in row.observed or ()]
+        guards = [node.when for tree in trees for node in tree.top_down() if node.when is not None]
+        guards += [question.when for question in questions if question.when is not None]
+        values = [value for question in questions for value in literals(question.pattern)]
+        constants = [value for guard in guards for value in literals(guard)]
+        return values + constants, constants
 
     def _alphabet(self) -> tuple[Json, ...]:
         try:

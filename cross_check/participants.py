@@ -1,6 +1,6 @@
 """Who takes part in a comparison: the reference, the engine, and the text of each backend run by its own reader."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -11,7 +11,7 @@ from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolFailed, ToolM
 from rvaft.guards import Guard, Operation
 from rvaft.model import Kind
 from rvaft.monitors import Monitor
-from rvaft.patterns import Pattern, Variable, substitute
+from rvaft.patterns import ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.patterns import variables as pattern_variables
 from rvaft.restrict import restrict
 from rvaft.semantics import Reference
@@ -27,13 +27,15 @@ ENGINE: Final = "engine"
 class Participant:
     """Somebody who gives verdicts; `start` makes a fresh monitor.
 
-    `observed` is all that it asks of events, None where nobody knows; `specification` is there for the text of a backend.
+    `observed` is all that it asks of events, None where nobody knows; `specification` is there for a text, `tree` for the meaning of
+    another tree than the one that is compared.
     """
 
     name: str
     start: Callable[[], Monitor]
     specification: Specification | None = None
     observed: tuple[Observed, ...] | None = None
+    tree: RVAFT | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +102,21 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
     relevant = [Observed(*_own(entry.pattern, entry.when)) for entry in tree.alphabet]
     ignored = [Observed(*_own(tree.instantiate(ignore.on), ignore.when)) for ignore in tree.ignores]
     return tuple(dict.fromkeys([*served, *relevant, *ignored]))
+
+
+def literals(term: Pattern | Guard) -> Iterator[Json]:
+    """The constants in a pattern or a guard."""
+    todo: list[Pattern | Guard] = [term]
+    while todo:
+        match todo.pop():
+            case Literal(value):
+                yield value
+            case Operation(_, operands):
+                todo.extend(operands)
+            case ObjectPattern() | ListPattern() as pattern:
+                todo.extend(part for part in walk(pattern) if isinstance(part, Literal))
+            case _:
+                pass
 
 
 def _own(pattern: Pattern, when: Guard | None) -> tuple[Pattern, Guard | None]:

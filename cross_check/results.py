@@ -100,15 +100,22 @@ class Result:
 
 
 def exit_status(
-    results: Iterable[Result], *, fail_on_not_expressible: bool = False, fail_on_timeout: bool = False
+    results: Iterable[Result],
+    *,
+    fail_on_not_expressible: bool = False,
+    fail_on_too_large: bool = False,
+    fail_on_timeout: bool = False,
 ) -> int:
-    """0 where all that ran agree, 1 where some differ, 2 where something could not run; 2 wins."""
+    """0 where all that ran agree, 1 where some differ, 2 where something could not run or nothing was compared; 2 wins."""
+    every = list(results)
     failing = {Status.COULD_NOT_RUN, Status.TOOL_MISSING}
-    if fail_on_not_expressible:
-        failing |= {Status.NOT_EXPRESSIBLE, Status.TOO_LARGE}
-    if fail_on_timeout:
-        failing.add(Status.TIMEOUT)
-    found = {result.status for result in results}
-    if found & failing:
+    asked = {
+        Status.NOT_EXPRESSIBLE: fail_on_not_expressible,
+        Status.TOO_LARGE: fail_on_too_large,
+        Status.TIMEOUT: fail_on_timeout,
+    }
+    failing |= {status for status, fails in asked.items() if fails}
+    compared = {result.job for result in every if result.status.agrees or result.status is Status.DIFFERS}
+    if any(result.status in failing or result.job not in compared for result in every):
         return 2
-    return 1 if Status.DIFFERS in found else 0
+    return 1 if any(result.status is Status.DIFFERS for result in every) else 0

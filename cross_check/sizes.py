@@ -1,4 +1,4 @@
-"""How many scenarios a tree can have, counted without trying them."""
+"""How many scenarios a tree can have and how many events a detection takes, counted without trying them."""
 
 from itertools import pairwise
 from math import prod
@@ -35,3 +35,13 @@ def _at_least(threshold: int, below: list[int]) -> int:
     for ways in below:
         keeping = [keeping[0], *(more + ways * fewer for fewer, more in pairwise(keeping))]
     return sum(keeping[threshold:])
+
+
+def least_events(tree: RVAFT) -> int:
+    """About how many events a detection takes at least; exact where no node is shared and every scenario is feasible."""
+    least: dict[str, int] = {}
+    for node in tree.bottom_up():
+        below = sorted(least[child] for child in node.children)
+        kept = {Gate.OR: 1, Gate.VOT: node.threshold or 0}.get(node.gate or Gate.AND, len(below))
+        least[node.name] = sum(below[:kept]) + node.has_event
+    return least[tree.root]

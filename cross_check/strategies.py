@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cross_check.guided import NearMiss, NoTraceFound, detecting, disturbed, near_miss
 from rvaft.random_trees import Shape
-from rvaft.strategies import trees
+from rvaft.strategies import randoms, trees
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Semantics
@@ -59,4 +59,4 @@ def _found(make: Callable[[Random], T]) -> st.SearchStrategy[T]:
         except NoTraceFound:
             reject()
 
-    return st.randoms(use_true_random=False).map(made)
+    return randoms().map(made)

@@ -1,5 +1,7 @@
 """Hypothesis strategies for trees and traces (needs the extra `rvaft[testing]`)."""
 
+from random import Random
+
 from hypothesis import strategies as st
 
 from rvaft.random_traces import random_trace
@@ -8,14 +10,19 @@ from rvaft.tree import RVAFT
 from rvaft.values import Json
 
 
+def randoms() -> st.SearchStrategy[Random]:
+    """Sources of randomness by their seed: what is made with them takes one number, however large it gets."""
+    return st.integers(min_value=0, max_value=2**32 - 1).map(Random)
+
+
 def trees(shape: Shape = Shape()) -> st.SearchStrategy[RVAFT]:  # noqa: B008 -- immutable
     """Valid random trees of a shape."""
-    return st.randoms(use_true_random=False).map(lambda random: random_tree(random, shape))
+    return randoms().map(lambda random: random_tree(random, shape))
 
 
 def traces(tree: RVAFT, *, max_length: int = 8) -> st.SearchStrategy[list[Json]]:
     """Traces that have to do with a tree."""
-    return st.randoms(use_true_random=False).map(lambda random: random_trace(random, tree, max_length=max_length))
+    return randoms().map(lambda random: random_trace(random, tree, max_length=max_length))
 
 
 @st.composite

@@ -5,7 +5,7 @@ precedence (`orders`), and the variables get values under which the guards hold 
 """
 
 from cross_check.guided.detection import PLAIN, WILD, Manner, NoTraceFound, detecting, guided
-from cross_check.guided.disturbing import Disturbance, disturbed, disturbed_by
+from cross_check.guided.disturbing import Disturbance, disturbed, disturbed_by, with_constant
 from cross_check.guided.near_misses import NearMiss, near_miss
 
 __all__ = [
@@ -20,4 +20,5 @@ __all__ = [
     "disturbed_by",
     "guided",
     "near_miss",
+    "with_constant",
 ]

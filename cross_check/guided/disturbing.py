@@ -1,6 +1,6 @@
 """Traces with something wrong in them: what happens to logs, and what tells implementations apart."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from random import Random
 from typing import Final, TypeAlias
@@ -27,21 +27,27 @@ class Disturbance(StrEnum):
     BOUND = "a value at or next to a bound"
     TYPE = "a value of a wrong type"
     NUMBER = "1 for 1.0 or 1.0 for 1"
+    OTHER = "another value at one place"
+    THROUGHOUT = "another value wherever it stands"
     FIELD = "a dropped field"
     NOISE = "an event of noise"
 
 
-def disturbed(random: Random, trace: list[Json], tree: RVAFT) -> list[Json]:
-    """The trace after one edit or a few; the trace itself stays as it is."""
+def disturbed(random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()) -> list[Json]:
+    """The trace after one edit or a few; the trace itself stays as it is. `values` are worth trying beside those of the tree."""
     for _ in range(random.choice((1, 1, 1, 2, 2, 3))):
         kinds = random.sample(list(Disturbance), len(Disturbance))
-        after = (disturbed_by(kind, random, trace, tree) for kind in kinds)
+        after = (disturbed_by(kind, random, trace, tree, values) for kind in kinds)
         trace = next((edited for edited in after if edited is not None), trace)
     return trace
 
 
-def disturbed_by(kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
+def disturbed_by(
+    kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()
+) -> list[Json] | None:
     """The trace after one edit of a kind, different from what it was, or None where there is nothing to edit in that way."""
+    if kind in (Disturbance.OTHER, Disturbance.THROUGHOUT):
+        return _other(random, trace, [*interesting_values(tree), *values], everywhere=kind is Disturbance.THROUGHOUT)
     return _EDITS[kind](random, trace, tree)
 
 
@@ -117,6 +123,54 @@ def _type(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None: 
         others += [str(old)]
         others += [int(old)] if isinstance(old, bool) else [bool(old)] if old in (0, 1) else []
     return _put(trace, place, random.choice(others))
+
+
+def _other(random: Random, trace: list[Json], values: Sequence[Json], *, everywhere: bool) -> list[Json] | None:
+    """What ties events together breaks at one place; what a condition says of all of them is broken in all of them."""
+    places = _scalars(trace)
+    if not places:
+        return None
+    old = _at(trace, place := random.choice(places))
+    others = [*values, *(_at(trace, other) for other in places), *_next_to(old)]
+    return _exchanged(random, trace, place, others, everywhere=everywhere)
+
+
+def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) -> list[Json] | None:
+    """The trace with a constant of some guard, or a value next to it, in place of a value of its kind, or None without any.
+
+    The rest stays, so that one condition is met or broken while the others hold.
+    """
+    kinds = {_kind(constant) for constant in constants}
+    places = [place for place in _scalars(trace) if _kind(_at(trace, place)) in kinds]
+    if not places:
+        return None
+    near = [value for constant in constants for value in (constant, *_next_to(constant))]
+    return _exchanged(random, trace, random.choice(places), near, everywhere=random.random() < 0.5)
+
+
+def _exchanged(
+    random: Random, trace: list[Json], place: Place, values: Sequence[Json], *, everywhere: bool
+) -> list[Json] | None:
+    """The trace with one of the values of the same kind at a place, and wherever else the old one stands."""
+    old = _at(trace, place)
+    others = [value for value in values if _kind(value) is _kind(old) and not equal(value, old)]
+    if not others:
+        return None
+    new = random.choice(others)
+    for other in _scalars(trace) if everywhere else [place]:
+        if equal(_at(trace, other), old):
+            trace = _put(trace, other, new)
+    return trace
+
+
+def _scalars(trace: list[Json]) -> list[Place]:
+    return [place for place in _places(trace) if not isinstance(_at(trace, place), (dict, list))]
+
+
+def _next_to(value: Json) -> list[Json]:
+    if isinstance(value, str):
+        return [value.swapcase(), f"{value}'"]
+    return list(around(value)) if is_number(value) else []
 
 
 def _number(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Iterable
+from importlib.metadata import version
 from typing import Final
 
 from cross_check.reports.totals import Totals
@@ -24,7 +25,7 @@ COLUMNS: Final = (
 """The columns of the CSV report, as those of Spot's `ltlcross` where they mean the same."""
 
 
-def csv_text(results: Iterable[Result]) -> str:
+def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 (a table has no room for it)
     """One row per participant and comparison."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -36,8 +37,8 @@ def csv_text(results: Iterable[Result]) -> str:
     return stream.getvalue()
 
 
-def json_text(results: Iterable[Result]) -> str:
-    """The totals and every result, with the traces that show differences."""
+def json_text(results: Iterable[Result], note: str = "") -> str:
+    """The totals and every result, with the traces that show differences; `note` is what else there is to say."""
     every = list(results)
     totals = Totals.of(every)
     counts = {
@@ -47,7 +48,8 @@ def json_text(results: Iterable[Result]) -> str:
         "proofs": totals.proofs,
         "disagreements": len(totals.differing),
     }
-    return json.dumps({"totals": counts, "results": [_object(result) for result in every]}, indent=1) + "\n"
+    found = {"version": version("rvaft"), "note": note, "totals": counts, "results": [_object(one) for one in every]}
+    return json.dumps(found, indent=1) + "\n"
 
 
 def exit_status(result: Result) -> str:

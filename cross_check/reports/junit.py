@@ -10,12 +10,12 @@ from cross_check.results import Result, Status
 _SKIPPED = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 
 
-def junit_text(results: Iterable[Result]) -> str:
+def junit_text(results: Iterable[Result], note: str = "") -> str:
     """One suite per tree and semantics, one test case per participant.
 
     A disagreement is a failure, what could not run an error, and what a language cannot say or is too large is skipped.
     """
-    root = ET.Element("testsuites", name="rvaft cross-check")
+    root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
     for job, group in groupby(results, key=lambda result: result.job):
         cases = list(group)
         suite = ET.SubElement(root, "testsuite", name=_text(f"{job.title} ({job.semantics})"))

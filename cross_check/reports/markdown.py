@@ -7,10 +7,12 @@ from cross_check.reports.totals import Totals
 from cross_check.results import Result
 
 
-def markdown_text(results: Iterable[Result]) -> str:
+def markdown_text(results: Iterable[Result], note: str = "") -> str:
     """The totals as a table, then each disagreement with its trace, then what could not be compared."""
     totals = Totals.of(results)
-    lines = ["## rvaft cross-check", "", f"{totals.headline}.", ""]
+    lines = ["## rvaft cross-check", "", f"{'; '.join(filter(None, [totals.headline, note]))}.", ""]
+    if not totals.participants:
+        return "\n".join(lines)
     lines += _row(["participant", *totals.semantics])
     lines += _row(["---"] * (1 + len(totals.semantics)))
     for participant in totals.participants:

@@ -63,6 +63,8 @@ class Totals:
             _many(self.verdicts, "verdict"),
             _many(self.proofs, "proof"),
         ]
+        if not self.participants or not self.verdicts:
+            return f"{', '.join(said)}; nothing was compared"
         differ = len(self.differing)
         return f"{', '.join(said)}; {_many(differ, 'disagreement') if differ else 'no disagreement'}"
 

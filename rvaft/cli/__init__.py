@@ -47,7 +47,11 @@ class Commands(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The command that the arguments name; an unknown one is an error that lists those there are."""
         if args and not args[0].startswith("-") and args[0] not in _COMMANDS:
-            raise click.UsageError(f"unknown command {args[0]!r}; known: {', '.join(_COMMANDS)}", ctx)
+            from difflib import get_close_matches  # noqa: PLC0415 -- imported on use
+
+            meant = get_close_matches(args[0], _COMMANDS, n=1)
+            hint = f"; did you mean {meant[0]}?" if meant else ""
+            raise click.UsageError(f"unknown command {args[0]!r}; known: {', '.join(_COMMANDS)}{hint}", ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002

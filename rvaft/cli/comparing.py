@@ -53,16 +53,19 @@ class Watching:
 
     def run(self, tasks: Iterable[Task], count: int, jobs: int) -> None:
         """Run so many comparisons, and report at the end; an interrupt ends the program after the report."""
-        interrupted = False
+        done, interrupted = 0, False
         with Watched(count) as watched, closing(run(tasks, jobs=jobs)) as running:
             try:
                 for task, results in running:
                     watched.advance()
+                    done += 1
                     differing = self._take(task, results)
                     if differing and self.stop_on_error:
                         break
             except KeyboardInterrupt:
                 interrupted = True
+        if interrupted:
+            self.reports.note = f"interrupted after {done} of {count} comparisons"
         self.reports.finish()
         if interrupted:
             raise Stopped(INTERRUPTED)
@@ -77,18 +80,18 @@ class Watching:
         return differing
 
 
-def replayed(folder: Path, roster: Roster) -> int:
+def replayed(folder: Path, roster: Roster, reports: Reports) -> int:
     """Run saved cases again, one table each."""
-    results: list[Result] = []
     failures = Failures()
     for case in failures.collect(load_case, case_folders(folder)):
         click.echo(visible(f"{case.name}: {case.semantics}"))
         rows = [("PARTICIPANT", "BEFORE", "NOW", "RESULT")]
         for one in replay(case, roster):
-            results.append(one.result)
+            reports.results.append(one.result)
             rows.append((one.result.participant, _symbols(one.before), _symbols(one.now), one.result.text))
         click.echo("\n".join(f"  {line}" for line in columns(rows)))
-    return FAILED if failures.met else exit_status(results)
+    reports.write()
+    return FAILED if failures.met else exit_status(reports.results)
 
 
 def _symbols(verdicts: tuple[Verdict, ...] | None) -> str:

@@ -29,6 +29,10 @@ from rvaft.verdict import Semantics
 
 SMALL_PROOF: Final = 500
 """Combinations of states of a proof in a random campaign, where many trees say more than one."""
+MANY_TRACES: Final = 200
+"""Random traces for a tree that somebody named."""
+MOST_TRACES: Final = 1_000
+"""And with a text of somebody else beside it: finding one condition that was forgotten takes many."""
 SMALL_TEXT: Final = 10_000
 """The limit of translations there."""
 
@@ -60,8 +64,10 @@ def _semantics(_context: click.Context, _parameter: click.Parameter, value: str 
     metavar="M",
     help="Of random trees.",
 )
-@click.option("--traces", type=click.IntRange(min=0), metavar="N", help="Random traces for each comparison.")
-@click.option("--length", type=click.IntRange(min=1), default=8, show_default=True, metavar="L", help="Of traces.")
+@click.option(
+    "--traces", type=click.IntRange(min=0), metavar="N", help="Random traces.  [default: 200; with --against 1000, with --random 20]"
+)
+@click.option("--length", type=click.IntRange(min=1), metavar="L", help="Of traces.  [default: enough for a detection]")
 @click.option(
     "--states", type=click.IntRange(min=0), default=20_000, show_default=True, metavar="N", help="Of a proof."
 )
@@ -72,13 +78,14 @@ def _semantics(_context: click.Context, _parameter: click.Parameter, value: str 
 @click.option(
     "--timeout", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS", help="For each step of a case."
 )
-@click.option("--stop-on-error", is_flag=True, help="Stop at the first disagreement.")
+@click.option("--stop-on-error", is_flag=True, help="Stop after the first comparison with a disagreement.")
 @click.option("--save-bogus", metavar="DIR", help="Shrink each disagreement and save it as a case below DIR.")
 @click.option("--replay", "replay_folder", metavar="DIR", help="Run saved cases again.")
 @click.option("--rml-monitor", metavar="DIR", help="Also run RML by the published monitor, of which DIR is a checkout.")
 @click.option("--mona", is_flag=True, help="Also run LTLf by MONA (small trees without variables).")
 @report_options
 @click.option("--fail-on-not-expressible", is_flag=True, help="Exit with 2 where a language cannot say a tree.")
+@click.option("--fail-on-too-large", is_flag=True, help="Exit with 2 where something was larger than a limit.")
 @click.option("--fail-on-timeout", is_flag=True, help="Exit with 2 where the time was too short.")
 def command(
     *,
@@ -92,7 +99,7 @@ def command(
     seed: int,
     max_nodes: int,
     traces: int | None,
-    length: int,
+    length: int | None,
     states: int,
     limit: int | None,
     jobs: int | None,
@@ -103,6 +110,7 @@ def command(
     rml_monitor: str | None,
     mona: bool,
     fail_on_not_expressible: bool,
+    fail_on_too_large: bool,
     fail_on_timeout: bool,
     **files: str | None,
 ) -> int:
@@ -121,6 +129,10 @@ def command(
         raise click.UsageError("--branch and --kind need a TREE", context)
     if against and not trees:
         raise click.UsageError("--against needs a TREE to compare with", context)
+    if replay_folder is not None and semantics is not None:
+        raise click.UsageError("a saved case has its semantics: leave --semantics out with --replay", context)
+    reports = Reports({form: path for form, path in files.items() if path is not None}, every=bool(trees))
+    reports.check()
     failures = Failures()
     roster = Roster(
         _backends(backends),
@@ -131,12 +143,12 @@ def command(
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )
     if replay_folder is not None:
-        return replayed(Path(replay_folder), roster)
+        return replayed(Path(replay_folder), roster, reports)
     entries: Iterable[Entry]
     if trees:
         part = partial(_entry, branch=branch, kind=None if kind is None else Kind(kind))
         found = list(failures.collect(part, trees))
-        entries, count, effort = found, len(found), Effort(states=states)
+        entries, count, effort = found, len(found), Effort(states=states, traces=MOST_TRACES if against else MANY_TRACES)
     elif random is not None:
         entries, count = campaign(random, seed, max_nodes), random
         effort = Effort(states=min(states, SMALL_PROOF), words=0)
@@ -149,11 +161,13 @@ def command(
     effort = effort if traces is None else replace(effort, traces=traces)
     chosen = semantics or ((Semantics.PROJECTED,) if against else tuple(Semantics))
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e in entries for s in chosen)
-    reports = Reports({form: path for form, path in files.items() if path is not None}, every=bool(trees))
     watching = Watching(reports, failures, stop_on_error, None if save_bogus is None else Path(save_bogus))
     watching.run(tasks, count * len(chosen), jobs or os.cpu_count() or 1)
     status = exit_status(
-        reports.results, fail_on_not_expressible=fail_on_not_expressible, fail_on_timeout=fail_on_timeout
+        reports.results,
+        fail_on_not_expressible=fail_on_not_expressible,
+        fail_on_too_large=fail_on_too_large,
+        fail_on_timeout=fail_on_timeout,
     )
     return FAILED if failures.met else status
 
@@ -162,7 +176,7 @@ def _backends(named: str | None) -> tuple[str, ...] | None:
     """The backends that a list names; raises `OptionError` for an unknown one."""
     if named is None:
         return None
-    names = tuple(dict.fromkeys(name.strip() for name in named.split(",")))
+    names = tuple(dict.fromkeys(word for name in named.split(",") if (word := name.strip())))
     with suggesting():
         for name in names:
             backend(name)
@@ -173,7 +187,7 @@ def _sorted_out(against: tuple[str, ...], trees: tuple[str, ...]) -> tuple[list[
     """The specifications and the trees: what follows the first FILE of --against is a specification too, where its name says so."""
     suffixes = {backend(name).suffix for name in all_backends()}
     texts = [tree for tree in trees if Path(tree).suffix in suffixes] if against else []
-    return [*against, *texts], tuple(tree for tree in trees if tree not in texts)
+    return [*against, *texts], tuple(dict.fromkeys(tree for tree in trees if tree not in texts))
 
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:

@@ -27,11 +27,11 @@ def suggesting() -> Iterator[None]:
 
 
 def _raised_by_limit(error: TooLarge) -> bool:
-    """Whether the command has the option `--limit` and the limit follows from it: backends spend a multiple of it on some steps."""
+    """Whether the command has the option `--limit` and that is the limit, not one of another computation."""
     given = click.get_current_context().params
     if not {"language", "limit"} <= given.keys():
         return False
-    return error.limit % (given["limit"] or backend(given["language"]).default_limit) == 0
+    return error.limit == (given["limit"] or backend(given["language"]).default_limit)
 
 
 def _meant(name: str) -> str | None:

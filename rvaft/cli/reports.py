@@ -3,6 +3,8 @@
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from errno import ENOTDIR
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -25,7 +27,7 @@ from rvaft.printable import visible
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_FORMATS: dict[str, Callable[[Iterable[Result]], str]] = {
+_FORMATS: dict[str, Callable[[Iterable[Result], str], str]] = {
     "json": json_text,
     "csv": csv_text,
     "junit": junit_text,
@@ -49,6 +51,8 @@ class Reports:
     files: dict[str, str]
     every: bool
     results: list[Result] = field(default_factory=list)
+    note: str = ""
+    """What the reader of a report has to know, such as that the run was interrupted."""
 
     def add(self, results: list[Result]) -> None:
         """Take the results of one comparison, and print what differs."""
@@ -64,6 +68,12 @@ class Reports:
     def _differing(self) -> int:
         return sum(result.status is Status.DIFFERS for result in self.results)
 
+    def check(self) -> None:
+        """Raise `OSError` now for a file that cannot be written at the end."""
+        for path in self.files.values():
+            if not (folder := Path(path).absolute().parent).is_dir():
+                raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", path)
+
     def finish(self) -> None:
         """Print the table and the totals, and write the files."""
         totals = Totals.of(self.results)
@@ -73,9 +83,15 @@ class Reports:
             for result in totals.unable[:_SHOWN]:
                 where = f"{result.participant} on {result.job.title} under {result.job.semantics}"
                 click.echo(visible(f"{where}: {result.text}"))
-        click.echo(totals.headline)
+            if len(totals.unable) > _SHOWN:
+                click.echo(f"and {len(totals.unable) - _SHOWN} more that were not compared")
+        click.echo("; ".join(filter(None, [totals.headline, self.note])))
+        self.write()
+
+    def write(self) -> None:
+        """Write the files."""
         for form, path in self.files.items():
-            deliver(_FORMATS[form](self.results).encode(), path)
+            deliver(_FORMATS[form](self.results, self.note).encode(), path)
 
 
 class Watched:

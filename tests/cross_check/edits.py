@@ -49,6 +49,19 @@ def a_kind(value: Json) -> object:
     return "number" if is_number(value) else value if isinstance(value, type) else type(value)
 
 
+def replaced_throughout(before: list[Json], after: list[Json]) -> bool:
+    """Whether one value became one other wherever it stood."""
+    old, new = flat(before), flat(after)
+    if old.keys() != new.keys():
+        return False
+    places = [place for place in old if repr(old[place]) != repr(new[place])]
+    if not places:
+        return False
+    gone, came = old[places[0]], new[places[0]]
+    went = all(equal(old[place], gone) and repr(new[place]) == repr(came) for place in places)
+    return went and not any(equal(value, gone) for value in new.values() if not isinstance(value, type))
+
+
 def is_edit(kind: Disturbance, tree: RVAFT, before: list[Json], after: list[Json]) -> bool:
     """Whether one trace comes from another by one edit of a kind; told from the traces alone."""
     added, change = inserted(before, after), changed(before, after)
@@ -70,6 +83,10 @@ def is_edit(kind: Disturbance, tree: RVAFT, before: list[Json], after: list[Json
             return change is not None and a_kind(change[0]) != a_kind(change[1])
         case Disturbance.NUMBER:
             return change is not None and equal(*change) and type(change[0]) is not type(change[1])
+        case Disturbance.OTHER:
+            return change is not None and a_kind(change[0]) == a_kind(change[1]) and not equal(*change)
+        case Disturbance.THROUGHOUT:
+            return replaced_throughout(before, after)
         case Disturbance.FIELD:
             old, new = flat(before), flat(after)
             gone = old.keys() - new.keys()

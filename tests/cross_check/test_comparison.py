@@ -25,7 +25,7 @@ TEXT = Specification("text", "language", Metrics(3, states=4), lambda _: Referen
 class Spoiled(Monitor):
     """The reference, but for what happens at one event."""
 
-    def __init__(self, at: Json, spoil: Callable[[Verdict], Verdict]) -> None:
+    def __init__(self, at: Callable[[Json], bool], spoil: Callable[[Verdict], Verdict]) -> None:
         super().__init__()
         self.inner = Reference(TREE, Semantics.STRICT)
         self.at = at
@@ -42,7 +42,7 @@ class Spoiled(Monitor):
 
     def _advance(self, event: Json) -> Verdict:
         verdict = self.inner.step(event)
-        return self.spoil(verdict) if event == self.at else verdict
+        return self.spoil(verdict) if self.at(event) else verdict
 
 
 def compare(*others: tuple[str, Enlist], effort: Effort = EFFORT) -> dict[str, Result]:
@@ -124,7 +124,9 @@ def test_without_the_reference_the_next_one_is_the_baseline() -> None:
 
 @pytest.mark.parametrize("observed", [observed_by(TREE), None], ids=["proof", "test"])
 def test_a_difference_comes_with_the_shortest_trace(observed: tuple[Observed, ...] | None) -> None:
-    spoiled = Spoiled({"event": "b"}, lambda verdict: Verdict.UNKNOWN if verdict is Verdict.TRUE else verdict)
+    spoiled = Spoiled(
+        lambda event: event == {"event": "b"}, lambda verdict: Verdict.UNKNOWN if verdict is Verdict.TRUE else verdict
+    )
     found = compare(("spoiled", lambda: Participant("spoiled", spoiled.fork, observed=observed)))["spoiled"]
     assert found.status is Status.DIFFERS
     assert found.difference is not None
@@ -136,7 +138,7 @@ def test_a_difference_comes_with_the_shortest_trace(observed: tuple[Observed, ..
 
 def test_what_is_proved_is_run_again_and_a_lie_about_what_is_asked_is_found() -> None:
     """Who looks at more than it says is caught by the traces that everybody runs, though its proof went through."""
-    noisy = Spoiled({"noise": 0}, lambda _: Verdict.UNKNOWN)
+    noisy = Spoiled(lambda event: "noise" in event, lambda _: Verdict.UNKNOWN)
     for effort, status in ((Effort(traces=400), Status.DIFFERS), (Effort(recheck=False), Status.PROVED)):
         found = compare(
             ("noisy", lambda: Participant("noisy", noisy.fork, observed=observed_by(TREE))),
@@ -148,7 +150,7 @@ def test_what_is_proved_is_run_again_and_a_lie_about_what_is_asked_is_found() ->
 
 @pytest.mark.parametrize("observed", [observed_by(TREE), None], ids=["proof", "test"])
 def test_who_raises_could_not_run(observed: tuple[Observed, ...] | None) -> None:
-    broken = Spoiled({"event": "b"}, raising)
+    broken = Spoiled(lambda event: event == {"event": "b"}, raising)
     found = compare(("broken", lambda: Participant("broken", broken.fork, observed=observed)), ("same", same()))
     assert found["broken"].text == "too large: partial matches (limit 7)"
     assert found["same"].status is Status.PROVED
@@ -205,9 +207,11 @@ def test_an_exception_of_a_program_is_no_agreement() -> None:
     [
         ([Status.BASELINE, Status.PROVED, Status.TESTED], 0, 0),
         ([Status.BASELINE, Status.DIFFERS], 1, 1),
-        ([Status.BASELINE, Status.NOT_EXPRESSIBLE], 0, 2),
-        ([Status.BASELINE, Status.TOO_LARGE], 0, 2),
-        ([Status.BASELINE, Status.TIMEOUT], 0, 2),
+        ([Status.BASELINE, Status.PROVED, Status.NOT_EXPRESSIBLE], 0, 2),
+        ([Status.BASELINE, Status.PROVED, Status.TOO_LARGE], 0, 2),
+        ([Status.BASELINE, Status.PROVED, Status.TIMEOUT], 0, 2),
+        ([Status.BASELINE, Status.TIMEOUT], 2, 2),
+        ([Status.BASELINE], 2, 2),
         ([Status.DIFFERS, Status.TOOL_MISSING], 2, 2),
         ([Status.DIFFERS, Status.COULD_NOT_RUN], 2, 2),
     ],
@@ -215,7 +219,7 @@ def test_an_exception_of_a_program_is_no_agreement() -> None:
 def test_exit_status(statuses: list[Status], expected: int, strict: int) -> None:
     results = [Result(JOB, str(status), status) for status in statuses]
     assert exit_status(results) == expected
-    assert exit_status(results, fail_on_not_expressible=True, fail_on_timeout=True) == strict
+    assert exit_status(results, fail_on_not_expressible=True, fail_on_too_large=True, fail_on_timeout=True) == strict
 
 
 def test_literals_of_the_observed_tree() -> None:

@@ -8,13 +8,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
-import networkx as nx
-
 from rvaft.errors import TooLarge, TreeError
 from rvaft.guards import holds
 from rvaft.guards import variables as guard_variables
 from rvaft.model import Causality, Gate, Node
-from rvaft.precedence import precedence
 from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
 
@@ -46,9 +43,9 @@ def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list
     index = {name: position for position, name in enumerate(tree.occurrences)}
     found: dict[object, Scenario] = {}
     for kept in _resolutions(tree, semantics, limit):
-        if tree.shared and not nx.is_directed_acyclic_graph(precedence(tree, kept)):
-            continue
         scenario = _scenario(tree, kept, index)
+        if tree.shared and not _acyclic(scenario):
+            continue
         found.setdefault((scenario.occurrences, tuple(scenario.before.items()), scenario.guards), scenario)
     if not found:
         raise TreeError("no scenario is feasible", rule="no-scenario", nodes=[tree.root])
@@ -143,6 +140,20 @@ def _scenario(tree: RVAFT, kept: Kept, index: Mapping[str, int]) -> Scenario:
                 above |= part[child]
     guards = (name for name in kept if tree.nodes[name].when is not None and not constant(tree.nodes[name]))
     return Scenario(part[tree.root], before, frozenset(guards))
+
+
+def _acyclic(scenario: Scenario) -> bool:
+    """Whether its occurrences have an order in which they can happen."""
+    left = scenario.occurrences
+    while left:
+        now = 0
+        for index in bits(left):
+            if not scenario.before[index] & left:
+                now |= 1 << index
+        if not now:
+            return False
+        left &= ~now
+    return True
 
 
 def _check(tree: RVAFT, scenario: Scenario) -> None:

@@ -33,8 +33,28 @@ def test_too_many_edges() -> None:
     tree = loads(
         f"{fields} toplevel r; r sand g h; g and {leaves(20)}; h or {' '.join(f'a{i}' for i in range(20, 40))};"
     )
-    with pytest.raises(TooLarge):
+    with pytest.raises(TooLarge, match="of the automaton") as error:
         AutomatonBackend().translate(tree, Semantics.STRICT, limit=1000)
+    assert error.value.limit == 1000
+
+
+OVERLAPPING = f"{' '.join(f'event f{i}() = {{ f{i}: 1 }};' for i in range(6))} top and {leaves(6)}; " + " ".join(
+    f"a{i} on f{i}();" for i in range(6)
+)
+
+
+@pytest.mark.parametrize(("semantics", "states"), [(Semantics.STRICT, 3764), (Semantics.SCATTERED, 3763)])
+def test_overlapping_events_within_the_default_limit(semantics: Semantics, states: int) -> None:
+    """Every event may be any of 64 letters; what bites is the number of edges, not how long it takes to find them."""
+    assert AutomatonBackend().translate(loads(OVERLAPPING), semantics).metrics.states == states
+    with pytest.raises(TooLarge, match="edges of the automaton, 10 allowed for each state") as error:
+        AutomatonBackend().translate(loads(OVERLAPPING), semantics, limit=4000)
+    assert error.value.limit == 4000
+
+
+def test_the_name_of_a_semantics_will_do() -> None:
+    texts = {AutomatonBackend().translate(loads("top and a b;"), name).text for name in list(Semantics)}
+    assert texts == {AutomatonBackend().translate(loads("top and a b;"), str(name)).text for name in Semantics}
 
 
 def test_too_many_choices_between_shared_parts() -> None:

@@ -1,6 +1,7 @@
 """The text means the tree: read back by the RML reader it gives the verdicts of the reference after every prefix."""
 
 from random import Random
+from time import process_time
 
 import pytest
 
@@ -48,7 +49,9 @@ def test_hand_written_cases(case: Case) -> None:
 
 @pytest.mark.parametrize("shape", [PLAIN, VARIABLE_FREE, SINGLE], ids=["plain", "variable-free", "read-once"])
 @pytest.mark.parametrize("semantics", list(Semantics))
-def test_random_trees_without_variables_are_never_refused(shape: Shape, semantics: Semantics) -> None:
+def test_random_trees_without_variables_are_refused_only_where_an_ignore_orders_strings(
+    shape: Shape, semantics: Semantics
+) -> None:
     random = Random(f"{shape}{semantics}")
     compared = 0
     for _ in range(25):
@@ -58,10 +61,32 @@ def test_random_trees_without_variables_are_never_refused(shape: Shape, semantic
         except TooLarge:
             continue
         except NotExpressible as error:
-            assert "order strings" in error.reason  # noqa: PT017 -- an `ignore` may do that
+            assert "order strings" in error.reason  # noqa: PT017
+            assert semantics is Semantics.PROJECTED
+            assert error.nodes == ("ignore",)  # noqa: PT017
             continue
         compared += 1
     assert compared >= 22
+
+
+IGNORING = 'event x(p) = { x: p }; ignore x(V) when V > "1"; top sand a b; a on x(_);'
+
+
+def test_an_ignore_that_orders_strings_is_refused_under_projected_alone() -> None:
+    tree = loads(IGNORING)
+    with pytest.raises(NotExpressible, match="RML cannot order strings"):
+        RML.translate(tree, Semantics.PROJECTED)
+    for semantics in (Semantics.STRICT, Semantics.SCATTERED):
+        compare(tree, semantics, Random(3), 10)
+
+
+def test_a_part_is_refused_where_a_guard_outside_it_orders_strings() -> None:
+    tree = loads('event x(p) = { x: p }; top or a b; a; b on x(V) when V > "1";')
+    part = restrict(tree, branch=1)
+    assert not part.variables
+    with pytest.raises(NotExpressible, match="RML cannot order strings"):
+        RML.translate(part, Semantics.PROJECTED)
+    compare(part, Semantics.STRICT, Random(3), 10)
 
 
 @pytest.mark.parametrize("semantics", list(Semantics))
@@ -144,12 +169,36 @@ def test_too_large_is_said_before_it_is_built() -> None:
     tree = loads(
         "event p(x) = { x: x }; top and m n " + " ".join(f"a{i}" for i in range(20)) + "; m on p(1); n on p(_);"
     )
-    with pytest.raises(TooLarge):
+    with pytest.raises(TooLarge, match="alternatives") as caught:
         RML.translate(tree, Semantics.STRICT, limit=1_000)
+    assert caught.value.limit == 1_000
     choices = "; ".join(f"o{i} or x{i} y{i}" for i in range(20))
     shared = loads(f"top and m n {' '.join(f'o{i}' for i in range(20))}; m and s; n and s; {choices};")
-    with pytest.raises(TooLarge, match="scenarios"):
+    with pytest.raises(TooLarge, match="scenarios") as caught:
         RML.translate(shared, Semantics.STRICT, limit=1_000)
+    assert caught.value.limit == 1_000
+
+
+def test_the_length_of_the_text_is_limited_too() -> None:
+    tree = loads("top and " + " ".join(f"a{i}" for i in range(1_000)) + ";")
+    assert RML.translate(tree, Semantics.STRICT, limit=1_200).metrics.states is None
+    with pytest.raises(TooLarge, match="symbols of the RML text, 10 allowed for each alternative") as caught:
+        RML.translate(tree, Semantics.STRICT, limit=1_000)
+    assert caught.value.limit == 1_000
+
+
+HARD = (
+    "event x(p) = { x: p }; event xx(p) = { x: p, y: p }; causality bottom_up; top and c d m a z; m sand b on xx(X) when X < Y; "
+    "b on x(Y); d on x(Zz); a on x(Zz); z when X <= X;"
+)
+
+
+def test_the_default_limit_refuses_soon_what_could_not_be_read_soon() -> None:
+    start = process_time()
+    with pytest.raises(TooLarge) as caught:
+        RML.translate(loads(HARD), Semantics.STRICT)
+    assert caught.value.limit == RML.default_limit
+    assert process_time() - start < 10  # about 1
 
 
 def test_an_impossible_tree_is_an_error() -> None:

@@ -53,8 +53,10 @@ def test_overlapping_events_within_the_default_limit(semantics: Semantics, state
 
 
 def test_the_name_of_a_semantics_will_do() -> None:
-    texts = {AutomatonBackend().translate(loads("top and a b;"), name).text for name in list(Semantics)}
-    assert texts == {AutomatonBackend().translate(loads("top and a b;"), str(name)).text for name in Semantics}
+    tree = loads("top and a b;")
+    for semantics in Semantics:
+        named = AutomatonBackend().translate(tree, semantics.value)  # type: ignore[arg-type]
+        assert named.text == AutomatonBackend().translate(tree, semantics).text
 
 
 def test_too_many_choices_between_shared_parts() -> None:

@@ -48,7 +48,7 @@ def test_random_trees(name: str, tmp_path: Path) -> None:
             try:
                 text = RmlBackend().translate(tree, semantics, limit=3_000).text
             except (NotExpressible, TooLarge) as error:
-                assert _may_be_refused(name, tree, semantics, error), f"{error}\n{dumps(tree)}"
+                assert _may_be_refused(name, tree, semantics, error), f"{error}\n{dumps(tree)}"  # noqa: PT017
                 continue
             traces = [random_trace(random, tree) for _ in range(8)]
             expected = [

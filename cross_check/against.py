@@ -7,10 +7,9 @@ from typing import Any, Final
 
 from cross_check.participants import Absent, Participant, reference_of
 from rvaft.backend import all_backends, backend
-from rvaft.errors import LanguageError, OptionError
-from rvaft.language import loads
+from rvaft.errors import LanguageError, OptionError, ToolFailed
+from rvaft.language import dumps, loads
 from rvaft.patterns import Pattern
-from rvaft.rules import require_valid
 from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
 
@@ -30,7 +29,6 @@ class Handwritten:
         """The participant that this text makes; an atom that the text does not define is the event of the tree's node."""
         if self.language == TREE:
             other = loads(self.text)
-            require_valid(other)
             found = reference_of(other, semantics, name=self.path)
             return found if isinstance(found, Absent) else replace(found, tree=other)
         reader = backend(self.language)
@@ -47,14 +45,24 @@ def handwritten(named: str) -> Handwritten:
     """
     language, path = _split(named)
     data = sys.stdin.buffer.read() if path == "-" else Path(path).read_bytes()
+    file = "<stdin>" if path == "-" else path
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         message = f"not UTF-8 (byte {error.start + 1})"
-        raise LanguageError(message, file=path) from None
-    found = Handwritten("<stdin>" if path == "-" else path, language, text)
+        raise LanguageError(message, file=file) from None
+    shown = file.encode(errors="surrogateescape").decode(errors="replace")
+    if language == TREE:  # with what it imports
+        return Handwritten(shown, language, dumps(loads(text, file)))
+    found = Handwritten(shown, language, text)
     _check(found)
     return found
+
+
+def is_specification(path: str) -> bool:
+    """Whether the name of a file says that it is a specification and no tree."""
+    suffix = Path(path).suffix.removeprefix(".")
+    return suffix != TREE and bool(suffix) and _language(suffix) is not None
 
 
 def _split(named: str) -> tuple[str, str]:
@@ -81,7 +89,10 @@ def _language(word: str) -> str | None:
     if word in _known():
         return word
     for name in all_backends():
-        found = backend(name)
+        try:
+            found = backend(name)
+        except ToolFailed:  # somebody else's; it is missed where it is asked for
+            continue
         if found.faithful and word in (found.language, found.suffix.removeprefix(".")):
             return name
     return None
@@ -90,10 +101,7 @@ def _language(word: str) -> str | None:
 def _check(found: Handwritten) -> None:
     """Read the text once, so that what is wrong with it is said before anything runs."""
     try:
-        if found.language == TREE:
-            require_valid(loads(found.text))
-        else:
-            backend(found.language).read(found.text)
+        backend(found.language).read(found.text)
     except LanguageError as error:
         raise LanguageError(
             error.message, file=found.path, line=error.line, column=error.column, source=error.source

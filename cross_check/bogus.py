@@ -10,7 +10,6 @@ from cross_check.roster import Roster
 from cross_check.runs import Task
 from cross_check.shrinking import shrink
 from rvaft.errors import RvaftError, ToolFailed
-from rvaft.language import dumps
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Verdict
@@ -23,10 +22,10 @@ def shrunk(task: Task, result: Result) -> Case:
     """
     assert result.difference is not None
     names = result.difference.baseline, result.participant
-    fixed = dumps(task.tree) if any(result.participant == text.path for text in task.roster.against) else None
+    fixed = bool(task.roster.against)
 
     def disagrees(tree: RVAFT, trace: Sequence[Json]) -> bool:
-        if fixed is not None and dumps(tree) != fixed:
+        if fixed and not _same(tree, task.tree):
             return False
         found = verdicts(task.roster, tree, task.job, trace, names)
         return len(found) == len(names) and len(set(found.values())) > 1
@@ -48,6 +47,12 @@ def shrunk(task: Task, result: Result) -> Case:
         {name: said for name, one in made if isinstance(said := verdicts_of(one, trace), tuple)},
         texts,
     )
+
+
+def _same(one: RVAFT, other: RVAFT) -> bool:
+    """Whether two trees are equal in all that has a meaning."""
+    parts = [(t.root, dict(t.nodes), dict(t.events), t.ignores, t.causality) for t in (one, other)]
+    return parts[0] == parts[1]
 
 
 def verdicts(

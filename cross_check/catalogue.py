@@ -18,7 +18,7 @@ from rvaft.patterns import Literal, ObjectPattern, Variable
 from rvaft.tree import RVAFT
 from rvaft.values import Scalar
 
-EFFORT: Final = Effort(words=200, traces=40, recheck=False)
+EFFORT: Final = Effort(words=200, traces=32, recheck=False)
 """Enough to notice every fault that the tests plant in translations and readers, and no more."""
 
 LEAVES: Final = ("a", "b", "c", "d")

@@ -4,6 +4,7 @@ What can be proved is proved, on all traces; then everybody, proved or not, also
 prefix is compared with that of the first participant: the reference, or where that is absent the next one.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -17,7 +18,7 @@ from cross_check.deadline import Expired, within
 from cross_check.guided import NoTraceFound, disturbed, guided, with_constant
 from cross_check.letters import Letters, letters
 from cross_check.participants import Absent, Outside, Participant, literals
-from cross_check.product import Exploration, explore
+from cross_check.product import explore
 from cross_check.results import Difference, Job, Result, Status
 from cross_check.sizes import least_events
 from cross_check.words import words as all_words
@@ -69,6 +70,7 @@ class _Row:
     verdicts: int = 0
     difference: tuple[tuple[Json, ...], tuple[Verdict, ...]] | None = None
     masked: int = 0
+    masks: Counter[str] = field(default_factory=Counter)
     runs: int = 0
     longest: int = 0
 
@@ -120,8 +122,8 @@ class Comparison:
         try:
             with within(self.effort.seconds):
                 found = enlist()
-        except RvaftError as error:
-            found = Absent(name, error)
+        except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; that is no agreement)
+            found = Absent(name, raised(error))
         except Expired:
             self.rows.append(_Row(name, perf_counter() - started, status=Status.TIMEOUT, why=_EXPIRED))
             return
@@ -148,31 +150,31 @@ class Comparison:
     def _prove(self) -> None:
         """Prove what can be proved; the rest gets the reason why it is only tested."""
         if not self.effort.states:
+            for row in self._present:
+                row.why = "no proof was asked for"
             return
         present = self._present
         gaps = self._gaps(present)
-        for row in present:
+        for row, gap in zip(present, gaps, strict=True):
             # whatever the others are, there is nothing to prove them against where the first has a gap
-            row.why = gaps[row.name] or gaps[present[0].name]
+            row.why = gap or gaps[0]
         able = [row for row in present if not row.why]
         if len(able) > 1:
             self._explore(able)
 
-    def _gaps(self, present: list[_Row]) -> dict[str, str]:
+    def _gaps(self, present: list[_Row]) -> list[str]:
         """For each why nothing can be proved about it; empty where something can."""
-        gaps: dict[str, str] = {}
-        known = {row.name: row.observed for row in present if row.observed is not None}
+        known = [row.observed for row in present if row.observed is not None]
+        unknown = "what it observes is not known"
         try:
             with within(self.effort.seconds):
-                if not _letters(known.values()).gap:
-                    gaps = dict.fromkeys(known, "")
-                else:
-                    gaps = {name: _letters([observed]).gap for name, observed in known.items()}
+                if not _letters(known).gap:
+                    return ["" if row.observed is not None else unknown for row in present]
+                return [unknown if row.observed is None else _letters([row.observed]).gap for row in present]
         except Expired:
-            gaps = dict.fromkeys(known, "no letters within the time limit")
+            return ["no letters within the time limit"] * len(present)
         except TooLarge as error:
-            gaps = dict.fromkeys(known, f"no letters: {_reason(error)}")
-        return dict.fromkeys((row.name for row in present), "what it observes is not known") | gaps
+            return [f"no letters: {_reason(error)}"] * len(present)
 
     def _explore(self, able: list[_Row]) -> None:
         participants = [row.participant for row in able if row.participant is not None]
@@ -187,21 +189,17 @@ class Comparison:
             for row in able:
                 row.why = why
             return
-        for row in able[1:]:
-            self._explored(row, found)
-
-    def _explored(self, row: _Row, found: Exploration) -> None:
-        row.verdicts += found.verdicts
-        if row.name in found.failed:
-            row.fail(found.failed[row.name])
-        elif row.name in found.differ:
-            assert row.participant is not None
-            trace = found.differ[row.name]
-            row.differs(trace, list(row.participant.start().run(trace)))
-        elif found.complete:
-            row.status = Status.PROVED
-        else:
-            row.why = f"state limit {self.effort.states} reached"
+        for number, row in enumerate(able):
+            row.verdicts += found.verdicts if number else 0
+            if number in found.failed:
+                row.fail(raised(found.failed[number]))
+            elif number in found.differ:
+                assert row.participant is not None
+                row.differs(found.differ[number], list(row.participant.start().run(found.differ[number])))
+            elif number and found.complete:
+                row.status = Status.PROVED
+            elif number:
+                row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {self.effort.states} reached"
 
     # -- tests --------------------------------------------------------------------------------------------------
 
@@ -217,6 +215,11 @@ class Comparison:
         if traces and not any(Verdict.TRUE in wanted for wanted in expected):
             for row in (*others, *outside):
                 row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
+        if not traces and any(row.status is None for row in (*others, *outside)):
+            for row in (*others, *outside):
+                row.status = row.status or Status.COULD_NOT_RUN
+                row.why = row.why if row.status is Status.PROVED else "there was no trace to try"
+            return True
         for row in others:
             for trace, wanted, got in zip(traces, expected, self._runs(row, traces) or [], strict=False):
                 self._compare(row, trace, wanted, got)
@@ -232,7 +235,7 @@ class Comparison:
         assert row.participant is not None
         assert baseline.participant is not None
         position = 0
-        with suppress(RvaftError, Expired), within(self.effort.seconds):
+        with suppress(Exception, Expired), within(self.effort.seconds):
             while row.difference is not None and position < len(row.difference[0]):
                 trace = row.difference[0]
                 fewer = trace[:position] + trace[position + 1 :]
@@ -255,17 +258,21 @@ class Comparison:
         except RvaftError as error:
             row.fail(error)
             return
+        row.why = "its states are not known"
         for trace, wanted, answer in zip(traces, expected, answers, strict=True):
             got = None if answer.verdicts is None else list(answer.verdicts)
-            if got != wanted and answer.deviations:
+            if got != wanted and answer.deviations and not answer.expired:
+                row.masks.update(answer.deviations)
                 row.masked += 1
             elif got is None:
-                row.status, row.why = Status.COULD_NOT_RUN, answer.error
+                row.status, row.why = Status.TIMEOUT if answer.expired else Status.COULD_NOT_RUN, answer.error
                 return
             else:
                 self._compare(row, trace, wanted, got)
                 row.runs, row.longest = row.runs + 1, max(row.longest, len(trace))
                 row.verdicts += len(got)
+        if not row.runs:
+            row.status, row.why = Status.COULD_NOT_RUN, f"all traces are masked: {', '.join(row.masks)}"
 
     def _traces(self, *, words: bool) -> Iterator[Trace]:
         """All words up to some length over the letters, where something was not proved, and random traces."""
@@ -276,9 +283,10 @@ class Comparison:
             length, many = 0, 1
             while many * len(alphabet) * (length + 1) <= self.effort.words and length < longest:
                 length, many = length + 1, many * len(alphabet)
-            yield from all_words(alphabet, length)
+            yield from all_words(alphabet, length) if length else ()
         trees = [part, *(row.participant.tree for row in self._present if row.participant and row.participant.tree)]
-        random = Random(f"{self.effort.seed} {self.job.title} {self.job.semantics}")  # noqa: S311 (no secret)
+        seed = f"{self.effort.seed} {self.job.title} {self.job.semantics}"
+        random = Random(seed.encode(errors="surrogateescape"))  # noqa: S311 (no secret)
         values, constants = self._values(trees)
         for number in range(self.effort.traces):
             tree = trees[number // 4 % len(trees)]
@@ -320,11 +328,11 @@ class Comparison:
         try:
             with within(self.effort.seconds):
                 found = [list(row.participant.start().run(trace)) for trace in traces]
-        except RvaftError as error:
-            row.fail(error)
-            return None
         except Expired:
             row.status, row.why = Status.TIMEOUT, _EXPIRED
+            return None
+        except Exception as error:  # noqa: BLE001 (see above)
+            row.fail(raised(error))
             return None
         row.runs, row.longest = len(traces), max(map(len, traces), default=0)
         row.verdicts += sum(map(len, traces))
@@ -351,6 +359,7 @@ class Comparison:
             why=why,
             difference=_difference(row, baseline),
             masked=row.masked,
+            masks=tuple(sorted(row.masks)),
         )
 
 
@@ -362,6 +371,13 @@ def _letters(observed: Iterable[Iterable[Observed]]) -> Letters:
 @lru_cache(maxsize=16)
 def _remembered(questions: frozenset[Observed]) -> Letters:
     return letters(sorted(questions, key=repr))
+
+
+def raised(error: Exception) -> RvaftError:
+    """What somebody raised, as an error of this project."""
+    if isinstance(error, RvaftError):
+        return error
+    return RvaftError(f"{type(error).__name__}: {' '.join(str(error).split())}")
 
 
 def _reason(error: RvaftError) -> str:

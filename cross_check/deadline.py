@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from types import FrameType
 
 
-class Expired(Exception):
-    """The time is up."""
+class Expired(BaseException):
+    """The time is up; not an `Exception`, so that nobody takes it for a failure of what it interrupts."""
 
 
 @contextmanager

@@ -50,6 +50,8 @@ class Answer:
     verdicts: tuple[Verdict, ...] | None = None
     error: str = ""
     deviations: tuple[str, ...] = ()
+    expired: bool = False
+    """Whether the time was too short for it."""
 
 
 @dataclass(frozen=True, slots=True)

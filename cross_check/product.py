@@ -5,11 +5,11 @@ if no reachable combination of states holds two different verdicts, no trace doe
 is met gives a shortest trace on which they differ.
 """
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from cross_check.participants import Participant
-from rvaft.errors import RvaftError
 from rvaft.monitors import Monitor
 from rvaft.values import Json
 from rvaft.verdict import Verdict
@@ -22,23 +22,22 @@ GONE = -1
 class Exploration:
     """What the product has shown, each participant against the first one; `verdicts` counts the prefixes compared for each.
 
-    `differ` gives a shortest distinguishing trace; `failed` what a monitor raised. `complete` says that no combination of states
-    was left out; then the others agree on all traces over the letters.
+    `differ` gives a shortest distinguishing trace by the place of the participant; `failed` what a monitor raised. `complete` says that
+    no combination of states was left out; then the others agree on all traces over the letters.
     """
 
     combinations: int
     verdicts: int
     longest: int
     complete: bool
-    differ: dict[str, tuple[Json, ...]] = field(default_factory=dict)
-    failed: dict[str, RvaftError] = field(default_factory=dict)
+    differ: dict[int, tuple[Json, ...]] = field(default_factory=dict)
+    failed: dict[int, Exception] = field(default_factory=dict)
 
 
 class _Machine:
     """The reachable states of one participant, numbered as they are met; every step is taken once."""
 
     def __init__(self, participant: Participant, letters: Sequence[Json]) -> None:
-        self.name = participant.name
         self._letters = letters
         self._numbers: dict[Hashable, int] = {}
         self._monitors: list[Monitor] = []
@@ -75,8 +74,8 @@ class _Explorer:
     def __init__(self, participants: Sequence[Participant], letters: Sequence[Json]) -> None:
         self.machines = [_Machine(participant, letters) for participant in participants]
         self.letters = letters
-        self.differ: dict[str, tuple[Json, ...]] = {}
-        self.failed: dict[str, RvaftError] = {}
+        self.differ: dict[int, tuple[Json, ...]] = {}
+        self.failed: dict[int, Exception] = {}
         self.verdicts = 0
         self._came: list[tuple[int, int]] = []
 
@@ -87,7 +86,7 @@ class _Explorer:
         known = {start}
         self._came = [(GONE, GONE)]
         depth = [0]
-        complete = True
+        complete = start[0] != GONE
         for position, states in enumerate(agenda):
             if len(agenda) > limit:
                 complete = False
@@ -101,32 +100,31 @@ class _Explorer:
                     agenda.append(after)
                     self._came.append((position, letter))
                     depth.append(depth[position] + 1)
+        complete = complete and 0 not in self.failed
         return Exploration(len(known), self.verdicts, max(depth), complete, self.differ, self.failed)
 
     def _start(self) -> tuple[int, ...]:
-        states: list[int] = []
-        for machine in self.machines:
-            try:
-                states.append(machine.start())
-            except RvaftError as error:
-                self.failed[machine.name] = error
-                states.append(GONE)
-        return self._compared(tuple(states), ())
+        states = tuple(self._tried(number, machine.start) for number, machine in enumerate(self.machines))
+        return self._compared(states, ())
 
     def _after(self, position: int, states: tuple[int, ...], letter: int) -> tuple[int, ...]:
         found: list[int] = []
-        for machine, state in zip(self.machines, states, strict=True):
-            try:
-                gone = state == GONE or machine.name in self.differ or machine.name in self.failed
-                found.append(GONE if gone else machine.step(state, letter))
-            except RvaftError as error:
-                self.failed[machine.name] = error
-                found.append(GONE)
+        for number, (machine, state) in enumerate(zip(self.machines, states, strict=True)):
+            gone = state == GONE or number in self.differ or number in self.failed
+            found.append(GONE if gone else self._tried(number, partial(machine.step, state, letter)))
         verdicts = {m.verdicts[s] for m, s in zip(self.machines, found, strict=True) if s != GONE}
         self.verdicts += 1
         if len(verdicts) <= 1:
             return tuple(found)
         return self._compared(tuple(found), (*self._trace(position), self.letters[letter]))
+
+    def _tried(self, number: int, step: Callable[[], int]) -> int:
+        """The state after a step; whoever fails is compared no more."""
+        try:
+            return step()
+        except Exception as error:  # noqa: BLE001 (a monitor of somebody else may fail in any way; that is no agreement)
+            self.failed[number] = error
+            return GONE
 
     def _compared(self, states: tuple[int, ...], trace: tuple[Json, ...]) -> tuple[int, ...]:
         """The states, without those participants whose verdict is not that of the first."""
@@ -134,10 +132,10 @@ class _Explorer:
             return states
         expected = self.machines[0].verdicts[states[0]]
         kept: list[int] = []
-        for machine, state in zip(self.machines, states, strict=True):
+        for number, (machine, state) in enumerate(zip(self.machines, states, strict=True)):
             differs = state != GONE and machine.verdicts[state] is not expected
             if differs:
-                self.differ.setdefault(machine.name, trace)
+                self.differ.setdefault(number, trace)
             kept.append(GONE if differs else state)
         return tuple(kept)
 

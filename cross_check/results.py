@@ -65,7 +65,7 @@ class Result:
 
     `seconds` is the time of the translation and the first reading, `verdicts` how many were compared, `symbols` and `states` the
     sizes of its text. `why` explains what is neither proved nor tested, or why it is only tested. `masked` counts traces
-    on which it differs as its tool is known to.
+    on which it differs as its tool is known to, `masks` says in which ways.
     """
 
     job: Job
@@ -80,6 +80,7 @@ class Result:
     why: str = ""
     difference: Difference | None = None
     masked: int = 0
+    masks: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -89,7 +90,7 @@ class Result:
                 return str(self.status)
             case Status.TESTED:
                 because = f" ({self.why})" if self.why else ""
-                masked = f", {self.masked} masked" if self.masked else ""
+                masked = f", {self.masked} masked ({', '.join(self.masks)})" if self.masked else ""
                 traces = "trace" if self.traces == 1 else "traces"
                 return f"tested: {self.traces} {traces} up to length {self.longest}{masked}{because}"
             case Status.DIFFERS:

@@ -39,7 +39,16 @@ class Roster:
     limit: int | None = None
 
     def candidates(self, tree: RVAFT, job: Job) -> Iterator[tuple[str, Enlist]]:
-        """The name of each participant, and what makes it; the reference first."""
+        """The name of each participant, every name once, and what makes it; the reference first."""
+        taken: set[str] = set()
+        for name, enlist in self._candidates(tree, job):
+            number = 1
+            while (unique := name if number == 1 else f"{name} ({number})") in taken:
+                number += 1
+            taken.add(unique)
+            yield unique, enlist
+
+    def _candidates(self, tree: RVAFT, job: Job) -> Iterator[tuple[str, Enlist]]:
         part = restrict(tree, branch=job.branch, kind=job.kind)
         yield REFERENCE, partial(reference_of, tree, job.semantics, branch=job.branch, kind=job.kind)
         names = self.backends

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Final, TypeAlias
 
-from cross_check.comparison import Comparison, Effort
+from cross_check.comparison import Comparison, Effort, raised
 from cross_check.results import Job, Result, Status
 from cross_check.roster import Roster
-from rvaft.errors import RvaftError
 from rvaft.tree import RVAFT
 
 AHEAD: Final = 8
@@ -33,8 +32,8 @@ class Task:
         """Compare; a tree that has no such part is a result too."""
         try:
             return Comparison(self.tree, self.job, self.effort).run(self.roster.candidates(self.tree, self.job))
-        except RvaftError as error:
-            return [Result(self.job, "tree", Status.COULD_NOT_RUN, why=str(error))]
+        except Exception as error:  # noqa: BLE001 (whatever it is, the other comparisons go on)
+            return [Result(self.job, "tree", Status.COULD_NOT_RUN, why=str(raised(error)))]
 
 
 Done: TypeAlias = tuple[Task, list[Result]]
@@ -53,6 +52,7 @@ def _parallel(tasks: Iterator[Task], jobs: int) -> Generator[Done, None, None]:
     # Processes that are forked have all modules and all patches of this one.
     context = multiprocessing.get_context("fork")
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_leave_interrupts)
+    finished = False
     waiting = deque[tuple[Task, Future[list[Result]]]]()
     try:
         waiting.extend((task, _submitted(pool, task)) for task in islice(tasks, jobs * AHEAD))
@@ -60,7 +60,11 @@ def _parallel(tasks: Iterator[Task], jobs: int) -> Generator[Done, None, None]:
             task, future = waiting.popleft()
             yield task, _results(task, future)
             waiting.extend((task, _submitted(pool, task)) for task in islice(tasks, 1))
+        finished = True
     finally:
+        if not finished:  # nobody wants the rest
+            for process in multiprocessing.active_children():
+                process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
 
 

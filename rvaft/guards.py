@@ -6,6 +6,7 @@ decides. The parser bounds the nesting of an expression (`MAX_DEPTH`), so the re
 """
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, TypeAlias
@@ -35,12 +36,26 @@ class Operator(StrEnum):
     OR = "or"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Operation:
-    """An operator applied: one operand for NOT and NEGATE, two or more for AND and OR, else two."""
+    """An operator applied: one operand for NOT and NEGATE, two or more for AND and OR, else two.
+
+    Operations are equal where they are written alike. 1 and 1.0, equal as values, are not: arithmetic tells them apart.
+    """
 
     operator: Operator
     operands: tuple["Guard", ...]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Operation) and self._written == other._written
+
+    def __hash__(self) -> int:
+        return hash(self._written)
+
+    @property
+    def _written(self) -> tuple[Hashable, ...]:
+        exact = (("literal", repr(part.value)) if isinstance(part, Literal) else part for part in self.operands)
+        return (self.operator, *exact)
 
 
 Guard: TypeAlias = Literal | Variable | Operation

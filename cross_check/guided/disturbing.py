@@ -15,6 +15,7 @@ Place: TypeAlias = tuple[int, tuple[str | int, ...]]
 """The index of an event, and the fields and list indices that lead to a value in it."""
 
 _EXACT: Final = 2**53
+_CARELESS: Final = 0.3
 
 
 class Disturbance(StrEnum):
@@ -119,10 +120,16 @@ def _type(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None: 
     place = random.choice(places)
     old = _at(trace, place)
     others: list[Json] = [value for value in COMMON if _kind(value) is not _kind(old)]
-    if isinstance(old, (int, float)):  # also what a careless comparison takes for the same value
-        others += [str(old)]
-        others += [int(old)] if isinstance(old, bool) else [bool(old)] if old in (0, 1) else []
-    return _put(trace, place, random.choice(others))
+    return _put(trace, place, random.choice([*others, *_look_alikes(old)]))
+
+
+def _look_alikes(value: Json) -> list[Json]:
+    """What a careless comparison takes for the same value."""
+    if isinstance(value, bool):
+        return [int(value), str(value)]
+    if is_number(value):
+        return [str(value), *([bool(value)] if value in (0, 1) else [])]
+    return []
 
 
 def _other(random: Random, trace: list[Json], values: Sequence[Json], *, everywhere: bool) -> list[Json] | None:
@@ -138,8 +145,11 @@ def _other(random: Random, trace: list[Json], values: Sequence[Json], *, everywh
 def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) -> list[Json] | None:
     """The trace with a constant of some guard, or a value next to it, in place of a value of its kind, or None without any.
 
-    The rest stays, so that one condition is met or broken while the others hold.
+    The rest stays, so that one condition is met or broken while the others hold. Now and then a value becomes one that looks like it.
     """
+    alike = [(place, twin) for place in _scalars(trace) for twin in _look_alikes(_at(trace, place))]
+    if alike and random.random() < _CARELESS:
+        return _put(trace, *random.choice(alike))
     kinds = {_kind(constant) for constant in constants}
     places = [place for place in _scalars(trace) if _kind(_at(trace, place)) in kinds]
     if not places:

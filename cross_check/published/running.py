@@ -27,6 +27,7 @@ _SWIPL: Final = (
 )
 _CHECKOUT: Final = "clone https://github.com/RMLatDIBRIS/monitor and name that folder"
 _ERROR_LENGTH: Final = 300
+_TIMEOUT: Final = "timeout: "
 
 
 def published_of(part: RVAFT, semantics: Semantics, monitor: Path, *, timeout: float) -> Outside | Absent:
@@ -48,7 +49,7 @@ def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: 
     masked = backend("rml-prolog").masked
     deviations = [masked(text, trace) for trace in traces]
     found = zip(_outcomes(text, traces, monitor, timeout), deviations, strict=True)
-    return [Answer(*outcome, deviations=known) for outcome, known in found]
+    return [Answer(*outcome, deviations=known, expired=outcome[1].startswith(_TIMEOUT)) for outcome, known in found]
 
 
 def _outcomes(
@@ -107,7 +108,7 @@ def _answers(text: str, given: str, monitor: Path, timeout: float) -> tuple[list
             except subprocess.TimeoutExpired:
                 process.kill()
                 output, _ = process.communicate()
-                ending = f"timeout: no answer within {timeout:g} s"
+                ending = f"{_TIMEOUT}no answer within {timeout:g} s"
     return output.split("\n")[:-1], ending
 
 

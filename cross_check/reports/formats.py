@@ -73,6 +73,7 @@ def _object(result: Result) -> dict[str, Json]:
         "traces": result.traces,
         "longest": result.longest,
         "masked": result.masked,
+        "masks": list(result.masks),
         "result": result.text,
         "difference": None if result.difference is None else _difference(result.difference),
     }

@@ -1,5 +1,6 @@
 """`rvaft cross-check`: whether the specifications of a tree say the same thing."""
 
+import math
 import os
 from collections.abc import Iterable
 from dataclasses import replace
@@ -9,7 +10,7 @@ from typing import Final
 
 import click
 
-from cross_check.against import handwritten
+from cross_check.against import handwritten, is_specification
 from cross_check.campaign import MAX_NODES, campaign
 from cross_check.catalogue import EFFORT, Entry, catalogue
 from cross_check.comparison import Effort
@@ -17,7 +18,7 @@ from cross_check.results import Job, exit_status
 from cross_check.roster import PATIENCE, Roster
 from cross_check.runs import Task
 from rvaft.api import narrowed
-from rvaft.backend import all_backends, backend
+from rvaft.backend import backend
 from rvaft.cli.comparing import Failures, Watching, replayed
 from rvaft.cli.failure import FAILED
 from rvaft.cli.languages import suggesting
@@ -48,6 +49,12 @@ def _semantics(_context: click.Context, _parameter: click.Parameter, value: str 
         raise click.BadParameter(f"{value!r} is not `all` or some of {', '.join(Semantics)}, with commas") from None
 
 
+def _finite(_context: click.Context, _parameter: click.Parameter, value: float | None) -> float | None:
+    if value is not None and math.isnan(value):
+        raise click.BadParameter("nan is no time")
+    return value
+
+
 @click.command("cross-check")
 @click.argument("trees", nargs=-1, metavar="[TREE]...")
 @click.option("--against", multiple=True, metavar="[LANG:]FILE", help="A specification to hold against each TREE.")
@@ -65,7 +72,10 @@ def _semantics(_context: click.Context, _parameter: click.Parameter, value: str 
     help="Of random trees.",
 )
 @click.option(
-    "--traces", type=click.IntRange(min=0), metavar="N", help="Random traces.  [default: 200; with --against 1000, with --random 20]"
+    "--traces",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Random traces.  [default: 200; with --against 1000, with --random 20]",
 )
 @click.option("--length", type=click.IntRange(min=1), metavar="L", help="Of traces.  [default: enough for a detection]")
 @click.option(
@@ -76,7 +86,11 @@ def _semantics(_context: click.Context, _parameter: click.Parameter, value: str 
     "--jobs", type=click.IntRange(min=1), default=None, metavar="N", help="Processes.  [default: one per processor]"
 )
 @click.option(
-    "--timeout", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS", help="For each step of a case."
+    "--timeout",
+    type=click.FloatRange(min=0, max=1_000_000, min_open=True),
+    callback=_finite,
+    metavar="SECONDS",
+    help="For each step of a case.",
 )
 @click.option("--stop-on-error", is_flag=True, help="Stop after the first comparison with a disagreement.")
 @click.option("--save-bogus", metavar="DIR", help="Shrink each disagreement and save it as a case below DIR.")
@@ -131,6 +145,8 @@ def command(
         raise click.UsageError("--against needs a TREE to compare with", context)
     if replay_folder is not None and semantics is not None:
         raise click.UsageError("a saved case has its semantics: leave --semantics out with --replay", context)
+    if len(set(given := [path for path in files.values() if path is not None])) < len(given):
+        raise click.UsageError("two reports go to one file", context)
     reports = Reports({form: path for form, path in files.items() if path is not None}, every=bool(trees))
     reports.check()
     failures = Failures()
@@ -148,7 +164,11 @@ def command(
     if trees:
         part = partial(_entry, branch=branch, kind=None if kind is None else Kind(kind))
         found = list(failures.collect(part, trees))
-        entries, count, effort = found, len(found), Effort(states=states, traces=MOST_TRACES if against else MANY_TRACES)
+        entries, count, effort = (
+            found,
+            len(found),
+            Effort(states=states, traces=MOST_TRACES if against else MANY_TRACES),
+        )
     elif random is not None:
         entries, count = campaign(random, seed, max_nodes), random
         effort = Effort(states=min(states, SMALL_PROOF), words=0)
@@ -185,12 +205,11 @@ def _backends(named: str | None) -> tuple[str, ...] | None:
 
 def _sorted_out(against: tuple[str, ...], trees: tuple[str, ...]) -> tuple[list[str], tuple[str, ...]]:
     """The specifications and the trees: what follows the first FILE of --against is a specification too, where its name says so."""
-    suffixes = {backend(name).suffix for name in all_backends()}
-    texts = [tree for tree in trees if Path(tree).suffix in suffixes] if against else []
+    texts = [tree for tree in trees if is_specification(tree)] if against else []
     return [*against, *texts], tuple(dict.fromkeys(tree for tree in trees if tree not in texts))
 
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:
     tree = load(path)
     narrowed(tree, branch, kind)  # refuses what breaks a rule, and a part that is not there
-    return Entry(path, tree, branch, kind)
+    return Entry(click.format_filename(path), tree, branch, kind)

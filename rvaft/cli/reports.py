@@ -89,9 +89,15 @@ class Reports:
         self.write()
 
     def write(self) -> None:
-        """Write the files."""
+        """Write the files, all that can be written; raises `OSError` for the first that cannot."""
+        failed: OSError | None = None
         for form, path in self.files.items():
-            deliver(_FORMATS[form](self.results, self.note).encode(), path)
+            try:
+                deliver(_FORMATS[form](self.results, self.note).encode(errors="backslashreplace"), path)
+            except OSError as error:
+                failed = failed or error
+        if failed is not None:
+            raise failed
 
 
 class Watched:

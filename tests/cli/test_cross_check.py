@@ -2,15 +2,21 @@
 
 import csv
 import json
+import os
 import re
+import signal
+import subprocess
+import time
+from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
 
 from rvaft import load, translate
-from tests.cli.runs import PRUNED, TREES, failed, run
+from tests.cli.runs import COMMAND, PRUNED, failed, run
 
+HAS_SPOT = find_spec("spot") is not None
 SAND = "toplevel r; r sand a b; a; b;"
 AND = "toplevel r; r and a b; a; b;"
 
@@ -158,9 +164,10 @@ def test_a_disagreement_is_shrunk_saved_and_replayed(tmp_path: Path) -> None:
     (case,) = [path for path in (tmp_path / "bogus").iterdir() if path.is_dir()]
     small = load(case / "tree.rvaft")
     assert len(small.nodes) <= 5
-    again = run("cross-check", "--replay", tmp_path / "bogus", "--backends", "rml-paper")
+    again = run("cross-check", "--replay", tmp_path / "bogus", "--json", tmp_path / "out.json")
     assert again.exit_code == 1
     assert case.name in again.stdout
+    assert [one["status"] for one in results(tmp_path / "out.json") if one["participant"] == "rml-paper"] == ["differs"]
     healthy = run("cross-check", "--replay", case, "--backends", "rml")
     assert healthy.exit_code == 0, healthy.output
 
@@ -279,5 +286,76 @@ def test_an_atom_without_header_is_the_event_of_that_node(tmp_path: Path) -> Non
     assert re.search(r"good.ltlf\s.*proved", result.stdout)
 
 
-def test_shipped_gates_are_there() -> None:
-    assert list((TREES / "gates").glob("*.rvaft"))
+def test_a_text_that_differs_is_kept_with_its_case_and_replayed(tmp_path: Path) -> None:
+    tree = written(tmp_path, "tree.rvaft", "toplevel r; r sand a b;")  # undeclared leaves and all
+    wrong = written(tmp_path, "wrong.ltlf" if HAS_SPOT else "wrong.rvaft", "F b & F a" if HAS_SPOT else AND)
+    options = ("--semantics", "scattered", "--save-bogus", tmp_path / "bogus")
+    result = run("cross-check", tree, "--against", wrong, *options)
+    assert (result.exit_code, result.stderr) == (1, "")
+    wrong.unlink()
+    again = run("cross-check", "--replay", tmp_path / "bogus")
+    assert again.exit_code == 1, again.output
+    assert "wrong." in again.stdout
+
+
+def test_another_tree_is_read_with_what_it_imports(sand: Path, tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    written(tmp_path / "sub", "part.rvaft", "b;")
+    main = written(tmp_path / "sub", "main.rvaft", 'import "part.rvaft"; toplevel r; r sand a b; a;')
+    assert run("cross-check", sand, "--against", main).exit_code == 0
+
+
+def test_a_text_with_an_unknown_atom_does_not_stop_the_others(sand: Path, tmp_path: Path) -> None:
+    pytest.importorskip("spot")
+    odd = written(tmp_path, "odd.ltlf", "F elsewhere")
+    other = written(tmp_path, "and.rvaft", AND)
+    result = run("cross-check", sand, "--against", odd, "--against", other)
+    assert result.exit_code == 2
+    assert f"{other} differs from reference" in result.stdout
+    assert re.search(r"odd.ltlf\s.*could not run: .*elsewhere", result.stdout)
+
+
+def test_nothing_compared_is_no_agreement(sand: Path) -> None:
+    result = run("cross-check", sand, "--timeout", "1e-9")
+    assert result.exit_code == 2
+    assert "nothing was compared" in result.stdout
+
+
+def test_names_that_are_no_text(tmp_path: Path) -> None:
+    tree = written(tmp_path, "bad\udcff.rvaft", SAND)
+    result = run("cross-check", tree, "--backends", "rml", "--csv", tmp_path / "out.csv")
+    assert result.exit_code == 0, result.output
+    assert "bad" in (tmp_path / "out.csv").read_text()
+
+
+def test_one_report_that_cannot_be_written_does_not_lose_the_others(sand: Path, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    result = run(
+        "cross-check", sand, "--backends", "rml", "--json", tmp_path / "folder", "--markdown", tmp_path / "out.md"
+    )
+    assert result.exit_code == 2
+    assert (tmp_path / "out.md").exists()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_interrupted_run_ends_at_once_and_reports_what_it_has(tmp_path: Path, jobs: int) -> None:
+    leaves = " ".join(f"a{number}" for number in range(14))
+    slow = written(tmp_path, "slow.rvaft", f"toplevel t; t and {leaves};")
+    quick = written(tmp_path, "quick.rvaft", SAND)
+    command = [*COMMAND, "cross-check", quick, slow, "--semantics", "strict", "--jobs", jobs]
+    running = subprocess.Popen(
+        [*map(str, command), "--backends", "automaton", "--json", str(tmp_path / "out.json")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    time.sleep(6)
+    started = time.monotonic()
+    os.killpg(running.pid, signal.SIGINT)
+    output, errors = running.communicate(timeout=60)
+    assert running.returncode == 130, output + errors
+    assert time.monotonic() - started < 20
+    found = json.loads((tmp_path / "out.json").read_text())
+    assert "interrupted after" in found["note"]
+    assert "Traceback" not in errors

@@ -4,9 +4,11 @@ from collections.abc import Callable, Hashable, Sequence
 
 import pytest
 
+from cross_check.against import Handwritten
 from cross_check.comparison import Comparison, Effort, Enlist
 from cross_check.participants import Absent, Answer, Outside, Participant, observed_by, reference_of
 from cross_check.results import Job, Result, Status, exit_status
+from cross_check.roster import Roster
 from rvaft import loads
 from rvaft.backend import Metrics, Observed, Specification
 from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
@@ -183,7 +185,7 @@ def test_a_known_deviation_is_masked_and_counted_only_where_it_shows() -> None:
     found = compare(("same", same()), ("other", masked))["other"]
     assert found.status is Status.TESTED
     assert found.masked > 0
-    assert f", {found.masked} masked" in found.text
+    assert f", {found.masked} masked (tolerance)" in found.text
     assert compare(("other", outside(lambda v: Answer(tuple(v), deviations=("tolerance",)))))["other"].masked == 0
 
 
@@ -224,3 +226,77 @@ def test_exit_status(statuses: list[Status], expected: int, strict: int) -> None
 
 def test_literals_of_the_observed_tree() -> None:
     assert {Observed(ObjectPattern((("event", Literal(name)),))) for name in "ab"} <= set(observed_by(TREE))
+
+
+# -- what once went wrong ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("recheck", [True, False])
+def test_when_the_first_fails_nobody_is_proved(recheck: bool) -> None:
+    broken = Spoiled(lambda event: event == {"event": "a"}, raising)
+    odd = Spoiled(lambda event: event == {"event": "b"}, lambda _: Verdict.UNKNOWN)
+    first: Enlist = lambda: Participant("first", broken.fork, observed=observed_by(TREE))  # noqa: E731
+    other: Enlist = lambda: Participant("odd", odd.fork, observed=observed_by(TREE))  # noqa: E731
+    rows = Comparison(TREE, JOB, Effort(recheck=recheck)).run([("first", first), ("odd", other), ("same", same())])
+    assert [row.status for row in rows] == [Status.TOO_LARGE, Status.BASELINE, Status.DIFFERS]
+
+
+def test_any_exception_is_could_not_run() -> None:
+    def crash(_: Verdict) -> Verdict:
+        raise KeyError("x")
+
+    def never() -> Participant:
+        raise ZeroDivisionError("no")
+
+    broken = Spoiled(lambda event: event == {"event": "b"}, crash)
+    for observed in (observed_by(TREE), None):
+        step: Enlist = lambda observed=observed: Participant("broken", broken.fork, observed=observed)  # type: ignore[misc]  # noqa: E731
+        found = compare(("never", never), ("broken", step), ("same", same()))
+        assert found["never"].text == "could not run: ZeroDivisionError: no"
+        assert found["broken"].text == "could not run: KeyError: 'x'"
+        assert found["same"].status is Status.PROVED
+
+
+def test_without_a_trace_nothing_is_tested() -> None:
+    found = compare(("same", same(None)), effort=Effort(words=0, traces=0))
+    assert found["same"].text == "could not run: there was no trace to try"
+    assert exit_status(found.values()) == 2
+
+
+def test_a_program_that_takes_too_long_is_a_timeout() -> None:
+    found = compare(("same", same()), ("other", outside(lambda _: Answer(error="timeout: 1 s", expired=True))))
+    assert found["other"].status is Status.TIMEOUT
+
+
+def test_when_everything_is_masked_nothing_agrees() -> None:
+    found = compare(("same", same()), ("other", outside(lambda _: Answer(error="type_error", deviations=("guards",)))))
+    assert found["other"].text == "could not run: all traces are masked: guards"
+
+
+def test_guards_that_differ_in_1_and_1_0_are_two_questions() -> None:
+    """Arithmetic tells an integer from the equal double where doubles end."""
+    event = 'event ev(x) = { event: "ev", x: x };'
+    both = f"{event} ignore ev(V) when V * 1.0 > 5; ignore ev(V) when V * 1 > 5; top sand a b; a on ev(_); b on ev(_);"
+    trace: list[Json] = [{"event": "ev", "x": 10**400}, {"event": "ev", "x": 0}]
+    tree = loads(both)
+    for _, enlist in Roster().candidates(tree, Job("both", Semantics.PROJECTED)):
+        made = enlist()
+        if isinstance(made, Participant):
+            assert [str(verdict) for verdict in made.start().run(trace)] == ["unknown", "unknown"], made.name
+
+
+def test_participants_of_one_name_are_told_apart() -> None:
+    chain = loads("toplevel t; t sand a b c;")
+    texts = (
+        Handwritten("reference", "rvaft", "toplevel t; t sand b a c;"),
+        Handwritten("reference", "rvaft", "toplevel t; t sand a c b;"),
+        Handwritten("same", "rvaft", "toplevel t; t sand a b c;"),
+    )
+    job = Job("chain", Semantics.STRICT)
+    results = Comparison(chain, job, Effort()).run(Roster(against=texts).candidates(chain, job))
+    assert [(one.participant, one.status) for one in results] == [
+        ("reference", Status.BASELINE),
+        ("reference (2)", Status.DIFFERS),
+        ("reference (3)", Status.DIFFERS),
+        ("same", Status.PROVED),
+    ]

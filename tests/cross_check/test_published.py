@@ -78,7 +78,7 @@ def test_traces_that_are_not_reached_in_time_have_an_error(
 ) -> None:
     pretend(monkeypatch, tmp_path, """echo '{"loaded": true}'; echo '{"verdicts": ["unknown"]}'; exec sleep 60""")
     found = run(SEQUENCE, [[A], [B]], checkout, timeout=1)
-    assert found == [Answer((Q,)), Answer(error="timeout: no answer within 1 s")]
+    assert found == [Answer((Q,)), Answer(error="timeout: no answer within 1 s", expired=True)]
 
 
 def test_a_monitor_that_dies_has_answered_what_it_has_answered(

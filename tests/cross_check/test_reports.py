@@ -31,7 +31,17 @@ def results(name: str = "tree") -> list[Result]:
         Result(job, "rml", Status.DIFFERS, symbols=7, states=3, verdicts=4, difference=DIFFERENCE),
         Result(other, "reference", Status.BASELINE, verdicts=5),
         Result(other, "rml", Status.NOT_EXPRESSIBLE, why="no | pipes"),
-        Result(other, "ltlf", Status.TESTED, traces=5, longest=4, verdicts=5, masked=2, why="variables"),
+        Result(
+            other,
+            "ltlf",
+            Status.TESTED,
+            traces=5,
+            longest=4,
+            verdicts=5,
+            masked=2,
+            masks=("1 and 1.0",),
+            why="variables",
+        ),
         Result(other, "automaton", Status.TIMEOUT, why="too slow"),
         Result(other, "other", Status.COULD_NOT_RUN, why="it died"),
     ]
@@ -53,7 +63,7 @@ def test_words_are_not_blurred() -> None:
         "differs after 1 event",
         "baseline",
         "not expressible: no | pipes",
-        "tested: 5 traces up to length 4, 2 masked (variables)",
+        "tested: 5 traces up to length 4, 2 masked (1 and 1.0) (variables)",
         "timeout: too slow",
         "could not run: it died",
     ]

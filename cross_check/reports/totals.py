@@ -21,6 +21,8 @@ class Totals:
     differing: tuple[Result, ...]
     unable: tuple[Result, ...]
     """Those that are neither proved nor tested, and do not differ."""
+    masked: int
+    """Traces on which a program of others differs as it is known to."""
 
     @classmethod
     def of(cls, results: Iterable[Result]) -> Self:
@@ -36,6 +38,7 @@ class Totals:
             proofs=sum(result.status is Status.PROVED for result in every),
             statuses=statuses,
             differing=tuple(result for result in every if result.status is Status.DIFFERS),
+            masked=sum(result.masked for result in every),
             unable=tuple(result for result in every if result.status not in _RAN),
         )
 
@@ -66,6 +69,8 @@ class Totals:
         if not self.participants or not self.verdicts:
             return f"{', '.join(said)}; nothing was compared"
         differ = len(self.differing)
+        if self.masked:
+            said.append(_many(self.masked, "masked trace"))
         return f"{', '.join(said)}; {_many(differ, 'disagreement') if differ else 'no disagreement'}"
 
 

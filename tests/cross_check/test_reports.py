@@ -52,7 +52,7 @@ def test_totals() -> None:
     assert (totals.trees, totals.comparisons, totals.verdicts, totals.proofs) == (2, 2, 34, 1)
     assert [result.participant for result in totals.differing] == ["rml"]
     assert [result.participant for result in totals.unable] == ["rml", "automaton", "other"]
-    assert totals.headline == "2 trees, 2 comparisons, 34 verdicts, 1 proof; 1 disagreement"
+    assert totals.headline == "2 trees, 2 comparisons, 34 verdicts, 1 proof, 2 masked traces; 1 disagreement"
 
 
 def test_words_are_not_blurred() -> None:

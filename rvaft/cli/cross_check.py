@@ -28,13 +28,13 @@ from rvaft.language import load
 from rvaft.model import Kind
 from rvaft.verdict import Semantics
 
-SMALL_PROOF: Final = 500
+SMALL_PROOF: Final = 300
 """Combinations of states of a proof in a random campaign, where many trees say more than one."""
 MANY_TRACES: Final = 200
 """Random traces for a tree that somebody named."""
 MOST_TRACES: Final = 1_000
 """And with a text of somebody else beside it: finding one condition that was forgotten takes many."""
-SMALL_TEXT: Final = 10_000
+SMALL_TEXT: Final = 5_000
 """The limit of translations there."""
 
 

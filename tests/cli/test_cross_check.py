@@ -41,6 +41,7 @@ def results(file: Path) -> list[dict[str, object]]:
 
 @pytest.mark.spot
 def test_a_tree_is_proved_under_every_semantics(sand: Path, tmp_path: Path) -> None:
+    pytest.importorskip("spot")
     result = run("cross-check", sand, "--json", tmp_path / "out.json")
     assert result.exit_code == 0, result.output
     assert "no disagreement" in result.stdout
@@ -55,6 +56,7 @@ def test_a_tree_is_proved_under_every_semantics(sand: Path, tmp_path: Path) -> N
 
 @pytest.mark.spot
 def test_a_tree_with_variables_is_tested_and_never_said_to_be_proved(tmp_path: Path) -> None:
+    pytest.importorskip("spot")
     result = run("cross-check", PRUNED, "--semantics", "projected,scattered", "--json", tmp_path / "out.json")
     assert result.exit_code == 0, result.output
     statuses = {(one["participant"], one["semantics"]): one["result"] for one in results(tmp_path / "out.json")}
@@ -196,6 +198,7 @@ def test_another_seed_makes_other_trees(tmp_path: Path) -> None:
 
 
 def test_a_short_timeout_is_said_and_no_agreement(tmp_path: Path) -> None:
+    pytest.importorskip("spot")
     leaves = " ".join(f"l{number}" for number in range(14))
     tree = written(tmp_path, "wide.rvaft", f"toplevel r; r and {leaves};")
     options = ("--semantics", "strict", "--backends", "automaton", "--timeout", "1", "--json", tmp_path / "out.json")

@@ -74,6 +74,7 @@ def test_the_action_installs_from_its_own_folder(tmp_path: Path) -> None:
 
 
 def test_good_trees_pass_and_leave_reports(repository: Path) -> None:
+    pytest.importorskip("spot")
     checked = run_step("Check the trees", repository)
     assert (checked.returncode, checked.stdout) == (0, ""), checked.stderr
     compared = run_step("Cross-check the trees", repository, semantics="strict,scattered")
@@ -118,6 +119,7 @@ def hook(name: str, folder: Path, *files: str) -> subprocess.CompletedProcess[st
 
 @pytest.mark.parametrize("name", ["rvaft-check", "rvaft-cross-check"])
 def test_hooks(name: str, repository: Path) -> None:
+    pytest.importorskip("spot")
     (repository / "bad.rvaft").write_text(BAD)
     good = ("top.rvaft", "models/deep/good tree.rvaft", "README.md")
     assert hook(name, repository, *good).returncode == 0

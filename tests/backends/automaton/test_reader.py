@@ -215,6 +215,7 @@ def test_without_spot_the_error_says_what_to_install(tmp_path: Path) -> None:
 
 
 def test_a_guard_that_its_pattern_does_not_bind_never_holds() -> None:
+    pytest.importorskip("spot")
     tree = loads("toplevel r; r sand a b; a; b;")
     text = AutomatonBackend().translate(tree, Semantics.PROJECTED).text
     odd = text.replace('alphabet: "', 'alphabet: "{ v: V }" "W < 250"\nalphabet: "', 1)

@@ -1,10 +1,12 @@
 """The wheel, installed into a fresh environment outside the checkout, does its work there."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,3 +48,29 @@ def test_nothing_of_the_checkout_is_needed(installed: Path) -> None:
     done = run(installed / "venv/bin/python", "-c", where, cwd=installed)
     assert done.returncode == 0, done.stderr
     assert str(ROOT) not in done.stdout
+
+
+def test_the_gates_are_compared_there(installed: Path) -> None:
+    """The trees of the run without arguments come with the package."""
+    done = run(installed / "venv/bin/rvaft", "cross-check", "--backends", "rml", "--semantics", "strict", cwd=installed)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "no disagreement" in done.stdout
+
+
+def test_the_action_installs_the_package(installed: Path) -> None:
+    """The command of `action.yml`, in an environment that has the dependencies already."""
+    steps = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))["runs"]["steps"]
+    (install,) = [step["run"] for step in steps if step.get("name") == "Install rvaft"]
+    venv = installed / "venv" / "bin"
+    assert run(venv / "python", "-m", "pip", "uninstall", "--yes", "--quiet", "rvaft", cwd=installed).returncode == 0
+    done = subprocess.run(
+        ["bash", "-eo", "pipefail", "-c", install],
+        env={**os.environ, "PATH": f"{venv}{os.pathsep}{os.environ['PATH']}", "RVAFT_SOURCE": str(ROOT)},
+        cwd=installed,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert run(venv / "rvaft", "--version", cwd=installed).returncode == 0

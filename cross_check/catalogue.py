@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Final
 
-from cross_check.comparison import Effort
+from cross_check.effort import Effort
 from rvaft.language import parse_guard
 from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On
 from rvaft.patterns import Literal, ObjectPattern, Variable

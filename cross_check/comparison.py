@@ -5,56 +5,26 @@ prefix is compared with that of the first participant: the reference, or where t
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
-from itertools import chain
-from random import Random
 from time import perf_counter
 from typing import Final
 
 from cross_check.deadline import Expired, within
-from cross_check.guided import NoTraceFound, disturbed, guided, with_constant
-from cross_check.letters import Letters, letters
-from cross_check.participants import Absent, Outside, Participant, literals
+from cross_check.effort import Effort
+from cross_check.participants import Absent, Outside, Participant
 from cross_check.product import explore
 from cross_check.results import Difference, Job, Result, Status
-from cross_check.sizes import least_events
-from cross_check.words import words as all_words
+from cross_check.trials import Trace, Trials, letters_of
 from rvaft.backend import Observed
 from rvaft.errors import NotExpressible, RvaftError, TooLarge
-from rvaft.random_traces import random_trace
 from rvaft.restrict import restrict
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Verdict
 
-SHORTEST: Final = 8
-"""Traces are at least so long, unless a length is asked for."""
-LONGEST: Final = 500
-"""And at most so long."""
-
-Trace = Sequence[Json]
 Enlist = Callable[[], Participant | Outside | Absent]
-
-
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """How hard to look.
-
-    `states` bounds the combinations of states of a proof (0: prove nothing), `words` the events in the enumerated traces,
-    `traces` is the number of random ones, `length` their greatest length (None: enough for a detection); with `recheck` what is
-    proved runs them too. `seconds` bounds each translation, each proof and each participant's run of the traces.
-    """
-
-    states: int = 20_000
-    words: int = 2_000
-    traces: int = 20
-    recheck: bool = True
-    length: int | None = None
-    seconds: float | None = None
-    seed: str = "0"
 
 
 @dataclass(slots=True)
@@ -168,9 +138,9 @@ class Comparison:
         unknown = "what it observes is not known"
         try:
             with within(self.effort.seconds):
-                if not _letters(known).gap:
+                if not letters_of(known).gap:
                     return ["" if row.observed is not None else unknown for row in present]
-                return [unknown if row.observed is None else _letters([row.observed]).gap for row in present]
+                return [unknown if row.observed is None else letters_of([row.observed]).gap for row in present]
         except Expired:
             return ["no letters within the time limit"] * len(present)
         except TooLarge as error:
@@ -180,7 +150,7 @@ class Comparison:
         participants = [row.participant for row in able if row.participant is not None]
         try:
             with within(self.effort.seconds):
-                alphabet = _letters(row.observed or () for row in able)
+                alphabet = letters_of(row.observed or () for row in able)
                 found = explore(participants, alphabet.events, limit=self.effort.states)
         except (Expired, TooLarge) as stopped:
             why = (
@@ -208,7 +178,7 @@ class Comparison:
         baseline, *others = self._present
         outside = [row for row in self.rows if row.outside is not None]
         unproved = bool(outside) or any(row.status is None for row in others)
-        traces = list(self._traces(words=unproved)) if unproved or self.effort.recheck else []
+        traces = list(self._trials().traces(words=unproved)) if unproved or self.effort.recheck else []
         expected = self._runs(baseline, traces)
         if expected is None:
             return False
@@ -274,53 +244,10 @@ class Comparison:
         if not row.runs:
             row.status, row.why = Status.COULD_NOT_RUN, f"all traces are masked: {', '.join(row.masks)}"
 
-    def _traces(self, *, words: bool) -> Iterator[Trace]:
-        """All words up to some length over the letters, where something was not proved, and random traces."""
+    def _trials(self) -> Trials:
         part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
-        longest = self.effort.length or max(SHORTEST, min(least_events(part) + 2, LONGEST))
-        if words:
-            alphabet = self._alphabet()
-            length, many = 0, 1
-            while many * len(alphabet) * (length + 1) <= self.effort.words and length < longest:
-                length, many = length + 1, many * len(alphabet)
-            yield from all_words(alphabet, length) if length else ()
-        trees = [part, *(row.participant.tree for row in self._present if row.participant and row.participant.tree)]
-        seed = f"{self.effort.seed} {self.job.title} {self.job.semantics}"
-        random = Random(seed.encode(errors="surrogateescape"))  # noqa: S311 (no secret)
-        values, constants = self._values(trees)
-        for number in range(self.effort.traces):
-            tree = trees[number // 4 % len(trees)]
-            trace = None if number % 4 == 0 else self._guided(random, tree, longest)
-            if trace is None:
-                yield random_trace(random, tree, max_length=min(longest, SHORTEST))
-            elif number % 4 == 1:
-                yield trace
-            elif number % 4 == 2:
-                yield disturbed(random, trace, tree, values)
-            else:
-                yield with_constant(random, trace, constants) or disturbed(random, trace, tree, values)
-
-    def _guided(self, random: Random, tree: RVAFT, longest: int) -> list[Json] | None:
-        """A trace that is led through a scenario, where one is found."""
-        try:
-            return guided(random, tree, self.job.semantics, longest=longest, attempts=5)
-        except NoTraceFound:
-            return None
-
-    def _values(self, trees: Sequence[RVAFT]) -> tuple[list[Json], list[Json]]:
-        """What all participants compare with: everything, and the constants of guards alone."""
-        questions = [question for row in self._present for question in row.observed or ()]
-        guards = [node.when for tree in trees for node in tree.top_down() if node.when is not None]
-        guards += [question.when for question in questions if question.when is not None]
-        values = [value for question in questions for value in literals(question.pattern)]
-        constants = [value for guard in guards for value in literals(guard)]
-        return values + constants, constants
-
-    def _alphabet(self) -> tuple[Json, ...]:
-        try:
-            return _letters(row.observed or () for row in self._present).events
-        except TooLarge:
-            return ({},)
+        participants = [row.participant for row in self._present if row.participant is not None]
+        return Trials(part, self.job, self.effort, participants)
 
     def _runs(self, row: _Row, traces: Sequence[Trace]) -> list[list[Verdict]] | None:
         """The verdicts after every prefix of every trace, or None where the participant fails."""
@@ -361,16 +288,6 @@ class Comparison:
             masked=row.masked,
             masks=tuple(sorted(row.masks)),
         )
-
-
-def _letters(observed: Iterable[Iterable[Observed]]) -> Letters:
-    """The letters of several participants together."""
-    return _remembered(frozenset(chain.from_iterable(observed)))
-
-
-@lru_cache(maxsize=16)
-def _remembered(questions: frozenset[Observed]) -> Letters:
-    return letters(sorted(questions, key=repr))
 
 
 def raised(error: Exception) -> RvaftError:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Final, TypeAlias
 
-from cross_check.comparison import Comparison, Effort, raised
+from cross_check.comparison import Comparison, raised
+from cross_check.effort import Effort
 from cross_check.results import Job, Result, Status
 from cross_check.roster import Roster
 from rvaft.tree import RVAFT

@@ -13,7 +13,7 @@ import click
 from cross_check.against import handwritten, is_specification
 from cross_check.campaign import MAX_NODES, campaign
 from cross_check.catalogue import EFFORT, Entry, catalogue
-from cross_check.comparison import Effort
+from cross_check.effort import Effort
 from cross_check.results import Job, exit_status
 from cross_check.roster import PATIENCE, Roster
 from cross_check.runs import Task

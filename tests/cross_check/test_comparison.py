@@ -5,7 +5,8 @@ from collections.abc import Callable, Hashable, Sequence
 import pytest
 
 from cross_check.against import Handwritten
-from cross_check.comparison import Comparison, Effort, Enlist
+from cross_check.comparison import Comparison, Enlist
+from cross_check.effort import Effort
 from cross_check.participants import Absent, Answer, Outside, Participant, observed_by, reference_of
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.roster import Roster

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pytest
 
 from cross_check.bogus import shrunk, verdicts
-from cross_check.comparison import Effort
+from cross_check.effort import Effort
 from cross_check.results import Job, Status
 from cross_check.roster import Roster
 from cross_check.runs import Task

@@ -8,8 +8,8 @@ import pytest
 
 from cross_check.campaign import campaign
 from cross_check.catalogue import catalogue
-from cross_check.comparison import Effort
 from cross_check.deadline import Expired, within
+from cross_check.effort import Effort
 from cross_check.results import Job, Result, Status
 from cross_check.roster import Roster
 from cross_check.runs import Task, run

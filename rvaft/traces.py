@@ -17,6 +17,7 @@ from itertools import count
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
 
+from rvaft.compressed import SUFFIXES, damage, opened
 from rvaft.errors import TraceError
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.tree import RVAFT
@@ -77,12 +78,14 @@ def reads_of(tree: RVAFT) -> Reads:
 def read(source: Source, *, name: str | None = None, reads: Reads | None = None) -> Iterator[dict[str, Json]]:
     """The events of a trace in turn; raises `TraceError`, and `OSError` for a file that cannot be opened.
 
+    A file named `.gz` or `.zst` is decompressed; for `.zst` without the package `zstandard` that is `ToolMissing`.
+
     `source` is a path or a binary stream; `name` stands for it in errors. Without `reads` a
     repeated key is refused wherever it is.
     """
     if isinstance(source, (str, os.PathLike)):
         file = name or os.fspath(source)
-        with Path(source).open("rb") as stream:
+        with opened(Path(source)) as stream:
             yield from _events(_lines(stream, file), file, reads)
     else:
         file = name or "<trace>"
@@ -117,11 +120,13 @@ def decode(line: bytes, *, reads: Reads | None = None) -> dict[str, Json]:
 
 
 def _lines(stream: BinaryIO, file: str) -> Iterator[bytes]:
+    damaged: tuple[type[Exception], ...] = (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
     for number in count(1):
         try:
             line = stream.readline(MAX_LINE + 1)
-        except OSError as error:
-            raise TraceError(f"cannot be read: {error.strerror or error}", file=file, line=number) from error
+        except damaged as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise TraceError(f"cannot be read: {reason}", file=file, line=number) from error
         if not line:
             return
         yield line

@@ -21,6 +21,7 @@ _COMMANDS: Final = {
     "emit": "Write a specification of a tree.",
     "monitor": "Watch events for a tree and give verdicts.",
     "traces": "Write example logs for a tree.",
+    "serve": "Answer ROSMonitoring over WebSocket.",
     "cross-check": "Compare the specifications of trees.",
     "backends": "List the specification languages.",
     "explain": "Explain what a finding means.",

@@ -1,0 +1,336 @@
+"""The server: connections that share nothing, or one state; clients that misbehave; whom it lets in."""
+
+import asyncio
+import json
+import socket
+import sys
+from collections.abc import Awaitable, Callable
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rvaft import ToolMissing, Verdict, monitor
+from rvaft.serving.origins import allowed
+from rvaft.serving.protocol import Vocabulary, protocol
+from rvaft.serving.server import Address, serve
+from rvaft.serving.session import Session, session
+from rvaft.traces import decode
+from tests.serving.clients import SEQUENCE, A, B, asked, connected, served, websockets
+from tests.serving.messages import BROKEN
+
+MANY: Final = 200
+UPGRADE: Final = (
+    "GET / HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n{more}\r\n"
+)
+
+
+def endpoint(url: str) -> tuple[str, int]:
+    parts = urlsplit(url)
+    assert parts.hostname is not None
+    assert parts.port is not None
+    return parts.hostname, parts.port
+
+
+async def opened(url: str, *, more: str = "") -> tuple[asyncio.StreamReader, asyncio.StreamWriter, str]:
+    """A connection by hand and the first line of the answer to its handshake."""
+    reader, writer = await asyncio.open_connection(*endpoint(url))
+    writer.write(UPGRADE.format(host=urlsplit(url).netloc, more=more).encode())
+    head = await reader.readuntil(b"\r\n\r\n")
+    return reader, writer, head.decode().splitlines()[0]
+
+
+def test_a_conversation() -> None:
+    async def scenario() -> None:
+        async with served() as url:
+            assert url.startswith("ws://127.0.0.1:")
+            async with connected(url) as connection:
+                first, second = await asked(connection, A, json.dumps(B).encode())
+        assert first == {**A, "verdict": "currently_true"}
+        assert (second["verdict"], second["branch"], second["kinds"]) == (False, 1, ["attack", "fault"])
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_state_per_connection_or_one_for_all(shared: bool) -> None:
+    async def scenario() -> None:
+        async with served(shared=shared) as url:
+            async with connected(url) as one, connected(url) as other:
+                await asked(one, A)
+                (reply,) = await asked(other, B)
+                assert reply["verdict"] is not shared
+            async with connected(url) as later:
+                (reply,) = await asked(later, {})
+                assert reply["verdict"] == (False if shared else "currently_true")
+
+    asyncio.run(scenario())
+
+
+def test_many_connections_at_once() -> None:
+    async def client(url: str, number: int, ready: asyncio.Barrier) -> None:
+        async with connected(url) as connection:
+            await ready.wait()
+            for event, verdict in (
+                [(A, "currently_true"), (B, False)] if number % 2 else [(A, "currently_true"), (A, True)]
+            ):
+                (reply,) = await asked(connection, {**event, "number": number})
+                assert (reply["number"], reply["verdict"]) == (number, verdict)
+
+    async def scenario() -> None:
+        async with served() as url:
+            ready = asyncio.Barrier(MANY)
+            await asyncio.gather(*(client(url, number, ready) for number in range(MANY)))
+
+    asyncio.run(scenario())
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(
+        st.sampled_from([json.dumps(A), json.dumps(B), json.dumps(A).encode(), "{}", *BROKEN])
+        | st.binary(max_size=8)
+        | st.text(max_size=8),
+        max_size=12,
+    ),
+    st.booleans(),
+)
+def test_any_messages_get_the_verdicts_of_the_monitor_on_the_events_among_them(
+    messages: list[str | bytes], late: bool
+) -> None:
+    """Also when the client sends them all before it reads a reply."""
+
+    async def scenario() -> list[Any]:
+        async with served(vocabulary=Vocabulary.STRINGS) as url, connected(url) as connection:
+            if not late:
+                return await asked(connection, *messages)
+            sending = asyncio.create_task(send_all(connection, messages))
+            replies = [json.loads(await connection.recv()) for _ in messages]
+            await sending
+            return replies
+
+    replies = asyncio.run(scenario())
+    alone = monitor(SEQUENCE)
+    words = {Verdict.TRUE: "false", Verdict.UNKNOWN: "currently_true", Verdict.FALSE: "true"}
+    for message, reply in zip(messages, replies, strict=True):
+        try:
+            alone.step(decode(message.encode() if isinstance(message, str) else message))
+        except ValueError:
+            assert "error" in reply
+        assert reply["verdict"] == words[alone.verdict]
+
+
+async def send_all(connection: Any, messages: list[str | bytes]) -> None:
+    for message in messages:
+        await connection.send(message)
+
+
+# -- clients that misbehave --------------------------------------------------------------------------------------------
+
+
+async def vanish_in_a_message(url: str) -> None:
+    _, writer, status = await opened(url)
+    assert "101" in status
+    writer.write(b"\x81\xfe\x10\x00\x00\x00\x00\x00" + b'{"event": "b"}')  # 4096 bytes are announced
+    await writer.drain()
+    writer.transport.abort()
+
+
+async def vanish_before_the_reply(url: str) -> None:
+    _, writer, _ = await opened(url)
+    payload = b'{"event": "c"}'
+    writer.write(b"\x81" + bytes([0x80 | len(payload)]) + bytes(4) + payload)
+    await writer.drain()
+    writer.transport.abort()
+
+
+async def break_the_protocol(url: str) -> None:
+    reader, writer, _ = await opened(url)
+    writer.write(b"\xff" * 64)
+    assert (await asyncio.wait_for(reader.read(), 20))[:1] in (b"\x88", b"")
+    writer.close()
+
+
+async def send_text_that_is_none(url: str) -> None:
+    reader, writer, _ = await opened(url)
+    writer.write(b"\x81\x82\x00\x00\x00\x00\xff\xff")
+    assert b"\x03\xef" in await asyncio.wait_for(reader.read(), 20)  # 1007, as RFC 6455 has it
+    writer.close()
+
+
+async def speak_something_else(url: str) -> None:
+    reader, writer = await asyncio.open_connection(*endpoint(url))
+    writer.write(b"\x16\x03\x01 hello\r\n\r\n")
+    await asyncio.wait_for(reader.read(), 20)
+    writer.close()
+
+
+async def send_far_too_much(url: str) -> None:
+    async with connected(url) as connection:
+        with pytest.raises(websockets.ConnectionClosedError) as closed:
+            await asked(connection, " " * 100_000)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1009
+
+
+@pytest.mark.parametrize(
+    "misbehave",
+    [
+        vanish_in_a_message,
+        vanish_before_the_reply,
+        break_the_protocol,
+        send_text_that_is_none,
+        speak_something_else,
+        send_far_too_much,
+    ],
+)
+@pytest.mark.parametrize("shared", [False, True])
+def test_what_one_client_does_costs_the_others_nothing(
+    misbehave: Callable[[str], Awaitable[None]], shared: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async def scenario() -> None:
+        async with served(shared=shared, longest=1000) as url, connected(url) as connection:
+            await asked(connection, A)
+            await misbehave(url)
+            await asyncio.sleep(0.05)
+            (reply,) = await asked(connection, B)
+            assert reply["verdict"] is False
+        assert capfd.readouterr() == ("", "")
+
+    asyncio.run(scenario())
+
+
+def test_a_message_that_is_too_long_ends_nothing() -> None:
+    async def scenario() -> None:
+        async with served(longest=1000) as url, connected(url) as connection:
+            _, error, last = await asked(connection, A, {"x": "y" * 10_000}, B)
+        assert error["error"].startswith("a message of 100")
+        assert error["verdict"] == "currently_true"
+        assert last["verdict"] is False
+
+    asyncio.run(scenario())
+
+
+def test_a_client_that_never_reads_is_left_behind_when_the_server_stops() -> None:
+    async def scenario() -> None:
+        async with served() as url, connected(url) as connection:
+            _, writer, _ = await opened(url)
+            event = json.dumps({"x": "y" * 60_000}).encode()
+            frame = b"\x81\xfe" + len(event).to_bytes(2, "big") + bytes(4) + event
+            for _ in range(300):
+                writer.write(frame)
+            await asyncio.sleep(0.2)
+            (reply,) = await asked(connection, A)
+            assert reply["verdict"] == "currently_true"
+        writer.transport.abort()
+
+    asyncio.run(asyncio.wait_for(scenario(), 30))
+
+
+def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.LogCaptureFixture) -> None:
+    class Defective(Session):
+        def read(self, event: object) -> None:
+            raise ZeroDivisionError(f"no way with {event}")
+
+    async def scenario() -> None:
+        stop, url = asyncio.Event(), asyncio.get_running_loop().create_future()
+        good = session(SEQUENCE)
+        sessions = iter([Defective(good.whole, {}), good])
+        running = asyncio.create_task(
+            serve(protocol(SEQUENCE), lambda: next(sessions), stop, address=Address(port=0), listening=url.set_result)
+        )
+        async with connected(await url) as bad:
+            with pytest.raises(websockets.ConnectionClosedError):
+                await asked(bad, A)
+        async with connected(await url) as fine:
+            await asked(fine, A)
+        stop.set()
+        await running
+
+    asyncio.run(scenario())
+    said = [record.getMessage() for record in caplog.records if record.name == "rvaft.serving"]
+    assert said == ["rvaft: error: a defect in rvaft ended a connection: ZeroDivisionError: no way with {'event': 'a'}"]
+
+
+# -- who is let in -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("more", "status"),
+    [
+        ("", "101"),
+        ("Origin: http://{host}\r\n", "101"),
+        ("Origin: https://dashboard.example\r\n", "101"),
+        ("Origin: http://evil.example\r\n", "403"),
+        ("Origin: null\r\n", "403"),
+        ("Origin: http://{host}.evil.example\r\n", "403"),
+        ("Origin: http://{host}\r\nOrigin: http://evil.example\r\n", "403"),
+    ],
+)
+def test_an_origin_that_is_not_allowed_is_refused(more: str, status: str) -> None:
+    async def scenario() -> None:
+        async with served(origins=["https://dashboard.example"]) as url:
+            _, writer, line = await opened(url, more=more.format(host=urlsplit(url).netloc))
+            writer.transport.abort()
+        assert status in line
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "taken"),
+    [
+        ("http://127.0.0.1:8080", "127.0.0.1:8080", True),
+        ("http://127.0.0.1", "127.0.0.1", True),
+        ("http://localhost:8080", "localhost:8080", True),
+        ("http://[::1]:8080", "[::1]:8080", True),
+        ("http://10.0.0.5:8080", "10.0.0.5:8080", True),
+        ("http://127.0.0.1:8000", "127.0.0.1:8080", False),
+        ("http://rebound.example:8080", "rebound.example:8080", False),
+        ("http://[::1", "[::1", False),
+        ("http://", "", False),
+        ("http://127.0.0.1:8080", None, False),
+    ],
+)
+def test_only_an_address_vouches_for_itself(origin: str, host: str | None, taken: bool) -> None:
+    assert allowed([origin], host, ()) is taken
+    assert allowed([origin], host, (origin,))
+
+
+def test_the_server_is_reached_from_this_machine_alone() -> None:
+    async def scenario() -> None:
+        async with served() as url:
+            _, port = endpoint(url)
+            with pytest.raises(OSError):  # noqa: PT011 -- refused or unreachable, as the system has it
+                await asyncio.open_connection("127.0.0.2", port)
+
+    asyncio.run(scenario())
+
+
+# -- where it cannot serve ---------------------------------------------------------------------------------------------
+
+
+async def nobody(address: Address) -> None:
+    await serve(protocol(SEQUENCE), lambda: session(SEQUENCE), asyncio.Event(), address=address)
+
+
+def test_a_port_in_use() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(OSError, match="the port is in use: choose another with --port") as caught:
+            asyncio.run(nobody(Address(port=port)))
+    assert caught.value.filename == f"ws://127.0.0.1:{port}"
+
+
+def test_an_address_of_another_machine() -> None:
+    with pytest.raises(OSError, match="choose another --host"):
+        asyncio.run(nobody(Address(host="192.0.2.1")))
+
+
+def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
+    with pytest.raises(ToolMissing, match=r"pip install 'rvaft\[ros\]'"):
+        asyncio.run(nobody(Address(port=0)))

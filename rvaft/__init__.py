@@ -26,17 +26,20 @@ if TYPE_CHECKING:
     from rvaft.findings import Finding, Severity
     from rvaft.language import dumps, load, loads
     from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On
-    from rvaft.monitors import Explanation, Monitor
+    from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending
     from rvaft.tree import RVAFT
     from rvaft.verdict import Semantics, Verdict
+    from rvaft.watching import on_detection, watch
 
     __version__: str
 
 __all__ = [
     "RVAFT",
+    "Awaited",
     "Backend",
     "Branch",
     "Causality",
+    "Ended",
     "EventType",
     "Explanation",
     "Finding",
@@ -50,6 +53,7 @@ __all__ = [
     "NotExpressible",
     "On",
     "OptionError",
+    "Pending",
     "RvaftError",
     "Semantics",
     "Severity",
@@ -68,7 +72,9 @@ __all__ = [
     "load",
     "loads",
     "monitor",
+    "on_detection",
     "translate",
+    "watch",
 ]
 
 _NAMES: Final = {
@@ -90,9 +96,10 @@ _NAMES: Final = {
     "rvaft.findings": ("Finding", "Severity"),
     "rvaft.language": ("dumps", "load", "loads"),
     "rvaft.model": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On"),
-    "rvaft.monitors": ("Explanation", "Monitor"),
+    "rvaft.monitors": ("Awaited", "Ended", "Explanation", "Monitor", "Pending"),
     "rvaft.tree": ("RVAFT",),
     "rvaft.verdict": ("Semantics", "Verdict"),
+    "rvaft.watching": ("on_detection", "watch"),
 }
 _MODULE_OF: Final = {name: module for module, names in _NAMES.items() for name in names}
 

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 from rvaft.errors import TraceError
 from rvaft.model import Kind
@@ -24,6 +24,39 @@ class Explanation:
     kinds: frozenset[Kind]
     matched: Mapping[str, int]
     variables: Mapping[str, Json]
+
+
+@dataclass(frozen=True, slots=True)
+class Awaited:
+    """A node that waits for its event; `event` is that as text: `inspect(Waypoint)`, or the node's name for the default event."""
+
+    node: str
+    event: str
+
+
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """What a live branch waits for: any of these nodes' events may come next.
+
+    `variables` holds the values that the events so far gave to variables that something to come depends on; a branch has one record
+    for each way to bind them. `branch` is None where a tree has too many branches to count, for all of them together.
+    """
+
+    branch: int | None
+    awaited: tuple[Awaited, ...]
+    variables: Mapping[str, Json]
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How the last hope of a detection ended: the number of the event, from 1, and what was waited for just before it."""
+
+    event: int
+    pending: tuple[Pending, ...]
+
+
+DEFAULT_BRANCHES: Final = 100
+"""How many branches are told apart in what is waited for."""
 
 
 class Monitor(ABC):
@@ -71,4 +104,16 @@ class Monitor(ABC):
     @property
     def explanation(self) -> Explanation | None:
         """After ⊤, one match, where the monitor knows the tree; else None."""
+        return None
+
+    def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:  # noqa: ARG002 (a subclass uses it)
+        """Before a final verdict, what each live branch waits for, where the monitor knows the tree; else nothing.
+
+        Beyond `limit` branches all are taken together.
+        """
+        return ()
+
+    @property
+    def ended(self) -> Ended | None:
+        """After ⊥, the event that ended the last hope, where the monitor knows the tree; else None."""
         return None

@@ -57,6 +57,10 @@ class Core:
         """Resolutions whose occurrences are exactly those taken; some, if there are any."""
         return self._search.resolutions(configuration, complete=True)
 
+    def possible(self, configuration: Configuration) -> bool:
+        """Whether what is taken is all or a part of some feasible scenario, guards that are open left aside."""
+        return next(self._search.resolutions(configuration, complete=False), None) is not None
+
     def _unfinished(self, configuration: Configuration) -> Iterator[int]:
         """What remains in resolutions that have what is taken as a part.
 

@@ -9,7 +9,7 @@ node starts and completes at most once, so the total work is linear in the tree,
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
-from typing import Self
+from typing import Any, Self
 
 from rvaft.engine.letters import Letters
 from rvaft.engine.log import Log
@@ -67,6 +67,32 @@ class Run:
                 first = self.plan.top_down and self.plan.gates[node] is not None
                 agenda.append(("inside" if first else "complete", node))
         self._settle(agenda)
+
+    def awaited(self) -> list[int]:
+        """The listening nodes whose event brings something above them nearer to being complete; none if the root cannot be."""
+        able: set[int] = set()
+        for node in range(len(self.plan.names) - 1, -1, -1):
+            count = sum(child in able for child in self._kept(node))
+            if count >= self.plan.least(node) and not self.plan.dead >> node & 1:
+                able.add(node)
+        found: list[int] = []
+        agenda, seen = [self.plan.root], {self.plan.root}
+        while agenda:
+            node = agenda.pop()
+            if node not in able or node in self._done:
+                continue
+            if node in self.listening:
+                found.append(node)
+                continue  # below it nothing has begun, or nothing is left to do
+            new = [child for child in self._kept(node) if child not in seen]
+            seen.update(new)
+            agenda.extend(new)
+        return found
+
+    def _kept(self, node: int) -> tuple[int, ...]:
+        """The children of a node, of an `or` with a choice only that."""
+        children = self.plan.children[node]
+        return tuple(child for child in children if self.choices.get(node, child) == child)
 
     def scenario(self) -> Iterator[tuple[int, tuple[int, ...]]]:
         """The nodes of the scenario that was matched, with the children they keep."""
@@ -172,6 +198,19 @@ class Earliest:
         """Equal states have equal futures: what has started and is complete follows from what has fired."""
         return frozenset(self.run.fired)
 
+    def snapshot(self) -> object:
+        """What `restore` needs to bring a fresh strategy of the same tree into this state."""
+        log = None if self._log is None else _without_tree(self._log.fork())
+        waiting = {letter: dict(nodes) for letter, nodes in self._waiting.items()}
+        return _without_tree(self.run.fork()), log, waiting
+
+    def restore(self, snapshot: Any) -> None:
+        """Take over a snapshot."""
+        run, log, self._waiting = snapshot
+        vars(self.run).update(run)
+        if self._log is not None:
+            vars(self._log).update(log)
+
     def advance(self, event: Json, position: int) -> Verdict:
         """The verdict after one more event."""
         if not self._empty_match:
@@ -206,9 +245,19 @@ class Earliest:
 
     def match(self, choices: Mapping[int, int]) -> Run | None:
         """The run in which each `or` keeps the child chosen for it, if it detects too."""
-        if self._log is None:
+        run = self.run_under(choices)
+        return run if self._log is None or run.detected else None
+
+    def run_under(self, choices: Mapping[int, int]) -> Run:
+        """The run in which each `or` keeps the child chosen for it."""
+        if self._log is None or not choices:
             return self.run
         run = Run(self.plan, self.starts, choices)
         for entry in self._log.entries:
             run.fire(entry.served, entry.position)
-        return run if run.detected else None
+        return run
+
+
+def _without_tree(part: Run | Log) -> dict[str, Any]:
+    """What changes in a run or a log."""
+    return {name: value for name, value in vars(part).items() if name not in {"plan", "starts"}}

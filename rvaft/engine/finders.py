@@ -65,13 +65,11 @@ class FollowedMatches:
 
     def find(self, choices: Mapping[str, str]) -> Found | None:
         """A match under choices."""
-        kept = _narrowed(self.tree, choices)
+        kept = _kept_nodes(self.tree, choices)
         fitting = [steps for steps in self.matches if all(step.node in kept for step in steps)]
         if not fitting:
             return None
-        nodes = [replace(self.tree.nodes[name], children=children) for name, children in kept.items()]
-        narrowed = RVAFT(self.tree.root, nodes, self.tree.events.values(), causality=self.tree.causality)
-        matching = Matching(plan_of(narrowed), limit=self.strategy.limit)
+        matching = Matching(plan_of(narrowed(self.tree, choices)), limit=self.strategy.limit)
         for steps in fitting:
             configuration = _replay(matching, steps)
             if configuration is not None:
@@ -88,7 +86,13 @@ class FollowedMatches:
         return not touched or number[child] in touched
 
 
-def _narrowed(tree: RVAFT, choices: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+def narrowed(tree: RVAFT, choices: Mapping[str, str]) -> RVAFT:
+    """The tree whose scenarios are those that keep the children chosen; its alphabet is its own."""
+    nodes = [replace(tree.nodes[name], children=children) for name, children in _kept_nodes(tree, choices).items()]
+    return RVAFT(tree.root, nodes, tree.events.values(), causality=tree.causality)
+
+
+def _kept_nodes(tree: RVAFT, choices: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
     """The nodes that are reachable under choices, each with its children."""
     kept: dict[str, tuple[str, ...]] = {}
     agenda = [tree.root]
@@ -103,10 +107,7 @@ def _narrowed(tree: RVAFT, choices: Mapping[str, str]) -> dict[str, tuple[str, .
 def _replay(matching: Matching, steps: Iterable[Step]) -> Configuration | None:
     """The configuration after taking the steps in order, if it is a match."""
     number = {name: node for node, name in enumerate(matching.plan.names)}
-    configuration: Configuration | None = matching.start()
-    for step in steps:
-        if configuration is not None:
-            configuration = matching.extended(configuration, number[step.node], step.values, step.position, reuse=True)
+    configuration = matching.replayed((number[step.node], step.values, step.position) for step in steps)
     return configuration if configuration is not None and matching.standing(configuration)[0] else None
 
 
@@ -152,6 +153,11 @@ class EarliestMatches:
         """A match under choices."""
         run = self.strategy.match(dict(self._choices(choices)))
         return None if run is None else self._found(run)
+
+    def awaited(self, choices: Mapping[str, str]) -> list[str]:
+        """The nodes of the whole tree that wait for their event under choices; none where the branch is infeasible."""
+        run = self.strategy.run_under(dict(self._choices(choices)))
+        return [self._names[node] for node in run.awaited()]
 
     def possible(self, gate: str, child: str) -> bool:
         """What events never came decides; the first child also stands for not reaching the gate."""

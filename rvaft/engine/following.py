@@ -2,12 +2,13 @@
 
 from collections.abc import Hashable
 from copy import copy
-from typing import Self
+from typing import Any, Self
 
 from rvaft.engine.commitment import commits
 from rvaft.engine.configuration import Configuration
 from rvaft.engine.letters import Letters
 from rvaft.engine.matching import Matching
+from rvaft.engine.packing import packed, unpacked
 from rvaft.engine.plan import Plan
 from rvaft.errors import TooLarge
 from rvaft.values import Json
@@ -25,6 +26,8 @@ class Following:
         self.letters = letters
         self.matches: list[Configuration] = []
         """After detection, the configurations that are matches."""
+        self.lost: list[Configuration] = []
+        """After ⊥, the configurations before the event that ended them; a step of theirs may belong to that event."""
         start = self.matching.start()
         self._empty_match, alive = self.matching.standing(start)
         self._configurations: dict[Hashable, Configuration] = {start.key: start} if alive else {}
@@ -40,6 +43,20 @@ class Following:
     def state(self) -> Hashable:
         """Equal states have equal futures."""
         return frozenset(self._configurations)
+
+    @property
+    def partial(self) -> list[Configuration]:
+        """The partial matches that are followed."""
+        return list(self._configurations.values())
+
+    def snapshot(self) -> object:
+        """What `restore` needs to bring a fresh strategy of the same tree into this state."""
+        return packed((self.fork().partial, self.matches, self.lost))
+
+    def restore(self, snapshot: Any) -> None:
+        """Take over a snapshot."""
+        partial, self.matches, self.lost = unpacked(snapshot)
+        self._configurations = {configuration.key: configuration for configuration in partial}
 
     def advance(self, event: Json, position: int) -> Verdict:
         """The verdict after one more event."""
@@ -67,6 +84,8 @@ class Following:
         if self.matches:
             self._configurations = {}
             return Verdict.TRUE
+        if not found:
+            self.lost = self.partial
         self._configurations = found
         return self._verdict()
 

@@ -1,6 +1,6 @@
 """From one configuration to the next: an occurrence takes an event."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.core import Core
@@ -51,6 +51,23 @@ class Matching:
         self._forget(new)
         new.witness = Witness(configuration.witness, node, position, dict(values))
         return new if any(self.standing(new)) else None
+
+    def replayed(self, steps: Iterable[tuple[int, Mapping[str, Json], int]]) -> Configuration | None:
+        """The configuration after these nodes took their events, each with values and position, or None where none is left."""
+        configuration: Configuration | None = self.start()
+        for node, values, position in steps:
+            if configuration is not None:
+                configuration = self.extended(configuration, node, values, position, reuse=True)
+        return configuration if configuration is not None and any(self.standing(configuration)) else None
+
+    def admits(self, configuration: Configuration, node: int) -> bool:
+        """Whether a node's event could come next, whatever its values."""
+        if configuration.taken >> node & 1:
+            return False
+        new = configuration.copy()
+        if self.plan.core:
+            new.inversions |= self.core.inverted(configuration, node)
+        return self._take(new, node) and (not self.plan.core or self.core.possible(new))
 
     def _take(self, configuration: Configuration, node: int) -> bool:
         if node in self.core.members:

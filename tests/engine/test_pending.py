@@ -1,0 +1,287 @@
+"""What an engine says it waits for, held against the partial matches of the reference."""
+
+from collections.abc import Iterator
+from random import Random
+from typing import Any
+
+import pytest
+
+import rvaft
+from rvaft import language
+from rvaft.engine import Engine
+from rvaft.errors import TreeError
+from rvaft.model import Kind
+from rvaft.monitors import Awaited, Ended, Pending
+from rvaft.random_traces import random_trace
+from rvaft.random_trees import Shape, random_tree
+from rvaft.restrict import restrict
+from rvaft.semantics import Reference, branches
+from rvaft.semantics.events import names, observe
+from rvaft.semantics.reference import Partial
+from rvaft.tree import RVAFT
+from rvaft.verdict import Verdict
+from tests.engine.checking import small_and_valid
+from tests.engine.dense import SHAPES, dense_trace, dense_tree
+from tests.engine.living import living_trace
+
+WILD = {
+    "any": Shape(),
+    "shared": Shape(sharing=0.6, variables=0.3),
+    "variables": Shape(sharing=0.1, variables=1, typed_events=0.9, guards=0.5),
+}
+
+
+def cases(shape: str, count: int) -> Iterator[tuple[Random, RVAFT, list[dict[str, Any]]]]:
+    """Random trees with a trace each."""
+    random = Random(f"pending {shape}")
+    while count:
+        tree = dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
+        if small_and_valid(tree):
+            count -= 1
+            yield random, tree, _trace(random, tree, shape)
+
+
+def _trace(random: Random, tree: RVAFT, shape: str) -> list[dict[str, Any]]:
+    """A trace that is alive for a while, whatever the semantics, and then goes on anyhow."""
+    if shape in SHAPES:
+        return [*living_trace(random, tree, shape, "strict", 4), *dense_trace(random, SHAPES[shape], 2)]
+    trace = random_trace(random, tree)
+    return [*trace[: random.randint(0, 3)], *random_trace(random, tree)[::-1]]
+
+
+def enabled(reference: Reference, partial: Partial) -> frozenset[str]:
+    """The occurrences that come next in a partial match."""
+    scenario = reference.scenarios[partial.scenario]
+    return frozenset(
+        name for name in scenario.occurrences - partial.assigned if scenario.before[name] <= partial.assigned
+    )
+
+
+def by_branch(pending: tuple[Pending, ...]) -> dict[int | None, set[str]]:
+    """The nodes that each branch waits for."""
+    found: dict[int | None, set[str]] = {}
+    for record in pending:
+        found.setdefault(record.branch, set()).update(awaited.node for awaited in record.awaited)
+    return found
+
+
+class References:
+    """A reference for every branch that the monitor of a tree looks at."""
+
+    def __init__(self, tree: RVAFT, semantics: str, kind: str | None) -> None:
+        self.by_branch: dict[int, Reference] = {}
+        for number, nodes in enumerate(branches(tree), 1):
+            if kind is None or any(tree.nodes[name].kind is Kind(kind) for name in nodes):
+                try:
+                    self.by_branch[number] = Reference(tree, semantics, branch=number)
+                except TreeError:
+                    continue  # the branch has no feasible scenario
+
+    def step(self, event: dict[str, Any]) -> None:
+        """Read an event in every branch."""
+        for reference in self.by_branch.values():
+            reference.step(event)
+
+    def expected(self) -> dict[int, set[str]]:
+        """The nodes that each branch waits for, by definition."""
+        found: dict[int, set[str]] = {}
+        for number, reference in self.by_branch.items():
+            for partial in reference._partials.values():
+                found.setdefault(number, set()).update(enabled(reference, partial))
+        return found
+
+    def check_variables(self, pending: tuple[Pending, ...]) -> None:
+        """Each record belongs to partial matches with these values; each partial match has a record."""
+        for record in pending:
+            assert record.branch is not None
+            reference = self.by_branch[record.branch]
+            fitting = [p for p in reference._partials.values() if agrees(record, p)]
+            waited = set().union(*(enabled(reference, partial) for partial in fitting))
+            assert {awaited.node for awaited in record.awaited} <= waited
+        for number, reference in self.by_branch.items():
+            for partial in reference._partials.values() if reference.semantics != "scattered" else ():
+                records = [r for r in pending if r.branch == number and agrees(r, partial)]
+                assert any(
+                    enabled(reference, partial) <= {awaited.node for awaited in record.awaited} for record in records
+                )
+
+
+def agrees(record: Pending, partial: Partial) -> bool:
+    """Whether a partial match has the values of a record."""
+    return all(name in partial.binding and partial.binding[name] == v for name, v in record.variables.items())
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, *WILD])
+@pytest.mark.parametrize("semantics", ["strict", "projected"])
+def test_pending_is_what_the_definition_says(shape: str, semantics: str) -> None:
+    compared = ended = 0
+    for random, tree, trace in cases(shape, 8 if shape in SHAPES else 16):
+        kind = random.choice([None, None, "fault"])
+        if kind is not None and not any(tree.nodes[n].kind is Kind(kind) for b in branches(tree) for n in b):
+            kind = None
+        references = References(tree, semantics, kind)
+        engine = Engine(restrict(tree, kind=kind), semantics)
+        before = engine.pending()
+        assert by_branch(before) == references.expected()
+        for position, event in enumerate(trace, 1):
+            engine.step(event)
+            references.step(event)
+            if engine.verdict.final:
+                assert engine.pending() == ()
+                expected = Ended(position, before) if engine.verdict is Verdict.FALSE else None
+                assert engine.ended == expected
+                ended += expected is not None
+                break
+            assert engine.ended is None
+            before = engine.pending()
+            assert by_branch(before) == references.expected(), trace[:position]
+            references.check_variables(before)
+            together = engine.pending(limit=0)
+            assert by_branch(together) == {None: set().union(*references.expected().values())}
+            compared += 1
+    assert compared
+    assert ended
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, *WILD])
+def test_scattered_waits_for_nothing_else_and_for_all_that_matters(shape: str) -> None:
+    """Partial matches that another can replace are not followed, so not all that the definition has is waited for.
+
+    But nothing that is not waited for changes what is waited for, and the last event of a match was waited for.
+    """
+    compared = passed = detected = 0
+    for _, tree, trace in cases(shape, 8 if shape in SHAPES else 16):
+        references = References(tree, "scattered", None)
+        engine = Engine(tree, "scattered")
+        for event in [*trace, *trace]:
+            pending = engine.pending()
+            waited, expected = by_branch(pending), references.expected()
+            assert set(waited) == set(expected)
+            for number in expected:
+                assert waited[number]
+                assert waited[number] <= expected[number]
+            references.check_variables(pending)
+            engine.step(event)
+            references.step(event)
+            if engine.verdict.final:
+                explanation = engine.explanation
+                assert explanation is not None
+                assert list(explanation.matched)[-1] in waited[explanation.branch]
+                detected += 1
+                break
+            compared += 1
+            nodes = set().union(*waited.values())
+            if not any(observe(tree, tree.nodes[name], event, {}) is not None for name in nodes):
+                passed += 1
+                assert engine.pending() == pending
+    assert compared
+    assert passed
+    assert detected
+
+
+def test_one_branch_alone() -> None:
+    for _, tree, trace in cases("variables", 15):
+        number = len(branches(tree))
+        try:
+            reference = Reference(tree, "strict", branch=number)
+        except TreeError:
+            continue
+        engine = Engine(restrict(tree, branch=number), "strict")
+        for event in trace:
+            waited = set().union(*(enabled(reference, p) for p in reference._partials.values()))
+            assert by_branch(engine.pending()) == ({number: waited} if waited else {})
+            reference.step(event)
+            if engine.step(event).final:
+                break
+
+
+def test_the_text_of_events_and_the_values_so_far() -> None:
+    tree = language.loads(
+        "event e(n, v) = { n: n, v: v }; top or x y; x sand a b; y sand a2 c; "
+        'a on e("a", V); b on e("b", V); a2 on e("a", _); c;'
+    )
+    engine = Engine(tree, "projected")
+    assert engine.pending() == (
+        Pending(1, (Awaited("a", 'e("a", V)'),), {}),
+        Pending(2, (Awaited("a2", 'e("a", _)'),), {}),
+    )
+    engine.step({"n": "a", "v": 7})
+    expected = (
+        Pending(1, (Awaited("b", 'e("b", V)'),), {"V": 7}),
+        Pending(2, (Awaited("c", "c"),), {}),
+    )
+    assert engine.pending() == expected
+    assert engine.step({"n": "b", "v": 8}) is Verdict.FALSE
+    assert engine.ended == Ended(2, expected)
+    assert engine.pending() == ()
+
+
+def test_what_is_complete_is_not_waited_for_under_scattered() -> None:
+    engine = Engine(language.loads("top sand v d; v 1of2 a b;"), "scattered")
+    engine.step({"event": "a"})
+    assert by_branch(engine.pending()) == {1: {"d"}}
+    engine = Engine(language.loads("top sand v d; v or a b;"), "scattered")
+    engine.step({"event": "a"})
+    assert by_branch(engine.pending()) == {1: {"d"}, 2: {"b"}}
+
+
+@pytest.mark.parametrize("choice", ["or", "1of2"])
+def test_an_order_that_is_broken_stays_broken(choice: str) -> None:
+    """After `t` alone `p` is out of the question, and `s` is in nothing else."""
+    engine = Engine(language.loads(f"top {choice} p q; p sand s t; q and t r;"), "strict")
+    engine.step({"event": "t"})
+    assert by_branch(engine.pending(limit=0)) == {None: {"r"}}
+
+
+def test_a_guard_that_waits_for_the_last_event_does_not_hide_it() -> None:
+    tree = language.loads(
+        "event n(v) = { n: v }; event w(v) = { w: v }; "
+        "top and p q g; p and a s; q and s b; a on n(X); b on w(Y); g when X != Y; s;"
+    )
+    engine = Engine(tree, "strict")
+    engine.step({"n": 1})
+    engine.step({"event": "s"})
+    assert engine.pending() == (Pending(1, (Awaited("b", "w(Y)"),), {"X": 1}),)
+
+
+def test_below_a_gate_that_waits_for_its_own_event_nothing_is_left() -> None:
+    tree = language.loads('causality bottom_up; event e(n) = { event: n }; top and v z; v 1of2 a b on e("v");')
+    engine = Engine(tree, "scattered")
+    engine.step({"event": "a"})
+    assert by_branch(engine.pending()) == {1: {"v", "z"}}
+
+
+def test_many_branches_are_taken_together() -> None:
+    gates = " ".join(f"g{n} or a{n} b{n};" for n in range(20))
+    tree = language.loads(f"top and {' '.join(f'g{n}' for n in range(20))}; {gates}")
+    for semantics in ("strict", "scattered"):
+        engine = Engine(tree, semantics)
+        engine.step({"event": "a3"})
+        (record,) = engine.pending()
+        assert record.branch is None
+        assert {"a2", "b2"} <= {awaited.node for awaited in record.awaited}
+        assert not {"a3", "b3"} & {awaited.node for awaited in record.awaited}
+
+
+def test_looking_changes_nothing() -> None:
+    for _, tree, trace in cases("shared", 8):
+        for semantics in ("strict", "projected", "scattered"):
+            looked, blind = Engine(tree, semantics), Engine(tree, semantics)
+            for event in trace:
+                looked.pending()
+                assert looked.step(event) == blind.step(event)
+                assert looked.state == blind.state
+
+
+def test_every_monitor_can_be_asked() -> None:
+    monitor = rvaft.translate(language.loads("top and a b;"), "rml").monitor()
+    assert monitor.pending() == ()
+    assert monitor.ended is None
+
+
+def test_names_of_guards_are_not_waited_for() -> None:
+    tree = language.loads("event n(v) = { v: v }; top sand a g b; a on n(X); g when X > 1; b;")
+    assert names(tree.nodes["g"].when) == {"X"}  # type: ignore[arg-type]
+    engine = Engine(tree, "strict")
+    engine.step({"v": 2})
+    assert engine.pending() == (Pending(1, (Awaited("b", "b"),), {}),)

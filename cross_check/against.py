@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from cross_check.participants import Absent, Participant, reference_of
-from rvaft.backend import all_backends, backend
-from rvaft.errors import LanguageError, OptionError, ToolFailed
+from rvaft.backend import all_backends, backend, speaking
+from rvaft.errors import LanguageError, OptionError
 from rvaft.language import dumps, loads
 from rvaft.patterns import Pattern
 from rvaft.tree import RVAFT
@@ -84,18 +84,8 @@ def _known() -> tuple[str, ...]:
 
 
 def _language(word: str) -> str | None:
-    """The name of what reads a language: its own, or that of the faithful backend whose language or suffix the word is."""
-    word = word.lower()
-    if word in _known():
-        return word
-    for name in all_backends():
-        try:
-            found = backend(name)
-        except ToolFailed:  # somebody else's; it is missed where it is asked for
-            continue
-        if found.faithful and word in (found.language, found.suffix.removeprefix(".")):
-            return name
-    return None
+    """The name of what reads a language: its own, or that of the backend whose language or suffix the word is."""
+    return word.lower() if word.lower() in _known() else speaking(word)
 
 
 def _check(found: Handwritten) -> None:

@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cross_check.cases import Case, Text, case_name, save
-from cross_check.participants import Absent, Outside, Participant
+from cross_check.participants import Absent, verdicts_of
 from cross_check.results import Job, Result
 from cross_check.roster import Roster
 from cross_check.runs import Task
 from cross_check.shrinking import shrink
-from rvaft.errors import RvaftError, ToolFailed
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Verdict
@@ -66,21 +65,6 @@ def verdicts(
             if isinstance(said, tuple):
                 found[name] = said
     return found
-
-
-def verdicts_of(participant: Participant | Outside | Absent, trace: Sequence[Json]) -> tuple[Verdict, ...] | RvaftError:
-    """What one participant says after every prefix, or why it says nothing."""
-    try:
-        match participant:
-            case Absent(error=error):
-                return error
-            case Outside(name=name):
-                (answer,) = participant.answers([trace])
-                return ToolFailed(name, reason=answer.error) if answer.verdicts is None else answer.verdicts
-            case Participant():
-                return tuple(participant.start().run(trace))
-    except RvaftError as error:
-        return error
 
 
 def keep(task: Task, result: Result, folder: Path) -> Path:

@@ -1,6 +1,6 @@
 """Who takes part in a comparison: the reference, the engine, and the text of each backend run by its own reader."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -137,21 +137,6 @@ def _renamed(guard: Guard, by: dict[str, Variable]) -> Guard:
             return guard
 
 
-def enlist(
-    tree: RVAFT,
-    semantics: Semantics,
-    *,
-    backends: Iterable[str] | None = None,
-    branch: int | None = None,
-    kind: Kind | None = None,
-) -> list[Participant | Absent]:
-    """The reference, the engine and the backends (all faithful ones unless named), for a tree or a part of it."""
-    part = restrict(tree, branch=branch, kind=kind)
-    names = faithful_backends() if backends is None else backends
-    found = [reference_of(tree, semantics, branch=branch, kind=kind), engine_of(part, semantics)]
-    return [*found, *(translated(name, part, semantics) for name in names)]
-
-
 def engine_of(part: RVAFT, semantics: Semantics) -> Participant | Absent:
     """The monitor that people run."""
     try:
@@ -186,3 +171,18 @@ def translated(name: str, part: RVAFT, semantics: Semantics, *, limit: int | Non
     except RvaftError as error:
         return Absent(name, error)
     return Participant(name, first.fork, specification, observed)
+
+
+def verdicts_of(participant: Participant | Outside | Absent, trace: Sequence[Json]) -> tuple[Verdict, ...] | RvaftError:
+    """What one participant says after every prefix, or why it says nothing."""
+    try:
+        match participant:
+            case Absent(error=error):
+                return error
+            case Outside(name=name):
+                (answer,) = participant.answers([trace])
+                return ToolFailed(name, reason=answer.error) if answer.verdicts is None else answer.verdicts
+            case Participant():
+                return tuple(participant.start().run(trace))
+    except RvaftError as error:
+        return error

@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from cross_check.against import Handwritten
-from cross_check.bogus import verdicts_of
 from cross_check.cases import Case
-from cross_check.participants import REFERENCE, Absent
+from cross_check.participants import REFERENCE, Absent, verdicts_of
 from cross_check.results import Difference, Job, Result, Status
 from cross_check.roster import Roster
 from rvaft.backend import all_backends
@@ -21,11 +20,6 @@ class Replay:
     result: Result
     before: tuple[Verdict, ...] | None
     now: tuple[Verdict, ...] | None
-
-    @property
-    def changed(self) -> bool:
-        """Whether it says something else than it did."""
-        return self.before is not None and self.now is not None and self.before != self.now
 
 
 def asked(case: Case, roster: Roster) -> Roster:
@@ -48,22 +42,9 @@ def replay(case: Case, roster: Roster) -> Iterator[Replay]:
             status = Status(Absent(name, found).status)
             yield Replay(Result(job, name, status, why=str(found)), case.verdicts.get(name), None)
             continue
-        before = case.verdicts.get(name)
-        if baseline is None:
-            baseline = found
-            yield Replay(
-                Result(job, name, Status.BASELINE, verdicts=len(found), traces=1, longest=len(found)), before, found
-            )
-        elif found == baseline:
-            yield Replay(
-                Result(job, name, Status.TESTED, verdicts=len(found), traces=1, longest=len(found)), before, found
-            )
-        else:
-            difference = Difference(case.trace, REFERENCE, baseline, found)
-            yield Replay(
-                Result(
-                    job, name, Status.DIFFERS, verdicts=len(found), traces=1, longest=len(found), difference=difference
-                ),
-                before,
-                found,
-            )
+        status = Status.BASELINE if baseline is None else Status.TESTED if found == baseline else Status.DIFFERS
+        baseline = found if baseline is None else baseline
+        difference = Difference(case.trace, REFERENCE, baseline, found) if status is Status.DIFFERS else None
+        length = len(found)
+        result = Result(job, name, status, verdicts=length, traces=1, longest=length, difference=difference)
+        yield Replay(result, case.verdicts.get(name), found)

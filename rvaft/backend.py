@@ -7,6 +7,7 @@ Built-in and third-party backends are found the same way: the entry-point group 
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -136,6 +137,17 @@ def backend(name: str) -> Backend:
             f"the backend {name}", reason=f"it cannot be loaded: {type(error).__name__}: {error}"
         ) from error
     return made
+
+
+def speaking(word: str) -> str | None:
+    """The name of the faithful backend whose language or suffix a word is, if there is one."""
+    wanted = word.lower().removeprefix(".")
+    for name in all_backends():
+        with suppress(ToolFailed, AttributeError):  # one of somebody else that is broken; the others still count
+            found = backend(name)
+            if found.faithful and wanted in (found.language.lower(), found.suffix.removeprefix(".")):
+                return name
+    return None
 
 
 class UnknownBackend(RvaftError, LookupError):

@@ -1,12 +1,12 @@
 """What the errors of backends tell a user of the command: which backend was meant, which option mends it."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 import click
 
-from rvaft.backend import Backend, UnknownBackend, all_backends, backend
+from rvaft.backend import UnknownBackend, all_backends, backend, speaking
 from rvaft.errors import OptionError, TooLarge
 
 
@@ -16,7 +16,8 @@ def suggesting() -> Iterator[None]:
     try:
         yield
     except UnknownBackend as error:
-        meant = _meant(error.name)
+        close = get_close_matches(error.name.lower().removeprefix("."), all_backends(), n=1)
+        meant = speaking(error.name) or next(iter(close), None)
         if meant is None:
             raise
         raise OptionError(f"{error}; did you mean {meant}?") from error
@@ -32,14 +33,3 @@ def _raised_by_limit(error: TooLarge) -> bool:
     if not {"language", "limit"} <= given.keys():
         return False
     return error.limit == (given["limit"] or backend(given["language"]).default_limit)
-
-
-def _meant(name: str) -> str | None:
-    """The faithful backend whose language or suffix it is, else the name that is close."""
-    wanted = name.lower().removeprefix(".")
-    for known, entry in all_backends().items():
-        with suppress(Exception):  # a third party's module may fail in any way; the others still count
-            found: Backend = entry.load()()
-            if found.faithful and wanted in (found.language.lower(), found.suffix.removeprefix(".")):
-                return known
-    return next(iter(get_close_matches(wanted, all_backends(), n=1)), None)

@@ -12,7 +12,7 @@ from rvaft.engine.matching import Matching
 from rvaft.engine.plan import plan_of
 from rvaft.engine.progress import SURE, TOUCHED
 from rvaft.model import Gate
-from rvaft.tree import RVAFT
+from rvaft.tree import RVAFT, reachable
 from rvaft.values import Json
 
 
@@ -88,20 +88,18 @@ class FollowedMatches:
 
 def narrowed(tree: RVAFT, choices: Mapping[str, str]) -> RVAFT:
     """The tree whose scenarios are those that keep the children chosen; its alphabet is its own."""
-    nodes = [replace(tree.nodes[name], children=children) for name, children in _kept_nodes(tree, choices).items()]
+    kept = _kept_nodes(tree, choices)
+    nodes = [replace(tree.nodes[name], children=children) for name, children in kept.items()]
     return RVAFT(tree.root, nodes, tree.events.values(), causality=tree.causality)
 
 
 def _kept_nodes(tree: RVAFT, choices: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
     """The nodes that are reachable under choices, each with its children."""
-    kept: dict[str, tuple[str, ...]] = {}
-    agenda = [tree.root]
-    while agenda:
-        name = agenda.pop()
-        if name not in kept:
-            kept[name] = (choices[name],) if name in choices else tree.nodes[name].children
-            agenda.extend(reversed(kept[name]))
-    return kept
+
+    def children(name: str) -> tuple[str, ...]:
+        return (choices[name],) if name in choices else tree.nodes[name].children
+
+    return {name: children(name) for name in reachable(tree.root, children)}
 
 
 def _replay(matching: Matching, steps: Iterable[Step]) -> Configuration | None:

@@ -5,7 +5,9 @@ from importlib.metadata import EntryPoint
 import pytest
 
 import rvaft
-from cross_check.participants import Absent, enlist, faithful_backends
+from cross_check.participants import Absent, faithful_backends
+from cross_check.results import Job
+from cross_check.roster import Roster
 from rvaft import backend as backends
 from rvaft.errors import ToolFailed
 from rvaft.verdict import Semantics
@@ -31,7 +33,8 @@ def test_it_is_named_with_the_reason(broken: str) -> None:
 
 def test_a_comparison_names_it_and_goes_on(broken: str) -> None:
     assert broken in faithful_backends()
-    found = {one.name: one for one in enlist(rvaft.load(TREE), Semantics.STRICT)}
+    candidates = Roster().candidates(rvaft.load(TREE), Job("tree", Semantics.STRICT))
+    found = {name: enlist() for name, enlist in candidates}
     absent = found[broken]
     assert isinstance(absent, Absent)
     assert absent.status == "could not run"

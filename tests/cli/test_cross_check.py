@@ -9,11 +9,13 @@ import subprocess
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NoReturn
 from xml.etree import ElementTree as ET
 
 import pytest
 
-from rvaft import load, translate
+from backends.ltlf import LtlfBackend
+from rvaft import RVAFT, load, translate
 from tests.cli.runs import COMMAND, PRUNED, failed, run
 
 HAS_SPOT = find_spec("spot") is not None
@@ -197,15 +199,19 @@ def test_another_seed_makes_other_trees(tmp_path: Path) -> None:
     assert sizes[0] != sizes[1]
 
 
-def test_a_short_timeout_is_said_and_no_agreement(tmp_path: Path) -> None:
-    pytest.importorskip("spot")
-    leaves = " ".join(f"l{number}" for number in range(14))
-    tree = written(tmp_path, "wide.rvaft", f"toplevel r; r and {leaves};")
-    options = ("--semantics", "strict", "--backends", "automaton", "--timeout", "1", "--json", tmp_path / "out.json")
-    assert run("cross-check", tree, *options).exit_code == 0
+def test_a_short_timeout_is_said_and_no_agreement(sand: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Endless(LtlfBackend):
+        def translate(self, tree: RVAFT, *_: object, **__: object) -> NoReturn:  # noqa: ARG002
+            while True:
+                pass
+
+    monkeypatch.setattr("backends.ltlf.LtlfBackend", Endless)
+    options = ("--semantics", "strict", "--backends", "ltlf", "--timeout", "3", "--json", tmp_path / "out.json")
+    result = run("cross-check", sand, *options)
+    assert result.exit_code == 0, result.output
     statuses = {one["participant"]: one["status"] for one in results(tmp_path / "out.json")}
-    assert statuses == {"reference": "baseline", "engine": "tested", "automaton": "timeout"}
-    assert run("cross-check", tree, *options, "--fail-on-timeout").exit_code == 2
+    assert statuses == {"reference": "baseline", "engine": "proved", "ltlf": "timeout"}
+    assert run("cross-check", sand, *options, "--fail-on-timeout").exit_code == 2
 
 
 def test_a_state_limit_turns_a_proof_into_a_test(sand: Path) -> None:

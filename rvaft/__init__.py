@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends
     from rvaft.branches import Branch
     from rvaft.errors import (
+        CheckpointError,
         LanguageError,
         NotExpressible,
         OptionError,
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     )
     from rvaft.findings import Finding, Severity
     from rvaft.language import dumps, load, loads
-    from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On
+    from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
     from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending
     from rvaft.tree import RVAFT
     from rvaft.verdict import Semantics, Verdict
@@ -39,6 +40,7 @@ __all__ = [
     "Backend",
     "Branch",
     "Causality",
+    "CheckpointError",
     "Ended",
     "EventType",
     "Explanation",
@@ -61,6 +63,7 @@ __all__ = [
     "TooLarge",
     "ToolFailed",
     "ToolMissing",
+    "Topic",
     "TraceError",
     "TreeError",
     "UnknownBackend",
@@ -89,13 +92,14 @@ _NAMES: Final = {
         "ToolFailed",
         "ToolMissing",
         "TooLarge",
+        "CheckpointError",
         "TraceError",
         "TreeError",
         "WrongType",
     ),
     "rvaft.findings": ("Finding", "Severity"),
     "rvaft.language": ("dumps", "load", "loads"),
-    "rvaft.model": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On"),
+    "rvaft.model": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On", "Topic"),
     "rvaft.monitors": ("Awaited", "Ended", "Explanation", "Monitor", "Pending"),
     "rvaft.tree": ("RVAFT",),
     "rvaft.verdict": ("Semantics", "Verdict"),

@@ -9,7 +9,7 @@ from typing import Final, TypeVar
 
 from rvaft.backend import Specification, backend
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
-from rvaft.errors import OptionError, WrongType
+from rvaft.errors import OptionError, TreeError, WrongType
 from rvaft.model import Kind
 from rvaft.monitors import Monitor
 from rvaft.restrict import restrict
@@ -75,8 +75,18 @@ def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = N
     require_valid(tree)
     part = restrict(tree, branch=branch, kind=None if kind is None else one_of(Kind, kind))
     if part is not tree:
-        require_valid(part)
+        _require_valid_part(part, f"branch {branch}" if branch is not None else f"the part of kind {kind}")
     return part
+
+
+def _require_valid_part(part: RVAFT, name: str) -> None:
+    try:
+        require_valid(part)
+    except TreeError as error:
+        if error.rule != "no-scenario":
+            raise
+        message = f"{name} has no feasible scenario: nothing can be detected there"
+        raise TreeError(message, rule=error.rule, nodes=error.nodes) from error
 
 
 def one_of(choices: type[Choice], value: Choice | str) -> Choice:

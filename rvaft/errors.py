@@ -4,6 +4,7 @@ All derive from `RvaftError` and from the builtin a caller would expect; what is
 well as in the one-line text.
 """
 
+import os
 from collections.abc import Iterable
 
 
@@ -64,6 +65,15 @@ class TooLarge(RvaftError, RuntimeError):
         self.what = what
         self.limit = limit
         super().__init__(f"too large: {what} (limit {limit})")
+
+
+class CheckpointError(RvaftError, ValueError):
+    """A checkpoint cannot be made, or not be used here; `file` is its path, `reason` says why."""
+
+    def __init__(self, file: str | os.PathLike[str], reason: str) -> None:
+        self.file = os.fspath(file)
+        self.reason = reason
+        super().__init__(f"{self.file}: {reason}")
 
 
 class TraceError(RvaftError, ValueError):

@@ -1,4 +1,4 @@
-"""The parts of a tree: gates, nodes, event types, `ignore` declarations. All immutable values.
+"""The parts of a tree: gates, nodes, event types, declarations. All immutable values.
 
 Places in a file (`Place`) never take part in equality: two trees that say the same are equal wherever they were written.
 """
@@ -80,6 +80,19 @@ class Ignore:
 
     on: On
     when: Guard | None = None
+    place: Place = field(default=Place(), compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """`topic NAME type TYPE from PUBLISHERS;` — where events come from in ROS; no verdict depends on it.
+
+    `type` is the message type as Python imports it, `package.msg.Name`; `publishers` are ROS nodes, not nodes of the tree.
+    """
+
+    name: str
+    type: str
+    publishers: tuple[str, ...] = ()
     place: Place = field(default=Place(), compare=False)
 
 

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Self
 
 from rvaft.errors import TraceError
@@ -17,13 +17,15 @@ class Explanation:
     """One match (semantics, section 4): the branch with the lowest number that has one, and how it matched.
 
     `matched` maps each occurrence to the number of its event, from 1, in the order of the events; `branch` is None where
-    a tree has too many branches to count.
+    a tree has too many branches to count. `scenario` maps each node of the scenario to the children that it keeps, those of
+    a KofN being K or more; it is empty where the monitor does not know.
     """
 
     branch: int | None
     kinds: frozenset[Kind]
     matched: Mapping[str, int]
     variables: Mapping[str, Json]
+    scenario: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

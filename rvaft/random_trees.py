@@ -1,7 +1,7 @@
 """Random trees of every shape, reproducible from a seed.
 
 Shapes: all gates, shared nodes, events on gates, overlapping patterns, both causalities, variables, guards on events, gates and
-choices (wrong types among their values), `ignore`, kinds. Every tree that comes out keeps the rules of `rvaft check`.
+choices (wrong types among their values), `ignore`, kinds, topics. Every tree that comes out keeps the rules of `rvaft check`.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from typing import Final
 
 from rvaft.errors import TreeError
 from rvaft.guards import Guard, Operation, Operator
-from rvaft.model import Argument, Causality, EventType, Gate, Ignore, Kind, Node, On
+from rvaft.model import Argument, Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
 from rvaft.rules import require_valid
 from rvaft.tree import RVAFT
@@ -27,6 +27,11 @@ EVENTS: Final = (
     ),
     EventType("kx", ("p",), ObjectPattern((("k", Literal("kx")), ("x", P)))),
     EventType("ky", ("p", "q"), ObjectPattern((("k", Literal("ky")), ("x", P), ("y", Q)))),
+)
+TOPICS: Final = (
+    Topic("/command", "robot_msgs.msg.Command", ("agent",)),
+    Topic("sensor/0", "std_msgs.msg.Float32"),
+    Topic("/goal", "move_base_msgs.msg.MoveBaseActionGoal", ("/ns/planner", "topic")),
 )
 LITERALS: Final = (0, 1, 2, "a", True, None, 1.5)
 VARIABLES: Final = ("X", "Y", "Z")
@@ -46,9 +51,10 @@ class Shape:
     guards: float = 0.25
     ignores: float = 0.2
     kinds: float = 0.2
+    topics: float = 0.2
 
 
-PLAIN: Final = Shape(sharing=0, gate_events=0, typed_events=0, variables=0, guards=0, ignores=0, kinds=0)
+PLAIN: Final = Shape(sharing=0, gate_events=0, typed_events=0, variables=0, guards=0, ignores=0, kinds=0, topics=0)
 """Trees over default events only, without sharing."""
 
 VARIABLE_FREE: Final = Shape(variables=0)
@@ -92,7 +98,13 @@ class _Growth:
         causality = self.random.choice(list(Causality))
         used = {node.on.event for node in self.nodes if node.on} | {ignore.on.event for ignore in ignores}
         events = [event for event in EVENTS if event.name in used]
-        return RVAFT("n0", self.nodes, events, ignores=ignores, causality=causality)
+        return RVAFT("n0", self.nodes, events, ignores=ignores, topics=self._topics(), causality=causality)
+
+    def _topics(self) -> list[Topic]:
+        """Some topics, drawn apart: since nothing depends on them, what is drawn afterwards must not either."""
+        apart = Random()  # noqa: S311 (no secret)
+        apart.setstate(self.random.getstate())
+        return apart.sample(TOPICS, apart.randint(1, len(TOPICS))) if apart.random() < self.shape.topics else []
 
     def _node(self, name: str, index: int, size: int) -> Node:
         r = self.random

@@ -47,9 +47,7 @@ def _union(tree: RVAFT, ways: list[Allowed], branch: int | None, kind: Kind | No
     if len(ways) == 1:
         whole = Whole(tree, branch, kind)
         nodes = _part(tree, ways[0])
-        return RVAFT(
-            tree.root, nodes, tree.events.values(), ignores=tree.ignores, causality=tree.causality, part_of=whole
-        )
+        return _with(tree, tree.root, nodes, whole)
     copies: list[Node] = []
     origins: dict[str, str] = {}
     for number, allowed in enumerate(ways, 1):
@@ -59,7 +57,20 @@ def _union(tree: RVAFT, ways: list[Allowed], branch: int | None, kind: Kind | No
     top = Node(f"{tree.root}#", Gate.OR, tuple(_copy(tree.root, number) for number in range(1, len(ways) + 1)))
     whole = Whole(tree, branch, kind, origins)
     nodes = [top, *copies]
-    return RVAFT(top.name, nodes, tree.events.values(), ignores=tree.ignores, causality=tree.causality, part_of=whole)
+    return _with(tree, top.name, nodes, whole)
+
+
+def _with(tree: RVAFT, root: str, nodes: list[Node], whole: Whole) -> RVAFT:
+    """The tree with another root and other nodes; what else it declares stays."""
+    return RVAFT(
+        root,
+        nodes,
+        tree.events.values(),
+        ignores=tree.ignores,
+        topics=tree.topics.values(),
+        causality=tree.causality,
+        part_of=whole,
+    )
 
 
 def _part(tree: RVAFT, allowed: Allowed) -> list[Node]:

@@ -1,9 +1,9 @@
 """Reading traces: JSON Lines, one object per line by RFC 8259, line by line as they come.
 
 A byte order mark, CRLF, blank lines, a missing last newline and an empty trace are fine. Everything else that is not one
-object raises `TraceError` with file and line: what a lenient decoder would let pass (NaN, lone surrogates, numbers that
-overflow) and what would exhaust the machine (deep nesting, endless lines) too. A message never repeats the line.
-A key repeated in one object is malformed where the tree reads it; `Reads` says where that is.
+object raises `TraceError` with file and line: what a lenient decoder would let pass (NaN, lone surrogates) and what would exhaust
+the machine (deep nesting, endless lines and numbers) too. A message never repeats the line. A key repeated in one object and a number
+that overflows are malformed where they are read, which `rvaft.reads` says; elsewhere such a number is taken for null.
 """
 
 import json
@@ -12,15 +12,13 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
 
 from rvaft.compressed import SUFFIXES, damage, opened
 from rvaft.errors import TraceError
-from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.tree import RVAFT
+from rvaft.reads import Reads, Scope
 from rvaft.values import Json
 
 MAX_LINE: Final = 64 * 1024 * 1024
@@ -30,70 +28,44 @@ MAX_DEPTH: Final = 500
 MAX_DIGITS: Final = 4300
 """The longest integer; reading one takes time quadratic in its length."""
 
+BOM: Final = b"\xef\xbb\xbf"
+"""What may stand before the first line."""
+
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
 
-_BOM: Final = b"\xef\xbb\xbf"
 _HINT: Final = "a trace has one JSON object per line"
 _BLANK: Final = b" \t\r\n"
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
+_PERHAPS_HUGE: Final = re.compile(r"[0-9][eE]\+?0*[1-9][0-9][0-9]|[0-9]{200}")
+_HUGE: Final = "a number beyond the range of a double"
 _ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
 
 
-@dataclass(slots=True)
-class Reads:
-    """Which parts of an event are read: all of it, or these fields and the items of a list."""
-
-    whole: bool = False
-    fields: dict[str, "Reads"] = field(default_factory=dict)
-    items: "Reads | None" = None
-
-    def add(self, pattern: Pattern) -> None:
-        """Read also what this pattern looks at. A variable looks at a whole value: values are compared deeply."""
-        agenda: list[tuple[Reads, Pattern]] = [(self, pattern)]
-        while agenda:
-            reads, part = agenda.pop()
-            match part:
-                case ObjectPattern(fields):
-                    agenda.extend((reads.fields.setdefault(name, Reads()), inner) for name, inner in fields)
-                case ListPattern(items):
-                    reads.items = reads.items or Reads()
-                    agenda.extend((reads.items, inner) for inner in items)
-                case Variable():
-                    reads.whole = True
-                case Literal() | Anything():
-                    pass
-
-
-def reads_of(tree: RVAFT) -> Reads:
-    """What a monitor of the tree reads: all that its runtime events and `ignore` declarations mention."""
-    reads = Reads()
-    for relevant in tree.alphabet:
-        reads.add(relevant.pattern)
-    for ignore in tree.ignores:
-        reads.add(tree.instantiate(ignore.on))
-    return reads
-
-
-def read(source: Source, *, name: str | None = None, reads: Reads | None = None) -> Iterator[dict[str, Json]]:
+def read(
+    source: Source, *, name: str | None = None, reads: Scope | None = None, line: int = 1
+) -> Iterator[dict[str, Json]]:
     """The events of a trace in turn; raises `TraceError`, and `OSError` for a file that cannot be opened.
 
     A file named `.gz` or `.zst` is decompressed; for `.zst` without the package `zstandard` that is `ToolMissing`.
 
     `source` is a path or a binary stream; `name` stands for it in errors. Without `reads` a
-    repeated key is refused wherever it is.
+    repeated key is refused wherever it is. `line` is the number of the first line, where a stream begins later than its file.
     """
     if isinstance(source, (str, os.PathLike)):
         file = name or os.fspath(source)
         with opened(Path(source)) as stream:
-            yield from _events(_lines(stream, file), file, reads)
+            yield from _events(_lines(stream, file, line), file, line, reads)
     else:
         file = name or "<trace>"
-        yield from _events(_lines(source, file), file, reads)
+        yield from _events(_lines(source, file, line), file, line, reads)
 
 
-def decode(line: bytes, *, reads: Reads | None = None) -> dict[str, Json]:
-    """The event on one line; raises `ValueError` with a message that does not repeat the line."""
+def decode(line: bytes, *, reads: Scope | None = None, finite: bool = False) -> dict[str, Json]:
+    """The event on one line; raises `ValueError` with a message that does not repeat the line.
+
+    With `finite` a number that overflows is malformed wherever it stands: what is passed on has to be JSON.
+    """
     if len(line) > MAX_LINE:
         raise ValueError(f"the line is longer than {MAX_LINE // 1024**2} MiB")
     try:
@@ -112,36 +84,53 @@ def decode(line: bytes, *, reads: Reads | None = None) -> dict[str, Json]:
         raise ValueError(  # noqa: TRY004 (the text is wrong, not the caller)
             f"not a JSON object but {_KINDS[type(value)]}; {_HINT}"
         )
-    _check_repeated(value, reads or Reads(whole=True))
-    return value
+    _check_read(value, Reads(whole=True) if reads is None else reads.of(value))
+    event: dict[str, Json] = value
+    if _PERHAPS_HUGE.search(text):
+        _replace_infinite(event, refused=finite)
+    return event
 
 
 # -- lines ------------------------------------------------------------------------------------------------------
 
 
-def _lines(stream: BinaryIO, file: str) -> Iterator[bytes]:
-    damaged: tuple[type[Exception], ...] = (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
-    for number in count(1):
+def _lines(stream: BinaryIO, file: str, first: int) -> Iterator[bytes]:
+    failures = failures_of(file)
+    for number in count(first):
         try:
             line = stream.readline(MAX_LINE + 1)
-        except damaged as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise TraceError(f"cannot be read: {reason}", file=file, line=number) from error
+        except failures as error:
+            raise unreadable(error, file, number) from error
         if not line:
             return
-        yield line
+        yield line.removesuffix(b"\n")
 
 
-def _events(lines: Iterator[bytes], file: str, reads: Reads | None) -> Iterator[dict[str, Json]]:
-    for number, line in enumerate(lines, 1):
-        body = line.removeprefix(_BOM) if number == 1 else line
-        if not body.strip(_BLANK):
-            continue
-        try:
-            event = decode(body, reads=reads)
-        except ValueError as error:
-            raise TraceError(str(error), file=file, line=number) from None
-        yield event
+def failures_of(file: str) -> tuple[type[Exception], ...]:
+    """What reading from a file of that name may raise that is not the reader's fault."""
+    return (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
+
+
+def unreadable(error: Exception, file: str, line: int) -> TraceError:
+    """A trace that cannot be read from that line on."""
+    return TraceError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file, line=line)
+
+
+def _events(lines: Iterator[bytes], file: str, first: int, reads: Scope | None) -> Iterator[dict[str, Json]]:
+    for number, line in enumerate(lines, first):
+        event = event_on(line.removeprefix(BOM) if number == 1 else line, file, number, reads)
+        if event is not None:
+            yield event
+
+
+def event_on(line: bytes, file: str, number: int, reads: Scope | None) -> dict[str, Json] | None:
+    """The event on a line of a file, or None where it is blank; raises `TraceError`."""
+    if not line.strip(_BLANK):
+        return None
+    try:
+        return decode(line, reads=reads)
+    except ValueError as error:
+        raise TraceError(str(error), file=file, line=number) from None
 
 
 # -- what the decoder lets pass ----------------------------------------------------------------------------------
@@ -173,16 +162,7 @@ def _integer(digits: str) -> int:
     return int(digits)
 
 
-def _float(digits: str) -> float:
-    value = float(digits)
-    if math.isinf(value):
-        raise ValueError("a number beyond the range of a double")
-    return value
-
-
-_DECODER: Final = json.JSONDecoder(
-    object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer, parse_float=_float
-)
+_DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer)
 _KINDS: Final[Mapping[type, str]] = {
     list: "a list",
     str: "a string",
@@ -217,7 +197,7 @@ def _check_surrogates(text: str) -> None:
         raise ValueError("a lone surrogate: \\ud800 to \\udfff stand only in pairs")
 
 
-def _check_repeated(event: dict[str, Json], reads: Reads) -> None:
+def _check_read(event: dict[str, Json], reads: Reads) -> None:
     agenda: list[tuple[Json, Reads]] = [(event, reads)]
     while agenda:
         value, here = agenda.pop()
@@ -234,6 +214,22 @@ def _check_repeated(event: dict[str, Json], reads: Reads) -> None:
             inner = here if here.whole else here.items
             if inner is not None:
                 agenda.extend((item, inner) for item in value)
+        elif isinstance(value, float) and math.isinf(value):
+            raise ValueError(_HUGE)
+
+
+def _replace_infinite(event: dict[str, Json], *, refused: bool) -> None:
+    """Put null in place of numbers that overflow: nobody reads them, and JSON could not say them."""
+    agenda: list[Json] = [event]
+    while agenda:
+        value = agenda.pop()
+        for place, part in value.items() if isinstance(value, dict) else enumerate(value):
+            if isinstance(part, (dict, list)):
+                agenda.append(part)
+            elif isinstance(part, float) and math.isinf(part):
+                if refused:
+                    raise ValueError(_HUGE)
+                value[place] = None
 
 
 def _quoted(key: str) -> str:

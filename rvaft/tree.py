@@ -14,9 +14,10 @@ import networkx as nx
 
 from rvaft.errors import ToolFailed, ToolMissing, TreeError
 from rvaft.guards import variables as guard_variables
-from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Relevant
+from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Relevant, Topic
 from rvaft.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.patterns import variables as pattern_variables
+from rvaft.topics import by_name
 
 if TYPE_CHECKING:
     from rvaft.branches import Branch
@@ -38,8 +39,13 @@ class RVAFT:
     `nodes` keeps the order of declaration. `alphabet` is what decides relevance under `projected`. A tree restricted to some
     branches of another one is `part_of` it: it keeps the alphabet of the whole, and `origins` maps its nodes to the whole's.
 
+    `topics` says where events come from in ROS, by absolute name (`/command`).
+
+    Trees are equal that are written the same way but for order and places; topics count, although no verdict depends on them.
+
     Raises `TreeError` for what is no tree: an unknown root or child, a cycle, a child listed twice, a threshold out of
-    range, an unknown event type, a wrong number of arguments, a parameter that is not in its pattern.
+    range, an unknown event type, a wrong number of arguments, a parameter that is not in its pattern, a topic declared
+    twice, a name or type that no topic can have.
     """
 
     def __init__(
@@ -49,6 +55,7 @@ class RVAFT:
         events: Iterable[EventType] = (),
         *,
         ignores: Iterable[Ignore] = (),
+        topics: Iterable[Topic] = (),
         causality: Causality = Causality.TOP_DOWN,
         part_of: "Whole | None" = None,
     ) -> None:
@@ -56,6 +63,7 @@ class RVAFT:
         self.nodes: Mapping[str, Node] = MappingProxyType({node.name: node for node in nodes})
         self.events: Mapping[str, EventType] = MappingProxyType({event.name: event for event in events})
         self.ignores = tuple(ignores)
+        self.topics: Mapping[str, Topic] = MappingProxyType(by_name(topics))
         self.causality = causality
         self.part_of = part_of
         for event in self.events.values():
@@ -74,7 +82,8 @@ class RVAFT:
 
     def __reduce__(self) -> tuple[Any, ...]:
         parts = self.root, tuple(self.nodes.values()), tuple(self.events.values())
-        return _rebuilt, (parts, {"ignores": self.ignores, "causality": self.causality, "part_of": self.part_of})
+        stated = {"ignores": self.ignores, "topics": tuple(self.topics.values()), "causality": self.causality}
+        return _rebuilt, (parts, {**stated, "part_of": self.part_of})
 
     # -- order and structure ------------------------------------------------------------------------------------
 
@@ -206,6 +215,7 @@ class RVAFT:
             frozenset(self.nodes.values()),
             frozenset(self.events.values()),
             self.ignores,
+            frozenset(self.topics.values()),
             self.causality,
             self.part_of,
         )

@@ -109,3 +109,11 @@ def test_arguments_of_a_wrong_type_are_told_in_one_sentence(call: Callable[[], o
         call()
     assert isinstance(caught.value, rvaft.WrongType)
     assert str(caught.value) == said
+
+
+def test_a_part_without_a_feasible_scenario_is_named() -> None:
+    tree = rvaft.loads("toplevel top; top or a b; a; b and c d attack; c when 2 > 3; d;")
+    with pytest.raises(rvaft.TreeError, match="branch 2 has no feasible scenario"):
+        rvaft.monitor(tree, branch=2)
+    with pytest.raises(rvaft.TreeError, match="the part of kind attack has no feasible scenario"):
+        rvaft.monitor(tree, kind="attack")

@@ -10,12 +10,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError
+from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError, loads
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
-from rvaft.traces import MAX_DEPTH, MAX_DIGITS, MAX_LINE, Reads, decode, read, reads_of
+from rvaft.reads import Reads, Scope, TreeReads, reads_of
+from rvaft.traces import MAX_DEPTH, MAX_DIGITS, MAX_LINE, decode, read
 
 
-def events(data: bytes, reads: Reads | None = None) -> list[dict[str, Any]]:
+def events(data: bytes, reads: Scope | None = None) -> list[dict[str, Any]]:
     return list(read(io.BytesIO(data), name="log.jsonl", reads=reads))
 
 
@@ -70,8 +71,8 @@ BAD = {
     "high surrogate before another escape": rb'{"a":"\ud800\n\udc00"}',
     "lone surrogate in a key": rb'{"\ud800":1}',
     "lone surrogate in a repeated key's first value": rb'{"b":"\ud800","b":1}',
-    "beyond a double": b'{"a":1e400}',
-    "beyond a double, negative": b'{"a":-1e309}',
+    "beyond a double": b'{"event":1e400}',
+    "beyond a double, negative": b'{"event":-1e309}',
     "too many digits": b'{"a":' + b"9" * (MAX_DIGITS + 1) + b"}",
     "a million digits": b'{"a":' + b"9" * 1_000_000 + b"}",
     "control character": b'{"a":"\t"}',
@@ -132,36 +133,65 @@ def test_a_key_is_not_repeated_where_the_tree_reads() -> None:
     reads = reads_of(tree)
     for text in (
         b'{"topic":1,"topic":1}',
-        b'{"pose":{"x":1,"x":2}}',
-        b'{"pose":1,"pose":2}',
-        b'{"value":{"deep":[{"q":1,"q":1}]}}',
-        b'{"list":[{"y":1,"y":1}]}',
-        b'{"list":[2,{"y":1,"y":1}]}',
-        b'{"pose":{"\\u0078":1,"x":2}}',
+        b'{"topic":"t","topic":1}',
+        b'{"topic":"t","pose":{"x":1,"x":2}}',
+        b'{"topic":"t","pose":1,"pose":2}',
+        b'{"pose":1,"pose":2,"topic":"t"}',
+        b'{"topic":"t","value":{"deep":[{"q":1,"q":1}]}}',
+        b'{"topic":"t","list":[{"y":1,"y":1}]}',
+        b'{"topic":"t","list":[2,{"y":1,"y":1}]}',
+        b'{"topic":"t","pose":{"\\u0078":1,"x":2}}',
     ):
         with pytest.raises(TraceError, match="repeated"):
             events(text, reads)
     for text in (
         b'{"other":1,"other":2}',
-        b'{"other":{"topic":1,"topic":2}}',
-        b'{"pose":{"z":1,"z":2,"x":3}}',
-        b'{"pose":{"x":{"x":1,"x":2}}}',
+        b'{"topic":"t","other":{"topic":1,"topic":2}}',
+        b'{"topic":"t","pose":{"z":1,"z":2,"x":3}}',
+        b'{"topic":"t","pose":{"x":{"x":1,"x":2}}}',
         b'{"topic":{"topic":1,"topic":2}}',
-        b'{"list":[{"z":1,"z":1}]}',
-        b'{"list":{"y":1,"y":2}}',
+        b'{"topic":"t","list":[{"z":1,"z":1}]}',
+        b'{"topic":"t","list":{"y":1,"y":2}}',
+        b'{"topic":"another","pose":1,"pose":2,"value":{"deep":[{"q":1,"q":1}]}}',
     ):
         assert len(events(text, reads)) == 1
         with pytest.raises(TraceError, match="repeated"):
             events(text)
 
 
+def test_a_number_that_overflows_is_malformed_where_the_tree_reads() -> None:
+    tree = loads('event e(v) = { topic: "t", value: v }; toplevel a; a on e(V);')
+    for text in (b'{"topic":"t","value":1e999}', b'{"topic":"t","value":[{"deep":-1e999}]}', b'{"topic":1e999}'):
+        with pytest.raises(TraceError, match="range of a double"):
+            events(text, reads_of(tree))
+    digits = b"1" * 400 + b".5"
+    for text, expected in {
+        b'{"topic":"t","other":1e999}': {"topic": "t", "other": None},
+        b'{"topic":"another","value":-1E+0999}': {"topic": "another", "value": None},
+        b'{"x":[1,{"y":' + digits + b"}]}": {"x": [1, {"y": None}]},
+        b'{"x":[1e308,1e-999,"1e999"]}': {"x": [1e308, 0.0, "1e999"]},
+    }.items():
+        assert events(text, reads_of(tree)) == [expected]
+        if b"-999" not in text:
+            with pytest.raises(ValueError, match="range of a double"):
+                decode(text, reads=reads_of(tree), finite=True)
+
+
 def test_a_default_event_and_an_ignore_are_read_too() -> None:
     noise = EventType("noise", ("v",), ObjectPattern((("noise", Variable("v")),)))
     tree = RVAFT("a", [Node("a")], [noise], ignores=[Ignore(On("noise", (Anything(),)))])
-    assert reads_of(tree) == Reads(fields={"event": Reads(), "noise": Reads()})
+    assert reads_of(tree).of({}) == Reads(fields={"event": Reads(), "noise": Reads()})
     assert events(b'{"noise":{"x":1,"x":2}}', reads_of(tree)) == [{"noise": {"x": 2}}]
     with pytest.raises(TraceError):
         events(b'{"noise":1,"noise":2}', reads_of(tree))
+
+
+def test_further_fields_can_be_read() -> None:
+    tree = loads('event e(v) = { topic: "t", value: v }; toplevel a; a on e(V);')
+    reads = TreeReads(tree, [("header", "robot")])
+    with pytest.raises(TraceError, match="repeated"):
+        events(b'{"header":{"robot":1,"robot":2}}', reads)
+    assert events(b'{"header":{"robot":1,"seq":1,"seq":2}}', reads) == [{"header": {"robot": 1, "seq": 2}}]
 
 
 def test_a_variable_in_an_ignore_reads_the_whole_value() -> None:

@@ -1,102 +1,162 @@
 """`rvaft monitor`: watch events for a tree and give verdicts."""
 
-import sys
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import click
 
 from rvaft.api import monitor, narrowed, translate
-from rvaft.cli.failure import FAILED, FOUND, report
+from rvaft.cli.detections import TERMINAL, require_drawable
+from rvaft.cli.failure import report
+from rvaft.cli.fleet import run
 from rvaft.cli.languages import suggesting
-from rvaft.cli.options import exclusive, part_options, semantics_option, standard_input, tree_argument
-from rvaft.cli.verdicts import JsonLines, Reporter, Text
-from rvaft.errors import RvaftError
+from rvaft.cli.monitor_options import DEFAULT_EVERY, MonitorCommand, Monitoring, monitoring_options
+from rvaft.cli.options import part_options, semantics_option, standard_input, tree_argument
+from rvaft.cli.sink import Sink, warning
+from rvaft.cli.verdict_text import Text
+from rvaft.cli.verdicts import JsonLines, Reporter, Shape
+from rvaft.cli.watching import Manner, Trace
+from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.language import load, on_text
+from rvaft.model import Kind
+from rvaft.monitoring.bank import Bank
+from rvaft.monitoring.columns import columns
+from rvaft.monitoring.fields import Field
+from rvaft.monitoring.keys import MAX_KEYS
+from rvaft.monitoring.ordering import DEFAULT_WINDOW
+from rvaft.monitoring.run import Plan
+from rvaft.monitoring.sources import LogFile, expanded
 from rvaft.monitors import Monitor
 from rvaft.patterns import match
-from rvaft.printable import visible
+from rvaft.reads import TreeReads
 from rvaft.rules.words import listing
-from rvaft.statistics import Statistics
-from rvaft.traces import Reads, read, reads_of
 from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Verdict
+from rvaft.verdict import Semantics
+
+if TYPE_CHECKING:
+    from rvaft.monitoring.hooks import Hooks
+    from rvaft.monitoring.keeping import Keeping
+
+Make: TypeAlias = Callable[[RVAFT], Monitor]
 
 
-@dataclass(frozen=True, slots=True)
-class Trace:
-    """One trace to watch: its name for people, its events, and whether they come while we watch."""
-
-    name: str
-    events: Iterable[Json]
-    live: bool = False
-
-
-@click.command("monitor")
+@click.command("monitor", cls=MonitorCommand)
 @tree_argument
-@click.argument("trace", nargs=-1, metavar="[TRACE]...")
-@click.option("--word", metavar='"b a c"', help="Watch the default events of these names instead of a trace.")
 @semantics_option
-@click.option("--backend", metavar="BACKEND", help="Run the specification of this backend instead of the engine.")
 @part_options
-@click.option(
-    "--format", "form", type=click.Choice(["text", "jsonl"]), default="text", show_default=True, help="What to print."
-)
-def command(
-    *,
-    tree: str,
-    trace: tuple[str, ...],
-    word: str | None,
-    semantics: str,
-    backend: str | None,
-    branch: int | None,
-    kind: str | None,
-    form: str,
-) -> int:
+@monitoring_options
+def command(*, tree: str, semantics: str, branch: int | None, kind: str | None, options: Monitoring) -> int:
     """Watch the events of each TRACE (JSON Lines) for a tree and give verdicts.
 
-    No TRACE, or -, reads standard input as it comes. The exit status is 1 when the tree is detected in some trace.
+    A TRACE may be a pattern such as 'logs/**/*.jsonl'. No TRACE, or -, reads standard input as it comes. The exit status is 1 when
+    the tree is detected in some trace.
     """
-    exclusive(branch=branch, kind=kind)
-    if word is not None and trace:
-        raise click.UsageError("--word and TRACE exclude each other", click.get_current_context())
+    options.check(branch=branch, kind=kind)
+    if options.explain is not None:
+        require_drawable(options.explain)
     whole = load(tree)
     part = narrowed(whole, branch, kind)
-    fresh: Callable[[], Monitor]
+    found = columns(part, options.per)
+    bank = Bank(found, _maker(options, semantics), Semantics(semantics))
+    traces, missing = _traces(options, whole)
+    options.check_traces(len(traces) + missing, streams=sum(trace.stream is not None for trace in traces))
+    several = len(traces) + missing > 1
+    shape = Shape(whole, found, options.per, options.key, several)
+    manner = Manner(
+        _plan(options, bank, whole),
+        shape,
+        _reporter(options),
+        tree=click.format_filename(tree),
+        counted=options.form == "text" or options.checkpoint is not None,
+        hooks=_hooks(options),
+        drawing=None if options.explain == TERMINAL else options.explain,
+        keeping=_keeping(options, part, semantics, traces),
+        follow=options.follow,
+    )
+    return run(manner, traces, options.jobs, failed=missing > 0)
+
+
+def _maker(options: Monitoring, semantics: str) -> Make:
+    """What makes the monitor of a part of the tree."""
+    backend = options.backend
     if backend is None:
-        fresh = lambda: monitor(part, semantics=semantics)  # noqa: E731
-    else:
+        limit = options.max_configurations or DEFAULT_LIMIT
+        return lambda part: monitor(part, semantics=semantics, limit=limit)
+
+    def make(part: RVAFT) -> Monitor:
         with suggesting():
-            fresh = translate(part, backend, semantics=semantics).monitor
-    traces = [_word(word, whole)] if word is not None else [_trace(name, reads_of(whole)) for name in trace or ("-",)]
-    several = len(traces) > 1
-    reporter = JsonLines(several, whole) if form == "jsonl" else Text(several, whole, Statistics(whole))
-    statuses = [_watch(one, fresh(), reporter) for one in traces]
-    if min(statuses) < FAILED:
-        reporter.finish()
-    return max(statuses)
+            return translate(part, backend, semantics=semantics).monitor()
+
+    return make
 
 
-def _watch(trace: Trace, watching: Monitor, reporter: Reporter) -> int:
-    """Report one trace; a malformed one is reported up to the fault."""
-    try:
-        reporter.begin(trace.name, watching)
-        for number, event in enumerate(trace.events, 1):
-            watching.step(event)
-            reporter.step(number, event)
-            if trace.live:
-                sys.stdout.flush()
-        reporter.end()
-    except RvaftError as error:
-        report(error)
-        return FAILED
-    except OSError as error:
-        if error.filename is None:  # not the trace but standard output
-            raise
-        report(error)
-        return FAILED
-    return FOUND if watching.verdict is Verdict.TRUE else 0
+def _plan(options: Monitoring, bank: Bank, tree: RVAFT) -> Plan:
+    key = None if options.key is None else Field.parse(options.key)
+    order = None if options.order_by is None else Field.parse(options.order_by)
+    reads = TreeReads(tree, [field.path for field in (key, order) if field is not None])
+    window = options.window or DEFAULT_WINDOW
+    return Plan(bank, reads, key, options.max_keys or MAX_KEYS, options.order_by, window)
+
+
+def _reporter(options: Monitoring) -> Callable[[Shape, Sink], Reporter]:
+    if options.form == "jsonl":
+        return JsonLines
+    drawn = options.explain == TERMINAL
+    if options.form == "table":
+        from rvaft.cli.verdict_table import Table  # noqa: PLC0415 -- imported on use
+
+        return lambda shape, sink: Table(shape, sink, drawn=drawn)
+    return lambda shape, sink: Text(shape, sink, drawn=drawn)
+
+
+def _hooks(options: Monitoring) -> "Hooks | None":
+    if options.execute is None and options.execute_fault is None and options.execute_attack is None:
+        return None
+    from rvaft.monitoring.hooks import Hooks  # noqa: PLC0415 -- imported on use
+
+    by_kind = {Kind.FAULT: options.execute_fault, Kind.ATTACK: options.execute_attack}
+    return Hooks(options.execute, {kind: command for kind, command in by_kind.items() if command is not None})
+
+
+def _keeping(options: Monitoring, part: RVAFT, semantics: str, traces: Sequence[Trace]) -> "Keeping | None":
+    file = traces[0].file if traces else None
+    if options.checkpoint is None or file is None:
+        return None
+    from rvaft.monitoring.keeping import Keeping  # noqa: PLC0415 -- imported on use
+
+    given = {"--key": options.key, "--order-by": options.order_by, "--window": options.window}
+    return Keeping(
+        Path(options.checkpoint),
+        Path(file.name),
+        part,
+        Semantics(semantics),
+        options.checkpoint_every or DEFAULT_EVERY,
+        {name: str(value) for name, value in given.items() if value is not None},
+    )
+
+
+def _traces(options: Monitoring, tree: RVAFT) -> tuple[list[Trace], int]:
+    """The traces to watch, and how many are not there, which has been reported."""
+    if options.word is not None:
+        return [_word(options.word, tree)], 0
+    found: list[Trace] = []
+    missing = 0
+    for name in options.trace or ("-",):
+        try:
+            found += [_stream()] if name == "-" else _files(name)
+        except OSError as error:
+            report(error)
+            missing += 1
+    return found, missing
+
+
+def _files(name: str) -> Iterator[Trace]:
+    return (Trace(click.format_filename(file), LogFile.find(file)) for file in expanded(name))
+
+
+def _stream() -> Trace:
+    return Trace("<stdin>", stream=standard_input("TRACE"))
 
 
 def _word(word: str, tree: RVAFT) -> Trace:
@@ -111,14 +171,8 @@ def _word(word: str, tree: RVAFT) -> Trace:
             unknown.append(letter)
     if unknown:
         _warn(f"no node has the default event {listing(unknown, 'or')}")
-    return Trace("word", [{"event": letter} for letter in letters])
+    return Trace("word", events=[{"event": letter} for letter in letters])
 
 
 def _warn(said: str) -> None:
-    click.echo(visible(f"rvaft: warning: {said}"), err=True)
-
-
-def _trace(name: str, reads: Reads) -> Trace:
-    if name == "-":
-        return Trace("<stdin>", read(standard_input("TRACE"), name="<stdin>", reads=reads), live=True)
-    return Trace(click.format_filename(name), read(name, reads=reads))
+    click.echo(warning(said), err=True)

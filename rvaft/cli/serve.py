@@ -9,10 +9,12 @@ import click
 from rvaft.api import narrowed
 from rvaft.cli.options import exclusive, part_options, semantics_option, tree_argument
 from rvaft.language import load
+from rvaft.monitoring.columns import Per
 from rvaft.printable import visible
+from rvaft.serving.origins import origin as origin_of
 from rvaft.serving.protocol import MAX_MESSAGE, Polarity, Protocol, Vocabulary, protocol
 from rvaft.serving.server import LOCAL, PORT, Address, serve
-from rvaft.serving.session import Per, Session, session
+from rvaft.serving.session import Session, session
 
 _MEBIBYTE = 1024 * 1024
 
@@ -74,12 +76,13 @@ def command(
     Runs until it is interrupted or terminated; the exit status is then 0, whatever was detected.
     """
     exclusive(branch=branch, kind=kind, per=None if per == Per.TREE else per)
+    address = Address(host, port, tuple(map(origin_of, origin)))
     part = narrowed(load(tree), branch, kind)
     speaking = protocol(
         part, polarity=Polarity(polarity), vocabulary=Vocabulary(vocabulary), longest=max_message * _MEBIBYTE
     )
     first = session(part, semantics, per=Per(per))
-    asyncio.run(_serve(speaking, first, Address(host, port, origin), shared=shared))
+    asyncio.run(_serve(speaking, first, address, shared=shared))
     return 0
 
 

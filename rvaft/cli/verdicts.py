@@ -1,152 +1,121 @@
-"""What `rvaft monitor` prints: text for people or one JSON object per event."""
+"""What `rvaft monitor` prints: what all forms share, and one JSON object per event."""
 
 import json
-import sys
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final
 
-from rvaft.language import pattern_text
-from rvaft.monitors import Explanation, Monitor
-from rvaft.printable import visible
-from rvaft.statistics import NearMiss, Statistics
+from rvaft.cli.sink import Sink
+from rvaft.monitoring.columns import Column, Per
+from rvaft.monitoring.told import expected, explained, matched_events
+from rvaft.monitoring.totals import Totals
+from rvaft.monitoring.watch import Listener, Watch
+from rvaft.monitors import Ended, Explanation
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Verdict
 
-_LISTED: Final = 20
-"""Event types that are listed one by one."""
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What the output of a run is about: the tree and its columns, the field that is the key, and whether traces are named."""
+
+    tree: RVAFT
+    columns: tuple[Column, ...]
+    per: Per = Per.TREE
+    key: str | None = None
+    several: bool = False
 
 
-class Reporter(ABC):
-    """Told of every trace and every event in turn; the monitor has already read the event."""
+@dataclass(frozen=True, slots=True)
+class Row:
+    """How one watch ended, for the summary; `since` are the events that made the verdicts final."""
 
-    def __init__(self, several: bool, tree: RVAFT) -> None:
-        self.several = several
-        self.tree = tree
-        self.trace = ""
-        self.monitor: Monitor
-        self.before = Verdict.UNKNOWN
+    trace: str
+    key: tuple[Json] | None
+    events: int
+    verdicts: tuple[Verdict, ...]
+    since: Mapping[int, int]
+    branch: int | None
+    kinds: tuple[str, ...]
+    failed: bool
 
-    def begin(self, trace: str, monitor: Monitor) -> None:
-        """A trace begins."""
-        self.trace, self.monitor, self.before = trace, monitor, Verdict.UNKNOWN
+    @classmethod
+    def of(cls, watch: Watch, *, failed: bool) -> "Row":
+        """The row of a watch that has come to its end."""
+        bank = watch.bank
+        found = bank.explanation(0)
+        branch, kinds = (None, ()) if found is None else (found.branch, tuple(sorted(map(str, found.kinds))))
+        return cls(watch.trace, watch.key, watch.events, bank.verdicts, bank.since, branch, kinds, failed)
 
-    def step(self, number: int, event: Json) -> None:
-        """An event was read, the `number`-th of its trace."""
-        self.show(number, event, changed=self.monitor.verdict is not self.before)
-        self.before = self.monitor.verdict
 
-    def variables(self, explanation: Explanation) -> dict[str, Json]:
-        """The variables of a match in the order of the tree."""
-        return {name: explanation.variables[name] for name in self.tree.variables if name in explanation.variables}
+class Changed:
+    """What there is to say about an event that changed verdicts: explanations and ends by column, and the events that they name."""
 
-    @abstractmethod
-    def show(self, number: int, event: Json, *, changed: bool) -> None:
-        """Print what there is to say about an event."""
+    def __init__(
+        self, watch: Watch, number: int, event: Json, columns: Sequence[int], *, with_ends: bool = True
+    ) -> None:
+        bank = watch.bank
+        self.columns = columns
+        found = {column: bank.explanation(column) for column in columns}
+        self.explanations: dict[int, Explanation] = {
+            column: explanation for column, explanation in found.items() if explanation is not None
+        }
+        ended = {column: bank.ended(column) for column in columns if with_ends}
+        self.ended: dict[int, Ended] = {column: end for column, end in ended.items() if end is not None}
+        wanted = matched_events(self.explanations.values())
+        self.events: Mapping[int, Json] = {**watch.recall.events(wanted - {number}), number: event}
 
-    @abstractmethod
-    def end(self) -> None:
-        """The trace ends, and was not malformed."""
 
-    @abstractmethod
-    def finish(self) -> None:
-        """All traces have been read."""
+_ENDS: Final = 1_000
+"""Keys for which it is said what was waited for in vain: finding out takes time, and among very many keys nobody reads it."""
+
+
+class Reporter(Listener):
+    """Prints what it is told, to a sink."""
+
+    def __init__(self, shape: Shape, sink: Sink) -> None:
+        self.shape = shape
+        self.sink = sink
+        self._ends = 0
+
+    def changed(self, watch: Watch, number: int, event: Json, columns: Sequence[int]) -> Changed:
+        """What there is to say about an event that changed the verdicts of these columns."""
+        changed = Changed(watch, number, event, columns, with_ends=self._ends < _ENDS)
+        if watch.key is not None and changed.ended:
+            self._ends += 1
+            if self._ends == _ENDS:
+                self.sink.warn(f"{_ENDS} keys can no longer match: for others it is not said what was waited for")
+        return changed
+
+    def finish(self, rows: Sequence[Row], totals: Totals) -> None:
+        """All traces have been read, at least one of them to its end."""
 
 
 class JsonLines(Reporter):
     """One object per event, and nothing else."""
 
-    def end(self) -> None:
-        """Print nothing."""
+    every: ClassVar[bool] = True
 
-    def finish(self) -> None:
-        """Print nothing."""
-
-    def show(self, number: int, event: Json, *, changed: bool) -> None:  # noqa: ARG002 (the interface)
-        """Print the verdict, and where it becomes ⊤ the explanation."""
-        said: dict[str, Json] = {"trace": self.trace} if self.several else {}
-        said |= {"event": number, "verdict": self.monitor.verdict.value}
-        explanation = self.monitor.explanation if changed else None
-        if explanation is not None:
-            said |= {
-                "branch": explanation.branch,
-                "kinds": sorted(kind.value for kind in explanation.kinds),
-                "matched": [{"node": node, "event": at} for node, at in explanation.matched.items()],
-                "variables": self.variables(explanation),
-            }
-        sys.stdout.write(f"{json.dumps(said)}\n")
-
-
-class Text(Reporter):
-    """A line per change of verdict with the explanation, and at the end what the traces held."""
-
-    def __init__(self, several: bool, tree: RVAFT, statistics: Statistics) -> None:
-        super().__init__(several, tree)
-        self.statistics = statistics
-        self.count = 0
-
-    def begin(self, trace: str, monitor: Monitor) -> None:
-        """A trace begins."""
-        super().begin(trace, monitor)
-        self.count = 0
-
-    def show(self, number: int, event: Json, *, changed: bool) -> None:
-        """Print a change of verdict."""
-        self.count = number
-        where = f"{self._where()}event {number}"
-        self.statistics.add(event, where)
+    def event(self, watch: Watch, number: int, event: Json, changed: Sequence[int]) -> None:
+        """Print the verdicts, and how those that changed came about."""
+        said: dict[str, Json] = {"trace": watch.trace} if self.shape.several else {}
+        if watch.key is not None:
+            said["key"] = watch.key[0]
+        verdicts = watch.bank.verdicts
+        said |= {"event": number, "verdict": verdicts[0].value}
+        columns = self.shape.columns
+        if len(columns) > 1:
+            said["verdicts"] = {column.label: verdict.value for column, verdict in zip(columns, verdicts, strict=True)}
         if changed:
-            _print(f"{where}: {self.monitor.verdict}")
-            if self.monitor.explanation is not None:
-                self._explain(self.monitor.explanation)
+            what = self.changed(watch, number, event, changed)
+            details = {column: self._detail(what, column) for column in changed}
+            said |= details.pop(0, {})
+            if details:
+                said["columns"] = {columns[column].label: detail for column, detail in details.items()}
+        self.sink.write(f"{json.dumps(said)}\n")
 
-    def end(self) -> None:
-        """Print the last verdict of the trace."""
-        events = "1 event" if self.count == 1 else f"{self.count} events"
-        _print(f"{self._where()}verdict {self.monitor.verdict} after {events}")
-
-    def finish(self) -> None:
-        """Print what all traces held, and what looks like a mistake in them or in the tree."""
-        types, counts = self.statistics.types, self.statistics.relevant
-        listed = [name for name in types if len(types) <= _LISTED or counts[name]]
-        relevant = ", ".join([*(f"{name} {counts[name]}" for name in listed), *_and_others(types, listed, "0")])
-        _print(f"events read: {self.statistics.events}; relevant: {relevant or 'none'}")
-        never = self.statistics.never_seen
-        for name in never[:_LISTED]:
-            _print(f"warning: no event of type {name}")
-        for others in _and_others(never, never[:_LISTED], "never seen"):
-            _print(f"warning: {others}")
-        for miss in self.statistics.near_misses.values():
-            _print(f"warning: {_near(miss)}")
-
-    def _where(self) -> str:
-        return f"{self.trace}: " if self.several else ""
-
-    def _explain(self, explanation: Explanation) -> None:
-        kinds = ", ".join(sorted(kind.value for kind in explanation.kinds))
-        branch = "" if explanation.branch is None else f"branch {explanation.branch}"
-        if branch or kinds:
-            _print(f"  {': '.join(part for part in (branch, kinds) if part)}")
-        for name, number in explanation.matched.items():
-            label = self.tree.nodes[name].label if name in self.tree.nodes else None
-            _print(f"  event {number} is {name}{f' ({label})' if label else ''}")
-        for variable, value in self.variables(explanation).items():
-            _print(f"  {variable} = {json.dumps(value, ensure_ascii=False)}")
-
-
-def _and_others(names: Sequence[str], listed: Sequence[str], what: str) -> list[str]:
-    """The names that are not listed, as a number."""
-    others = len(names) - len(listed)
-    return [f"{others} other types {what}"] if others else []
-
-
-def _near(miss: NearMiss) -> str:
-    events = "1 event" if miss.count == 1 else f"{miss.count} events"
-    field = ".".join(miss.field)
-    has = "is missing" if miss.found is None else f"is {miss.found}, not {pattern_text(miss.expected)}"
-    return f"near miss: {events} would be {miss.type} but for the field {field}, which {has} (first: {miss.first})"
-
-
-def _print(line: str) -> None:
-    sys.stdout.write(f"{visible(line)}\n")
+    def _detail(self, changed: Changed, column: int) -> dict[str, Json]:
+        if column in changed.explanations:
+            return explained(changed.explanations[column], self.shape.tree, changed.events)
+        return {"expected": expected(changed.ended[column].pending)} if column in changed.ended else {}

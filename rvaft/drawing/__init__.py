@@ -6,6 +6,7 @@ from pathlib import PurePath
 from typing import Final
 
 from rvaft.drawing.dot import dot_text
+from rvaft.drawing.fired import fired_dot, fired_text
 from rvaft.drawing.galileo import galileo_text, losses
 from rvaft.drawing.graphviz import picture
 from rvaft.drawing.json_form import json_text
@@ -14,7 +15,17 @@ from rvaft.drawing.tree import tree_text
 from rvaft.language import dumps
 from rvaft.tree import RVAFT
 
-__all__ = ["SUFFIXES", "Format", "dot_text", "draw", "format_of", "losses", "picture"]
+__all__ = [
+    "SUFFIXES",
+    "Format",
+    "dot_text",
+    "draw",
+    "fired_dot",
+    "fired_text",
+    "format_of",
+    "losses",
+    "picture",
+]
 
 
 class Format(StrEnum):

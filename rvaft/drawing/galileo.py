@@ -37,6 +37,8 @@ def losses(tree: RVAFT) -> Iterator[str]:
         yield f"{count} {_plural(count, 'attribute')} left out whose name or value Galileo cannot write"
     if tree.ignores:
         yield "ignore declarations left out"
+    if tree.topics:
+        yield "topic declarations left out"
     if tree.causality is Causality.BOTTOM_UP:
         yield "causality bottom_up left out"
     if count := sum(node.leaf and not node.attributes for node in nodes):

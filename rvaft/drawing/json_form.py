@@ -7,7 +7,8 @@ Schema, version 1 (fields are only ever added)::
                   "children": [NAME], "on": null | CALL, "when": null | GUARD, "kind": null | "fault" | "attack",
                   "label": null | TEXT, "attributes": [[KEY, VALUE]]}],
      "events":  [{"name", "parameters": [NAME], "pattern": PATTERN}],
-     "ignores": [{"on": CALL, "when": null | GUARD}]}
+     "ignores": [{"on": CALL, "when": null | GUARD}],
+     "topics":  [{"name", "type", "publishers": [NAME]}]}
 
 CALL is `{"event": NAME, "arguments": [PATTERN]}`; PATTERN one of `{"literal": VALUE}`, `{"variable": NAME}`, `{"any": true}`,
 `{"object": {FIELD: PATTERN}}`, `{"list": [PATTERN]}`; GUARD a text in the language of guards. Nodes stand in the order of
@@ -19,7 +20,7 @@ from typing import assert_never
 
 from rvaft.guards import Guard
 from rvaft.language import guard_text
-from rvaft.model import EventType, Ignore, Node, On
+from rvaft.model import EventType, Ignore, Node, On, Topic
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.tree import RVAFT
 from rvaft.values import Json
@@ -42,6 +43,7 @@ def json_value(tree: RVAFT) -> dict[str, Json]:
         "nodes": [_node(node) for node in tree.nodes.values()],
         "events": [_event(event) for event in tree.events.values()],
         "ignores": [_ignore(ignore) for ignore in tree.ignores],
+        "topics": [_topic(topic) for topic in tree.topics.values()],
     }
 
 
@@ -65,6 +67,10 @@ def _event(event: EventType) -> Json:
 
 def _ignore(ignore: Ignore) -> Json:
     return {"on": _call(ignore.on), "when": _guard(ignore.when)}
+
+
+def _topic(topic: Topic) -> Json:
+    return {"name": topic.name, "type": topic.type, "publishers": list(topic.publishers)}
 
 
 def _call(on: On) -> Json:

@@ -7,54 +7,108 @@ its own further down, so a chain of thousands of gates stays readable and linear
 import json
 from collections import deque
 from collections.abc import Iterator
+from typing import Final, NamedTuple
 
 from rvaft.drawing.captions import caption
+from rvaft.drawing.marks import Marks
 from rvaft.language import name_text
-from rvaft.model import Node
+from rvaft.model import Kind, Node
 from rvaft.printable import visible
 from rvaft.tree import RVAFT
 
 MAX_LEVELS = 20
 """Levels of indentation before a new section begins; three columns each leave room for text on a terminal."""
 
+MARK: Final = "● "
+"""What stands before the line of a marked node; the same width of space before the others."""
 
-def tree_text(tree: RVAFT) -> str:
-    """The whole drawing."""
-    sections = deque([tree.root])
-    drawn: set[str] = set()
+_COLOURS: Final = {Kind.FAULT: "1;33", Kind.ATTACK: "1;31", None: "1"}
+_FAINT: Final = "2"
+
+
+class Line(NamedTuple):
+    """One line: what stands left of a node, the node, what is said of it; `noted` is whether an event is named here.
+
+    A line that refers to another one has the parent from which it does.
+    """
+
+    left: str
+    node: Node
+    text: str
+    noted: bool = True
+    parent: str | None = None
+
+    def marked(self, marks: Marks) -> bool:
+        """Whether the node is in the scenario; of a reference, whether the scenario has the node from this parent."""
+        name = self.node.name
+        return name in marks.kept if self.parent is None else marks.edge(self.parent, name)
+
+
+def tree_text(tree: RVAFT, marks: Marks | None = None, *, colour: bool = False) -> str:
+    """The whole drawing; with marks, marked nodes stand out, and with `colour` they have ANSI escapes too."""
     lines: list[str] = []
-    while sections:
-        name = sections.popleft()
-        if lines:
+    for line in _lines(tree):
+        if line is None:
             lines.append("")
-        lines.extend(_section(tree, name, drawn, sections))
+        elif marks is None:
+            lines.append(f"{line.left}{line.text}")
+        else:
+            text = _marked(line, marks)
+            lines.append(_coloured(text, _colour(line, marks)) if colour else text)
+    if marks is not None and marks.below:
+        lines += ["", *map(visible, marks.below)]
     return "\n".join(lines) + "\n"
 
 
-def _section(tree: RVAFT, top: str, drawn: set[str], sections: "deque[str]") -> Iterator[str]:
+def _marked(line: Line, marks: Marks) -> str:
+    sign = MARK if line.marked(marks) else " " * len(MARK)
+    note = ", ".join(marks.notes.get(line.node.name, ())) if line.noted else ""
+    return f"{sign}{line.left}{line.text}{f'  {visible(note)}' if note else ''}".rstrip()
+
+
+def _colour(line: Line, marks: Marks) -> str:
+    return _COLOURS[line.node.kind] if line.marked(marks) else _FAINT
+
+
+def _coloured(text: str, colour: str) -> str:
+    return f"\x1b[{colour}m{text}\x1b[0m"
+
+
+def _lines(tree: RVAFT) -> Iterator[Line | None]:
+    """The lines of all sections, None between two sections."""
+    sections = deque([tree.root])
+    drawn: set[str] = set()
+    while sections:
+        yield from _section(tree, sections.popleft(), drawn, sections)
+        if sections:
+            yield None
+
+
+def _section(tree: RVAFT, top: str, drawn: set[str], sections: "deque[str]") -> Iterator[Line]:
     """The lines of one section; adds to `drawn` what it draws and to `sections` what it leaves for later."""
-    agenda: list[tuple[str, str, str, int]] = [(top, "", "", 0)]
+    agenda: list[tuple[str, str | None, str, str, int]] = [(top, None, "", "", 0)]
     while agenda:
-        name, indent, branch, level = agenda.pop()
+        name, parent, indent, branch, level = agenda.pop()
         node = tree.nodes[name]
         if name in drawn and level > 0:
-            yield f"{indent}{branch}{visible(name_text(name))} (see {'below' if name in sections else 'above'})"
+            where = "below" if name in sections else "above"
+            yield Line(indent + branch, node, f"{visible(name_text(name))} (see {where})", noted=False, parent=parent)
             continue
         drawn.add(name)
         later = level == MAX_LEVELS and bool(node.children)
-        yield f"{indent}{branch}{line(node)}{'  (continued below)' if later else ''}"
+        yield Line(indent + branch, node, f"{said(node)}{'  (continued below)' if later else ''}", noted=not later)
         if later:
             sections.append(name)
             continue
         below = indent + {"": "", "├─ ": "│  ", "└─ ": "   "}[branch]
         last = len(node.children) - 1
         agenda.extend(
-            (child, below, "└─ " if index == last else "├─ ", level + 1)
+            (child, name, below, "└─ " if index == last else "├─ ", level + 1)
             for index, child in reversed(tuple(enumerate(node.children)))
         )
 
 
-def line(node: Node) -> str:
+def said(node: Node) -> str:
     """A node in one line: name, gate, kind, event, guard, label."""
     words = caption(node)
     head = name_text(node.name) if words.gate is None else f"{name_text(node.name)} {words.gate}"

@@ -7,14 +7,16 @@ node starts and completes at most once, so the total work is linear in the tree,
 `suits` says where this holds.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from typing import Any, Self
 
-from rvaft.engine.letters import Letters
+from rvaft.engine.letters import Hit, Letters, Reading
 from rvaft.engine.log import Log
 from rvaft.engine.plan import Plan
 from rvaft.engine.starts import Starts
+from rvaft.errors import TooLarge
 from rvaft.model import Gate
 from rvaft.values import Json
 from rvaft.verdict import Verdict
@@ -169,11 +171,16 @@ class Run:
 
 
 class Earliest:
-    """The strategy: one run over everything, and the events from which the match of each branch can be found."""
+    """The strategy: one run over everything, and the events from which the match of each branch can be found.
 
-    def __init__(self, plan: Plan, letters: Letters, starts: Starts) -> None:
+    Raises `TooLarge` where these are more than `limit`.
+    """
+
+    def __init__(self, plan: Plan, letters: Letters, starts: Starts, *, limit: int) -> None:
         self.plan = plan
         self.letters = letters
+        self.limit = limit
+        self.noted = True
         self.starts = starts
         self.run = Run(plan, starts)
         self._empty_match = self.run.detected
@@ -211,27 +218,41 @@ class Earliest:
         if self._log is not None:
             vars(self._log).update(log)
 
-    def advance(self, event: Json, position: int) -> Verdict:
+    def read(self, event: Json) -> Reading:
+        """What an event means, as far as that matters now: letters that nobody waits for are not tried."""
+        served = self.letters.serves
+        wanted: Callable[[int], bool] = self._waiting.__contains__ if self._log is None else self._serves
+        hits = tuple(Hit(n, served[n], values) for n, values in self.letters.serving(event, wanted))
+        return Reading(relevant=bool(hits), hits=hits)
+
+    def _serves(self, letter: int) -> bool:
+        return bool(self.letters.serves[letter])
+
+    def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""
-        if not self._empty_match:
+        if reading.hits and not self._empty_match:
             if self._log is None:
-                self.run.fire(self._heard(event), position)
+                self.run.fire(self._heard(reading), position)
             else:
-                served = self._served(event)
+                served = [(node, hit.values) for hit in reading.hits for node in hit.nodes]
                 self._log.note(position, served)
+                if len(self._log.entries) > self.limit:
+                    raise TooLarge(f"events to keep for the explanation; {self._what_grows}", limit=self.limit)
                 self.run.fire(served, position)
             self._note_listeners()
         return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
 
-    def _served(self, event: Json) -> list[tuple[int, Mapping[str, Json]]]:
-        """All occurrences that an event can be."""
-        read = self.letters.serving(event, lambda number: bool(self.letters.serves[number]))
-        return [(node, values) for number, values in read for node in self.letters.serves[number]]
-
-    def _heard(self, event: Json) -> list[tuple[int, Mapping[str, Json]]]:
+    def _heard(self, reading: Reading) -> list[tuple[int, Mapping[str, Json]]]:
         """The listening nodes that an event serves; they listen no more."""
-        read = list(self.letters.serving(event, self._waiting.__contains__))
-        return [(node, values) for number, values in read for node in self._waiting.pop(number)]
+        heard = [hit for hit in reading.hits if hit.letter in self._waiting]
+        return [(node, hit.values) for hit in heard for node in self._waiting.pop(hit.letter)]
+
+    @property
+    def _what_grows(self) -> str:
+        """The nodes that the log keeps most events for."""
+        counts = Counter(node for entry in self._log.entries for node, _ in entry.served) if self._log else Counter()
+        names = [self.plan.names[node] for node, _ in counts.most_common(10)]
+        return f"most of them for {', '.join(names)}{', …' if len(counts) > 10 else ''}"
 
     def _note_listeners(self) -> None:
         if self._log is None:

@@ -84,7 +84,9 @@ def _lowest_of_kind(tree: RVAFT, finder: Finder, kind: Kind) -> tuple[Found, int
 
 
 def _explanation(tree: RVAFT, found: Found, number: int | None) -> Explanation:
-    kinds = (tree.nodes[name].kind for name in found.kept if name in tree.nodes)
+    nodes = ((tree.nodes[name], set(kept)) for name, kept in found.kept.items() if name in tree.nodes)
+    scenario = {node.name: tuple(child for child in node.children if child in kept) for node, kept in nodes}
+    kinds = (tree.nodes[name].kind for name in scenario)
     variables: dict[str, Json] = {}
     for step in found.steps:
         variables = {**step.values, **variables}
@@ -93,4 +95,5 @@ def _explanation(tree: RVAFT, found: Found, number: int | None) -> Explanation:
         kinds=frozenset(kind for kind in kinds if kind is not None),
         matched={step.node: step.position for step in found.steps},
         variables=variables,
+        scenario=scenario,
     )

@@ -1,38 +1,24 @@
 """Events read against all patterns of a tree at once: which occurrences an event can serve, and whether it is relevant.
 
-Equal patterns are one *letter*, tried once per event. Letters are found through an index: each is filed under one field
-of its pattern that has a literal, so an event that concerns nothing costs a few dictionary look-ups, however large the tree.
+Equal patterns with equal guards are one *letter*, tried once per event. What the shape of an event decides is worked out once for
+each shape (`rvaft.shapes`), so an event that concerns nothing costs one look-up, however large the tree.
 """
 
-from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from rvaft.engine.plan import Plan
-from rvaft.guards import Guard, holds
-from rvaft.guards import variables as guard_variables
-from rvaft.patterns import Literal, ObjectPattern, Pattern, match, rigid
-from rvaft.patterns import variables as pattern_variables
+from rvaft.letters import Letter, Reader, reader
+from rvaft.shapes import Decided, Shapes
 from rvaft.tree import RVAFT
-from rvaft.values import Json, key
-
-
-class Letter(NamedTuple):
-    """A pattern and a guard over its variables."""
-
-    pattern: Pattern
-    when: Guard | None = None
-
-    def read(self, event: Json) -> dict[str, Json] | None:
-        """The values of the pattern's variables in an event that fits, else None."""
-        found = match(self.pattern, event, {})
-        return found if found is not None and (self.when is None or holds(self.when, found)) else None
+from rvaft.values import Json
 
 
 class Hit(NamedTuple):
-    """Nodes whose runtime event an event can be, and the values it gives to their variables."""
+    """A letter that an event is, the nodes whose runtime event that is, and the values it gives to their variables."""
 
+    letter: int
     nodes: tuple[int, ...]
     values: Mapping[str, Json]
 
@@ -43,6 +29,10 @@ class Reading:
 
     relevant: bool
     hits: tuple[Hit, ...]
+
+
+NOTHING: Final = Reading(relevant=False, hits=())
+"""What an event means that fits no pattern."""
 
 
 class Letters:
@@ -59,73 +49,49 @@ class Letters:
         self.serves = tuple(tuple(serves.get(letter, ())) for letter in self.letters)
         """For each letter the nodes whose runtime event it is."""
         self._relevant = tuple(letter in alphabet for letter in self.letters)
-        self._index = Index(letter.pattern for letter in self.letters)
         ignored = [Letter(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores]
-        self._ignored = tuple(letter for letter in ignored if _decidable(letter))
-        self._ignored_index = Index(letter.pattern for letter in self._ignored)
+        all_letters = [*self.letters, *ignored]
+        self._readers = tuple(reader(number, letter) for number, letter in enumerate(all_letters))
+        self._shapes = Shapes((letter.pattern for letter in all_letters), self._sketch)
+
+    def _sketch(self, decided: Decided) -> "_Sketch":
+        readers = [self._readers[number] for number in sorted((*decided.fits, *decided.open))]
+        count = len(self.letters)
+        return _Sketch(
+            tuple(one for one in readers if one.number < count), tuple(one for one in readers if one.number >= count)
+        )
 
     def serving(self, event: Json, wanted: Callable[[int], bool]) -> Iterator[tuple[int, Mapping[str, Json]]]:
         """The letters that an event fits, of those wanted, and the values it gives to their variables."""
-        for number in self._index.candidates(event):
-            if wanted(number):
-                values = self.letters[number].read(event)
+        for one in self._shapes.of(event).letters:
+            if wanted(one.number):
+                values = one.read(event)
                 if values is not None:
-                    yield number, rigid(values)
+                    yield one.number, values
 
-    def read(self, event: Json) -> Reading:
-        """What an event means."""
+    def read(self, event: Json, *, relevance: bool = True) -> Reading:
+        """What an event means; without `relevance` it is not asked whether the event is relevant."""
+        sketch = self._shapes.of(event)
+        if not sketch.letters:
+            return NOTHING
         relevant = False
         hits: list[Hit] = []
-        for number in self._index.candidates(event):
-            values = self.letters[number].read(event)
+        for one in sketch.letters:
+            values = one.read(event)
             if values is not None:
-                relevant = relevant or self._relevant[number]
+                number = one.number
+                relevant = relevant or (relevance and self._relevant[number])
                 if self.serves[number]:
-                    hits.append(Hit(self.serves[number], rigid(values)))
-        return Reading(relevant and not self._ignores(event), tuple(hits))
-
-    def _ignores(self, event: Json) -> bool:
-        candidates = self._ignored_index.candidates(event)
-        return any(self._ignored[number].read(event) is not None for number in candidates)
+                    hits.append(Hit(number, self.serves[number], values))
+        return Reading(relevant and not sketch.ignores(event), tuple(hits))
 
 
-def _decidable(letter: Letter) -> bool:
-    """Whether the pattern binds all variables of the guard; a guard that is not bound never holds."""
-    return letter.when is None or set(guard_variables(letter.when)) <= set(pattern_variables(letter.pattern))
+class _Sketch(NamedTuple):
+    """What events of one shape may be: the letters, and among those that are ignored."""
 
+    letters: tuple[Reader, ...]
+    ignored: tuple[Reader, ...]
 
-class Index:
-    """Patterns by the literals that tell them apart."""
-
-    def __init__(self, patterns: Iterable[Pattern]) -> None:
-        literals = [dict(_literals(pattern)) for pattern in patterns]
-        frequency = Counter(item for fields in literals for item in fields.items())
-        self._tables: dict[str, dict[Hashable, list[int]]] = {}
-        self._rest: list[int] = []
-        for number, fields in enumerate(literals):
-            if not fields:
-                self._rest.append(number)
-                continue
-            field, value = min(fields.items(), key=lambda item: frequency[item])
-            self._tables.setdefault(field, {}).setdefault(value, []).append(number)
-
-    def candidates(self, event: Json) -> list[int]:
-        """The numbers of the patterns that an event may match, in order."""
-        if not isinstance(event, Mapping):
-            return self._rest
-        found = [self._rest]
-        for field, table in self._tables.items():
-            value = event.get(field, ())
-            if not isinstance(value, (Mapping, list, tuple)):
-                numbers = table.get(key(value))
-                if numbers is not None:
-                    found.append(numbers)
-        return found[0] if len(found) == 1 else sorted(number for numbers in found for number in numbers)
-
-
-def _literals(pattern: Pattern) -> Iterator[tuple[str, Hashable]]:
-    """The fields of an object pattern that must have one value."""
-    if isinstance(pattern, ObjectPattern):
-        for field, inner in pattern.fields:
-            if isinstance(inner, Literal):
-                yield field, key(inner.value)
+    def ignores(self, event: Json) -> bool:
+        """Whether an event is declared never to be relevant."""
+        return any(one.admits(event) for one in self.ignored)

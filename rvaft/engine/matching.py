@@ -1,12 +1,12 @@
 """From one configuration to the next: an occurrence takes an event."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.core import Core
 from rvaft.engine.plan import Plan
 from rvaft.engine.progress import MORE, SURE, Progress
-from rvaft.guards import holds
+from rvaft.predicates import predicate
 from rvaft.values import Json, equal
 
 
@@ -17,6 +17,8 @@ class Matching:
         self.plan = plan
         self.progress = Progress(plan)
         self.core = Core(plan, self.progress, limit=limit)
+        self.predicates = tuple(None if guard is None else predicate(guard) for guard in plan.guards)
+        """What each node's guard says of a binding of its variables."""
 
     def start(self) -> Configuration:
         """The configuration before any event."""
@@ -30,11 +32,19 @@ class Matching:
         return bool(flags & SURE), bool(flags & MORE)
 
     def extended(
-        self, configuration: Configuration, node: int, values: Mapping[str, Json], position: int, *, reuse: bool = False
+        self,
+        configuration: Configuration,
+        node: int,
+        values: Mapping[str, Json],
+        position: int,
+        *,
+        reuse: bool = False,
+        judged: Mapping[int, bool] | None = None,
     ) -> Configuration | None:
         """The configuration after a node's event, or None where it is then neither a match nor a partial match.
 
-        `values` are those that the event gives to the variables of its pattern. With `reuse` the configuration itself changes.
+        `values` are those that the event gives to the variables of its pattern. With `reuse` the configuration itself changes. Where
+        the guards are `judged` already, that is believed of those that can now be decided.
         """
         bound, names = configuration.binding, self.plan.exported[node]
         if configuration.taken >> node & 1 or any(n in bound and not equal(bound[n], values[n]) for n in names):
@@ -46,7 +56,7 @@ class Matching:
             return None
         for name in names:
             new.binding.setdefault(name, values[name])
-        if not self._close(new, names):
+        if not self._close(new, names, judged):
             return None
         self._forget(new)
         new.witness = Witness(configuration.witness, node, position, dict(values))
@@ -62,7 +72,9 @@ class Matching:
 
     def admits(self, configuration: Configuration, node: int) -> bool:
         """Whether a node's event could come next, whatever its values."""
-        if configuration.taken >> node & 1:
+        if configuration.taken >> node & 1 or (
+            node not in self.core.members and self.progress.over(configuration, node)
+        ):
             return False
         new = configuration.copy()
         if self.plan.core:
@@ -75,14 +87,18 @@ class Matching:
             return True
         return self.progress.take(configuration, node)
 
-    def _close(self, configuration: Configuration, names: tuple[str, ...]) -> bool:
-        """Decide the guards that waited for these variables alone; False where one that is needed does not hold."""
+    def closing(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
+        """The nodes whose guard has waited for these variables alone, which are bound now."""
         for node in dict.fromkeys(node for name in names for node in self.plan.guarded_by.get(name, ())):
-            guard = self.plan.guards[node]
-            if configuration.closed >> node & 1 or any(n not in configuration.binding for n in self.plan.needs[node]):
-                continue
+            if not configuration.closed >> node & 1 and all(n in configuration.binding for n in self.plan.needs[node]):
+                yield node
+
+    def _close(self, configuration: Configuration, names: tuple[str, ...], judged: Mapping[int, bool] | None) -> bool:
+        """Decide the guards that waited for these variables alone; False where one that is needed does not hold."""
+        for node in self.closing(configuration, names):
             configuration.closed |= 1 << node
-            if guard is not None and not holds(guard, configuration.binding):
+            holds = self.predicates[node]
+            if holds is not None and not (holds(configuration.binding) if judged is None else judged[node]):
                 configuration.dead |= 1 << node
             if node not in self.core.members and not self.progress.refresh(configuration, node):
                 return False

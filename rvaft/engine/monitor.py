@@ -1,14 +1,16 @@
 """The engine as a monitor."""
 
 from collections.abc import Hashable
-from typing import Any, Self
+from typing import Any, Final, Self
 
+from rvaft.engine.consuming import Consuming
 from rvaft.engine.earliest import Earliest
 from rvaft.engine.explain import explain
 from rvaft.engine.following import Following
-from rvaft.engine.letters import Letters
+from rvaft.engine.letters import NOTHING, Letters, Reading
 from rvaft.engine.pending import pending
 from rvaft.engine.plan import plan_of
+from rvaft.engine.skipping import Skipping
 from rvaft.engine.suits import linear_starts
 from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
 from rvaft.tree import RVAFT
@@ -16,13 +18,15 @@ from rvaft.values import Json
 from rvaft.verdict import Semantics, Verdict
 
 DEFAULT_LIMIT = 100_000
+_UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
 
 
 class Engine(Monitor):
     """The monitor of a tree; for one branch or one kind give it the restricted tree.
 
     The tree has to keep the rules of `rvaft check`. Raises `TooLarge`, from `step` too, where there are more than `limit` partial
-    matches to follow, or where resolving the choices that share nodes takes more than `limit` steps.
+    matches to follow, or events to keep for the explanation, or where resolving the choices that share nodes takes more than
+    `limit` steps; it names the variables or the nodes that are the cause.
     """
 
     def __init__(
@@ -46,9 +50,40 @@ class Engine(Monitor):
         self._strategy = _strategy(self.tree, self.semantics, limit=self._limit)
         self._strategy.restore(state["_strategy"])
 
+    @property
+    def letters(self) -> Letters:
+        """What the tree's patterns are compiled to; `take` wants events as these read them."""
+        return self._strategy.letters
+
+    def read(self, event: Json) -> Reading:
+        """What an event means, for `take`."""
+        return self._strategy.read(event)
+
+    @property
+    def noted(self) -> bool:
+        """Whether the last event may be part of a match; False only where certainly none that is found later has it."""
+        return self._strategy.noted
+
+    def take(self, reading: Reading) -> Verdict:
+        """As `step`, for an event that the letters have read already."""
+        self._read += 1
+        if self._verdict is _UNKNOWN:
+            self._position += 1
+            self._verdict = self._strategy.advance(reading, self._position)
+        return self._verdict
+
+    def skip(self, count: int) -> Verdict:
+        """As that many times `step`, for events that fit no pattern of the tree."""
+        if count > 0 and self._verdict is Verdict.UNKNOWN:
+            # The first ends a match under `strict`; otherwise none changes anything.
+            self._verdict = self._strategy.advance(NOTHING, self._position + 1)
+            self._position += 1 if self._verdict.final else count
+        self._read += count
+        return self._verdict
+
     def _advance(self, event: Json) -> Verdict:
         self._position += 1
-        return self._strategy.advance(event, self._position)
+        return self._strategy.advance(self._strategy.read(event), self._position)
 
     def fork(self) -> Self:
         """An independent monitor that has read the same events."""
@@ -85,9 +120,11 @@ def _strategy(tree: RVAFT, semantics: Semantics, *, limit: int) -> Earliest | Fo
     plan = plan_of(tree)
     letters = Letters(tree, plan)
     starts = linear_starts(plan, letters) if semantics is Semantics.SCATTERED else None
-    if starts is None:
-        return Following(plan, letters, semantics, limit=limit)
-    return Earliest(plan, letters, starts)
+    if starts is not None:
+        return Earliest(plan, letters, starts, limit=limit)
+    if semantics is Semantics.SCATTERED:
+        return Skipping(plan, letters, limit=limit)
+    return Consuming(plan, letters, semantics, limit=limit)
 
 
 def engine(tree: RVAFT, semantics: Semantics | str = Semantics.PROJECTED, *, limit: int = DEFAULT_LIMIT) -> Engine:

@@ -56,12 +56,12 @@ class Progress:
 
     def take(self, configuration: Configuration, node: int) -> bool:
         """Take a node's occurrence; False where the configuration is then in no scenario (and useless)."""
-        if self._over(configuration, node):
+        if self.over(configuration, node):
             return False
         configuration.taken |= 1 << node
         return self.refresh(configuration, node)
 
-    def _over(self, configuration: Configuration, node: int) -> bool:
+    def over(self, configuration: Configuration, node: int) -> bool:
         """Whether something that comes after the node, or after a part that it is in, has been taken."""
         frozen = self.plan.freezer[node]
         while frozen >= 0:
@@ -140,6 +140,8 @@ class Progress:
             for child in self.plan.children[gate][max(last, 0) : slot]:
                 _, child_possible, child_done, child_more, *_ = _WEIGHTS[self.flags(configuration, child)]
                 late += 1 - child_done
+                if late:
+                    break  # the gate is in no scenario any more, whatever the rest
                 possible -= child_possible
                 more -= child_more
             last = slot

@@ -7,6 +7,7 @@ configuration has to remember, and the guards that wait for them.
 
 from collections import Counter
 from collections.abc import Hashable, Mapping
+from typing import Final
 
 from rvaft.guards import Guard
 from rvaft.guards import variables as guard_variables
@@ -14,6 +15,8 @@ from rvaft.model import Node
 from rvaft.patterns import rigid_variables
 from rvaft.tree import RVAFT
 from rvaft.values import Json, key
+
+_PLAIN: Final = (str, int, float, bool, type(None))
 
 
 class Uses:
@@ -56,7 +59,13 @@ def fingerprint(binding: Mapping[str, Json]) -> Hashable:
     """A hashable stand-in for a binding. Finer than equality of values: a guard may tell 2**60 from 2.0**60, since whole
     numbers are exact and the rest are IEEE doubles.
     """  # noqa: D205
-    return frozenset((name, key(value), _kinds(value)) for name, value in binding.items())
+    return frozenset((name, exact(value)) for name, value in binding.items())
+
+
+def exact(value: Json) -> Hashable:
+    """The same for one value."""
+    kind = type(value)
+    return (kind, value) if kind in _PLAIN else (key(value), _kinds(value))
 
 
 def _kinds(value: Json) -> Hashable:

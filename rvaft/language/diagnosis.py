@@ -9,6 +9,7 @@ from rvaft.language.advice import Advice
 from rvaft.language.lexemes import Situation, situation
 from rvaft.language.statement_slips import STATEMENT_SLIPS
 from rvaft.language.term_slips import LEXICAL_SLIPS, TERM_SLIPS
+from rvaft.language.topic_slips import TOPIC_SLIPS
 from rvaft.language.words import expectation, shown
 
 _LONGEST_LINE: Final = 300
@@ -18,7 +19,7 @@ _LONGEST_LINE: Final = 300
 def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
     """The error to raise for what the parser library reports."""
     at = situation(text, _position(error, text), _possible(error))
-    for slip in (*LEXICAL_SLIPS, *STATEMENT_SLIPS, *TERM_SLIPS):
+    for slip in (*LEXICAL_SLIPS, *TOPIC_SLIPS, *STATEMENT_SLIPS, *TERM_SLIPS):
         if advice := slip(at):
             return error_at(advice.message, text, advice.position, file)
     advice = _unexpected(at)

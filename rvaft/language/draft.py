@@ -4,13 +4,14 @@ An `RVAFT` cannot be wrong, a `Draft` can: it keeps each setting of each node in
 all that is wrong with a file and not only the first. `Draft.build` makes the immutable tree of a draft without errors.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Generic, TypeVar
 
 from rvaft.errors import TreeError
 from rvaft.guards import Guard
-from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Place
+from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Place, Topic
+from rvaft.topics import absolute
 from rvaft.tree import RVAFT
 
 T_co = TypeVar("T_co", covariant=True)
@@ -124,6 +125,15 @@ class DraftNode:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class DraftTopic:
+    """One `topic` statement."""
+
+    name: Said[str]
+    type: Said[str]
+    publishers: tuple[Said[str], ...]
+
+
 @dataclass(slots=True)
 class Draft:
     """All that was said of one tree, in all its files; imports are resolved and prunes carried out.
@@ -136,6 +146,7 @@ class Draft:
     nodes: dict[str, DraftNode] = field(default_factory=dict)
     events: list[EventType] = field(default_factory=list)
     ignores: list[Ignore] = field(default_factory=list)
+    topics: list[DraftTopic] = field(default_factory=list)
     toplevels: list[Said[str]] = field(default_factory=list)
     causalities: list[Said[Causality]] = field(default_factory=list)
     parameters: list[Said[str]] = field(default_factory=list)
@@ -177,10 +188,22 @@ class Draft:
         causality = self.causalities[0].value if self.causalities else Causality.TOP_DOWN
         if any(said.value is not causality for said in self.causalities):
             raise TreeError("`causality` is set twice", rule="duplicate-setting")
-        return RVAFT(root, nodes, self.events, ignores=self.ignores, causality=causality)
+        topics = _merged(self.topics)
+        return RVAFT(root, nodes, self.events, ignores=self.ignores, topics=topics, causality=causality)
 
 
 def _once(names: list[str], what: str) -> None:
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise TreeError(f"{what} {twice} is declared twice", rule="duplicate-setting")
+
+
+def _merged(said: list[DraftTopic]) -> list[Topic]:
+    """One topic per name and type, with the publishers of all its statements."""
+    found: dict[tuple[str, str], Topic] = {}
+    for topic in said:
+        key = absolute(topic.name.value), topic.type.value
+        first = found.get(key, Topic(topic.name.value, topic.type.value, place=topic.name.place))
+        nodes = dict.fromkeys([*first.publishers, *(publisher.value for publisher in topic.publishers)])
+        found[key] = replace(first, publishers=tuple(nodes))
+    return list(found.values())

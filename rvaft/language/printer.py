@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from rvaft.language.expressions import guard_text, name_text, on_text, pattern_text, quoted, value_text, word_text
-from rvaft.model import Causality, EventType, Gate, Ignore, Node
+from rvaft.model import Causality, EventType, Gate, Ignore, Node, Topic
 from rvaft.tree import RVAFT
 
 _WIDEST: Final = 40
@@ -14,13 +14,14 @@ _WIDEST: Final = 40
 def dumps(tree: RVAFT) -> str:
     """The canonical text of a tree: `loads(dumps(tree)) == tree` for every tree that can be written.
 
-    The order is causality, event types, ignores, toplevel, nodes (parents before children, then the unreachable ones); a
+    The order is causality, event types, topics, ignores, toplevel, nodes (parents before children, then the unreachable ones); a
     child that no statement defined stays undefined. What a restricted tree keeps of the alphabet of the whole is not
     text, and a text with half a surrogate pair or a pattern or guard nested deeper than 100 is a `LanguageError`.
     """
     blocks = [
         [f"causality {tree.causality};"] if tree.causality is not Causality.TOP_DOWN else [],
         _aligned(_event_cells(event) for event in tree.events.values()),
+        _aligned(_topic_cells(topic) for topic in tree.topics.values()),
         [_ignore(ignore) for ignore in tree.ignores],
         [f"toplevel {name_text(tree.root)};", *_aligned(_node_cells(node) for node in _stated(tree))],
     ]
@@ -41,6 +42,11 @@ def _stated(tree: RVAFT) -> Iterator[Node]:
 
 def _event_cells(event: EventType) -> list[str]:
     return [f"event {word_text(event.name)}({', '.join(event.parameters)})", f"= {pattern_text(event.pattern)}"]
+
+
+def _topic_cells(topic: Topic) -> list[str]:
+    publishers = ", ".join(name_text(name) for name in topic.publishers)
+    return [f"topic {quoted(topic.name)}", f"type {quoted(topic.type)}", f"from {publishers}" if publishers else ""]
 
 
 def _ignore(ignore: Ignore) -> str:

@@ -8,7 +8,7 @@ from typing import Final, assert_never
 
 from rvaft.errors import LanguageError
 from rvaft.language.diagnosis import error_in_line
-from rvaft.language.draft import Draft, DraftNode, GateUse, Said
+from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Said
 from rvaft.language.parser import parse_statements
 from rvaft.language.pruning import carry_out_prunes
 from rvaft.language.statements import (
@@ -26,6 +26,7 @@ from rvaft.language.statements import (
     ParamStatement,
     PruneStatement,
     Statement,
+    TopicStatement,
     ToplevelStatement,
     WhenClause,
 )
@@ -158,6 +159,9 @@ def _merge(draft: Draft, source: _Source, statement: Statement) -> None:
             draft.ignores.append(Ignore(on.value, when, source.place(on)))
         case EventStatement(name, parameters, pattern):
             draft.events.append(EventType(name.value, parameters, pattern, source.place(name)))
+        case TopicStatement(name, type_, publishers):
+            nodes = tuple(_said(source, publisher) for publisher in publishers)
+            draft.topics.append(DraftTopic(_said(source, name), _said(source, type_), nodes))
         case ImportStatement():
             raise AssertionError("imports are followed before statements are merged")
         case _:

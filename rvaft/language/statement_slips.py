@@ -5,7 +5,7 @@ from typing import Final
 
 from rvaft.language.advice import Advice, Hint, meant
 from rvaft.language.lexemes import Lexeme, Situation
-from rvaft.language.words import CLAUSES, DYNAMIC, GATES, OPERATORS, RESERVED, STATEMENTS, expectation, shown
+from rvaft.language.words import CLAUSES, DYNAMIC, GATES, OPERATORS, RESERVED, STATEMENTS, TOPIC, expectation, shown
 from rvaft.printable import visible
 
 _VOTE: Final = re.compile(r"[0-9]+of[0-9]+|vot[0-9]+")
@@ -72,7 +72,7 @@ def _continues(at: Situation) -> bool:
 def _missing_semicolon(at: Situation) -> Advice | None:
     if not at.can("SEMICOLON") or at.last is None:
         return None
-    starts = at.bad.text in STATEMENTS or (at.new_line and at.bad.is_name and not _continues(at))
+    starts = at.bad.text in (*STATEMENTS, TOPIC) or (at.new_line and at.bad.is_name and not _continues(at))
     if at.bad.text and not starts:
         return None
     return Advice(f"a `;` is missing after {shown(at.last.text)}", at.last.end)

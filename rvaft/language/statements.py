@@ -128,6 +128,15 @@ class EventStatement:
     pattern: Pattern
 
 
+@dataclass(frozen=True, slots=True)
+class TopicStatement:
+    """`topic NAME type TYPE from NODE, NODE;`."""
+
+    name: At[str]
+    type: At[str]
+    publishers: tuple[At[str], ...]
+
+
 Statement: TypeAlias = (
     NodeStatement
     | ToplevelStatement
@@ -137,4 +146,5 @@ Statement: TypeAlias = (
     | PruneStatement
     | IgnoreStatement
     | EventStatement
+    | TopicStatement
 )

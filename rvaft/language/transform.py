@@ -26,6 +26,7 @@ from rvaft.language.statements import (
     ParamStatement,
     PruneStatement,
     Statement,
+    TopicStatement,
     ToplevelStatement,
     WhenClause,
 )
@@ -110,6 +111,13 @@ class Build(Transformer[Token, Any]):
             if word not in parameters:
                 raise Slip(f"{shown(word)} is no parameter of {shown(name.value)}; text stands in quotes", word)
         return EventStatement(name, tuple(parameters), term.pattern)
+
+    def topic(self, items: Items) -> TopicStatement:
+        _, name, _, type_, _, publishers, _ = items
+        return TopicStatement(_at(text_of(name), name), _at(text_of(type_), type_), tuple(publishers or ()))
+
+    def publishers(self, items: Items) -> Items:
+        return _between_commas(items)
 
     def parameters(self, items: Items) -> Items:
         return _between_commas(items)

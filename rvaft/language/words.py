@@ -6,6 +6,8 @@ from typing import Final
 from rvaft.printable import visible
 
 STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
+TOPIC: Final = "topic"
+"""Starts a statement, but only before a string, `type` and a string: nodes of this name are read without quotes too."""
 GATES: Final = ("or", "and", "sand", "sand_rl")
 CLAUSES: Final = ("on", "when", "fault", "attack", "label")
 OPERATORS: Final = ("and", "or", "not")
@@ -28,7 +30,7 @@ def reserved(word: str) -> bool:
 
 def bare_name(name: str) -> bool:
     """Whether a node's name can stand without quotes."""
-    return WORD.fullmatch(name) is not None and not reserved(name)
+    return WORD.fullmatch(name) is not None and not reserved(name) and name != TOPIC
 
 
 def shown(text: str) -> str:
@@ -51,7 +53,7 @@ _PUNCTUATION: Final = {
 
 _GROUPS: Final = (
     # what it is called, the terminals that must be possible for it, and the terminals that it covers
-    ("a statement", {"EVENT"}, {*(word.upper() for word in STATEMENTS), "NAME", "STRING"}),
+    ("a statement", {"EVENT"}, {*(word.upper() for word in STATEMENTS), "TOPIC", "NAME", "STRING"}),
     ("a gate (or, and, sand, sand_rl, 2of3)", {"K_OF_N"}, {"OR", "AND", "SAND", "SAND_RL", "K_OF_N", "VOT_K"}),
     ("a name", {"NAME"}, {"NAME", "STRING"}),
     ("a word or a string in quotes", {"WORD", "STRING"}, {"WORD", "STRING"}),
@@ -77,6 +79,8 @@ _GROUPS: Final = (
     ("a word", {"WORD"}, {"WORD"}),
     ("a string in quotes", {"STRING"}, {"STRING"}),
     ("when", {"WHEN"}, {"WHEN"}),
+    ("type", {"TYPE"}, {"TYPE"}),
+    ("from", {"FROM"}, {"FROM"}),
     ("top_down or bottom_up", {"TOP_DOWN"}, {"TOP_DOWN", "BOTTOM_UP"}),
     ("the end", {"$END"}, {"$END"}),
 )

@@ -7,12 +7,12 @@ from typing import Final
 
 from rvaft.errors import RvaftError
 from rvaft.findings import Severity
-from rvaft.rules import contradiction, declarations, detection, leftovers, sharing, structure, variables
+from rvaft.rules import contradiction, declarations, detection, leftovers, sharing, structure, topics, variables
 from rvaft.rules.codes import CODES
 from rvaft.rules.context import Context
 from rvaft.rules.rule import Report, Rule
 
-DRAFT_RULES: Final = (*structure.RULES, *declarations.RULES)
+DRAFT_RULES: Final = (*structure.RULES, *declarations.RULES, *topics.RULES)
 """The rules that a draft must keep to be a tree."""
 
 
@@ -32,6 +32,7 @@ TREE_RULES: Final = (
     *sharing.RULES,
     *contradiction.RULES,
     *leftovers.RULES,
+    topics.UNUSED,
 )
 """The rules about trees and their scenarios."""
 

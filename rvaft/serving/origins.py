@@ -2,21 +2,43 @@
 
 A browser says with `Origin` where a page comes from. Programs say nothing there, or, like the client that ROSMonitoring uses, the
 address they connect to. A name that an attacker can point at this machine is no proof of that, so only addresses, `localhost`
-and what was allowed are taken.
+and what was allowed are taken; and of these only with the port that the request went to, since other servers have other pages.
 """
 
 from collections.abc import Collection, Sequence
-from ipaddress import ip_address
+from typing import Final
 from urllib.parse import urlsplit
+
+from rvaft.errors import OptionError
+from rvaft.serving.hosts import host as host_of
+from rvaft.serving.hosts import is_address
+
+_PORTS: Final = {"http": 80, "https": 443}
+"""The schemes of web pages, and the ports that their origins do not name."""
+
+
+def origin(text: str) -> str:
+    """An origin as a browser sends it: a final slash and the scheme's own port are dropped; raises `OptionError` for what is none."""
+    try:
+        parts = urlsplit(text.lower())
+        name, port = parts.hostname or "", parts.port
+        host_of(name)
+    except ValueError:  # an `OptionError` is one
+        parts, name, port = urlsplit(""), "", None
+    number = "" if port in (None, _PORTS.get(parts.scheme)) else f":{port}"
+    plain = f"{parts.scheme}://{f'[{name}]' if ':' in name else name}"
+    if parts.scheme not in _PORTS or text.lower().removesuffix("/") not in (f"{plain}{number}", f"{plain}:{port}"):
+        raise OptionError(f'"{text}" is no origin: write http:// or https://, a host and, where there is one, a port')
+    return f"{plain}{number}"
 
 
 def allowed(origins: Sequence[str], host: str | None, extra: Collection[str]) -> bool:
-    """Whether a request with these `Origin` headers and this `Host` header is taken; `extra` are origins allowed by the user."""
+    """Whether a request with these `Origin` headers and this `Host` header is taken; `extra` are allowed, as `origin` gives them."""
     match origins:
         case []:
             return True
-        case [origin]:
-            return origin in extra or (host is not None and origin == f"http://{host}" and _literal(host))
+        case [said]:
+            return said.lower() in extra or (host is not None and said == f"http://{host}" and _literal(host))
         case _:
             return False
 
@@ -25,6 +47,6 @@ def _literal(host: str) -> bool:
     """Whether a `Host` header names an IP address or `localhost`, and nothing that is looked up."""
     try:
         name = urlsplit(f"//{host}").hostname or ""
-        return name == "localhost" or bool(ip_address(name))
     except ValueError:
         return False
+    return name == "localhost" or is_address(name)

@@ -6,14 +6,17 @@ message that is no event gets an error with the verdict so far.
 """
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from rvaft.monitoring.told import explained, matched_events
+from rvaft.reads import Scope, reads_of
 from rvaft.serving.names import Names
 from rvaft.serving.session import Session
-from rvaft.traces import Reads, decode, reads_of
+from rvaft.traces import BOM, decode
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Verdict
@@ -36,6 +39,8 @@ class Vocabulary(StrEnum):
     STRINGS = "strings"
 
 
+_OF_LINES: Final = re.compile(r"(?: \([^()]*\))?; a trace has one JSON object per line$")
+"""What the reader of traces says of lines and places in them; a message is no line."""
 _GAVE_UP: Final = "unknown"
 """ROSMonitoring's word for no verdict: no violation, and not definitive."""
 _DEFINITIVE: Final = {"true": True, "false": False}
@@ -49,9 +54,9 @@ _WORDS: Final[Mapping[Polarity, Mapping[Verdict, str]]] = {
 class Protocol:
     """How messages are read and answered; `longest` is the length of a message in bytes beyond which it is an error."""
 
-    reads: Reads
+    reads: Scope
     names: Names
-    variables: tuple[str, ...]
+    tree: RVAFT
     polarity: Polarity = Polarity.PROPERTY
     vocabulary: Vocabulary = Vocabulary.RML
     longest: int = MAX_MESSAGE
@@ -61,8 +66,8 @@ class Protocol:
         try:
             event = self._event(message)
         except ValueError as error:
-            return {"error": str(error), **self._verdicts(session)}
-        session.read(self.names.as_written(event))
+            return {"error": _OF_LINES.sub("", str(error)), **self._verdicts(session)}
+        session.read(self.names.as_written(event), event)
         return {**event, **self._found(session), **self._verdicts(session)}
 
     def word(self, verdict: Verdict | None) -> str | bool:
@@ -76,7 +81,9 @@ class Protocol:
         line = message.encode() if isinstance(message, str) else message
         if len(line) > self.longest:
             raise ValueError(f"a message of {len(line)} bytes; the longest that is read has {self.longest}")
-        return decode(line, reads=self.reads)
+        if line.startswith(BOM):
+            raise ValueError("a byte order mark before the event; send the event alone")
+        return decode(line, reads=self.reads, finite=True)
 
     def _verdicts(self, session: Session) -> dict[str, Json]:
         said: dict[str, Json] = {"verdict": self.word(session.whole.verdict)}
@@ -90,13 +97,7 @@ class Protocol:
         explanation = session.whole.explanation
         if explanation is None:
             return {}
-        values = explanation.variables
-        return {
-            "branch": explanation.branch,
-            "kinds": sorted(kind.value for kind in explanation.kinds),
-            "matched": [{"node": node, "event": number} for node, number in explanation.matched.items()],
-            "variables": {name: values[name] for name in self.variables if name in values},
-        }
+        return explained(explanation, self.tree, session.recall.events(matched_events([explanation])))
 
 
 def protocol(
@@ -107,7 +108,7 @@ def protocol(
     longest: int = MAX_MESSAGE,
 ) -> Protocol:
     """The protocol for a tree, or for the part of one."""
-    return Protocol(reads_of(tree), Names.of(tree), tree.variables, polarity, vocabulary, longest)
+    return Protocol(reads_of(tree), Names.of(tree), tree, polarity, vocabulary, longest)
 
 
 def encoded(reply: Mapping[str, Json]) -> str:

@@ -12,6 +12,7 @@ from http import HTTPStatus
 from typing import TYPE_CHECKING, Final
 
 from rvaft.errors import ToolMissing
+from rvaft.serving.hosts import host as checked
 from rvaft.serving.origins import allowed
 from rvaft.serving.protocol import Protocol, encoded
 from rvaft.serving.session import Session
@@ -44,11 +45,17 @@ _LIBRARY.propagate = False
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Where to listen; port 0 is any that is free. `origins` are allowed beside those of programs."""
+    """Where to listen; port 0 is any that is free. `origins` are allowed beside those of programs, as `rvaft.serving.origins.origin` gives them.
+
+    Raises `OptionError` for what is no host.
+    """
 
     host: str = LOCAL
     port: int = PORT
     origins: Collection[str] = field(default=())
+
+    def __post_init__(self) -> None:
+        checked(self.host)
 
 
 async def serve(

@@ -38,11 +38,11 @@ def test_text_says_when_the_verdict_changes_why_and_what_was_read(attack: Path) 
     assert result.stdout.splitlines() == [
         "event 5: true",
         "  branch 3: attack",
-        "  event 1 is ev1 (Moving to an inspection waypoint)",
-        "  event 2 is ev3 (Take radiation reading)",
-        "  event 3 is ev4 (New radiation message)",
-        "  event 4 is ev6 (Command to move on)",
-        "  event 5 is ev9 (Waypoint sent to the planner)",
+        "  event 1 at 1 on /command is ev1 (Moving to an inspection waypoint)",
+        "  event 2 on /command is ev3 (Take radiation reading)",
+        "  event 3 at 10.5 on /radiation_sensor_plugin/sensor_0 is ev4 (New radiation message)",
+        "  event 4 at 11 on /command is ev6 (Command to move on)",
+        "  event 5 on /move_base/goal is ev9 (Waypoint sent to the planner)",
         "  Waypoint = 1",
         "  Value = 260",
         "  T1 = 10.5",
@@ -66,7 +66,14 @@ def test_jsonl_is_one_object_per_event_and_nothing_else(attack: Path) -> None:
         "verdict": "true",
         "branch": 3,
         "kinds": ["attack"],
-        "matched": [{"node": node, "event": i} for i, node in enumerate(("ev1", "ev3", "ev4", "ev6", "ev9"), 1)],
+        "matched": [
+            {
+                "node": node,
+                "event": i,
+                **{name: ATTACK[i - 1][name] for name in ("time", "topic") if name in ATTACK[i - 1]},
+            }
+            for i, node in enumerate(("ev1", "ev3", "ev4", "ev6", "ev9"), 1)
+        ],
         "variables": {"Waypoint": 1, "Value": 260, "T1": 10.5, "NewWp": 2, "T2": 11, "MBGoal": 3},
     }
 
@@ -127,7 +134,13 @@ def test_a_monitor_for_a_branch_or_a_kind(attack: Path, options: list[str], stat
 def test_a_verdict_of_false_is_nothing_found() -> None:
     result = run("monitor", SAND, "--word", "b a")
     assert result.exit_code == 0
-    assert result.stdout.startswith("event 1: false\nverdict false after 2 events\n")
+    assert result.stdout.startswith("event 1: false\n  branch 1 waited for a\nverdict false after 2 events\n")
+    first = json.loads(run("monitor", SAND, "--word", "b a", "--format", "jsonl").stdout.splitlines()[0])
+    assert first == {
+        "event": 1,
+        "verdict": "false",
+        "expected": [{"branch": 1, "awaited": [{"node": "a", "event": "a"}], "variables": {}}],
+    }
 
 
 def test_a_malformed_line_ends_its_trace_after_the_verdicts_before_it(tmp_path: Path) -> None:

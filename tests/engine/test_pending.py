@@ -285,3 +285,16 @@ def test_names_of_guards_are_not_waited_for() -> None:
     engine = Engine(tree, "strict")
     engine.step({"v": 2})
     assert engine.pending() == (Pending(1, (Awaited("b", "b"),), {}),)
+
+
+def test_an_order_broken_in_one_match_is_not_broken_in_another() -> None:
+    """Both have taken the same occurrences, but one of them in an order that `p` does not allow."""
+    tree = language.loads(
+        "event e(v) = { e: v }; event f(v, w) = { f: v, g: w }; top and x y t; x 1of2 p q; p and p1 p2; p1 sand a s; "
+        "q and a s q2; y and s r; a on e(X); s on e(Y); t on f(X, Y); p2; q2; r;"
+    )
+    engine = Engine(tree, "strict")
+    engine.step({"e": 1})
+    engine.step({"e": 2})
+    waited = {(r.variables["X"], r.variables["Y"]): {a.node for a in r.awaited} for r in engine.pending()}
+    assert waited == {(1, 2): {"p2", "q2", "r", "t"}, (2, 1): {"q2", "r", "t"}}

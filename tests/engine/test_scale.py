@@ -104,6 +104,15 @@ def test_too_many_values_are_refused_by_name() -> None:
     assert caught.value.limit == 100
 
 
+def test_a_log_too_large_is_refused_by_name() -> None:
+    tree = language.loads("top sand x y z; x or a b; y or c d; z or e f;")
+    monitor = Engine(tree, "scattered", limit=2)
+    with pytest.raises(TooLarge, match="most of them for") as caught:
+        list(monitor.run({"event": word} for word in "acb"))
+    assert caught.value.limit == 2
+    assert "a, c, b" in str(caught.value)
+
+
 def test_too_many_ways_are_refused_by_name() -> None:
     """An `and` over leaves, each of which wants another field of the same events: every subset is a way."""
     types = "".join(f"event e{i}(x) = {{ f{i}: x }}; " for i in range(20))

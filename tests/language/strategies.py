@@ -5,7 +5,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from rvaft.guards import Guard, Operation, Operator
-from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On
+from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.tree import RVAFT
 
@@ -17,6 +17,8 @@ WORDS = [
     "vot2",
     "spare",
     "event",
+    "topic",
+    "type",
     "_",
     "_x",
     "A1",
@@ -65,6 +67,17 @@ def event_types(draw: st.DrawFn, name: str) -> EventType:
     return EventType(name, parameters, ObjectPattern(tuple((free | used).items())))
 
 
+ros_names = st.from_regex(r"/?[A-Za-z_][A-Za-z0-9_]{0,4}(?:/[A-Za-z0-9_]{1,4}){0,2}", fullmatch=True) | st.sampled_from(
+    ["topic", "from", "type", "event", "/or"]
+)
+message_types = st.from_regex(r"[a-z]{1,4}_msgs\.msg\.[A-Z][a-z0-9]{0,4}", fullmatch=True)
+topics = st.lists(
+    st.builds(Topic, ros_names, message_types, st.lists(ros_names, max_size=3, unique=True).map(tuple)),
+    max_size=3,
+    unique_by=lambda topic: topic.name.removeprefix("/"),
+)
+
+
 @st.composite
 def trees(draw: st.DrawFn) -> RVAFT:
     """A tree with a valid structure; what its scenarios are is nobody's business here."""
@@ -96,4 +109,6 @@ def trees(draw: st.DrawFn) -> RVAFT:
             )
         )
     ignores = [Ignore(call(), draw(st.none() | guards)) for _ in range(draw(st.integers(0, 2)))] if events else []
-    return RVAFT(own[0], nodes, events, ignores=ignores, causality=draw(st.sampled_from(Causality)))
+    return RVAFT(
+        own[0], nodes, events, ignores=ignores, topics=draw(topics), causality=draw(st.sampled_from(Causality))
+    )

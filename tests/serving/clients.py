@@ -9,9 +9,10 @@ from typing import Any, Final
 import pytest
 
 from rvaft import RVAFT, loads
+from rvaft.monitoring.columns import Per
 from rvaft.serving.protocol import Polarity, Vocabulary, protocol
 from rvaft.serving.server import Address, serve
-from rvaft.serving.session import Per, session
+from rvaft.serving.session import session
 from rvaft.values import Json
 
 websockets = pytest.importorskip("websockets", reason="needs rvaft[ros]")

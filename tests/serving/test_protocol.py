@@ -8,9 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import Verdict, load, loads, monitor
+from rvaft.monitoring.columns import Per
+from rvaft.reads import reads_of
 from rvaft.serving.protocol import Polarity, Protocol, Vocabulary, encoded, protocol
-from rvaft.serving.session import Per, Session, Watched, session
-from rvaft.traces import decode, reads_of
+from rvaft.serving.session import Session, Watched, session
+from rvaft.traces import decode
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from tests.cli.runs import PRUNED

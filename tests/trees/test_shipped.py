@@ -6,6 +6,7 @@ from cross_check.participants import Absent, Participant
 from cross_check.results import Job
 from cross_check.roster import Roster
 from rvaft.errors import NotExpressible, ToolMissing
+from rvaft.rules import check_tree
 from rvaft.verdict import Semantics
 from tests.trees import shipped
 
@@ -33,3 +34,17 @@ def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics
             for trace, events in traces.items():
                 said = "".join(verdict.symbol for verdict in made.start().run(events))
                 assert said == expected[trace][semantics][column], f"{participant} on {trace}, {column}"
+
+
+@pytest.mark.parametrize(("name", "base"), shipped.ADDING.items())
+def test_a_tree_that_adds_to_another_means_the_same(name: str, base: str) -> None:
+    more, tree = shipped.load(name), shipped.load(base)
+    assert dict(more.nodes) == dict(tree.nodes)
+    assert (more.root, dict(more.events), more.ignores, more.causality) == (
+        tree.root,
+        dict(tree.events),
+        tree.ignores,
+        tree.causality,
+    )
+    assert more.topics
+    assert not check_tree(more)

@@ -1,13 +1,15 @@
 """Faults in the engine."""
 
+from functools import partial
 from typing import Final
 
+from rvaft.guards import Guard
+from rvaft.predicates import Predicate
+from rvaft.values import Json
 from tests.cross_check.faults.mistaken import (
     always_holds,
     confused,
     loosely_holds,
-    match_confused,
-    match_telling_apart,
     python_equal,
     step_without_latch,
     told_apart,
@@ -15,6 +17,21 @@ from tests.cross_check.faults.mistaken import (
 from tests.cross_check.faults.planting import Fault, Plant, edit, put
 
 _AT: Final = "rvaft.engine."
+
+
+def always(guard: Guard) -> Predicate:
+    """No guard is looked at."""
+    return partial(always_holds, guard)
+
+
+def unchanged(value: Json) -> Json:
+    """Python's own equality."""
+    return value
+
+
+def loosely(guard: Guard) -> Predicate:
+    """`>=` for `>` and `<=` for `<`."""
+    return partial(loosely_holds, guard)
 
 
 def _other(name: str, why: str, plant: Plant) -> Fault:
@@ -68,9 +85,9 @@ FAULTS: Final = (
         "filters=tuple(uses.filter(node) for",
         "filters=tuple(None for",
     ),
-    _other("a guard over two events not looked at", "Every value passes.", put(f"{_AT}matching:holds", always_holds)),
-    _other("`>=` for `>` over two events", "A value on a bound passes.", put(f"{_AT}matching:holds", loosely_holds)),
-    _other("`>=` for `>` on one event", "A value on a bound passes.", put(f"{_AT}letters:holds", loosely_holds)),
+    _other("a guard over two events not looked at", "Every value passes.", put(f"{_AT}matching:predicate", always)),
+    _other("`>=` for `>` over two events", "A value on a bound passes.", put(f"{_AT}matching:predicate", loosely)),
+    _other("`>=` for `>` on one event", "A value on a bound passes.", put("rvaft.letters:predicate", loosely)),
     _fault(
         "a guard at the wrong binder",
         "A guard is asked when its first variable is bound, and never again.",
@@ -131,22 +148,22 @@ FAULTS: Final = (
         "`ignore` forgotten",
         "An ignored event breaks a match.",
         "letters:Letters.read",
-        "relevant and not self._ignores(event)",
+        "relevant and not sketch.ignores(event)",
         "relevant",
     ),
     _fault(
         "⊥ one event late",
         "The partial matches before the event decide whether there is hope.",
-        "following:Following.advance",
-        "self._configurations = found\n    return self._verdict()",
-        "late = self._verdict()\n    self._configurations = found\n    return late",
+        "consuming:Consuming.advance",
+        "self.follow(found.values())\n    return self._verdict()",
+        "late = self._verdict()\n    self.follow(found.values())\n    return late",
     ),
     _fault(
         "⊥ never",
         "Every semantics has hope for ever.",
-        "following:Following._verdict",
-        "self._configurations or self.semantics is Semantics.SCATTERED",
-        "True",
+        "consuming:Consuming._verdict",
+        "if self._configurations",
+        "if True",
     ),
     _other(
         "⊤ not final",
@@ -163,8 +180,8 @@ FAULTS: Final = (
     _fault(
         "partial matches merged whatever their values",
         "Of two assignments that have come equally far, one is lost.",
-        "configuration:Configuration.key",
-        "fingerprint(self.binding)",
+        "stages:Stage.key",
+        "exact(binding[name])",
         "None",
     ),
     _fault(
@@ -177,20 +194,23 @@ FAULTS: Final = (
     _fault(
         "no partial match passes over an event it could use",
         "A match that needs a later event is lost.",
-        "following:Following.advance",
-        "if scattered and commits(self.matching, configuration, new, node):",
-        "if scattered:",
+        "skipping:Skipping._answer",
+        "if step.commits:",
+        "if True:",
     ),
-    _other("1 is not 1.0 in a literal", "1.0 is not found where 1 is filed.", put(f"{_AT}letters:key", repr)),
+    _fault(
+        "a guard on an event asked for another partial match",
+        "What an event can do is said once for all outcomes of its guards.",
+        "stages:Stages.step",
+        "key = (held & move.mask, outcomes)",
+        "key = (0, outcomes)",
+    ),
+    _other("1 is not 1.0 in a literal", "1.0 is not found where 1 is filed.", put("rvaft.shapes:key", repr)),
     _other("1 is not 1.0 in a variable", "A value is not found again.", put(f"{_AT}matching:equal", told_apart)),
-    _other("1 is not 1.0 in a pattern", "A literal is missed.", put(f"{_AT}letters:match", match_telling_apart)),
     _other(
         "numbers and texts confused in a variable", "Two values pass for one.", put(f"{_AT}matching:equal", confused)
     ),
-    _other(
-        "numbers and texts confused in a pattern",
-        "Two values pass for one.",
-        put(f"{_AT}letters:match", match_confused),
-    ),
+    _other("numbers and texts confused in a literal", "Two values pass for one.", put("rvaft.shapes:key", str)),
+    _other("true is 1 in a literal", "Two values pass for one.", put("rvaft.shapes:key", unchanged)),
     _other("true is 1 in a variable", "Two values pass for one.", put(f"{_AT}matching:equal", python_equal)),
 )

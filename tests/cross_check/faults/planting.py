@@ -19,7 +19,15 @@ from pytest import MonkeyPatch  # noqa: PT013
 
 Plant: TypeAlias = Callable[[MonkeyPatch], None]
 
-PLACES: Final = ("backends.rml", "backends.ltlf", "backends.automaton", "rvaft.engine")
+PLACES: Final = (
+    "backends.rml",
+    "backends.ltlf",
+    "backends.automaton",
+    "rvaft.engine",
+    "rvaft.letters",
+    "rvaft.predicates",
+    "rvaft.shapes",
+)
 """Where faults go: what no other participant, and least of all the reference, has in common with the faulty one."""
 
 _APART: Final = ("backends.ltlf.mona", "backends.rml.paper", "backends.rml.prolog")
@@ -95,7 +103,7 @@ def with_globals(function: Callable[..., Any], **others: Any) -> Callable[..., A
 def import_all() -> None:
     """Import what is otherwise imported on use: a module first imported while a fault is planted would keep it."""
     for place in PLACES:
-        for found in walk_packages(import_module(place).__path__, f"{place}."):
+        for found in walk_packages(getattr(import_module(place), "__path__", ()), f"{place}."):
             if not found.name.startswith(_APART):
                 import_module(found.name)
 

@@ -1,0 +1,96 @@
+"""`rvaft coverage`: which branches some logs exercise, and how far they come in the others."""
+
+import shutil
+import sys
+from collections.abc import Iterator
+
+import click
+
+from rvaft.cli.failure import FAILED, FOUND, report
+from rvaft.cli.options import exclusive, part_options, semantics_option, standard_input, tree_argument
+from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
+from rvaft.errors import RvaftError
+from rvaft.language import load
+from rvaft.monitoring.sources import expanded
+from rvaft.reads import reads_of
+from rvaft.traces import read
+from rvaft.tree import RVAFT
+
+_NARROWEST = 60
+"""Columns below which the table is not made narrower."""
+
+
+@click.command("coverage")
+@tree_argument
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...")
+@semantics_option
+@part_options
+@click.option(
+    "--limit",
+    type=click.IntRange(min=1),
+    default=DEFAULT_BRANCHES,
+    show_default=True,
+    metavar="N",
+    help="The most branches to look at.",
+)
+@click.option(
+    "--fail-under",
+    type=click.FloatRange(0, 100),
+    metavar="PERCENT",
+    help="Exit with 1 if fewer of the branches are exercised.",
+)
+@click.option(
+    "--format", "form", type=click.Choice(["text", "json"]), default="text", show_default=True, help="What to print."
+)
+def command(
+    *,
+    tree: str,
+    logs: tuple[str, ...],
+    semantics: str,
+    branch: int | None,
+    kind: str | None,
+    limit: int,
+    fail_under: float | None,
+    form: str,
+) -> int:
+    """Say which branches of a tree some LOG detects, and how far the logs came in the others.
+
+    A LOG is as for `monitor`: JSON Lines, compressed or not; - is standard input, and a pattern such as 'runs/*.jsonl' stands for the
+    files that match it.
+    """
+    exclusive(branch=branch, kind=kind)
+    whole = load(tree)
+    coverage = Coverage(whole, semantics, branch=branch, kind=kind, limit=limit)
+    status = max([_add(coverage, whole, log) for log in _names(logs)], default=0)
+    found = coverage.report()
+    sys.stdout.write(json_text(found) if form == "json" else table_text(found, width=_width()))
+    low = fail_under is not None and 100 * found.exercised < fail_under * len(found.branches)
+    return max(status, FOUND if low else 0)
+
+
+def _names(logs: tuple[str, ...]) -> Iterator[str | OSError]:
+    """The names of all logs in turn; for a pattern that stands for nothing the error."""
+    for log in logs:
+        try:
+            yield from expanded(log)
+        except OSError as error:
+            yield error
+
+
+def _add(coverage: Coverage, tree: RVAFT, log: str | OSError) -> int:
+    """Count one log; one that cannot be read is reported and left out."""
+    try:
+        if isinstance(log, OSError):
+            raise log
+        if log == "-":
+            coverage.add("<stdin>", read(standard_input("LOG"), name="<stdin>", reads=reads_of(tree)))
+        else:
+            coverage.add(click.format_filename(log), read(log, reads=reads_of(tree)))
+    except (RvaftError, OSError) as error:
+        report(error)
+        return FAILED
+    return 0
+
+
+def _width() -> int:
+    return max(shutil.get_terminal_size((80, 24)).columns, _NARROWEST)

@@ -1,0 +1,156 @@
+"""Commands that are run on detection: the way from a monitor to a recovery mechanism.
+
+A command is a line for the shell, run as `sh -c COMMAND`. It gets the detection as one JSON object on its standard input, and what
+it prints goes to the standard error of the monitor, whose standard output stays what it is. The monitor waits for it: end
+the line with `&` for what shall go on by itself. Whatever a command does, the monitor goes on; a failure is returned.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Final
+
+from rvaft.errors import OptionError
+from rvaft.model import Kind
+from rvaft.monitoring.told import explained, matched_events
+from rvaft.monitors import Explanation
+from rvaft.tree import RVAFT
+from rvaft.values import Json
+
+DEFAULT_TIMEOUT: Final = 30.0
+"""How long a command may take unless told otherwise, in seconds."""
+_UNEXPLAINED: Final[Mapping[str, Json]] = {"branch": None, "kinds": [], "matched": [], "variables": {}}
+_GRACE: Final = 1.0
+"""Seconds between asking a command to end and killing it."""
+_SHELL: Final = "/bin/sh"
+_SHELL_SAYS: Final = {126: "cannot be executed", 127: "command not found"}
+_SHOWN: Final = 80
+"""Characters of a command in a message."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A command that did not do its work, and why; as text one line."""
+
+    command: str
+    reason: str
+
+    def __str__(self) -> str:
+        line = " ".join(self.command.split())
+        short = line if len(line) <= _SHOWN else f"{line[:_SHOWN]}…"
+        return f"the command {short!r} {self.reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class Hooks:
+    """The commands: `always` for every detection, `on` for those whose explanation has the kind. `timeout` is in seconds.
+
+    Raises `OptionError` for a timeout that is not positive.
+    """
+
+    always: str | None = None
+    on: Mapping[Kind, str] = field(default_factory=dict)
+    timeout: float = DEFAULT_TIMEOUT
+
+    def __post_init__(self) -> None:
+        if not self.timeout > 0:
+            raise OptionError(f"a timeout of {self.timeout:g} s: it must be positive")
+
+    def __bool__(self) -> bool:
+        return self.always is not None or bool(self.on)
+
+    def commands(self, kinds: Iterable[Kind]) -> tuple[str, ...]:
+        """What is run for a detection of these kinds, in turn: the command for all, then for faults, then for attacks."""
+        present = set(kinds)
+        chosen = (self.on[kind] for kind in Kind if kind in present and kind in self.on)
+        return (*(() if self.always is None else (self.always,)), *chosen)
+
+    def run(self, detected: Mapping[str, Json]) -> tuple[Failure, ...]:
+        """Run the commands for a `detection`, one after the other, and say which failed."""
+        text = f"{json.dumps(detected)}\n".encode()
+        kinds = [Kind(kind) for kind in detected["kinds"]]
+        failures = (_run(command, text, self.timeout) for command in self.commands(kinds))
+        return tuple(failure for failure in failures if failure is not None)
+
+
+def detection(
+    explanation: Explanation | None,
+    tree: RVAFT,
+    *,
+    name: str,
+    trace: str,
+    event: int,
+    key: tuple[Json] | None = None,
+    events: Mapping[int, Json] | None = None,
+) -> dict[str, Json]:
+    """What a command is told: one JSON object.
+
+    `tree` and `trace` are their names, `event` is the number of the event that detected; `key` is the value that the monitor is for, and
+    only there where there is one for each. From the explanation come `branch`, `kinds`, `matched` (nodes with the numbers of
+    their events) and `variables`; without one, as from a backend that does not explain, they are null or empty. `events`
+    are those that were matched, by their numbers as text, as far as they are known.
+    """
+    known = events or {}
+    told = _UNEXPLAINED if explanation is None else explained(explanation, tree, known)
+    numbers = [] if explanation is None else sorted(matched_events([explanation]))
+    return {
+        "tree": name,
+        "trace": trace,
+        **({} if key is None else {"key": key[0]}),
+        "event": event,
+        **told,
+        "events": {str(number): known[number] for number in numbers if number in known},
+    }
+
+
+def _run(command: str, text: bytes, timeout: float) -> Failure | None:
+    """Run one command; in a process group of its own, so that all of it can be ended."""
+    try:
+        running = subprocess.Popen(  # noqa: S603 (the user's own command)
+            [_SHELL, "-c", command], stdin=subprocess.PIPE, stdout=_output(), start_new_session=True
+        )
+    except (OSError, ValueError) as error:
+        return Failure(command, f"cannot be run: {getattr(error, 'strerror', None) or error}")
+    try:
+        running.communicate(text, timeout=timeout)  # a command that does not read its input is none the worse for it
+    except subprocess.TimeoutExpired:
+        _end(running)
+        return Failure(command, f"did not end within {timeout:g} s and was killed")
+    except BaseException:
+        _end(running)
+        raise
+    return None if running.returncode == 0 else Failure(command, _reason(running.returncode))
+
+
+def _output() -> int:
+    """Where what a command prints goes; nowhere if the monitor was started without a standard error."""
+    return subprocess.DEVNULL if sys.__stderr__ is None else sys.__stderr__.fileno()
+
+
+def _end(running: "subprocess.Popen[bytes]") -> None:
+    """End a command and all that it started: by asking, then by force."""
+    with suppress(ProcessLookupError):
+        os.killpg(running.pid, signal.SIGTERM)
+    with suppress(subprocess.TimeoutExpired):
+        running.wait(_GRACE)
+    with suppress(ProcessLookupError):
+        os.killpg(running.pid, signal.SIGKILL)
+    if running.stdin is not None:
+        with suppress(OSError):
+            running.stdin.close()
+    running.wait()
+
+
+def _reason(status: int) -> str:
+    if status >= 0:
+        said = _SHELL_SAYS.get(status)
+        return f"ended with status {status}{f' ({said})' if said else ''}"
+    try:
+        return f"was killed by {signal.Signals(-status).name}"
+    except ValueError:
+        return f"was killed by signal {-status}"

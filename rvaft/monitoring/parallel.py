@@ -1,0 +1,77 @@
+"""Work on many things in several processes, with the results in the order of the things."""
+
+import multiprocessing
+import signal
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from itertools import islice
+from typing import Any, Final, Generic, TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_AHEAD: Final = 4
+"""Things that wait for each process."""
+
+
+class Killed(Exception):
+    """A process that worked was killed; what it worked on, and what waited for it, has no result."""
+
+
+def in_processes(
+    work: Callable[[Item], Result], items: Sequence[Item], *, jobs: int
+) -> Generator[tuple[Item, Result | Killed], None, None]:
+    """Each thing with its result, in order; close the iterator to stop early, and all processes end.
+
+    `work` is called in processes that are copies of this one, made before the first result; things and results are sent by pickling.
+    """
+    context = multiprocessing.get_context("fork")
+    pool = ProcessPoolExecutor(min(jobs, len(items)), mp_context=context, initializer=_Worker.prepare, initargs=(work,))
+    finished = False
+    waiting = deque[tuple[Item, Future[Result]]]()
+    rest = iter(items)
+    try:
+        waiting.extend(_submitted(pool, islice(rest, jobs * _AHEAD)))
+        while waiting:
+            item, future = waiting.popleft()
+            try:
+                yield item, future.result()
+            except BrokenProcessPool:
+                yield item, Killed()
+            waiting.extend(_submitted(pool, islice(rest, 1)))
+        finished = True
+    finally:
+        if not finished:  # nobody wants the rest
+            for process in multiprocessing.active_children():
+                process.terminate()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _submitted(pool: ProcessPoolExecutor, items: Iterable[Item]) -> list[tuple[Item, Future[Any]]]:
+    submitted: list[tuple[Item, Future[Any]]] = []
+    for item in items:
+        future: Future[Any]
+        try:
+            future = pool.submit(_Worker.run, item)
+        except BrokenProcessPool as broken:
+            future = Future()
+            future.set_exception(broken)
+        submitted.append((item, future))
+    return submitted
+
+
+class _Worker(Generic[Item, Result]):
+    """The work of a process, which is there because the process is a copy: it cannot be sent."""
+
+    work: Callable[[Any], Any]
+
+    @classmethod
+    def prepare(cls, work: Callable[[Any], Any]) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the parent to handle
+        cls.work = staticmethod(work)
+
+    @classmethod
+    def run(cls, item: Any) -> Any:
+        return cls.work(item)

@@ -1,0 +1,71 @@
+"""The logs are what they claim to be: read here by `json` alone."""
+
+import json
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.benchmarks.logs import BOUND, WAYPOINTS, Log, inspections, telemetry
+
+TOPICS = {
+    "/command": None,
+    "/move_base/goal": "goal",
+    "/move_base/result": "result",
+    "/radiation_sensor_plugin/sensor_0": "radiation",
+}
+
+
+def type_of(event: dict[str, Any]) -> str | None:
+    """The event type of the tree that an event is of."""
+    found = TOPICS.get(event["topic"], "")
+    return event["name"] if found is None else found or None
+
+
+@pytest.fixture(params=["telemetry", "inspections", "even"])
+def log(request: pytest.FixtureRequest, tmp_path: Path) -> Log:
+    match request.param:
+        case "telemetry":
+            return telemetry(tmp_path / "log.jsonl", 20_000)
+        case "inspections":
+            return inspections(tmp_path / "log.jsonl", 3_000)
+        case _:
+            return inspections(tmp_path / "log.jsonl", 3_000, readings=1)
+
+
+def test_what_is_known_of_a_log_is_so(log: Log) -> None:
+    lines = log.file.read_bytes().splitlines()
+    events = [json.loads(line) for line in lines]
+    types = [type_of(event) for event in events]
+    assert len(events) == log.events
+    assert Counter(name for name in types if name) == log.types
+    assert types[-5:] == ["move", "inspect", "radiation", "move", "goal"]
+    assert [number for number, name in enumerate(types, 1) if name][1] == log.lost
+    assert sum(event["topic"].endswith("sensor_1") for event in events) == log.near_misses
+    assert all(100 <= len(line) <= 500 for line in lines)
+    assert all(before["time"] < after["time"] for before, after in pairwise(events))
+
+
+def test_nothing_comes_of_it_before_the_last_five_events(log: Log) -> None:
+    events = [json.loads(line) for line in log.file.read_bytes().splitlines()[:-5]]
+    readings = [event for event in events if "value" in event]
+    assert max(reading["value"] for reading in readings) < BOUND
+    waypoints = {event.get("waypoint", event.get("goal")) for event in events if type_of(event)} - {None}
+    assert waypoints <= set(WAYPOINTS)
+
+
+def test_shares(tmp_path: Path) -> None:
+    assert telemetry(tmp_path / "log", 20_000).types.total() == 20 + 5
+    even = inspections(tmp_path / "log", 10_000, readings=1).types
+    assert max(even.values()) - min(even.values()) <= 3
+    published = inspections(tmp_path / "log", 10_000).types
+    assert published["radiation"] / published.total() == pytest.approx(0.95, abs=0.005)
+
+
+def test_the_same_bytes_each_time(tmp_path: Path) -> None:
+    for make in (telemetry, inspections):
+        first, again = (make(tmp_path / name, 2_000).file.read_bytes() for name in ("first", "again"))
+        other = make(tmp_path / "other", 2_000, seed=7).file.read_bytes()
+        assert first == again != other

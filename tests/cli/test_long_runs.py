@@ -1,0 +1,325 @@
+"""`rvaft monitor` on streams and on detection: growing files, order, checkpoints, commands, drawings."""
+
+import json
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.runs import COMMAND, PRUNED, TREES, failed, process, run
+
+LOGS = PRUNED.with_suffix(".traces")
+ROW1 = LOGS / "table2_row1.jsonl"
+SAND = TREES / "gates" / "sand.rvaft"
+
+
+def row1() -> list[dict[str, Any]]:
+    return [json.loads(line) for line in ROW1.read_text(encoding="utf-8").splitlines()]
+
+
+def lines(events: list[dict[str, Any]]) -> str:
+    return "".join(json.dumps(event) + "\n" for event in events)
+
+
+@contextmanager
+def started(*args: object) -> Iterator["subprocess.Popen[str]"]:
+    """The command as a process that does not outlive the test."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen([*COMMAND, *map(str, args)], stdout=pipe, stderr=pipe, text=True) as running:
+        try:
+            yield running
+        finally:
+            running.kill()
+
+
+# -- order ------------------------------------------------------------------------------------------------------------
+
+
+def test_time_that_goes_back_is_a_warning_and_order_mends_it(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    first, second, third, fourth = row1()
+    log.write_text(lines([second, first, fourth, third]))
+    result = run("monitor", PRUNED, log)
+    assert result.exit_code == 0
+    assert result.stderr == (
+        "rvaft: warning: the field time goes back at 2 events (first: event 2); "
+        "put them in order with --order-by time\n"
+    )
+    mended = run("monitor", PRUNED, log, "--order-by", "time")
+    assert (mended.exit_code, mended.stderr) == (1, "")
+    assert mended.stdout == run("monitor", PRUNED, ROW1).stdout
+    late = run("monitor", PRUNED, log, "--order-by", "time", "--window", 1, "--format", "jsonl")
+    assert late.exit_code == 1
+    log.write_text(lines([third, second, first, fourth]))
+    late = run("monitor", PRUNED, log, "--order-by", "time", "--window", 1)
+    assert late.exit_code == 0
+    assert "1 event by the field time too late for a window of 1" in late.stderr
+    assert "first: event 3 as read" in late.stderr
+
+
+def test_events_that_are_held_back_come_before_the_error(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    log.write_text(lines(row1()[::-1]) + "{")
+    result = run("monitor", PRUNED, log, "--order-by", "time", "--format", "jsonl")
+    failed(result, f"{log}:5: ")
+    assert [json.loads(line)["verdict"] for line in result.stdout.splitlines()] == ["unknown"] * 3 + ["true"]
+
+
+def test_events_without_the_number_are_counted(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    log.write_text(lines([{"topic": "/clock"}, *row1()]))
+    result = run("monitor", PRUNED, log, "--order-by", "time")
+    assert result.exit_code == 1
+    assert "1 event without a number in the field time" in result.stderr
+
+
+# -- a growing file ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_growing_file_is_followed_until_it_is_interrupted(number: signal.Signals, tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    events = row1()
+    log.write_text(lines(events[:2]))
+    with started("monitor", PRUNED, log, "--follow") as running:
+        assert running.stdout is not None
+        assert running.stderr is not None
+        time.sleep(0.5)
+        with log.open("a") as stream:
+            stream.write(lines(events[2:]))
+        assert running.stdout.readline() == "event 4: true\n"
+        running.send_signal(number)
+        said = running.stdout.read()
+        assert running.wait(timeout=30) == 1
+        assert running.stderr.read() == ""
+    assert "verdict true after 4 events" in said
+    assert said.endswith("warning: no event of type goal\n")
+
+
+def test_a_file_that_is_replaced_is_read_on_and_said(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    events = row1()
+    log.write_text(lines(events[:3]))
+    with started("monitor", PRUNED, log, "--follow", "--format", "jsonl") as running:
+        assert running.stdout is not None
+        assert running.stderr is not None
+        for _ in range(3):
+            running.stdout.readline()
+        new = tmp_path / "new"
+        new.write_text(lines(events[3:]))
+        new.replace(log)
+        assert json.loads(running.stdout.readline())["verdict"] == "true"
+        running.send_signal(signal.SIGINT)
+        assert running.wait(timeout=30) == 1
+        assert "was replaced" in running.stderr.read()
+
+
+# -- checkpoints ------------------------------------------------------------------------------------------------------
+
+
+def changes(text: str) -> list[str]:
+    """What is said of changes of verdict, by a run in text."""
+    return [line for line in text.splitlines() if line.startswith(("event", "  "))]
+
+
+def kept_events(state: Path) -> int:
+    """How many events a checkpoint knows."""
+    return int(json.loads(state.read_bytes().split(b"\n")[2])["events"]) if state.exists() else 0
+
+
+@pytest.mark.parametrize(
+    "options", [[], ["--per", "branch"], ["--key", "robot"], ["--order-by", "time", "--window", "3"]]
+)
+def test_a_run_that_was_killed_goes_on_with_the_same_verdicts(options: list[str], tmp_path: Path) -> None:
+    log, state = tmp_path / "log.jsonl", tmp_path / "state"
+    events = [{"topic": "/clock", "time": number / 1000, "robot": "r"} for number in range(500)]
+    for place, event in zip((20, 130, 300, 480), row1(), strict=True):
+        events[place] = {**event, "robot": "r", "time": event["time"] + 1}
+    if options[:1] == ["--order-by"]:
+        for place, event in enumerate(events):
+            event["time"] = place
+        events[130], events[131] = events[131], events[130]
+    log.write_text(lines(events))
+    whole = process("monitor", PRUNED, log, *options)
+    assert whole.returncode == 1
+    part = tmp_path / "part.jsonl"
+    words = [*COMMAND, "monitor", str(PRUNED), str(part), "--follow", "--checkpoint", str(state)]
+    for size in (40, 200, 400):
+        part.write_text(lines(events[:size]))
+        with subprocess.Popen([*words, "--checkpoint-every", "7", *options], stdout=subprocess.DEVNULL) as running:
+            until = time.monotonic() + 30
+            while kept_events(state) < size - 20 and time.monotonic() < until:
+                time.sleep(0.02)
+            running.kill()
+        assert size - 20 <= kept_events(state) <= size
+    resumed = process("monitor", PRUNED, log, "--checkpoint", state, *options)
+    assert resumed.returncode == 1
+    assert changes(resumed.stdout) == changes(whole.stdout)[-len(changes(resumed.stdout)) :]
+    assert resumed.stdout.splitlines()[-3:] == whole.stdout.splitlines()[-3:]
+    assert resumed.stderr == whole.stderr
+    again = process("monitor", PRUNED, log, "--checkpoint", state, *options)
+    assert again.returncode == 1
+    assert "event 481: " not in again.stdout
+
+
+def test_errors_after_a_restart_name_the_line_of_the_file(tmp_path: Path) -> None:
+    log, state = tmp_path / "log.jsonl", tmp_path / "state"
+    log.write_text('{"event": "x"}\n\n{"event": "a"}\n')
+    assert run("monitor", SAND, log, "--checkpoint", state).exit_code == 0
+    log.write_text(log.read_text() + '{"event": "b"}\n{')
+    failed(run("monitor", SAND, log, "--checkpoint", state), f"{log}:5: ")
+
+
+@pytest.mark.parametrize(
+    ("tree", "options", "said"),
+    [
+        (TREES / "gates" / "and.rvaft", [], "another tree"),
+        (SAND, ["--semantics", "strict"], "--semantics"),
+        (SAND, ["--per", "branch"], "other monitors"),
+        (SAND, ["--key", "robot"], "--key robot"),
+        (SAND, ["--branch", "1"], "another part"),
+    ],
+)
+def test_a_checkpoint_of_something_else_is_refused(tree: Path, options: list[str], said: str, tmp_path: Path) -> None:
+    log, state = tmp_path / "log.jsonl", tmp_path / "state"
+    log.write_text('{"event": "a"}\n')
+    assert run("monitor", SAND, log, "--checkpoint", state).exit_code == 0
+    failed(run("monitor", tree, log, "--checkpoint", state, *options), str(state), said)
+
+
+def test_a_checkpoint_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    log.write_text('{"event": "a"}\n')
+    failed(run("monitor", SAND, log, "--checkpoint", tmp_path / "no" / "state"), "state", "cannot write")
+
+
+# -- commands ---------------------------------------------------------------------------------------------------------
+
+
+def test_commands_get_the_detection_as_json(tmp_path: Path) -> None:
+    told = {name: tmp_path / name for name in ("all", "fault", "attack")}
+    commands = [
+        f"--exec=cat >> {told['all']}",
+        f"--exec-fault=cat >> {told['fault']}",
+        f"--exec-attack=cat >> {told['attack']}",
+    ]
+    result = run("monitor", PRUNED, ROW1, *commands)
+    assert (result.exit_code, result.stderr) == (1, "")
+    assert result.stdout == run("monitor", PRUNED, ROW1).stdout
+    assert not told["attack"].exists()
+    assert told["all"].read_text() == told["fault"].read_text()
+    (line,) = told["all"].read_text().splitlines()
+    found = json.loads(line)
+    assert found["branch"] == 1
+    assert found["event"] == 4
+    assert found["trace"] == str(ROW1)
+    assert found["tree"] == str(PRUNED)
+    assert [one["event"] for one in found["matched"]] == [1, 2, 3, 4]
+    assert list(found["events"].values()) == row1()
+
+
+@pytest.mark.parametrize(("per", "runs"), [("tree", 1), ("branch", 1), ("kind", 1)])
+def test_a_detection_is_told_once(per: str, runs: int, tmp_path: Path) -> None:
+    told = tmp_path / "told"
+    run("monitor", PRUNED, ROW1, "--per", per, "--exec", f"cat >> {told}")
+    assert len(told.read_text().splitlines()) == runs
+
+
+def test_with_a_monitor_for_each_kind_the_second_kind_is_told_too(tmp_path: Path) -> None:
+    tree, told = tmp_path / "tree.rvaft", tmp_path / "told"
+    tree.write_text("toplevel t; t or a b; a fault; b attack;")
+    args = ["monitor", tree, "--word", "a b", "--semantics", "scattered", f"--exec-attack=cat >> {told}"]
+    assert run(*args).exit_code == 1
+    assert not told.exists()
+    assert run(*args, "--per", "kind").exit_code == 1
+    assert json.loads(told.read_text())["kinds"] == ["attack"]
+
+
+def test_a_failing_command_is_reported_and_stops_nothing(tmp_path: Path) -> None:
+    args = ["monitor", PRUNED, ROW1, LOGS / "table2_row2.jsonl"]
+    result = run(*args, "--exec", "exit 3", "--exec-fault", "/no/such/program")
+    assert result.exit_code == 1
+    assert result.stdout == run(*args).stdout
+    said = result.stderr.splitlines()
+    assert len([line for line in said if "ended with status 3" in line]) == 2
+    assert len([line for line in said if "ended with status 127" in line]) == 2
+
+
+# -- drawings ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_tree_is_drawn_in_place_of_the_list_of_events() -> None:
+    result = run("monitor", PRUNED, "--explain", ROW1)
+    assert result.exit_code == 1
+    assert result.stdout.startswith("event 4: true\n")
+    assert "ev1" in result.stdout
+    assert "event 1, time 10.4, topic /command" in result.stdout
+    assert run("monitor", PRUNED, ROW1, "--explain").stdout == result.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "start"), [("fired.dot", b"digraph"), ("fired.svg", b"<?xml"), ("fired.pdf", b"%PDF")]
+)
+def test_a_detection_is_drawn_to_a_file(name: str, start: bytes, tmp_path: Path) -> None:
+    if not name.endswith(".dot") and shutil.which("dot") is None:
+        pytest.skip("needs Graphviz")
+    target = tmp_path / name
+    result = run("monitor", PRUNED, "--explain", target, ROW1)
+    assert (result.exit_code, result.stderr) == (1, "")
+    assert target.read_bytes().startswith(start)
+    assert result.stdout == run("monitor", PRUNED, ROW1).stdout
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_of_several_detections_the_first_is_drawn(jobs: int, tmp_path: Path) -> None:
+    target = tmp_path / "fired.dot"
+    result = run("monitor", PRUNED, LOGS / "table[23]_row?.jsonl", "--explain", target, "--jobs", jobs)
+    assert result.exit_code == 1
+    assert result.stderr == f"rvaft: warning: {target} shows the first of 4 detections\n"
+    alone = tmp_path / "alone.dot"
+    run("monitor", PRUNED, ROW1, "--explain", alone)
+    assert target.read_text() == alone.read_text()
+
+
+def test_without_a_detection_nothing_is_drawn(tmp_path: Path) -> None:
+    target = tmp_path / "fired.dot"
+    result = run("monitor", PRUNED, LOGS / "table3_row1.jsonl", "--explain", target)
+    assert result.exit_code == 0
+    assert result.stderr == f"rvaft: warning: {target} is not written: nothing was detected\n"
+    assert not target.exists()
+
+
+def test_a_missing_tool_is_said_before_the_logs_are_read(tmp_path: Path) -> None:
+    result = run("monitor", PRUNED, ROW1, "--explain", tmp_path / "fired.svg", env={"PATH": ""})
+    failed(result, "dot is not installed")
+    assert result.stdout == ""
+
+
+def test_a_drawing_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
+    result = run("monitor", PRUNED, ROW1, "--explain", tmp_path / "no" / "fired.dot")
+    assert result.exit_code == 2
+    assert "cannot write" in result.stderr
+    assert "verdict true after 4 events" in result.stdout
+
+
+# -- what a stream no longer knows -------------------------------------------------------------------------------------
+
+
+def test_events_of_a_stream_that_are_forgotten_are_not_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    from rvaft.monitoring.recall import Recall
+
+    monkeypatch.setattr(Recall.__init__, "__kwdefaults__", {"reads": None, "bound": 2})
+    data = ROW1.read_text(encoding="utf-8")
+    said = run("monitor", PRUNED, data=data).stdout
+    assert "  event 1 (no longer known) is ev1" in said
+    assert "  event 4 at 30.241 on /command is ev6" in said
+    last = json.loads(run("monitor", PRUNED, "--format", "jsonl", data=data).stdout.splitlines()[-1])
+    assert last["matched"][0] == {"node": "ev1", "event": 1}
+    assert last["matched"][3] == {"node": "ev6", "event": 4, "time": 30.241, "topic": "/command"}
+    assert "no longer known" not in run("monitor", PRUNED, ROW1).stdout

@@ -1,0 +1,162 @@
+"""Coverage held against the partial matches of the reference."""
+
+from collections.abc import Iterator
+from random import Random
+from typing import Any
+
+import pytest
+
+from rvaft.coverage import BranchCoverage, Coverage
+from rvaft.errors import TreeError
+from rvaft.random_traces import random_trace
+from rvaft.random_trees import Shape, random_tree
+from rvaft.semantics import Reference, branches
+from rvaft.semantics.events import observe
+from rvaft.semantics.reference import Partial, relevant
+from rvaft.tree import RVAFT
+from rvaft.verdict import Verdict
+from tests.engine.checking import small_and_valid
+from tests.engine.dense import SHAPES, dense_trace, dense_tree
+from tests.engine.living import living_trace
+
+WILD = {
+    "any": Shape(),
+    "shared": Shape(sharing=0.6, variables=0.3),
+    "variables": Shape(sharing=0.1, variables=1, typed_events=0.9, guards=0.5),
+}
+ALL = [*SHAPES, *WILD]
+SEMANTICS = ["strict", "projected", "scattered"]
+Events = list[dict[str, Any]]
+
+
+def cases(shape: str, semantics: str, count: int) -> Iterator[tuple[RVAFT, Events]]:
+    """Random trees with a trace each that goes deep into some branch of many."""
+    random = Random(f"coverage {shape} {semantics}")
+    while count:
+        tree = dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
+        if not small_and_valid(tree):
+            continue
+        count -= 1
+        if shape in SHAPES:
+            yield tree, [*living_trace(random, tree, shape, semantics, 6), *dense_trace(random, SHAPES[shape], 3)]
+        else:
+            yield tree, random_trace(random, tree)[:12]
+
+
+class Expected:
+    """What the definition says of one branch and one log."""
+
+    def __init__(self, tree: RVAFT, events: Events, semantics: str, branch: int) -> None:
+        self.reference = Reference(tree, semantics, branch=branch)
+        self.needed = min(len(scenario.occurrences) for scenario in self.reference.scenarios)
+        self.prefixes = [self._partials()]
+        self.detected_at = 0
+        for number, event in enumerate(events, 1):
+            if self.reference.step(event) is Verdict.TRUE:
+                self.detected_at = number
+                break
+            self.prefixes.append(self._partials())
+        best = min(self.lacking(partial) for partials in self.prefixes for partial in partials)
+        self.reached = self.needed - (0 if self.detected_at else best)
+
+    def _partials(self) -> list[Partial]:
+        return list(self.reference._partials.values())
+
+    def lacking(self, partial: Partial) -> int:
+        return len(self.reference.scenarios[partial.scenario].occurrences) - len(partial.assigned)
+
+    def best(self, prefix: int) -> list[Partial]:
+        """The partial matches after a prefix from which the branch was as near as it ever was."""
+        return [p for p in self.prefixes[prefix] if self.lacking(p) == self.needed - self.reached]
+
+    def awaited(self, prefix: int) -> set[str]:
+        """What may come next in those, in any scenario that they are part of."""
+        sets = {partial.assigned for partial in self.best(prefix)}
+        found: set[str] = set()
+        for partial in self.prefixes[prefix]:
+            scenario = self.reference.scenarios[partial.scenario]
+            if partial.assigned in sets:
+                left = scenario.occurrences - partial.assigned
+                found |= {name for name in left if scenario.before[name] <= partial.assigned}
+        return found
+
+
+def check(found: BranchCoverage, expected: Expected, semantics: str) -> None:
+    assert (found.needed, found.reached) == (expected.needed, expected.reached)
+    assert 0 <= found.reached <= found.needed
+    assert (found.reached == found.needed) == (found.detected == 1) == bool(expected.detected_at)
+    if expected.detected_at:
+        assert (found.event, found.awaited) == (expected.detected_at, ())
+        return
+    prefix = found.event or 0
+    assert expected.best(prefix), "after its last event the match was there"
+    awaited = {one.node for one in found.awaited}
+    assert awaited
+    assert awaited <= expected.awaited(prefix)
+    if semantics != "scattered" and found.reached:
+        assert not any(expected.best(earlier) for earlier in range(prefix)), "it was the first to come so far"
+        assert awaited == expected.awaited(prefix)
+
+
+@pytest.mark.parametrize("shape", ALL)
+@pytest.mark.parametrize("semantics", SEMANTICS)
+def test_how_far_is_what_the_definition_says(shape: str, semantics: str) -> None:
+    compared = reached = 0
+    for tree, events in cases(shape, semantics, 12):
+        try:
+            coverage = Coverage(tree, semantics)
+        except TreeError:
+            continue  # it breaks a rule that the reference knows nothing of
+        coverage.add("log", events)
+        report = coverage.report()
+        assert len(report.branches) + len(report.infeasible) == len(branches(tree))
+        for number in report.infeasible:
+            with pytest.raises(TreeError):
+                Reference(tree, semantics, branch=number)
+        for found in report.branches:
+            expected = Expected(tree, events, semantics, found.number)
+            check(found, expected, semantics)
+            compared += 1
+            reached += 0 < found.reached < found.needed
+        check_nodes(tree, events, semantics, coverage)
+    assert compared
+    assert reached
+
+
+def check_nodes(tree: RVAFT, events: Events, semantics: str, coverage: Coverage) -> None:
+    """A node is seen when an event, under `projected` a relevant one, fits it."""
+    report = coverage.report()
+    reached = set().union(*(branches(tree)[branch.number - 1] for branch in report.branches))
+    counted = [event for event in events if semantics != "projected" or relevant(tree, event)]
+    unseen = {node.node for node in report.unseen}
+    for name in tree.order:
+        node = tree.nodes[name]
+        if node.has_event and name in reached:
+            fits = any(observe(tree, node, event, {}) is not None for event in counted)
+            assert fits or name in unseen
+            assert node.when is not None or fits != (name in unseen)
+    assert report.seen + len(report.unseen) == report.nodes == len(reached & set(tree.occurrences))
+
+
+@pytest.mark.parametrize("semantics", SEMANTICS)
+def test_of_several_logs_the_best_counts(semantics: str) -> None:
+    """And the first of the best is named."""
+    better = 0
+    for shape in ("plain", "variables", "shared thresholds"):
+        random = Random(f"several {shape}")
+        for tree, events in cases(shape, semantics, 6):
+            logs = [events[: random.randint(0, len(events))], events[:2][::-1], events, events]
+            try:
+                together, apart = Coverage(tree, semantics), [Coverage(tree, semantics) for _ in logs]
+            except TreeError:
+                continue
+            for number, log in enumerate(logs):
+                together.add(f"log {number}", log)
+                apart[number].add(f"log {number}", log)
+            singles = zip(*(one.report().branches for one in apart), strict=True)
+            for found, single in zip(together.report().branches, singles, strict=True):
+                best = max(single, key=lambda one: one.reached)  # the first of the largest
+                assert (found.reached, found.log, found.event) == (best.reached, best.log, best.event)
+                assert found.detected == sum(one.detected for one in single)
+                better += best.log not in (None, "log 0")
+    assert better

@@ -1,0 +1,258 @@
+"""The tree with the path marked on which it was detected."""
+
+import re
+import shutil
+from itertools import pairwise
+from random import Random
+from typing import Any
+from xml.dom import minidom
+
+import pytest
+
+import rvaft
+from rvaft import RVAFT, Explanation, Gate, Kind, Node, loads
+from rvaft.drawing import fired_dot, fired_text, picture
+from rvaft.drawing.marks import LONGEST
+from rvaft.drawing.tree import MARK, MAX_LEVELS
+from rvaft.engine import Engine
+from rvaft.model import EventType, On
+from rvaft.patterns import ObjectPattern, Variable
+from rvaft.restrict import restrict
+from rvaft.semantics import Reference, branches, feasible_scenarios
+from rvaft.semantics.scenarios import of_branch
+from rvaft.verdict import Verdict
+from tests.drawing.trees import AWKWARD, awkward, chain
+from tests.engine.checking import small_and_valid
+from tests.engine.dense import SHAPES, dense_trace, dense_tree
+
+needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
+
+ROBOT = """
+event move(wp, t) = { topic: "/command", name: "move", waypoint: wp, time: t };
+event goal(wp)    = { topic: "/goal", goal: wp };
+toplevel top;
+top   or start other;
+start sand shared late       on move(W, T)            label "Start";
+other and shared;
+shared and a                 label "Shared";
+a     attack                 on goal(G);
+late  when T >= 1;
+"""
+EVENTS: list[dict[str, Any]] = [
+    {"topic": "/command", "name": "move", "waypoint": "x", "time": 4.5},
+    {"noise": True},
+    {"topic": "/goal", "goal": [1, "zwei"]},
+]
+
+
+def explained(tree: RVAFT, events: list[dict[str, Any]], semantics: str = "projected") -> Explanation:
+    monitor = rvaft.monitor(tree, semantics=semantics)
+    verdicts = list(monitor.run(events))
+    assert verdicts[-1] is Verdict.TRUE
+    assert monitor.explanation is not None
+    return monitor.explanation
+
+
+def numbered(events: list[dict[str, Any]]) -> dict[int, Any]:
+    return dict(enumerate(events, 1))
+
+
+def marked(text: str) -> set[str]:
+    """The first words of the marked lines that draw a node."""
+    lines = (line[len(MARK) :].strip("│├└─ ") for line in text.splitlines() if line.startswith(MARK))
+    return {line.split()[0] for line in lines if "(see " not in line}
+
+
+def test_the_terminal_shows_the_path_its_events_and_the_variables() -> None:
+    tree = loads(ROBOT)
+    assert fired_text(tree, explained(tree, EVENTS), numbered(EVENTS)) == (
+        "● top OR\n"
+        '● ├─ start SAND →  on move(W, T)  "Start"  event 1, time 4.5, topic /command\n'
+        '● │  ├─ shared AND  "Shared"\n'
+        "● │  │  └─ a  [attack]  on goal(G)  event 3, topic /goal\n"
+        "● │  └─ late  when T >= 1\n"
+        "  └─ other AND\n"
+        "     └─ shared (see above)\n"
+        "\n"
+        "branch 1: attack\n"
+        'W = "x"\n'
+        "T = 4.5\n"
+        'G = [1, "zwei"]\n'
+    )
+
+
+def test_an_event_that_is_not_at_hand_has_its_number_only() -> None:
+    tree = loads(ROBOT)
+    text = fired_text(tree, explained(tree, EVENTS), {})
+    assert '"Start"  event 1\n' in text
+    assert "goal(G)  event 3\n" in text
+
+
+def test_a_reference_is_marked_where_the_scenario_comes_from() -> None:
+    tree = loads("top or x y; x and s a; y and s b;")
+    assert fired_text(tree, explained(tree, [{"event": "s"}, {"event": "b"}]), {}).splitlines()[:7] == [
+        "● top OR",
+        "  ├─ x AND",
+        "● │  ├─ s  event 1",
+        "  │  └─ a",
+        "● └─ y AND",
+        "●    ├─ s (see above)",
+        "●    └─ b  event 2",
+    ]
+
+
+def test_colour_only_where_it_is_wanted() -> None:
+    tree = loads(ROBOT)
+    explanation = explained(tree, EVENTS)
+    plain = fired_text(tree, explanation, numbered(EVENTS))
+    coloured = fired_text(tree, explanation, numbered(EVENTS), colour=True)
+    assert "\x1b" not in plain
+    assert re.sub(r"\x1b\[[0-9;]*m", "", coloured) == plain
+    lines = coloured.splitlines()
+    assert lines[0].startswith("\x1b[1m")
+    assert lines[3].startswith("\x1b[1;31m")  # an attack
+    assert lines[5].startswith("\x1b[2m")
+    assert all(line.endswith("\x1b[0m") for line in lines[:7])
+
+
+@pytest.mark.parametrize(("trace", "kept"), [("a c d", {"a", "c"}), ("c b a d", {"a", "b", "c"})])
+def test_a_vot_keeps_what_the_match_took(trace: str, kept: set[str]) -> None:
+    """At least K: under `projected` the third child was used too, and is part of the scenario."""
+    tree = loads("top sand v d; v 2of3 a b c;")
+    events = [{"event": word} for word in trace.split()]
+    assert marked(fired_text(tree, explained(tree, events), {})) == {"top", "v", "d", *kept}
+    scattered = marked(fired_text(tree, explained(tree, events, "scattered"), {}))
+    assert scattered >= {"top", "v", "d"}
+    assert len(scattered & {"a", "b", "c"}) >= 2
+
+
+@pytest.mark.parametrize("shape", list(SHAPES))
+@pytest.mark.parametrize("semantics", ["strict", "projected", "scattered"])
+def test_what_is_marked_is_a_scenario_of_the_reference(shape: str, semantics: str) -> None:
+    """For the whole tree and for a kind: node by node, edge by edge."""
+    random = Random(f"fired {shape} {semantics}")
+    found = 0
+    while found < 6:
+        tree = dense_tree(random, SHAPES[shape])
+        if not small_and_valid(tree):
+            continue
+        kinds = [kind for kind in Kind if any(tree.nodes[name].kind is kind for name in tree.order)]
+        part = restrict(tree, kind=random.choice([None, *kinds]))
+        try:
+            Reference(tree, semantics, kind=None if part.part_of is None else part.part_of.kind)
+        except rvaft.TreeError:
+            continue
+        engine = Engine(part, semantics)
+        for event in dense_trace(random, SHAPES[shape], 12):
+            if engine.step(event).final:
+                break
+        explanation = engine.explanation
+        if explanation is None or explanation.branch is None:
+            continue
+        found += 1
+        chosen = branches(tree)[explanation.branch - 1]
+        scenarios = [scenario for scenario in feasible_scenarios(tree) if of_branch(scenario, chosen)]
+        fitting = [scenario for scenario in scenarios if scenario.kept == explanation.scenario]
+        assert len(fitting) == 1
+        assert fitting[0].occurrences == set(explanation.matched)
+        assert marked(fired_text(part, explanation, {})) == set(explanation.scenario)
+        check_edges(tree, explanation)
+
+
+def check_edges(tree: RVAFT, explanation: Explanation) -> None:
+    """Exactly the edges of the scenario are bold."""
+    dot = fired_dot(tree, explanation, {})
+    edges = {(int(a), int(b)): "penwidth" in look for a, b, look in re.findall(r"g(\d+) -> n(\d+) \[(.*)\];", dot)}
+    number = {name: index for index, name in enumerate(tree.order)}
+    kept = {(number[name], number[child]) for name, children in explanation.scenario.items() for child in children}
+    assert {edge for edge, bold in edges.items() if bold} == kept
+    assert set(edges) == {(number[name], number[c]) for name in tree.order for c in tree.nodes[name].children}
+
+
+def test_without_a_scenario_the_matched_nodes_alone_are_marked() -> None:
+    """As from a monitor that knows only those."""
+    tree = loads("top sand a b;")
+    explanation = Explanation(1, frozenset(), {"a": 1, "b": 2}, {})
+    assert marked(fired_text(tree, explanation, {})) == {"a", "b"}
+
+
+def test_a_deep_tree_names_each_event_once() -> None:
+    length = 3 * MAX_LEVELS
+    tree = chain(length)
+    text = fired_text(tree, explained(tree, [{"event": f"g{length}"}]), {})
+    assert text.count("event 1") == 1
+    assert all(line.startswith(MARK) for line in text.split("\n\nbranch")[0].splitlines() if line)
+
+
+def awkward_match() -> tuple[RVAFT, Explanation, dict[int, Any]]:
+    """Every awkward text as the topic and the time of an event and as the value of a variable."""
+    tree = awkward()
+    leaves = [name for name in tree.order if tree.nodes[name].leaf][: len(AWKWARD)]
+    events = {number: {"time": {text: [text]}, "topic": text} for number, text in enumerate(AWKWARD, 1)}
+    scenario = {tree.root: tree.nodes[tree.root].children, **dict.fromkeys(leaves, ())}
+    variables = {f"V{number}": text for number, text in enumerate(AWKWARD)}
+    matched = {name: number for number, name in enumerate(leaves, 1)}
+    return tree, Explanation(1, frozenset(), matched, variables, scenario), events
+
+
+def test_no_value_of_an_event_can_steer_the_terminal() -> None:
+    text = fired_text(*awkward_match())
+    assert all(line.isprintable() for line in text.splitlines())
+    assert "日本語" in text
+    assert r"zero \x00, next line \x85" in text
+
+
+@needs_dot
+def test_no_value_of_an_event_leaves_its_place_in_a_picture() -> None:
+    plain = minidom.parseString(picture(awkward().to_dot(), "svg"))
+    document = minidom.parseString(picture(fired_dot(*awkward_match()), "svg"))
+    count = [len(one.getElementsByTagName("g")) for one in (plain, document)]
+    assert count[0] == count[1], "the same nodes and edges as without a match"
+    assert not document.getElementsByTagName("b")
+    shown = " ".join(t.firstChild.nodeValue or "" for t in document.getElementsByTagName("text") if t.firstChild)
+    assert r"topic \N \G \\ back\slash\\" in re.sub(r"\s+", " ", shown)
+    assert "<b>bold</b>" in shown
+
+
+def test_a_long_value_is_cut_and_any_value_can_be_shown() -> None:
+    event = EventType("e", ("v",), ObjectPattern((("v", Variable("v")),)))
+    tree = RVAFT("a", [Node("a", on=On("e", (Variable("V"),)))], [event])
+    for value in ("x" * 10_000, ["x"] * 10_000, 10**5000, "\ud800"):
+        events = [{"v": value, "topic": value, "time": value}]
+        text = fired_text(tree, explained(tree, events), numbered(events))
+        assert len(text) < 5 * LONGEST
+        assert text.encode()
+        assert fired_dot(tree, explained(tree, events), numbered(events)).encode()
+
+
+@needs_dot
+def test_no_text_of_the_picture_overlaps_another() -> None:
+    """Every box holds its lines: they stand one below the other within the frame of their node."""
+    tree = loads(ROBOT)
+    document = minidom.parseString(picture(fired_dot(tree, explained(tree, EVENTS), numbered(EVENTS)), "svg"))
+    groups = [g for g in document.getElementsByTagName("g") if g.getAttribute("class") == "node"]
+    boxes: list[tuple[float, float, float, float]] = []
+    for group in groups:
+        frame = group.getElementsByTagName("polygon")
+        if not frame:
+            continue
+        points = [tuple(map(float, point.split(","))) for point in frame[0].getAttribute("points").split()]
+        left, right = min(x for x, _ in points), max(x for x, _ in points)
+        top, bottom = min(y for _, y in points), max(y for _, y in points)
+        lines = sorted(float(text.getAttribute("y")) for text in group.getElementsByTagName("text"))
+        assert all(top < y < bottom for y in lines)
+        assert all(later - earlier >= 9 for earlier, later in pairwise(lines))
+        boxes.append((left, right, top, bottom))
+    assert len(boxes) == len(tree.order)
+    for index, (left, right, top, bottom) in enumerate(boxes):
+        for other in boxes[:index]:
+            assert right <= other[0] or other[1] <= left or bottom <= other[2] or other[3] <= top
+
+
+def test_gates_without_an_event_of_their_own_are_bold_too() -> None:
+    tree = RVAFT("top", [Node("top", Gate.OR, ("g", "h")), Node("g", Gate.AND, ("a",)), Node("a"), Node("h")])
+    dot = fired_dot(tree, explained(tree, [{"event": "a"}]), {})
+    looks = dict(re.findall(r"^  (n\d+) \[label.*(penwidth|fontcolor)", dot, re.MULTILINE))
+    names = {f"n{index}": name for index, name in enumerate(tree.order)}
+    assert {names[node] for node, look in looks.items() if look == "penwidth"} == {"top", "g", "a"}
+    assert {names[node] for node, look in looks.items() if look == "fontcolor"} == {"h"}

@@ -1,0 +1,267 @@
+"""Dropping partial matches that another can replace: what makes a guard monotone, and that nothing is lost."""
+
+from collections.abc import Iterator
+from random import Random
+from typing import Any, Final
+
+import pytest
+
+from rvaft import language
+from rvaft.engine import Engine
+from rvaft.engine.dominance import Directions, scale, tendency
+from rvaft.engine.skipping import Skipping
+from rvaft.errors import TreeError
+from rvaft.guards import Guard, Operation, Operator, holds, variables
+from rvaft.language import parse_guard
+from rvaft.patterns import Literal, Variable
+from rvaft.tree import RVAFT
+from rvaft.verdict import Verdict
+from tests.engine.checking import compare, small_and_valid
+
+NUMBERS: Final = (
+    0,
+    1,
+    2,
+    3,
+    -1,
+    0.5,
+    2.5,
+    -0.0,
+    10**16,
+    2**53,
+    2.0**53,
+    2**53 + 1,
+    1e16,
+    1e100,
+    -(10**100),
+    1e300,
+    1.7e308,
+)
+VALUES: Final[tuple[Any, ...]] = (
+    *NUMBERS,
+    10**101,
+    10**309,
+    2**1024 - 2**970 + 1,
+    -1.7e308,
+    "",
+    "a",
+    "b",
+    "é",
+    True,
+    False,
+    None,
+    [1],
+    {},
+)
+
+
+@pytest.mark.parametrize(
+    ("guard", "sign"),
+    [
+        ("T2 >= X + 10", -1),
+        ("T2 - X >= 10", -1),
+        ("X - T2 > 0 - 10", 1),
+        ("10 < X", 1),
+        ("X < 10", -1),
+        ("not X < 10", 1),
+        ("-X < T2", 1),
+        ("3 <= X or X > 1 and X > T2", 1),
+        ("T2 > 1 and X > T2 or 3 <= X", 1),
+        ("X > 1 and X > T2 or 3 <= X", None),
+        ("not (T2 > 1 and X > T2)", -1),
+        ("not (X > 1 and T2 > 1)", None),
+        ("T2 > 1", 0),
+        ("X > 1 and T2 == 1", 1),
+        ("T2 - X + 10 >= 0", -1),
+        ("T2 - X + 0.5 >= 0", None),
+        ("T2 - X - T3 >= 0", None),
+        ("X > 1 and X < 3", None),
+        ("X == 1", None),
+        ("X != 1", None),
+        ("2 * X > 1", None),
+        ("X / 2 > 1", None),
+        ("X - X > 1", None),
+        ("X > X", None),
+        ("X", None),
+        ("not X", None),
+    ],
+)
+def test_which_guards_are_monotone(guard: str, sign: int | None) -> None:
+    assert tendency(parse_guard(guard), "X") == sign
+
+
+def random_guard(random: Random, depth: int = 3) -> Guard:
+    if depth and random.random() < 0.5:
+        return Operation(
+            random.choice((Operator.AND, Operator.OR)), tuple(random_guard(random, depth - 1) for _ in range(2))
+        )
+    if depth and random.random() < 0.2:
+        return Operation(Operator.NOT, (random_guard(random, depth - 1),))
+    signs = (Operator.LT, Operator.LE, Operator.GT, Operator.GE, Operator.LT, Operator.GE, Operator.EQ)
+    return Operation(random.choice(signs), (random_term(random, 3), random_term(random, 3)))
+
+
+def random_term(random: Random, depth: int) -> Guard:
+    if not depth or random.random() < 0.4:
+        return Variable(random.choice("XXYZ")) if random.random() < 0.6 else Literal(random.choice((*NUMBERS, "a")))
+    if random.random() < 0.1:
+        return Operation(Operator.NEGATE, (random_term(random, depth - 1),))
+    signs = (Operator.ADD, Operator.SUB, Operator.ADD, Operator.SUB, Operator.MUL)
+    return Operation(random.choice(signs), (random_term(random, depth - 1), random_term(random, depth - 1)))
+
+
+def ordered(random: Random) -> tuple[Any, Any]:
+    """Two different values that can be compared."""
+    while True:
+        one, other = random.choices(VALUES, k=2)
+        if scale(one) is not None and scale(one) is scale(other) and one != other:
+            return min(one, other), max(one, other)
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 20))])
+def test_a_monotone_guard_that_holds_goes_on_to_hold(seed: int) -> None:
+    """Whatever the other values, at the borders of rounding and of what is finite too."""
+    random = Random(seed)
+    held = 0
+    for _ in range(6_000):
+        guard = random_guard(random)
+        sign = tendency(guard, "X")
+        assert (sign == 0) == ("X" not in variables(guard))
+        if not sign:
+            continue
+        for _ in range(25):
+            low, high = ordered(random)
+            others = dict(zip("YZ", random.choices(VALUES, k=2), strict=True))
+            worse, better = (low, high) if sign > 0 else (high, low)
+            if holds(guard, {**others, "X": worse}):
+                held += 1
+                assert holds(guard, {**others, "X": better}), (guard, others, worse, better)
+    assert held > 500
+
+
+TYPES: Final = "event e(n, v) = { n: n, v: v }; event f(n, v, w) = { n: n, v: v, w: w }; "
+GUARDS: Final = (
+    "T3 >= T1 + 2", "T3 - T1 >= 2", "T2 > T1", "T1 > 1", "T1 < T2", "not T2 <= T1", "T2 >= T1 and T3 > T2", "T3 > 1 or T1 < 2",
+    "T1 == T3", "T2 != T1", "U > T1", "U >= 2", "T1 * 2 < T3",
+)  # fmt: skip
+
+
+def random_text(random: Random) -> str:
+    """A tree over three or four events of ever new values, and guards over them."""
+    events = ['e("a", T1)', random.choice(('e("b", T2)', 'f("b", T2, U)', 'e("a", T2)')), 'e("c", T3)']
+    events.append(random.choice(('e("d", _)', 'e("b", T1)', 'e("c", T3)')))
+    leaves = "".join(f"l{i} on {event};" for i, event in enumerate(events))
+    guards = "".join(f" g{i} when {random.choice(GUARDS)};" for i in range(2))
+    shape = random.choice(
+        (
+            "top sand l0 l1 l2 x; x and g0 y; y or l3 g1;",
+            "top sand l0 x l2 g0 l3; x or l1 y; y and l1 g1;",
+            "top or x y; x sand l0 l1 l2 g0; y sand l0 l1 g1 l3 l2;",
+            "top sand x l2; x or y z; y sand l0 l1 g0; z and l0 l1 g1 l3;",
+            "top and l0 x l2; x 2of4 l1 l3 g0 g1;",
+            "top and l0 l1 x l2; x or g0 l3 y; y and l3 g1;",
+        )
+    )
+    return f"{TYPES}{shape} {leaves}{guards}"
+
+
+def random_events(random: Random, length: int) -> list[dict[str, Any]]:
+    values = random.choice(
+        ((0, 1, 2, 3, 4, 5), (0.5, 1, 1.5, 2.0, 3), (1, "a", 2, "b", 3.0), (2**53, 2.0**53, 2**53 + 2, 5))
+    )
+    return [
+        {"n": random.choice("aabbccd"), "v": random.choice(values), **({"w": random.choice(values)} if random.random() < 0.7 else {})}
+        for _ in range(length)
+    ]  # fmt: skip
+
+
+def trees(random: Random, count: int) -> Iterator[RVAFT]:
+    """Valid trees."""
+    while count:
+        try:
+            tree = language.loads(random_text(random))
+        except TreeError:
+            continue  # a guard's variable is not bound in every branch
+        if small_and_valid(tree):
+            count -= 1
+            yield tree
+
+
+def followed(tree: RVAFT, trace: list[dict[str, Any]]) -> tuple[Engine, list[Verdict], list[int]]:
+    """A monitor after a trace, its verdicts, and how many partial matches it followed."""
+    monitor = Engine(tree, "scattered")
+    assert isinstance(monitor._strategy, Skipping)
+    verdicts, sizes = [], []
+    for event in trace:
+        verdicts.append(monitor.step(event))
+        sizes.append(len(monitor._strategy.partial))
+    return monitor, verdicts, sizes
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
+def test_nothing_is_lost(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Verdicts are those without dominance and those of the definition; an explanation is a match of the lowest branch."""
+    random = Random(seed)
+    dropped = detected = 0
+    for tree in trees(random, 120):
+        trace = random_events(random, 10)
+        lean, verdicts, sizes = followed(tree, trace)
+        with monkeypatch.context() as patch:
+            patch.setattr(Directions, "of", lambda *_: {})
+            full, expected, all_sizes = followed(tree, trace)
+        assert verdicts == expected
+        dropped += sizes != all_sizes
+        compare(tree, trace, "scattered")
+        detected += lean.verdict is Verdict.TRUE
+        if lean.verdict is Verdict.TRUE:
+            assert lean.explanation is not None
+            assert full.explanation is not None
+            assert lean.explanation.branch == full.explanation.branch
+    assert dropped > 15
+    assert detected > 10
+
+
+def test_ever_later_times_are_not_all_kept() -> None:
+    tree = language.loads(TYPES + 'top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 10;')
+    monitor = Engine(tree, "scattered", limit=5)
+    for time in range(1000):
+        assert monitor.step({"n": "a", "v": time}) is Verdict.UNKNOWN
+    assert monitor.step({"n": "b", "v": 9}) is Verdict.UNKNOWN
+    assert monitor.step({"n": "b", "v": 10}) is Verdict.TRUE
+    assert monitor.explanation is not None
+    assert monitor.explanation.matched == {"a": 1, "b": 1002}
+
+
+def test_an_earlier_time_that_comes_later_takes_over() -> None:
+    tree = language.loads(TYPES + 'top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 10;')
+    monitor = Engine(tree, "scattered", limit=5)
+    for time in range(1000, 0, -1):
+        assert monitor.step({"n": "a", "v": time}) is Verdict.UNKNOWN
+    assert isinstance(monitor._strategy, Skipping)
+    for group in monitor._strategy._groups.values():  # what was dropped is found nowhere
+        for index in (*group._by_values.values(), group._rivals):
+            assert sum(map(len, index.values())) <= len(group.members) == 1
+    assert monitor.step({"n": "b", "v": 11}) is Verdict.TRUE
+    assert monitor.explanation is not None
+    assert monitor.explanation.variables == {"T1": 1, "T2": 11}
+
+
+def test_values_of_two_types_stay_side_by_side() -> None:
+    """2**53 and 2.0**53 are equal, but what is added to them is rounded for one of them only."""
+    guard = "T2 >= T1 + 11"
+    tree = language.loads(TYPES + f'top sand a b late; a on e("a", T1); b on e("b", T2); late when {guard};')
+    for first, second in ((2**53, 2.0**53), (2.0**53, 2**53)):
+        monitor = Engine(tree, "scattered")
+        monitor.step({"n": "a", "v": first})
+        monitor.step({"n": "a", "v": second})
+        assert monitor.step({"n": "b", "v": 2**53 + 11}) is Verdict.TRUE
+
+
+def test_guards_in_two_directions_leave_both_values() -> None:
+    text = 'top sand a b c g h; a on e("a", T1); b on e("b", T2); c on e("c", T3); g when T2 > T1; h when T3 < T1;'
+    for first, second in ((1, 5), (5, 1)):
+        for low, high in ((0, 2), (4, 6)):
+            monitor = Engine(language.loads(TYPES + text), "scattered")
+            for letter, value in (("a", first), ("a", second), ("b", high)):
+                assert monitor.step({"n": letter, "v": value}) is Verdict.UNKNOWN
+            assert monitor.step({"n": "c", "v": low}) is Verdict.TRUE

@@ -1,0 +1,270 @@
+"""Reading many lines at a time gives what reading them one by one gives, whatever the bytes."""
+
+import io
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from rvaft import RVAFT, TraceError, loads
+from rvaft.fast import blocks, skeletons
+from rvaft.fast.batches import Batches
+from rvaft.fast.heads import fields_of
+from rvaft.patterns import match
+from rvaft.reads import TreeReads
+from rvaft.statistics import Statistics
+from rvaft.traces import MAX_DEPTH, MAX_DIGITS, read
+
+ONE = 'event a(v) = { topic: "t", value: v }; event b(v, w) = { topic: "u", value: v, other: w }; toplevel r; r and x y; x on a(V); y on b(V, W);'
+TWO = (
+    'event a(v) = { topic: "t", value: v }; event e(v) = { kind: "k", name: "n", value: v };'
+    "toplevel r; r and x y z; x on a(V); y on e(V); z;"
+)
+NESTED = (
+    'event a(v) = { topic: "t", value: { deep: v } }; event c(v) = { topic: "t", name: 1, items: [v, _] };'
+    "toplevel r; r and x y; x on a(V); y on c(V); ignore a(V) when V > 1;"
+)
+TREES = {"one": loads(ONE), "two": loads(TWO), "nested": loads(NESTED)}
+
+
+class Held(NamedTuple):
+    """What a log holds for a tree: for each event what it has in the tree's fields if it fits a pattern, and the error at its end."""
+
+    events: list[dict[str, Any] | None]
+    error: str | None
+
+
+def one_by_one(tree: RVAFT, data: bytes) -> Held:
+    reads = TreeReads(tree)
+    events: list[dict[str, Any] | None] = []
+    try:
+        events.extend(of_interest(reads, event) for event in read(io.BytesIO(data), name="log", reads=reads))
+    except TraceError as error:
+        return Held(events, str(error))
+    return Held(events, None)
+
+
+def of_interest(reads: TreeReads, event: dict[str, Any]) -> dict[str, Any] | None:
+    if all(match(pattern, event, {}) is None for pattern in reads.patterns):
+        return None
+    return {field: event[field] for field in fields_of(reads.patterns) or () if field in event}
+
+
+def many_at_a_time(tree: RVAFT, data: bytes, *, wanted: int, dense: bool) -> Held:
+    reads = TreeReads(tree)
+    batches = Batches.of(reads)
+    assert batches is not None
+    batches._dense = dense
+    events: list[dict[str, Any] | None] = []
+    asked: dict[Any, int] = {}
+    try:
+        for batch in batches.read(io.BytesIO(data), "log", lambda values: max(0, wanted - asked.get(values, 0))):
+            new: list[dict[str, Any] | None] = [None] * batch.count
+            for place, event in batch.events:
+                assert new[place] is None
+                new[place] = of_interest(reads, event)
+            assert batch.count == len(batch.events) + sum(count for _, count in batch.others)
+            events.extend(new)
+    except TraceError as error:
+        return Held(events, str(error))
+    return Held(events, None)
+
+
+@contextmanager
+def small(size: int) -> Iterator[None]:
+    """Blocks of that many bytes; and skeletons are looked at whatever is new."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(blocks, "SIZE", size)
+        patch.setattr(skeletons, "_FEW", 0)
+        yield
+
+
+def same(tree: RVAFT, data: bytes, *, size: int = 1 << 16) -> Held:
+    """What both ways of reading give; they give the same."""
+    expected = one_by_one(tree, data)
+    with small(size):
+        for dense in (False, True):
+            for wanted in (0, 2, 10**6):
+                assert repr(many_at_a_time(tree, data, wanted=wanted, dense=dense)) == repr(expected)
+    return expected
+
+
+values = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-3, 3),
+    st.sampled_from([1.0, -0.0, 0.5, 1e300, 10**400, 2**53 + 1, 2**64, 1e-320]),
+    st.sampled_from(["t", "u", "k", "n", "", "x\u00e9", "\U0001f600", '"topic"', "a\nb", "\\"]),
+)
+fields = st.sampled_from(
+    ["topic", "value", "other", "kind", "name", "items", "deep", "event", "x", "z", "topics", "tópic"]
+)
+deep = st.recursive(
+    values, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(fields, inner, max_size=3), max_leaves=6
+)
+objects = st.one_of(
+    st.dictionaries(fields, deep, max_size=5),
+    st.builds(
+        lambda topic, rest: {"topic": topic, **rest},
+        st.sampled_from(["t", "u", "w"]),
+        st.dictionaries(fields.filter(lambda name: name != "topic"), deep, max_size=4),
+    ),
+    st.builds(lambda value: {"topic": "t", "value": value, "x": 1}, st.integers(0, 50)),
+)
+
+
+@st.composite
+def lines(draw: st.DrawFn) -> bytes:
+    """An object as somebody writes it, or nearly so."""
+    made = draw(objects)
+    separators = draw(st.sampled_from([(", ", ": "), (",", ":"), (" , ", " : ")]))
+    text = json.dumps(made, ensure_ascii=draw(st.booleans()), separators=separators)
+    if made and draw(st.integers(0, 9)) == 0:  # a key twice
+        key = draw(st.sampled_from(sorted(made)))
+        text = text[:-1] + separators[0] + json.dumps(key) + separators[1] + json.dumps(draw(values)) + "}"
+    if draw(st.integers(0, 9)) == 0:
+        text = text.replace('"topic"', '"\\u0074opic"', 1)
+    data = bytearray(text.encode())
+    for _ in range(draw(st.sampled_from([0, 0, 0, 0, 1, 2]))):
+        place = draw(st.integers(0, max(len(data) - 1, 0)))
+        piece = draw(
+            st.sampled_from(
+                [
+                    b"",
+                    b"\xff",
+                    b"\xed\xa0\x80",
+                    b"\\",
+                    b'"',
+                    b"{",
+                    b"}",
+                    b"1",
+                    b"e",
+                    b",",
+                    b"\n",
+                    b"\x00",
+                    b"\\ud800",
+                    b" ",
+                ]
+            )
+        )
+        data[place : place + draw(st.integers(0, 1))] = piece
+    return bytes(data) + draw(st.sampled_from([b"", b"", b"", b"\r", b" "]))
+
+
+logs = st.builds(
+    lambda mark, some, end: mark + b"\n".join(some) + end,
+    st.sampled_from([b"", b"", b"\xef\xbb\xbf"]),
+    st.lists(st.one_of(lines(), lines(), st.sampled_from([b"", b"  ", b'{"topic":"t","value":1}'])), max_size=12),
+    st.sampled_from([b"", b"\n", b"\n\n"]),
+)
+
+
+@given(st.sampled_from(sorted(TREES)), logs, st.sampled_from([1, 40, 200, 1 << 16]))
+@example("one", b'{"topic":"t","value":1}{"topic":"t","value":1}\n{"topic":"t",\n"value":1}\n', 1 << 16)
+@example("one", b'{"topic":"t","value":1} 5\n\n{"topic":"t","value":1}\n', 1 << 16)
+@example("one", b'{"topic":"t","value":"\\\\"}\n{"topic":"t","value":"\\1"}\n', 1 << 16)
+@example("one", b'{"topic":"t","topic":null}\n{"\\u0074opic":"t","value":0}\n', 1 << 16)
+@settings(max_examples=400, deadline=None)
+def test_any_bytes(name: str, data: bytes, size: int) -> None:
+    same(TREES[name], data, size=size)
+
+
+GOOD = b'{"topic":"t","value":1,"x":2}'
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'{"topic":"t","value":1,"value":2}',
+        b'{"topic":"w","topic":"t","value":1}',
+        b'{"topic":"t","topic":"w","value":1}',
+        b'{"\\u0074opic":"t","topic":"w","value":1}',
+        b'{"topic":"t","v\\u0061lue":1,"value":2}',
+        b'{"topic":"t","value":1,"x":"\xff"}',
+        b'{"topic":"w","x":"\xed\xa0\x80"}',
+        b'{"topic":"w","x":"\\ud800"}',
+        b'{"topic":"w","x":NaN}',
+        b'{"topic":"w","x":' + b"[" * MAX_DEPTH + b"]" * MAX_DEPTH + b"}",
+        b'{"topic":"w","x":' + b"9" * (MAX_DIGITS + 1) + b"}",
+        b'{"topic":"w","x":' + b"9" * 1_000_000 + b"}",
+        b'{"topic":"t","value":1e999}',
+        b'[{"topic":"t","value":1}]',
+        b'{"topic":"t","value":1}}',
+        b'{"topic":"t","value":1}{"topic":"t","value":1}',
+        b'{"topic":"w","x":01}',
+        b'{"topic":"w"',
+        b"garbage",
+        b"\xef\xbb\xbf\xef\xbb\xbf{}",
+    ],
+)
+def test_one_bad_line_among_many_good_ones(line: bytes) -> None:
+    for before in (0, 1, 400):
+        data = b"\n".join([GOOD] * before + [line] + [GOOD] * 400)
+        held = same(TREES["one"], data, size=4096)
+        assert held.error is not None
+        assert f"log:{before + 1}: " in held.error
+        assert len(held.events) == before
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'{"topic":"w","x":1,"x":2,"value":1,"value":2}',
+        b'{"topic":"t","value":1,"x":{"topic":"w","topic":"w"}}',
+        b'{"topic":"w","x":1e999}',
+        b'{"topic":"t","value":1,"x":"\\u00b5 \\/ \\u0041"}',
+        b'{"topic":"w","x":' + b"[" * (MAX_DEPTH - 1) + b"]" * (MAX_DEPTH - 1) + b"}",
+        b'{"topic":"w","x":' + b"[1],"[:0] + b"[" + b",".join([b"[1]"] * 1000) + b"]}",
+        b'{"topic":"w","x":' + b"9" * MAX_DIGITS + b"}",
+        b'{"topic":["t"],"value":1}',
+        b'{"topic":"t","value":[1,{"a":1}]}',
+        b'{"topic":true,"value":1}',
+        b"",
+        b"{}",
+        '{"topic":"t","value":"µ"}'.encode(),
+    ],
+)
+def test_one_odd_line_among_many(line: bytes) -> None:
+    for before in (0, 1, 400):
+        held = same(TREES["one"], b"\n".join([GOOD] * before + [line] + [GOOD] * 400), size=4096)
+        assert held.error is None
+        assert len(held.events) == before + 400 + bool(line)
+
+
+@given(st.sampled_from(sorted(TREES)), st.lists(objects, max_size=40))
+@settings(max_examples=100, deadline=None)
+def test_statistics_are_the_same(name: str, some: list[dict[str, Any]]) -> None:
+    tree = TREES[name]
+    data = b"".join(json.dumps(event).encode() + b"\n" for event in some)
+    slow, quick = Statistics(tree), Statistics(tree)
+    for number, event in enumerate(some, 1):
+        slow.add(event, number)
+    batches = Batches.of(TreeReads(tree))
+    assert batches is not None
+    with small(100):
+        number = 0
+        for batch in batches.read(io.BytesIO(data), "log", quick.wants):
+            for place, event in batch.events:
+                quick.add(event, number + place + 1)
+            for values_, count in batch.others:
+                quick.pass_over(values_, count)
+            number += batch.count
+    assert (slow.events, slow.relevant, slow.never_seen) == (quick.events, quick.relevant, quick.never_seen)
+    assert slow.near_misses == quick.near_misses
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "event e(v) = { value: v }; toplevel a; a on e(V);",
+        'event e(v) = { "a/b": "t", value: v }; toplevel a; a on e(V);',
+        'event e(v) = { topic: "t", "ö": v }; toplevel a; a on e(V);',
+        'event e(v) = { topic: "t", "a\\"b": v }; toplevel a; a on e(V);',
+    ],
+)
+def test_trees_that_are_left_to_the_other_way(text: str) -> None:
+    assert Batches.of(TreeReads(loads(text))) is None

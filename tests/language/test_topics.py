@@ -1,0 +1,236 @@
+"""`topic` declarations: what they say, where the word is still a name, and that nothing of them gets lost."""
+
+import json
+import logging
+import pickle
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+from lark import Lark, logger
+
+from rvaft import monitor
+from rvaft.errors import LanguageError, TreeError
+from rvaft.language import dumps, load, loads, parse
+from rvaft.model import Node, Place, Topic
+from rvaft.restrict import restrict
+from rvaft.tree import RVAFT
+from tests.cli.runs import run
+
+TREE = "top or a b;\na fault;\nb attack;\n"
+
+
+def topics(text: str) -> list[Topic]:
+    return list(loads(text + TREE).topics.values())
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('topic "/c" type "a.msg.B";', [Topic("/c", "a.msg.B")]),
+        ('topic "c" type "a.msg.B" from n;', [Topic("c", "a.msg.B", ("n",))]),
+        ('topic "/c" type "a.msg.B" from n, "/ns/m", "n";', [Topic("/c", "a.msg.B", ("n", "/ns/m"))]),
+        ('topic"/c"type"a.msg.B"from n;', [Topic("/c", "a.msg.B", ("n",))]),
+        ('topic // one\n"/c" /* "two" */ type # three\n\t"a.msg.B"\nfrom\nn;', [Topic("/c", "a.msg.B", ("n",))]),
+        ('topic "/c" type "a.action._x.Y_Message";', [Topic("/c", "a.action._x.Y_Message")]),
+        ('topic "/c" type "a.msg.B" from topic, type, from;', [Topic("/c", "a.msg.B", ("topic", "type", "from"))]),
+        # said again: one type, all publishers, the first spelling
+        (
+            'topic "/c" type "a.msg.B" from n;\ntopic "c" type "a.msg.B" from m, n;\ntopic "/d" type "a.msg.B";',
+            [Topic("/c", "a.msg.B", ("n", "m")), Topic("/d", "a.msg.B")],
+        ),
+    ],
+)
+def test_a_declaration(text: str, expected: list[Topic]) -> None:
+    assert topics(text) == expected
+
+
+def test_a_topic_is_found_by_its_absolute_name_and_knows_its_place() -> None:
+    tree = loads(f'{TREE}\n  topic "c" type "a.msg.B";', "some.rvaft")
+    assert dict(tree.topics) == {"/c": Topic("c", "a.msg.B")}
+    assert tree.topics["/c"].place == Place("some.rvaft", 5, 9)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "topic or a b; a; b;",
+        "top or topic type from; topic label \"x\"; type; from;",
+        'topic "key"=1;',
+        'topic "key" =1 type="2";',
+        'top or topic "x" type y;',
+        'top or "topic" "x" type "y";',
+        'toplevel topic; topic 1of2 "a" b;',
+        'event topic(type, from) = { topic: type, type: from, from: "topic" }; a on topic("/c", _);',
+        "event type() = {}; event from() = {}; a sand type from; type on type(); from on from();",
+        'event e() = { topic: "/c" }; a on e() topic=1 type="2";',
+    ],
+)  # fmt: skip
+def test_its_words_are_still_names(text: str) -> None:
+    tree = parse(text).build()
+    assert not tree.topics
+    assert parse(dumps(tree)).build() == tree
+
+
+def test_the_canonical_form() -> None:
+    text = f'topic "topic/1" type "a.msg.Long" from "/x", y;\nevent e() = {{ topic: "c" }};\ntopic "c" type "a.msg.B";\n{TREE}c on e();toplevel top;'
+    assert dumps(parse(text).build()).startswith(
+        'event e() = { topic: "c" };\n\n'
+        'topic "topic/1" type "a.msg.Long" from "/x", y;\n'
+        'topic "c"       type "a.msg.B";\n\ntoplevel top;\n'
+    )
+
+
+def test_they_are_kept_by_imports_prunes_parts_and_pickles(tmp_path: Path) -> None:
+    (tmp_path / "types.rvaft").write_text('topic "/c" type "a.msg.B" from n;\n' + TREE)
+    (tmp_path / "main.rvaft").write_text('import "types.rvaft";\nprune b;\ntopic "/c" type "a.msg.B" from m;\n')
+    tree = load(tmp_path / "main.rvaft")
+    expected = {"/c": Topic("/c", "a.msg.B", ("n", "m"))}
+    assert "b" not in tree.nodes
+    assert dict(tree.topics) == expected
+    for part in (restrict(tree, branch=1), restrict(tree, kind="fault"), pickle.loads(pickle.dumps(tree))):
+        assert dict(part.topics) == expected
+    assert pickle.loads(pickle.dumps(tree)) == tree
+    copies = loads('topic "/c" type "a.msg.B";\ntop and x y;\nx or a b;\ny or a b;\na fault;\nb attack;\n')
+    assert "#" in restrict(copies, kind="fault").root
+    assert dict(restrict(copies, kind="fault").topics) == {"/c": Topic("/c", "a.msg.B")}
+
+
+def test_trees_that_differ_in_topics_are_not_equal_but_mean_the_same() -> None:
+    one, other = loads(TREE), loads(TREE + 'topic "/c" type "a.msg.B";')
+    assert one != other
+    assert loads(TREE + 'topic "/c" type "a.msg.B" from n;') != other
+    assert loads('topic "/d" type "a.msg.D"; topic "/c" type "a.msg.B";' + TREE) == loads(
+        TREE + 'topic "/c" type "a.msg.B"; topic "/d" type "a.msg.D";'
+    )
+    assert monitor(one).step({"event": "a"}) is monitor(other).step({"event": "a"})
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ('topic "/c" type "a.msg.B";\ntopic "/c" type "a.msg.C";', ["<text>:2:17", "a.msg.B at <text>:1:17", "[duplicate-topic]"]),
+        ('topic "/c" type "a.msg.B";\ntopic "c" type "a.msg.C";', ["<text>:2:16", "a.msg.B at <text>:1:17"]),
+        ('topic "/c" type "std_msgs/String";', ["<text>:1:17", '"std_msgs.msg.String"', "[malformed-topic]"]),
+        ('topic "/c" type "std_msgs/msg/String";', ['"std_msgs.msg.String"']),
+        ('topic "/c" type "std_msgs::msg::String";', ['"std_msgs.msg.String"']),
+        ('topic "/c" type "no.dots";', ['"no.dots" is no message type', '"no.msg.dots"']),
+        ('topic "/c" type "String";', ['"package.msg.Name"']),
+        ('topic "/c" type "";', ['"package.msg.Name"']),
+        ('topic "/c" type "a.b.class";', ['"package.msg.Name"']),
+        ('topic "/c" type "a.msg.Ö";', ['"package.msg.Name"']),
+        ('topic "/c" type "a.msg.B\\n";', ['"a.msg.B\\n" is no message type']),
+        ('topic "/my topic" type "a.msg.B";', ["<text>:1:7", '"/my topic" is no name in ROS']),
+        ('topic "" type "a.msg.B";', ['"" is no name in ROS']),
+        ('topic "//c" type "a.msg.B";', ['"//c" is no name in ROS']),
+        ('topic "/c/" type "a.msg.B";', ['"/c/" is no name in ROS']),
+        ('topic "~c" type "a.msg.B";', ['"~c" is no name in ROS']),
+        ('topic "/c" type "a.msg.B" from n, "m.o";', ["<text>:1:35", '"m.o" is no name in ROS']),
+    ],
+)  # fmt: skip
+def test_a_wrong_declaration_is_an_error_at_its_place(text: str, parts: list[str]) -> None:
+    with pytest.raises(TreeError) as caught:
+        loads(f"{text}\n{TREE}")
+    for part in parts:
+        assert part in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("topics", "rule"),
+    [
+        ([Topic("/c", "a.msg.B"), Topic("c", "a.msg.B")], "duplicate-topic"),
+        ([Topic("/c", "a.B")], "malformed-topic"),
+        ([Topic("/c d", "a.msg.B")], "malformed-topic"),
+        ([Topic("/c", "a.msg.B", ("",))], "malformed-topic"),
+    ],
+)
+def test_a_tree_built_in_code_cannot_have_one_either(topics: list[Topic], rule: str) -> None:
+    with pytest.raises(TreeError) as caught:
+        RVAFT("a", [Node("a")], topics=topics)
+    assert caught.value.rule == rule
+    with pytest.raises(TreeError) as caught:
+        parse('topic "/c" type "a.msg.B"; topic "/c" type "a.msg.C"; a;').build()
+    assert caught.value.rule == "duplicate-topic"
+
+
+EXAMPLE = 'as in topic "/name" type "package.msg.Name"'
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column", "message"),
+    [
+        ('topic "/c";', 1, 11, f'the message type of topic "/c" is missing, {EXAMPLE}'),
+        ('topic "/c" "a.msg.B";', 1, 11, f'the message type of topic "/c" is missing, {EXAMPLE}'),
+        ('topic "/c" from n type "a.msg.B";', 1, 11, f'the message type of topic "/c" is missing, {EXAMPLE}'),
+        ('topic "/c" tpye "a.msg.B";', 1, 12, "unknown word `tpye`: did you mean type?"),
+        ('topic "/c" type a.msg.B;', 1, 17, f"the message type of a topic stands in quotes, {EXAMPLE}"),
+        ('topic /c type "a.msg.B";', 1, 7, f"the name of a topic stands in quotes, {EXAMPLE}"),
+        ('topic c type "a.msg.B";', 1, 7, f"the name of a topic stands in quotes, {EXAMPLE}"),
+        ("topic '/c' type 'a.msg.B';", 1, 7, "a string is written in straight double quotes"),
+        ('topics "/c" type "a.msg.B";', 1, 1, "unknown statement `topics`: did you mean topic?"),
+        ('a;\nTopic "/c" type "a.msg.B";', 2, 1, "unknown statement `Topic`: did you mean topic?"),
+        ('topic "/c" type "a.msg.B" form n;', 1, 27, "unknown word `form`: did you mean from?"),
+        ('topic "/c" type "a.msg.B" n;', 1, 27, "unexpected `n`: expected from or `;`"),
+        ('topic "/c" type "a.msg.B" from n m;', 1, 34, "publishers are separated by commas"),
+        ('topic "/c" type "a.msg.B" from /n;', 1, 32, 'is quoted: "/n"'),
+        ('topic "/c" type "a.msg.B" from ns/n;', 1, 32, 'is quoted: "ns/n"'),
+        ('topic "/c" type "a.msg.B" from event;', 1, 32, 'a node named event is written "event"'),
+        ('topic "/c" type "a.msg.B" from;', 1, 31, "expected a name"),
+        ('topic "/c" type "a.msg.B"\na or b;', 1, 26, 'a `;` is missing after `"a.msg.B"`'),
+        ('topic "/c" type "a.msg.B" from n\na or b;', 1, 33, "a `;` is missing after `n`"),
+        ('a or b\ntopic "/c" type "a.msg.B";', 1, 7, "a `;` is missing after `b`"),
+        ('event e() = {}\ntopic "/c" type "a.msg.B";', 1, 15, "a `;` is missing after `}`"),
+        ("topic a;", 1, 7, "unknown gate `a`"),
+    ],
+)
+def test_a_slip_is_named_at_its_place(text: str, line: int, column: int, message: str) -> None:
+    with pytest.raises(LanguageError) as caught:
+        parse(text)
+    assert message in caught.value.message
+    assert (caught.value.line, caught.value.column) == (line, column)
+
+
+@pytest.mark.parametrize(
+    ("events", "unused"),
+    [
+        ('event e() = { topic: "/c" };\na on e();\n', False),
+        ('event e() = { topic: "c" };\na on e();\n', False),
+        ('event e(t) = { topic: t };\na on e("/c");\n', False),
+        ('event e(t) = { topic: t };\na on e("/d");\n', True),
+        ("event e(t) = { topic: t };\na on e(T);\n", False),
+        ("event e() = { topic: _ };\na on e();\n", False),
+        ('event e(t) = { topic: t };\nignore e("/c");\n', False),
+        ('event e() = { data: { topic: "/c" } };\na on e();\n', True),
+        ('event e() = { name: "/c" };\na on e();\n', True),
+    ],
+)
+def test_a_topic_that_no_event_type_has_is_a_warning(events: str, unused: bool, tmp_path: Path) -> None:
+    (path := tmp_path / "some.rvaft").write_text(f'{events}topic "/c" type "a.msg.B";\n{TREE}')
+    result = run("check", path)
+    assert result.exit_code == 0
+    found = [line for line in result.stdout.splitlines() if "[unused-topic]" in line]
+    assert len(found) == unused
+    assert all(f"{path}:" in line and "no event type has the topic /c" in line for line in found)
+
+
+def test_the_grammar_has_no_conflicts(caplog: pytest.LogCaptureFixture) -> None:
+    """Lark settles a conflict of shift and reduce by itself and says so only here."""
+    grammar = files("rvaft.language").joinpath("grammar.lark").read_text(encoding="utf-8")
+    level = logger.level
+    try:
+        with caplog.at_level(logging.DEBUG, logger.name):
+            Lark(grammar, parser="lalr", start=["tree", "only_pattern", "only_guard"], debug=True)
+            Lark('start: a | a "x"\na: "y" | "y" "x"', parser="lalr", debug=True)
+    finally:
+        logger.setLevel(level)
+    said = [record.getMessage() for record in caplog.records if "onflict" in record.getMessage()]
+    assert len(said) == 1, said  # of the second grammar, which shows that they would be seen
+
+
+def test_show_writes_them_where_the_format_has_them(tmp_path: Path) -> None:
+    (path := tmp_path / "some.rvaft").write_text(f'topic "c" type "a.msg.B" from n, "/ns/m";\n{TREE}')
+    assert loads(run("show", path, "--format", "rvaft").stdout) == load(path)
+    value = json.loads(run("show", path, "--format", "json").stdout)
+    assert value["topics"] == [{"name": "c", "type": "a.msg.B", "publishers": ["n", "/ns/m"]}]
+    assert "rvaft: warning: galileo: topic declarations left out\n" in run("show", path, "--format", "galileo").stderr

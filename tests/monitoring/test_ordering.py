@@ -1,0 +1,143 @@
+"""Events put in order within a window."""
+
+import pickle
+from collections.abc import Sequence
+from random import Random
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rvaft.errors import OptionError
+from rvaft.monitoring.ordering import Backwards, Late, Ordering, ordered
+
+numbers = st.integers(-20, 20) | st.floats(-20, 20)
+
+
+def events(times: Sequence[Any]) -> list[tuple[int, dict[str, Any]]]:
+    """An event for each time, the first one number 1; None stands for an event without a time."""
+    return [(n, {"n": n} if time is None else {"n": n, "time": time}) for n, time in enumerate(times, 1)]
+
+
+def given_order(times: Sequence[Any], window: int) -> tuple[list[int], Late]:
+    late = Late()
+    return [number for number, _ in ordered(events(times), "time", window=window, late=late)], late
+
+
+def by_hand(times: Sequence[Any], window: int) -> tuple[list[int], list[int]]:
+    """Which events come in which order, and which are late: look for the smallest of those waiting, again and again."""
+    waiting: list[tuple[float, int]] = []
+    order: list[int] = []
+    late: list[int] = []
+    said = [float("-inf")]
+    filled: list[float] = []
+    for number, time in enumerate(times, 1):
+        filled.append(time if time is not None else filled[-1] if filled else float("-inf"))
+        if time is not None and time < max(said):
+            late.append(number)
+        waiting.append((filled[-1], number))
+        if len(waiting) > window:
+            first = min(waiting)
+            waiting.remove(first)
+            said.append(first[0])
+            order.append(first[1])
+    return order + [number for _, number in sorted(waiting)], late
+
+
+@given(st.lists(numbers | st.none(), max_size=40), st.integers(0, 12))
+def test_the_smallest_of_those_that_wait_comes_first(times: list[float | None], window: int) -> None:
+    expected, late = by_hand(times, window)
+    order, met = given_order(times, window)
+    assert order == expected
+    assert met.count == len(late)
+    assert met.first == (late[0] if late else None)
+    without = [number for number, time in enumerate(times, 1) if time is None]
+    assert (met.without, met.first_without) == (len(without), without[0] if without else None)
+
+
+@given(st.lists(numbers, max_size=60), st.integers(0, 10), st.randoms(use_true_random=False))
+def test_within_the_window_it_is_a_stable_sort(times: list[float], window: int, random: Random) -> None:
+    times.sort()
+    # Nobody stands more than `window` places behind its own: whoever is behind by as much as that comes next.
+    came: list[float] = []
+    left = list(enumerate(times))
+    while left:
+        due = left[0][0] + window <= len(came)
+        came.append(left.pop(0 if due else random.randrange(min(len(left), window + 1)))[1])
+    order, late = given_order(came, window)
+    assert order == [number for number, _ in sorted(enumerate(came, 1), key=lambda pair: pair[1])]
+    assert late.count == 0
+
+
+def test_an_event_beyond_the_window_comes_at_once_and_is_counted() -> None:
+    order, late = given_order([5, 6, 7, 1, 8, 2, 9], window=2)
+    assert order == [1, 4, 2, 6, 3, 5, 7]
+    assert (late.count, late.first) == (2, 4)
+
+
+def test_what_comes_after_a_late_event_is_put_in_order_as_before() -> None:
+    order, late = given_order([10, 20, 30, 1, 50, 40, 60], window=2)
+    assert order == [1, 4, 2, 3, 6, 5, 7]
+    assert (late.count, late.first) == (1, 4)
+
+
+def test_an_event_without_a_number_stays_behind_the_one_before() -> None:
+    for nothing in (None, "12", True, [3], {"time": 1}):
+        order, late = given_order([nothing, 3, nothing, 1, nothing, 2], window=10)
+        assert order == [1, 4, 5, 6, 2, 3]
+        assert (late.without, late.first_without, late.count) == (3, 1, 0)
+
+
+def test_without_a_window_nothing_moves() -> None:
+    order, late = given_order([3, 1, 2, 3], window=0)
+    assert order == [1, 2, 3, 4]
+    assert (late.count, late.first) == (2, 2)
+
+
+def test_at_most_the_window_is_held_back() -> None:
+    ordering = Ordering("time", window=3)
+    given = [ordering.add(number, event) for number, event in events(range(10))]
+    assert [pair is not None for pair in given] == [False] * 3 + [True] * 7
+    assert [number for number, _ in ordering.rest()] == [8, 9, 10]
+
+
+def test_numbers_are_compared_by_value() -> None:
+    big = 2**53
+    assert given_order([big + 1, float(big), big, 1e300, 10**300], window=9)[0] == [2, 3, 1, 5, 4]
+
+
+def test_a_field_by_its_path() -> None:
+    stamped = [(1, {"header": {"stamp": 2}}), (2, {"header.stamp": 1, "header": {"stamp": 9}}), (3, {"header": 0})]
+    late = Late()
+    assert [n for n, _ in ordered(stamped, "header.stamp", window=5, late=late)] == [2, 3, 1]
+    assert (late.without, late.first_without) == (1, 3)
+
+
+def test_an_ordering_goes_on_from_a_pickle() -> None:
+    random = Random(5)
+    trace = events([number + random.randrange(12) for number in range(200)])
+    straight, halting = Ordering("time", window=7), Ordering("time", window=7)
+    for number, event in trace:
+        halting = pickle.loads(pickle.dumps(halting))
+        assert halting.add(number, event) == straight.add(number, event)
+    assert halting.late == straight.late
+    assert straight.late.count
+    assert list(pickle.loads(pickle.dumps(halting)).rest()) == list(straight.rest())
+
+
+@pytest.mark.parametrize(("field", "window"), [("time", -1), ("", 5), ("a..b", 5)])
+def test_options_that_make_no_sense(field: str, window: int) -> None:
+    with pytest.raises(OptionError):
+        ordered([], field, window=window)
+
+
+def test_time_that_goes_back_is_counted() -> None:
+    times = [1, 5, None, 3, 4, "0", 4.0, 3.5, 9]
+    watching = Backwards("time")
+    seen = [number for number, event in events(times) if watching.see(number, event)]
+    assert seen == [4, 8]
+    assert (watching.count, watching.first) == (2, 4)
+    fresh = Backwards("time")
+    assert [fresh.see(number, event) for number, event in events([2, 2, 3])] == [False] * 3
+    assert (fresh.count, fresh.first) == (0, None)

@@ -1,0 +1,408 @@
+"""A file that grows, is truncated, is replaced."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, Self, cast
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rvaft.errors import OptionError, TraceError
+from rvaft.monitoring.tailing import Change, Followed, follow, stopping
+from rvaft.traces import read
+
+POLL = 0.0003
+LOOKS = 8
+"""How often a follower asks whether to stop before the next thing happens: more than one look at the file takes."""
+
+
+class Script:
+    """Things that happen to a file while it is followed, one after the other; then the end."""
+
+    def __init__(self, *steps: Callable[[], object]) -> None:
+        self.steps = list(steps)
+        self.asked = 0
+        self.over = False
+
+    def __call__(self) -> bool:
+        self.asked += 1
+        if self.asked % LOOKS == 0:
+            if self.steps:
+                self.steps.pop(0)()
+            else:
+                self.over = True
+        return self.over
+
+
+class Log:
+    """A log as a program writes it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "log.jsonl"
+        self.path.touch()
+        self.writing = self.path.open("ab", buffering=0)
+        self.renamed = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.writing.close()
+
+    def write(self, data: bytes) -> Callable[[], object]:
+        return lambda: self.writing.write(data)
+
+    def rename(self) -> None:
+        """Move the log away; the program goes on writing to it."""
+        self.renamed += 1
+        self.path.rename(self.path.with_suffix(f".{self.renamed}"))
+
+    def reopen(self) -> None:
+        """The program notices and begins a new log."""
+        self.writing.close()
+        self.writing = self.path.open("ab", buffering=0)
+
+    def truncate(self) -> None:
+        self.writing.truncate(0)
+
+    def follow(self, *steps: Callable[[], object], **more: Any) -> tuple[Followed, list[Change]]:
+        changes: list[Change] = []
+        return follow(self.path, poll=POLL, stop=Script(*steps), changed=changes.append, **more), changes
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[Log]:
+    with Log(tmp_path) as made:
+        yield made
+
+
+def lines(stream: Followed) -> list[bytes]:
+    with stream:
+        return list(iter(stream.readline, b""))
+
+
+def test_what_is_there_and_what_comes(log: Log) -> None:
+    log.write(b"1\n2\n")()
+    stream, changes = log.follow(log.write(b"3\n"), log.write(b"4\n5\n"))
+    assert lines(stream) == [b"1\n", b"2\n", b"3\n", b"4\n", b"5\n"]
+    assert changes == []
+
+
+def test_a_line_is_given_when_it_is_whole(log: Log) -> None:
+    seen: list[list[bytes]] = []
+    got: list[bytes] = []
+    look: Callable[[], object] = lambda: seen.append(list(got))  # noqa: E731
+    stream, _ = log.follow(log.write(b"1"), look, log.write(b"2"), look, log.write(b"3\n45"), look, log.write(b"6"))
+    with stream:
+        got.extend(iter(stream.readline, b""))
+    assert got == [b"123\n"]  # the rest has no end yet
+    assert seen == [[], [], [b"123\n"]]
+    assert (stream.offset, stream.line) == (4, 1)
+
+
+pieces = st.lists(st.binary(max_size=5) | st.sampled_from([b"\n", b"1\n2", b"\xef\xbb\xbf", b"\xef"]), max_size=12)
+
+
+@settings(deadline=None, max_examples=30)
+@given(pieces, st.sets(st.integers(0, 11)), st.booleans())
+def test_nothing_is_lost_when_the_log_is_renamed(data: list[bytes], rotations: set[int], late: bool) -> None:
+    """However the bytes come; the last line of a renamed log may lack its end."""
+    with tempfile.TemporaryDirectory() as folder, Log(Path(folder)) as log:
+        steps: list[Callable[[], object]] = []
+        files: list[bytes] = [b""]
+        for number, piece in enumerate(data):
+            if number in rotations:
+                steps.append(log.rename)
+                if late:  # the program has not noticed yet
+                    steps.append(log.write(b"last"))
+                    files[-1] += b"last"
+                steps.append(log.reopen)
+                files.append(b"")
+            steps.append(log.write(piece))
+            files[-1] += piece
+        stream, changes = log.follow(*steps)
+        held = [
+            files[0],
+            *(file.removeprefix(b"\xef\xbb\xbf") for file in files[1:]),
+        ]  # a byte order mark is no part of a line
+        expected = [line + b"\n" for file in held[:-1] for line in split(file)]
+        expected += [line + b"\n" for line in held[-1].split(b"\n")[:-1]]
+        assert lines(stream) == expected
+        assert [(change.replaced, change.dropped) for change in changes] == [(True, 0)] * (len(files) - 1)
+        assert [change.read for change in changes] == [len(file) for file in files[:-1]]
+
+
+def split(file: bytes) -> Iterable[bytes]:
+    parts = file.split(b"\n")
+    return parts if parts[-1] else parts[:-1]
+
+
+@settings(deadline=None, max_examples=30)
+@given(pieces, st.integers(1, 7))
+def test_blocks_are_whole_lines_or_parts_of_one(data: list[bytes], size: int) -> None:
+    with tempfile.TemporaryDirectory() as folder, Log(Path(folder)) as log:
+        whole = b"".join(data)
+        stream, _ = log.follow(*map(log.write, data))
+        with stream:
+            blocks = list(iter(lambda: stream.read(size), b""))
+        given = b"".join(blocks)
+        assert whole.startswith(given)
+        assert b"\n" not in whole[len(given) :]
+        assert all(len(block) == size or block.endswith(b"\n") for block in blocks)
+        assert stream.offset == len(given)
+
+
+def test_a_program_may_notice_late_that_its_log_was_renamed(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it writes to the old file when the new one has been seen already comes first, too."""
+    log.write(b"1\n")()
+    sleep = Followed._sleep
+
+    def slept(self: Followed) -> None:
+        if self._next is not None:
+            log.write(b"2\n")()
+        sleep(self)
+
+    def replace() -> None:
+        log.rename()
+        log.path.write_bytes(b"3\n")
+
+    monkeypatch.setattr(Followed, "_sleep", slept)
+    stream, changes = log.follow(replace)
+    assert lines(stream) == [b"1\n", b"2\n", b"3\n"]
+    assert len(changes) == 1
+
+
+def test_what_is_written_in_the_moment_of_renaming_is_not_lost(log: Log) -> None:
+    log.write(b"1\n")()
+
+    def replace() -> None:
+        log.write(b"2\n3")()
+        log.rename()
+        log.path.write_bytes(b"4\n")
+
+    stream, changes = log.follow(replace)
+    assert lines(stream) == [b"1\n", b"2\n", b"3\n", b"4\n"]
+    assert changes == [Change(str(log.path), replaced=True, read=5)]
+    assert (stream.offset, stream.line) == (2, 1)
+
+
+@pytest.mark.parametrize("last", [b"", b"2", b"23", b"234", b"2345", b"23456"])
+@pytest.mark.parametrize("size", [1, 2, 3, 100])
+@pytest.mark.parametrize("renamed", [True, False])
+def test_a_line_that_was_given_in_parts_ends_with_its_file(log: Log, last: bytes, size: int, renamed: bool) -> None:
+    """Nothing of the next file is taken for the rest of it."""
+    log.write(b"1\n" + last)()
+    gone = [log.rename, log.reopen] if renamed else [log.truncate]
+    stream, _ = log.follow(*gone, lambda: None, log.write(b"7\n8\n"))
+    with stream:
+        given = b"".join(iter(lambda: stream.read(size), b""))
+    if not renamed:  # what was given cannot be taken back, what was not is lost
+        last = last[: len(last) // size * size]
+    assert given == b"1\n" + last + b"\n" * bool(last) + b"7\n8\n"
+    assert (stream.offset, stream.line) == (4, 2)
+
+
+def test_the_end_of_a_line_given_in_parts_does_not_wait_for_the_next(log: Log) -> None:
+    log.write(b"1")()
+    stream, _ = log.follow(log.truncate)
+    with stream:
+        assert [stream.readline(1), stream.readline(1), stream.readline(1)] == [b"1", b"\n", b""]
+
+
+def test_a_renamed_log_is_given_to_its_end_in_parts(log: Log) -> None:
+    stream, changes = log.follow(log.write(b"1\n2"), log.rename, log.reopen, log.write(b"3\n"))
+    with stream:
+        parts = list(iter(lambda: stream.readline(1), b""))
+    assert parts == [b"1", b"\n", b"2", b"\n", b"3", b"\n"]
+    assert [change.read for change in changes] == [3]
+
+
+@pytest.mark.parametrize("after", [b"3\n", b"1\n", b"31\n42\n53\n64\n"], ids=["shorter", "same start", "longer"])
+def test_a_file_written_anew_is_read_from_its_start(log: Log, after: bytes) -> None:
+    log.write(b"1\n2\n")()
+
+    def anew() -> None:
+        log.truncate()
+        log.write(after)()
+
+    stream, changes = log.follow(anew)
+    assert lines(stream) == [b"1\n", b"2\n", *after.splitlines(keepends=True)]
+    assert changes == [Change(str(log.path), replaced=False, read=4)]
+
+
+def test_a_truncated_file_is_read_from_its_start(log: Log) -> None:
+    log.write(b"1\n2\n")()
+    stream, changes = log.follow(log.truncate, log.write(b"3\n"), log.truncate, log.write(b"4\n"))
+    assert lines(stream) == [b"1\n", b"2\n", b"3\n", b"4\n"]
+    assert [change.read for change in changes] == [4, 2]
+    assert (stream.offset, stream.line) == (2, 1)
+
+
+def test_an_unfinished_line_that_is_truncated_is_lost_and_told(log: Log) -> None:
+    stream, changes = log.follow(log.write(b"1\n2"), log.truncate, log.write(b"3\n"))
+    assert lines(stream) == [b"1\n", b"3\n"]
+    assert changes == [Change(str(log.path), replaced=False, read=3, dropped=1)]
+    assert str(changes[0]) == (
+        f"{log.path} was truncated or written anew and is now read from its start; an unfinished line of 1 bytes is lost"
+    )
+
+
+def test_a_path_where_nothing_stands_for_a_while(log: Log) -> None:
+    log.write(b"1\n")()
+    stream, changes = log.follow(log.path.unlink, lambda: None, log.reopen, log.write(b"2\n"))
+    assert lines(stream) == [b"1\n", b"2\n"]
+    assert str(changes[0]) == f"{log.path} was replaced and is now read from its start"
+
+
+def test_a_byte_order_mark_at_the_start_of_the_next_file(log: Log) -> None:
+    log.write(b'{"n": 1}\n')()
+    stream, _ = log.follow(log.rename, log.reopen, log.write(b'\xef\xbb\xbf{"n": 2}\n'))
+    with stream:
+        assert list(read(cast("BinaryIO", stream))) == [{"n": 1}, {"n": 2}]
+    assert stream.offset == 12
+
+
+def test_it_goes_on_from_where_it_was(log: Log) -> None:
+    whole = b"".join(b"%d\n" % number for number in range(200))
+    log.write(whole)()
+    first, _ = log.follow()
+    with first:
+        while first.readline():
+            rest, changes = log.follow(log.write(b"new\n"), offset=first.offset, line=first.line)
+            if first.line % 40 == 0:
+                assert b"".join(lines(rest)) == whole[first.offset :] + b"new\n"
+                assert (changes, rest.line) == ([], 201)
+                log.writing.truncate(len(whole))
+            rest.close()
+
+
+def test_a_file_that_changed_before_the_place_to_go_on_from(log: Log) -> None:
+    log.write(b"1\n2\n")()
+    with pytest.raises(OptionError, match="fewer than 5 bytes"):
+        log.follow(offset=5)
+    stream, changes = log.follow(log.truncate, log.write(b"3\n4\n5\n"), offset=4)
+    assert lines(stream) == [b"3\n", b"4\n", b"5\n"]
+    assert len(changes) == 1
+
+
+def test_the_present_file_and_the_place_in_it_belong_together(log: Log) -> None:
+    """At every line: what `file` holds before `offset` ends with the line that was given."""
+    steps = [log.write(b"1\n2"), log.rename, log.reopen, log.write(b"3\n"), log.truncate, log.write(b"4\n5\n")]
+    stream, _ = log.follow(*steps)
+    places = []
+    with stream:
+        while line := stream.readline():
+            stream.file.seek(0)
+            places.append((line, stream.file.read(stream.offset)))
+    assert places == [(b"1\n", b"1\n"), (b"2\n", b""), (b"3\n", b"3\n"), (b"4\n", b"4\n"), (b"5\n", b"4\n5\n")]
+
+
+def test_it_is_a_trace(log: Log) -> None:
+    log.write(b'\xef\xbb\xbf{"n": 1}\n\n')()
+    stream, _ = log.follow(log.write(b'{"n":'), log.write(b' 2}\r\n{"n"'))
+    with stream:
+        assert list(read(cast("BinaryIO", stream))) == [{"n": 1}, {"n": 2}]
+
+
+def test_a_malformed_line_ends_it(log: Log) -> None:
+    stream, _ = log.follow(log.write(b"{}\n{\n{}\n"))
+    with stream, pytest.raises(TraceError, match=r"log:2: not JSON"):
+        list(read(cast("BinaryIO", stream), name="log"))
+
+
+def test_an_endless_line_is_given_in_parts(log: Log) -> None:
+    log.write(b"x" * 1_000_000)()
+    stream, _ = log.follow()
+    with stream:
+        assert len(stream.readline(600_000)) == 600_000
+        assert stream.readline(0) == b""
+        assert stream.readline() == b""
+
+
+def test_a_buffer_around_it_waits_for_whole_lines(log: Log) -> None:
+    stream, _ = log.follow(log.write(b"1"), log.write(b"2\n3\n4"))
+    with io.BufferedReader(stream) as buffered:
+        assert list(buffered) == [b"12\n", b"3\n"]
+
+
+def test_the_end_may_come_before_all_is_read(log: Log) -> None:
+    log.write(b"1\n" * 1_000_000)()
+    with follow(log.path, poll=POLL, stop=iter([False, True, True]).__next__) as stream:
+        assert 0 < len(list(stream)) < 1_000_000
+
+
+def test_many_lines_are_read_fast(log: Log) -> None:
+    count = 200_000
+    log.write(b'{"event": "something", "time": 1.5}\n' * count)()
+    size = log.path.stat().st_size
+    stream = follow(log.path, poll=POLL, stop=lambda: stream.offset == size)
+    begun = time.perf_counter()
+    assert len(lines(stream)) == count
+    followed = time.perf_counter() - begun
+    begun = time.perf_counter()
+    with log.path.open("rb") as plain:
+        assert len(list(iter(plain.readline, b""))) == count
+    assert followed < 30 * (time.perf_counter() - begun) + 0.5
+
+
+def test_what_cannot_be_followed(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        follow(tmp_path / "none")
+    with pytest.raises(OptionError, match="regular file"):
+        follow(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OptionError, match="regular file"):
+        follow(tmp_path / "pipe")
+    (tmp_path / "log.gz").touch()
+    with pytest.raises(OptionError, match="compressed"):
+        follow(tmp_path / "log.gz")
+    (tmp_path / "log").touch()
+    with pytest.raises(OptionError, match="positive"):
+        follow(tmp_path / "log", poll=0)
+
+
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_asks_for_the_end(asked: signal.Signals) -> None:
+    before = signal.getsignal(asked)
+    with stopping() as stop:
+        assert not stop()
+        signal.raise_signal(asked)
+        assert stop()
+        assert signal.getsignal(asked) is before  # the next one does what it always did
+    assert signal.getsignal(asked) is before
+    with stopping() as stop:
+        assert not stop()
+    assert signal.getsignal(asked) is before
+
+
+FOLLOW = """
+import sys
+from rvaft.monitoring.tailing import follow, stopping
+with stopping() as stop, follow(sys.argv[1], poll=float(sys.argv[2]), stop=stop) as stream:
+    for line in stream:
+        print(line.decode().strip(), flush=True)
+print("ended at", stream.offset)
+"""
+
+
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+def test_a_process_that_follows_ends_cleanly(log: Log, asked: signal.Signals) -> None:
+    words = [sys.executable, "-c", FOLLOW, str(log.path), "60"]  # a long sleep, which the signal cuts short
+    pipe = subprocess.PIPE
+    log.write(b"1\n")()
+    with subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == "1\n"
+        log.write(b"2\nhalf")()
+        running.send_signal(asked)
+        out, err = running.communicate(timeout=20)
+        assert (out.splitlines()[-1], err) in [("ended at 2", ""), ("ended at 4", "")]
+        assert running.returncode == 0

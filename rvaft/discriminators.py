@@ -8,7 +8,7 @@ from collections.abc import Hashable, Iterable, Mapping
 from typing import Final
 
 from rvaft.patterns import Pattern
-from rvaft.shapes import literals_of
+from rvaft.shapes import LONGEST, literals_of
 from rvaft.values import Json
 
 _OTHER: Final = ("other",)
@@ -34,8 +34,8 @@ class Discriminators:
         return value if isinstance(value, str) and value in self._values[field] else _OTHER
 
     def apart(self, values: Iterable[Json]) -> tuple[Hashable, ...]:
-        """What tells events apart that fit no pattern: the strings among the values that they have in the discriminating fields."""
-        return tuple([value if isinstance(value, str) else _OTHER for value in values])
+        """What tells events apart that fit no pattern: the strings, if not too long, that they have in the discriminating fields."""
+        return tuple([value if isinstance(value, str) and len(value) <= LONGEST else _OTHER for value in values])
 
     def candidates(self, values: tuple[Hashable, ...]) -> tuple[int, ...]:
         """The numbers of the patterns that an event with these values may fit."""

@@ -17,6 +17,8 @@ MEMORY: Final = 4096
 """How many shapes are remembered; then the memory starts afresh."""
 WIDEST: Final = 64
 """Events with more fields are not remembered: their shapes take too much room."""
+LONGEST: Final = 200
+"""Nor are those with longer strings where patterns have literals."""
 _NOT_THERE: Final = ("no scalar",)
 """In place of the value of a field that is absent, or holds an object or a list."""
 
@@ -57,13 +59,13 @@ class Shapes(Generic[T]):
                 self._rest.append(number)
             else:
                 self._filed.setdefault(first[0], {}).setdefault(first[1], []).append(number)
-        self._strings = tuple(field for field, types in asked.items() if types == {str})
+        self._shape = _shape_by(tuple(field for field, types in asked.items() if types == {str}))
         self._others = tuple(field for field, types in asked.items() if types != {str})
 
     def of(self, event: Mapping[str, Json]) -> T:
         """What was derived for the shape of an event."""
         # Python takes 1 and True for equal. Where only strings are asked for, neither is one; else their keys differ.
-        shape: tuple[Hashable, ...] = (*event, *map(event.get, self._strings))  # as many values in all shapes
+        shape = self._shape(event)
         if self._others:
             shape = (*shape, *[_key(event, field) for field in self._others])
         try:
@@ -72,7 +74,7 @@ class Shapes(Generic[T]):
             found = self._derive(self._decide(event))
         except TypeError:  # a list or an object where patterns have strings
             return self._derive(self._decide(event))
-        if len(event) <= WIDEST:
+        if len(event) <= WIDEST and all(not isinstance(part, str) or len(part) <= LONGEST for part in shape):
             if len(self._memory) >= MEMORY:
                 self._memory.clear()
             self._memory[shape] = found
@@ -87,6 +89,19 @@ class Shapes(Generic[T]):
             tuple(number for number in candidates if number in self._flat and _fits(self._flat[number], event)),
             tuple(number for number in candidates if number not in self._flat),
         )
+
+
+def _shape_by(fields: tuple[str, ...]) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
+    """The shape of an event given the fields where patterns have strings: so many values at its end. Few fields are asked for one by one."""
+    match fields:
+        case (one,):
+            return lambda event: (*event, event.get(one))
+        case (one, two):
+            return lambda event: (*event, event.get(one), event.get(two))
+        case (one, two, three):
+            return lambda event: (*event, event.get(one), event.get(two), event.get(three))
+        case _:
+            return lambda event: (*event, *map(event.get, fields))
 
 
 def flat(pattern: Pattern) -> Flat | None:

@@ -98,7 +98,7 @@ def _lines(stream: BinaryIO, file: str, first: int) -> Iterator[bytes]:
     failures = failures_of(file)
     for number in count(first):
         try:
-            line = stream.readline(MAX_LINE + 1)
+            line = stream.readline(len(BOM) + MAX_LINE + 1)
         except failures as error:
             raise unreadable(error, file, number) from error
         if not line:
@@ -125,7 +125,7 @@ def _events(lines: Iterator[bytes], file: str, first: int, reads: Scope | None) 
 
 def event_on(line: bytes, file: str, number: int, reads: Scope | None) -> dict[str, Json] | None:
     """The event on a line of a file, or None where it is blank; raises `TraceError`."""
-    if not line.strip(_BLANK):
+    if len(line) <= MAX_LINE and not line.strip(_BLANK):
         return None
     try:
         return decode(line, reads=reads)

@@ -1,7 +1,8 @@
 """Events that come by themselves, watched for a tree: as an asynchronous loop, or by a function that other code calls."""
 
-from collections.abc import AsyncIterable, AsyncIterator, Callable, Iterable
-from typing import TypeVar
+from collections.abc import AsyncIterable, AsyncIterator, Callable, Coroutine, Iterable
+from inspect import iscoroutinefunction
+from typing import Final, TypeVar
 
 from rvaft.api import monitor
 from rvaft.engine.monitor import DEFAULT_LIMIT
@@ -13,6 +14,8 @@ from rvaft.values import Json
 from rvaft.verdict import Semantics, Verdict
 
 Event = TypeVar("Event", bound=Json)
+
+_AWAITED: Final = "a plain function, since nothing here awaits it (rvaft.watch is for asynchronous code)"
 
 
 def watch(
@@ -63,17 +66,23 @@ def on_detection(
 
     Made for code that delivers events by calling, such as a subscriber to a topic. The options and errors are those of `watch`;
     what the callback raises comes out of the call with the detecting event, and the verdict stands. A monitor that has detected already
-    does not call back.
+    does not call back. Nothing here could await a callback, so an `async def` is refused with `WrongType`: at once, or on detection where
+    only what it returns shows it.
     """
     watching = _watching(tree, semantics, branch, kind, limit)
     if not callable(callback):
         raise WrongType("callback", callback, "a function of the explanation")
+    if iscoroutinefunction(callback):
+        raise WrongType("callback", callback, _AWAITED)
 
     def step(event: Json) -> Verdict:
         before = watching.verdict
         verdict = watching.step(event)
         if verdict is Verdict.TRUE and before is not Verdict.TRUE:
-            callback(watching.explanation)
+            told = callback(watching.explanation)
+            if isinstance(told, Coroutine):
+                told.close()  # else Python warns of it, later and elsewhere
+                raise WrongType("callback", callback, _AWAITED)
         return verdict
 
     return step

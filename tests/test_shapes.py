@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rvaft import Verdict, loads, monitor
 from rvaft.guards import Guard, Operation, Operator, holds
 from rvaft.letters import Letter, reader
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
@@ -152,3 +153,14 @@ def test_what_a_constant_equals(value: Any, constant: Any, same: bool) -> None:
 def test_a_boolean_is_not_ordered(sign: Operator) -> None:
     for constant in (0, 1, 0.5):
         assert not predicate(Operation(sign, (Variable("V"), Literal(constant))))({"V": True})
+
+
+def test_a_monitor_reads_what_a_shape_leaves_open() -> None:
+    tree = loads(
+        'event a(v) = { topic: "/t", deep: { value: v } }; event b(v) = { topic: "/t", value: v };'
+        "toplevel r; r and x y; x on a(V); y on b(V);"
+    )
+    both = {"topic": "/t", "deep": {"value": 1}, "value": 2}
+    trace = [both, {"topic": "/t", "deep": {"value": 2}}]
+    assert list(monitor(tree, semantics="scattered").run(trace))[-1] is Verdict.TRUE
+    assert list(monitor(tree, semantics="scattered").run([both, both]))[-1] is Verdict.UNKNOWN

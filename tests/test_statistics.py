@@ -3,6 +3,7 @@
 import pickle
 
 from rvaft import loads
+from rvaft.api import narrowed
 from rvaft.statistics import LOOKED_AT, MOST, Statistics
 
 TREE = loads(
@@ -94,3 +95,34 @@ def test_every_string_that_a_pattern_asks_for_tells_events_apart() -> None:
         ({}, 0),
     ):
         assert len(discriminators.candidates(discriminators.values(event))) == fitting
+
+
+def test_an_event_of_a_type_may_miss_what_the_tree_asks_of_it() -> None:
+    statistics = Statistics(loads('event a(v) = { topic: "/a", value: v }; toplevel r; r or x; x on a(1);'))
+    assert not statistics.add({"topic": "/a", "value": 2}, 7)
+    [miss] = statistics.near_misses.values()
+    assert (miss.type, miss.field, miss.found, miss.first) == ("a", ("value",), "2", "event 7")
+    assert (statistics.relevant, statistics.never_seen) == ({}, ())
+
+
+def test_an_event_of_several_types() -> None:
+    tree = loads(
+        'event a(v) = { topic: "/t", value: v }; event b(v) = { topic: "/t", level: v };'
+        'event c(v) = { topic: "/t", deep: { value: v } };'
+        "toplevel r; r and x y z; x on a(V) when V > 1; y on b(V); z on c(V) when V > 1;"
+    )
+    statistics = Statistics(tree)
+    for _ in range(2):
+        assert statistics.add({"topic": "/t", "value": 1, "level": 1, "deep": {"value": 2}}, 1)
+        assert statistics.add({"topic": "/t", "value": 2, "level": 1}, 2)
+        assert statistics.add({"topic": "/t", "value": 1, "level": 1}, 3)
+        assert not statistics.add({"topic": "/t", "deep": {"value": 1}}, 4)
+    assert statistics.relevant == {"a": 2, "b": 6, "c": 2}
+    assert statistics.never_seen == ()
+
+
+def test_a_part_is_counted_as_the_whole() -> None:
+    whole = loads("toplevel r; r or x y; x; y;")
+    statistics = Statistics(narrowed(whole, 1, None))
+    assert statistics.add({"event": "y"}, 1)
+    assert (statistics.types, statistics.never_seen) == (("x", "y"), ("x",))

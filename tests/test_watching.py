@@ -86,6 +86,27 @@ def test_a_failing_callback_is_not_hidden_and_the_verdict_stands() -> None:
     assert step(B) is Verdict.TRUE
 
 
+def test_a_callback_that_would_have_to_be_awaited_is_refused() -> None:
+    """At once where it can be seen, else on detection; the verdict stands."""
+
+    async def stop(explanation: rvaft.Explanation | None) -> None:
+        raise AssertionError(explanation)
+
+    with pytest.raises(rvaft.WrongType, match=r"callback must be a plain function.*rvaft\.watch"):
+        rvaft.on_detection(TREE, stop)
+
+    class Stop:
+        async def __call__(self, explanation: rvaft.Explanation | None) -> None:
+            raise AssertionError(explanation)
+
+    monitor = rvaft.monitor(TREE)
+    step = rvaft.on_detection(monitor, Stop())
+    step(A)
+    with pytest.raises(rvaft.WrongType, match="plain function"):
+        step(B)
+    assert monitor.verdict is step(B) is Verdict.TRUE
+
+
 @pytest.mark.parametrize(
     "verb", [lambda *a, **k: rvaft.watch(a[0], [], **k), lambda *a, **k: rvaft.on_detection(a[0], print, **k)]
 )

@@ -1,5 +1,6 @@
 """`rvaft coverage`: which branches some logs exercise, and how far they come in the others."""
 
+import math
 import shutil
 import sys
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ import click
 from rvaft.cli.failure import FAILED, FOUND, report
 from rvaft.cli.options import exclusive, part_options, semantics_option, standard_input, tree_argument
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
+from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import RvaftError
 from rvaft.language import load
 from rvaft.monitoring.sources import expanded
@@ -18,6 +20,13 @@ from rvaft.tree import RVAFT
 
 _NARROWEST = 60
 """Columns below which the table is not made narrower."""
+
+
+def _number(_context: click.Context, _parameter: click.Parameter, value: float | None) -> float | None:
+    """Refuse NaN, which is in every range, since no comparison with it holds."""
+    if value is not None and math.isnan(value):
+        raise click.BadParameter(f"{value} is no percentage")
+    return value
 
 
 @click.command("coverage")
@@ -36,8 +45,17 @@ _NARROWEST = 60
 @click.option(
     "--fail-under",
     type=click.FloatRange(0, 100),
+    callback=_number,
     metavar="PERCENT",
     help="Exit with 1 if fewer of the branches are exercised.",
+)
+@click.option(
+    "--max-configurations",
+    type=click.IntRange(min=1),
+    default=DEFAULT_LIMIT,
+    show_default=True,
+    metavar="N",
+    help="Partial matches that are followed in each branch.",
 )
 @click.option(
     "--format", "form", type=click.Choice(["text", "json"]), default="text", show_default=True, help="What to print."
@@ -51,6 +69,7 @@ def command(
     kind: str | None,
     limit: int,
     fail_under: float | None,
+    max_configurations: int,
     form: str,
 ) -> int:
     """Say which branches of a tree some LOG detects, and how far the logs came in the others.
@@ -60,7 +79,7 @@ def command(
     """
     exclusive(branch=branch, kind=kind)
     whole = load(tree)
-    coverage = Coverage(whole, semantics, branch=branch, kind=kind, limit=limit)
+    coverage = Coverage(whole, semantics, branch=branch, kind=kind, limit=limit, configurations=max_configurations)
     status = max([_add(coverage, whole, log) for log in _names(logs)], default=0)
     found = coverage.report()
     sys.stdout.write(json_text(found) if form == "json" else table_text(found, width=_width()))

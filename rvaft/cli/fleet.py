@@ -1,7 +1,8 @@
 """The traces of one run of `rvaft monitor`: all of them, in this process or in several, and what is said at the end."""
 
+import gc
 from collections.abc import Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +19,17 @@ _CHUNK: Final = 1 << 20
 """Characters that are passed on at once."""
 
 
+@contextmanager
+def _frozen() -> Iterator[None]:
+    """Spare the garbage collector, which the decoding of events sets going, what is there already."""
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+@_frozen()
 def run(manner: Manner, traces: Sequence[Trace], jobs: int, *, failed: bool) -> int:
     """Run all traces and return the exit status; `failed` says that some of those that were asked for are not there."""
     sizes = sum(trace.file.size for trace in traces if trace.file is not None)

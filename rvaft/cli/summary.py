@@ -15,6 +15,10 @@ _ALL: Final = 100
 """Rows up to which all are shown; beyond it those of a detection or an error."""
 _MOST: Final = 1_000
 """Rows of a table."""
+_WIDE: Final = 8
+"""Columns up to which each has one in the table; beyond it those of a detection are listed."""
+_LISTED: Final = 3
+"""How many are listed."""
 
 
 def columns_table(columns: Sequence[Column], bank: Bank) -> list[str]:
@@ -30,8 +34,9 @@ def summary(shape: Shape, rows: Sequence[Row]) -> Iterator[str]:
     worth = [row for row in rows if len(rows) <= _ALL or row.failed or Verdict.TRUE in row.verdicts]
     shown = list(islice(worth, _MOST))
     headings = [*(["TRACE"] if shape.several else []), *([shape.key] if shape.key is not None else [])]
-    verdicts = [column.title for column in shape.columns] if len(shape.columns) > 1 else ["VERDICT", "EVENT"]
-    table = [(*headings, "EVENTS", *verdicts, "BRANCH", "KINDS", "")]
+    verdicts = [column.title for column in shape.columns] if 1 < len(shape.columns) <= _WIDE else ["VERDICT", "EVENT"]
+    detected = ["DETECTED"] if len(shape.columns) > _WIDE else []
+    table = [(*headings, "EVENTS", *verdicts, "BRANCH", "KINDS", *detected, "")]
     table += [tuple(_cells(shape, row)) for row in shown]
     yield from aligned(table)
     if len(shown) < len(rows):
@@ -44,7 +49,7 @@ def _cells(shape: Shape, row: Row) -> Iterator[str]:
     if shape.key is not None:
         yield "" if row.key is None else json.dumps(row.key[0], ensure_ascii=False)
     yield str(row.events)
-    if len(shape.columns) > 1:
+    if 1 < len(shape.columns) <= _WIDE:
         for place, verdict in enumerate(row.verdicts):
             yield f"{verdict} {row.since[place]}" if place in row.since else str(verdict)
     else:
@@ -52,7 +57,17 @@ def _cells(shape: Shape, row: Row) -> Iterator[str]:
         yield str(row.since.get(0, "-"))
     yield "-" if row.branch is None else str(row.branch)
     yield ", ".join(row.kinds) or "-"
+    if len(shape.columns) > _WIDE:
+        yield _detected(shape, row)
     yield "error" if row.failed else ""
+
+
+def _detected(shape: Shape, row: Row) -> str:
+    """The columns beside the first that were detected, each with its event."""
+    found = [place for place, verdict in enumerate(row.verdicts) if place and verdict is Verdict.TRUE]
+    first = ", ".join(f"{shape.columns[place].title} {row.since[place]}" for place in found[:_LISTED])
+    others = len(found) - _LISTED
+    return f"{first} and {others} more" if others > 0 else first or "-"
 
 
 def _rest(rows: Sequence[Row], shown: Sequence[Row]) -> str:

@@ -1,14 +1,13 @@
 """Coverage of the branches of a tree by several logs."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from typing import Final
 
 from rvaft.api import narrowed
 from rvaft.branches import Branch, branch, branches
-from rvaft.coverage.reach import Follower, Reach
-from rvaft.coverage.shortest import Shortest
+from rvaft.coverage.reach import Follower, Reach, alone
 from rvaft.engine.letters import Letters
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.engine.plan import plan_of
@@ -16,6 +15,7 @@ from rvaft.errors import TooLarge, TreeError
 from rvaft.language import name_text, on_text
 from rvaft.model import Kind
 from rvaft.monitors import Awaited
+from rvaft.rules import require_valid
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Semantics, Verdict
@@ -81,12 +81,14 @@ class _Row:
     """A branch and the best that any log so far did."""
 
     branch: Branch
-    part: RVAFT
-    shortest: Shortest
+    nodes: frozenset[int]
+    """Its nodes by their numbers in the whole tree."""
+    fresh: Follower
+    """Has read nothing; each log gets a copy."""
     needed: int
+    start: tuple[Awaited, ...]
     best: tuple[int, int, str, tuple[Awaited, ...]] | None = None
     """Events lacking, last event, log, what could have come next; None where nothing was matched."""
-    start: tuple[Awaited, ...] = field(default=())
     detected: int = 0
 
 
@@ -94,7 +96,7 @@ class Coverage:
     """Reads logs one by one and says what they covered.
 
     Raises `OptionError`, `TreeError` for a tree that breaks a rule, that has no such branch or kind, or of which no such branch is feasible, and
-    `TooLarge` beyond `limit` branches.
+    `TooLarge` beyond `limit` branches; `configurations` bounds the partial matches that are followed in each.
     """
 
     def __init__(
@@ -110,52 +112,55 @@ class Coverage:
         narrowed(tree, branch, kind)  # all that can be wrong with these is said here
         self.tree = tree
         self.semantics = Semantics(semantics)
-        self._configurations = configurations
         self._rows: list[_Row] = []
         self._infeasible: list[int] = []
         self._logs = 0
         self._seen: set[int] = set()
         self._plan = plan_of(tree)
         self._letters = Letters(tree, self._plan)
+        number = {name: node for node, name in enumerate(self._plan.names)}
         for chosen in _chosen(tree, branch, kind, limit):
+            part = alone(chosen)
             try:
-                part = narrowed(tree, chosen.number)
+                require_valid(part)
             except TreeError as error:
                 if error.rule != "no-scenario":
                     raise
                 self._infeasible.append(chosen.number)
             else:
-                self._rows.append(self._row(chosen, part))
-
-    def _row(self, chosen: Branch, part: RVAFT) -> _Row:
-        shortest = Shortest(part)
-        start = Follower(part, self.semantics, shortest, limit=self._configurations).reach()
-        return _Row(chosen, part, shortest, start.lacking, start=start.awaited)
+                fresh = Follower(part, self.semantics, limit=configurations)
+                start = fresh.fork().reach()
+                nodes = frozenset(number[name] for name in chosen.nodes)
+                self._rows.append(_Row(chosen, nodes, fresh, start.lacking, start.awaited))
 
     def add(self, log: str, events: Iterable[Json]) -> None:
         """Read a whole log. Raises what reading its events raises, and `TooLarge`; a log that raises does not count."""
-        monitors = [Follower(r.part, self.semantics, r.shortest, limit=self._configurations) for r in self._rows]
-        live, seen, skipped = list(monitors), set[int](), 0
-        for event in events:
-            reading = self._letters.read(event)
-            counts = reading.relevant or self.semantics is not Semantics.PROJECTED
-            if counts:
-                seen.update(node for hit in reading.hits for node in hit.nodes)
-            if not live:
-                continue
-            if self.semantics is not Semantics.STRICT and not (counts and reading.hits):
-                skipped += 1  # an event that no partial match can use and none is ended by
-                continue
-            for monitor in live:
-                monitor.skip(skipped)
-                monitor.follow(event)
-            skipped = 0
-            live = [monitor for monitor in live if not monitor.verdict.final]
-        reached = [monitor.reach() for monitor in monitors]
+        followers = [row.fresh.fork() for row in self._rows]
+        live, seen, number = list(zip(self._rows, followers, strict=True)), set[int](), 0
+        try:
+            for number, event in enumerate(events, 1):
+                reading = self._letters.read(event)
+                counts = reading.relevant or self.semantics is not Semantics.PROJECTED
+                hit = {node for hit in reading.hits for node in hit.nodes} if counts else set[int]()
+                seen |= hit
+                if hit or self.semantics is Semantics.STRICT:
+                    live = [one for one in live if not self._follow(*one, number, event, hit).final]
+            reached = [follower.reach() for follower in followers]
+        except TooLarge as error:
+            remedy = "" if getattr(error, "__notes__", ()) else "; --max-configurations allows more"
+            error.add_note(f"at event {number} of {log}{remedy}")
+            raise
         self._logs += 1
         self._seen |= seen
-        for row, monitor, reach in zip(self._rows, monitors, reached, strict=True):
-            _merge(row, log, reach, detected=monitor.verdict is Verdict.TRUE)
+        for row, follower, reach in zip(self._rows, followers, reached, strict=True):
+            _merge(row, log, reach, detected=follower.verdict is Verdict.TRUE)
+
+    def _follow(self, row: _Row, follower: Follower, number: int, event: Json, hit: set[int]) -> Verdict:
+        """The verdict of a branch after an event that counts and is the event of these nodes."""
+        fits = not row.nodes.isdisjoint(hit)
+        if not fits and self.semantics is Semantics.SCATTERED:
+            return follower.verdict  # no partial match can use it, and none is ended by it
+        return follower.follow(number, event, relevant=True, fits=fits)
 
     def report(self) -> Report:
         """What the logs so far covered."""
@@ -179,7 +184,7 @@ def _chosen(tree: RVAFT, number: int | None, kind: Kind | str | None, limit: int
     found = list(islice(branches(tree), limit + 1))
     if len(found) > limit:
         error = TooLarge(f"a monitor for each branch of {tree.root}", limit=limit)
-        error.add_note("choose one with --branch N, or prune the tree")
+        error.add_note("--limit allows more; or choose one with --branch N, or prune the tree")
         raise error
     return [candidate for candidate in found if kind is None or Kind(kind) in candidate.kinds]
 

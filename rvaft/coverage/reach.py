@@ -1,13 +1,16 @@
 """How far one branch has come in one log: a monitor that looks at its partial matches (semantics, section 4)."""
 
 from collections.abc import Hashable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
+from rvaft.branches import Branch
 from rvaft.coverage.shortest import Shortest
 from rvaft.engine import Engine
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.earliest import Earliest, Run
 from rvaft.engine.following import Following
+from rvaft.engine.letters import Reading
 from rvaft.engine.order import bits
 from rvaft.language import name_text, on_text
 from rvaft.monitors import Awaited
@@ -25,25 +28,43 @@ class Reach:
     awaited: tuple[Awaited, ...]
 
 
-class Follower(Engine):
-    """The monitor of one branch, `tree` being restricted to it, that remembers the best of the partial matches it met.
+def alone(branch: Branch) -> RVAFT:
+    """The tree of a branch and nothing else: what events are relevant has to be asked of the whole."""
+    tree = branch.tree
+    nodes = [replace(tree.nodes[name], children=branch.children(name)) for name in branch.nodes]
+    events = dict.fromkeys(node.on.event for node in nodes if node.on is not None)
+    return RVAFT(tree.root, nodes, (tree.events[event] for event in events), causality=tree.causality)
 
-    Under `strict` and `projected` partial matches end, so they are looked at whenever they grow; under `scattered` none is lost
+
+class Follower(Engine):
+    """The monitor of one branch, `tree` being that branch `alone`, that remembers the best of the partial matches it met.
+
+    It is given only the events that may matter to it, with what the whole tree says of them, since there may be very many branches. Under `strict` and `projected` partial matches end, so they are looked at whenever they grow; under `scattered` none is lost
     but to a better one, and the end of the log is early enough. Raises `TooLarge`.
     """
 
-    def __init__(self, tree: RVAFT, semantics: Semantics | str, shortest: Shortest, *, limit: int) -> None:
+    def __init__(self, tree: RVAFT, semantics: Semantics | str, *, limit: int) -> None:
         super().__init__(tree, semantics, limit=limit)
-        self.shortest = shortest
+        self.shortest = shortest = Shortest(tree)
         self._size = 0
         start = shortest.lacking({}, (), exact=True)
         assert start is not None, "the branch has a feasible scenario"
         self._lacking, self._last = start.lacking, 0
         self._best: list[Witness | None] = [None]
 
-    def follow(self, event: Json) -> Verdict:
-        """As `step`."""
-        verdict = self.step(event)
+    def fork(self) -> Self:
+        """An independent follower that has read the same events."""
+        twin = super().fork()
+        vars(twin)["_best"] = list(self._best)
+        return twin
+
+    def follow(self, number: int, event: Json, *, relevant: bool, fits: bool) -> Verdict:
+        """Read the event of that number; those since the last one read change nothing.
+
+        `relevant` is whether it is that to the whole tree, `fits` is False only where it is no event of this branch.
+        """
+        self.skip(number - 1 - self._read)
+        verdict = self.take(Reading(relevant, self.read(event).hits if fits else ()))
         if verdict is Verdict.UNKNOWN and self.semantics is not Semantics.SCATTERED:
             self._look()
         return verdict

@@ -55,7 +55,12 @@ def json_text(report: Report) -> str:
 
 
 def table_text(report: Report, *, width: int) -> str:
-    """The report as a table of at most so many columns, the nodes never seen, and a line of totals; long texts are wrapped."""
+    """The report as a table of at most so many columns, the nodes never seen, and a line of totals; long texts are wrapped.
+
+    Without any log it is one line.
+    """
+    if not report.logs:
+        return f"no log could be used; branches: {len(report.branches)}, nodes: {report.nodes}\n"
     from rich.console import Console  # noqa: PLC0415 -- imported on use
     from rich.table import Table  # noqa: PLC0415 -- imported on use
     from rich.text import Text  # noqa: PLC0415 -- imported on use

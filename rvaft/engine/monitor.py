@@ -64,11 +64,11 @@ class Engine(Monitor):
         """Whether the last event may be part of a match; False only where certainly none that is found later has it."""
         return self._strategy.noted
 
-    def take(self, reading: Reading) -> Verdict:
-        """As `step`, for an event that the letters have read already."""
+    def take(self, reading: Reading, position: int | None = None) -> Verdict:
+        """As `step`, for an event that was read already; `position` is its number where events in between were left out."""
         self._read += 1
         if self._verdict is _UNKNOWN:
-            self._position += 1
+            self._position = self._position + 1 if position is None else position
             self._verdict = self._strategy.advance(reading, self._position)
         return self._verdict
 

@@ -148,6 +148,7 @@ class Skipping(Following):
                     key = (letter, *[exact(values[name]) for name in watch.names])
                 if key not in self._quiet:
                     loud.append(Call(hit, watch, held, key))
+        self.noted = bool(loud)
         return self._answer(loud, position) if loud else _UNKNOWN
 
     def _watch(self, hit: Hit) -> Watch:

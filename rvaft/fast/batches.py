@@ -1,7 +1,7 @@
 """Batches of events: what a tree reads of a block of lines."""
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import BufferedIOBase
@@ -14,6 +14,7 @@ from rvaft.fast.doubts import SHORT, doubtful, repeated, utf8
 from rvaft.fast.heads import ABSENT, REFUSED, event_decoder, fields_of, head_decoder, quoted
 from rvaft.fast.skeletons import Skeletons
 from rvaft.reads import Reads, TreeReads
+from rvaft.shapes import LONGEST
 from rvaft.traces import decode, event_on
 from rvaft.values import Json
 
@@ -56,6 +57,7 @@ class _View(NamedTuple):
 
     heads: Sequence[Any]
     found: list[Hashable]
+    counts: Mapping[Hashable, int]
     whole: bool
     sure: bool
 
@@ -105,14 +107,17 @@ class Batches:
                 with suppress(*REFUSED):
                     heads = self._decoder.decode_lines(block.text)
                     if len(heads) == count:
-                        return _View(heads, self._found(heads, whole=True), whole=True, sure=True)
+                        found = self._found(heads, whole=True)
+                        return _View(heads, found, Counter(found), whole=True, sure=True)
         whole = self._dense
         heads, refused = _decoded(self._decoder.decode if whole else self._head, block.lines)
         found = self._found(heads, whole=whole)
+        counts = Counter(found)
         doubts = doubtful(block)
-        for place in {*refused, *doubts, *self._told_twice(block, found, count=not doubts)}:
+        doubts.update(refused, self._told_twice(block, found, {} if doubts else counts))
+        for place in doubts:
             found[place] = _DOUBT
-        return _View(heads, found, whole, sure=False)
+        return _View(heads, found, Counter(found) if doubts else counts, whole, sure=False)
 
     def _found(self, heads: Sequence[Any], *, whole: bool) -> list[Hashable]:
         """The values in the discriminating fields, `ABSENT` for those of no head."""
@@ -125,16 +130,16 @@ class Batches:
                 columns.append([ABSENT if head is None else value(head) for head in heads])
         return columns[0] if len(columns) == 1 else list(zip(*columns, strict=True))
 
-    def _told_twice(self, block: Block, found: Sequence[Any], *, count: bool) -> Iterator[int]:
+    def _told_twice(self, block: Block, found: Sequence[Any], counts: Mapping[Hashable, int]) -> Iterator[int]:
         """The places of lines that may repeat a discriminating field.
 
-        If `count`, no line writes a field otherwise than it is: then to count them in the block will do.
+        With `counts`, those of `found`, no line writes a field otherwise than it is: then to count them in the block will do.
         """
         fields = self._discriminators.fields
         for number, field in enumerate(fields):
             key = quoted(field)
-            column = found if len(fields) == 1 else [values[number] for values in found]
-            if not count or block.text.count(key) != sum(value is not ABSENT for value in column):
+            absent = counts.get(ABSENT, 0) if len(fields) == 1 else sum(values[number] is ABSENT for values in found)
+            if not counts or block.text.count(key) != len(found) - absent:
                 yield from repeated(block.lines, key)
 
     def _sound(self, line: bytes) -> bool:
@@ -148,8 +153,7 @@ class Batches:
     # -- events -----------------------------------------------------------------------------------------------------
 
     def _batch(self, block: Block, view: _View, wants: Wants, file: str, first: int) -> Batch:
-        heads, found, whole, sure = view
-        counts = Counter(found)
+        heads, found, counts, whole, sure = view
         known = {values: self._what(values) for values in counts if values is not _DOUBT}
         left = {values: wants(what.apart) for values, what in known.items() if not what.live}
         others = {values: counts[values] for values, wanted in left.items() if not wanted}
@@ -157,6 +161,9 @@ class Batches:
             [place for place, values in enumerate(found) if values not in others] if len(others) < len(counts) else []
         )
         keys = {} if sure else {values: what.keys for values, what in known.items() if what.live}
+        self._dense = 2 * len(places) > len(found)
+        if sure and not left:
+            return Batch(len(found), list(enumerate(heads)), ())
         events: list[tuple[int, dict[str, Json]]] = []
         blank = 0
         for place in places:
@@ -175,13 +182,12 @@ class Batches:
                 try:
                     event = event_on(block.lines[place], file, first + place, self._reads)
                 except TraceError as error:
-                    before = view._replace(heads=heads[:place], found=found[:place])
+                    before = view._replace(heads=heads[:place], found=found[:place], counts=Counter(found[:place]))
                     return replace(self._batch(block, before, wants, file, first), error=error)
             if event is None:
                 blank += 1
             else:
                 events.append((place - blank, event))
-        self._dense = 2 * len(places) > len(found)
         return Batch(len(found) - blank, events, [(known[values].apart, count) for values, count in others.items()])
 
     def _what(self, values: Hashable) -> _Known:
@@ -196,7 +202,8 @@ class Batches:
             known = _Known(live, self._discriminators.apart(every), keys)
             if len(self._known) >= MEMORY:
                 self._known.clear()
-            self._known[values] = known
+            if all(not isinstance(value, str) or len(value) <= LONGEST for value in every):
+                self._known[values] = known
         return known
 
 

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from functools import cached_property
-from io import BufferedIOBase
+from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
+from pathlib import Path
 from typing import Final
 
+from rvaft.compressed import SUFFIXES
 from rvaft.traces import BOM, MAX_LINE, failures_of, unreadable
 
-SIZE: Final = 1 << 16
+SIZE: Final = 3 << 15
 """Bytes that are read at once: small enough for the caches of the machine."""
 
 
@@ -37,32 +39,42 @@ class Blocks:
     def __init__(self, stream: BufferedIOBase, file: str) -> None:
         self._stream = stream
         self._file = file
+        self._failures = failures_of(file)
+        # Damaged data is lost from the call on that meets it, so there no more is asked for at once than when it is read by lines.
+        self._at_once = min(SIZE, DEFAULT_BUFFER_SIZE) if Path(file).suffix.lower() in SUFFIXES else SIZE
         self.line = 1
         """The number of the first line of the block that comes next; kept by who takes the blocks."""
 
     def __iter__(self) -> Iterator[Block]:
-        """Raises `TraceError` where the file cannot be read."""
-        failures = failures_of(self._file)
-        held: list[bytes] = []
-        size = 0
+        """Raises `TraceError` where the file cannot be read, after the lines that end before."""
+        held = b""
         begun = False
         while True:
-            try:
-                data = self._stream.read1(SIZE)
-            except failures as error:
-                raise unreadable(error, self._file, self.line) from error
-            end = data.rfind(b"\n") + 1
-            if data and not end and size <= MAX_LINE:
-                held.append(data)
-                size += len(data)
-                continue
-            text = b"".join((*held, data[:end]))
-            if not begun:
-                text = text.removeprefix(BOM)
+            text, more, failure = self._more(held)
+            whole = not more and failure is None
+            end = len(text) if whole else text.rfind(b"\n") + 1
+            given = text[:end] if begun else text[:end].removeprefix(BOM)
             begun = True
-            if text:
-                yield Block(text)
-            if not data or size > MAX_LINE:
+            if given:
+                yield Block(given)
+            if failure is not None:
+                raise unreadable(failure, self._file, self.line) from failure
+            if not more:
                 return
-            held = [data[end:]]
-            size = len(held[0])
+            held = text[end:]
+
+    def _more(self, held: bytes) -> tuple[bytes, bool, Exception | None]:
+        """What is held and what comes after it, up to some line's end; whether there may be more; what it failed with."""
+        pieces, size = [held], len(held)
+        ended = False
+        while size < SIZE or (not ended and size <= len(BOM) + MAX_LINE):
+            try:
+                data = self._stream.read1(self._at_once)
+            except self._failures as error:
+                return b"".join(pieces), False, error
+            if not data:
+                return b"".join(pieces), False, None
+            pieces.append(data)
+            size += len(data)
+            ended = ended or b"\n" in data
+        return b"".join(pieces), ended, None

@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import replace
-from typing import Self, cast
+from typing import Final, Self
 
 from rvaft.engine.monitor import Engine
 from rvaft.errors import TooLarge
@@ -12,6 +11,8 @@ from rvaft.monitors import Ended, Explanation, Monitor
 from rvaft.tree import RVAFT
 from rvaft.values import Json
 from rvaft.verdict import Semantics, Verdict
+
+_UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
 
 
 class Bank:
@@ -24,58 +25,51 @@ class Bank:
     def __init__(self, columns: Sequence[Column], make: Callable[[RVAFT], Monitor], semantics: Semantics) -> None:
         self.columns = tuple(columns)
         self.monitors: tuple[Monitor, ...] = tuple(make(column.part) for column in columns)
+        self._engines = _engines(self.monitors)
         self.since: dict[int, int] = {}
         """For each column whose verdict is final the number of the event that made it so."""
         self.semantics = semantics
+        self._projected = semantics is Semantics.PROJECTED
+        self._strict = semantics is Semantics.STRICT
         self.serves = False
         """Whether an explanation may name the last event."""
         self.concerned = False
         """Whether the last event was relevant to the tree, or may be part of a match all the same."""
         self._live = tuple(range(len(self.monitors)))
-        self._read = 0
-        # Under `strict` every event counts, so numbers cannot be skipped; a match is short there.
-        self._numbers: list[int] | None = [] if semantics is Semantics.STRICT else None
 
     def fork(self) -> Self:
         """An independent bank that has read the same events."""
         twin = copy(self)
         twin.monitors = tuple(monitor.fork() for monitor in self.monitors)
+        vars(twin)["_engines"] = _engines(twin.monitors)
         twin.since = dict(self.since)
-        vars(twin)["_numbers"] = None if self._numbers is None else list(self._numbers)
         return twin
 
     def step(self, event: Json, number: int) -> Sequence[int]:
         """Read one event and return the columns whose verdict it changed."""
         self.serves = False
-        first = self.monitors[0]
-        if not isinstance(first, Engine):
+        engines = self._engines
+        if not engines:
             self.concerned = True
             for column in self._live:
                 self.monitors[column].step(event)
             return self.changes(number)
-        reading = first.read(event)
-        self.concerned = bool(reading.relevant if self.semantics is Semantics.PROJECTED else reading.hits)
-        if not self._live:
+        reading = engines[0].read(event)
+        concerned = self.concerned = reading.relevant if self._projected else bool(reading.hits)
+        if not self._live or not (concerned or self._strict):
             return ()
-        if self._numbers is not None:
-            self._numbers.append(number)
-        elif not self.concerned:
-            return ()
-        else:
-            passed_over = number - 1 - self._read
-            self._read = number
-            for column in self._live if passed_over else ():
-                engine = self.monitors[column]
-                assert isinstance(engine, Engine)
-                engine.skip(passed_over)
+        if len(engines) == 1:
+            final = engines[0].take(reading, number) is not _UNKNOWN
+            self.serves = concerned and engines[0].noted
+            return self.changes(number) if final else ()
+        final = serves = False
         for column in self._live:
-            if column:
-                self.monitors[column].step(event)
-            else:
-                first.take(reading)
-        if reading.hits:
-            self.serves = any(cast("Engine", self.monitors[column]).noted for column in self._live)
-        return self.changes(number)
+            engine = engines[column]
+            verdict = engine.take(engine.read(event) if column else reading, number)
+            final = final or verdict is not _UNKNOWN
+            serves = serves or engine.noted
+        self.serves = serves and bool(reading.hits)
+        return self.changes(number) if final else ()
 
     def changes(self, number: int) -> Sequence[int]:
         """The columns whose verdict the event of that number changed, for who has given it to the monitors himself."""
@@ -97,19 +91,16 @@ class Bank:
 
     def explanation(self, column: int) -> Explanation | None:
         """After ⊤ in that column, how it was detected, where the monitor knows the tree."""
-        found = self.monitors[column].explanation
-        if found is None:
-            return None
-        matched = {node: self._number(position) for node, position in found.matched.items()}
-        return replace(found, matched=matched)
+        return self.monitors[column].explanation
 
     def ended(self, column: int) -> Ended | None:
         """After ⊥ in that column, how its last hope ended, where the monitor knows the tree and what it waited for is not too much to say."""
         try:
-            found = self.monitors[column].ended
+            return self.monitors[column].ended
         except TooLarge:
             return None
-        return None if found is None else Ended(self._number(found.event), found.pending)
 
-    def _number(self, position: int) -> int:
-        return position if self._numbers is None else self._numbers[position - 1]
+
+def _engines(monitors: Sequence[Monitor]) -> tuple[Engine, ...]:
+    found = tuple(monitor for monitor in monitors if isinstance(monitor, Engine))
+    return found if len(found) == len(monitors) else ()

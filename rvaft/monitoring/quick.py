@@ -8,6 +8,7 @@ from io import BufferedIOBase
 from typing import Final
 
 from rvaft.engine.monitor import Engine
+from rvaft.errors import RvaftError
 from rvaft.fast.batches import Batches
 from rvaft.monitoring.run import TIME, Run
 from rvaft.reads import TreeReads
@@ -32,16 +33,29 @@ def batches_for(run: Run) -> Batches | None:
 
 def advance(run: Run, batches: Batches, stream: BufferedIOBase, name: str, statistics: Statistics) -> Iterator[None]:
     """Give a run all events of a stream, and pause after every batch; raises what `rvaft.traces.read` raises."""
-    watch, bank = run.watch, run.watch.bank
+    watch, bank, clock, prefix = run.watch, run.watch.bank, run.clock, run.prefix
     strict, projected = (bank.semantics is one for one in (Semantics.STRICT, Semantics.PROJECTED))
     for batch in batches.read(stream, name, statistics.wants):
-        before = run.number
-        for place, event in batch.events:
-            number = before + place + 1
-            if strict:
-                _fill(run, number)
-            if statistics.add(event, number, run.prefix) or not projected:
-                run.watched(number, event)
+        number = before = run.number
+        try:
+            for place, event in batch.events:
+                number = before + place + 1
+                if strict:
+                    _fill(run, number)
+                    run.number = number
+                if not statistics.add(event, number, prefix) and projected:
+                    continue
+                # What `Run.watched` does, here for very many events.
+                changed = bank.step(event, number)
+                if clock is not None and bank.concerned:
+                    clock.see(number, event)
+                if bank.serves:
+                    watch.recall.remember(number, event)
+                if changed:
+                    run.told(watch, number, event, changed)
+        except RvaftError:
+            run.number = number
+            raise
         for values, count in batch.others:
             statistics.pass_over(values, count)
         if strict:

@@ -110,6 +110,23 @@ def test_too_little_coverage_is_status_1(tree: Path, tmp_path: Path, percent: st
     assert run("coverage", tree, path, "--fail-under", percent).exit_code == status
 
 
+@pytest.mark.parametrize("percent", ["nan", "inf", "-inf", "-1", "100.1", "half"])
+def test_what_is_no_percentage_is_refused(tree: Path, tmp_path: Path, percent: str) -> None:
+    """NaN above all, which no coverage is under."""
+    failed(run("coverage", tree, log(tmp_path, "1.jsonl", "c d"), "--fail-under", percent), "--fail-under", percent)
+
+
+def test_without_any_log_that_counts_there_is_no_table(tree: Path, tmp_path: Path) -> None:
+    bad = log(tmp_path, "bad.jsonl", "c d")
+    bad.write_text("[]\n")
+    result = run("coverage", tree, bad, tmp_path / "none.jsonl", "--fail-under", "50")
+    assert (result.exit_code, len(result.stderr.splitlines())) == (2, 2)
+    assert result.stdout == "no log could be used; branches: 3, nodes: 8\n"
+    assert json.loads(run("coverage", tree, bad, "--format", "json").stdout)["logs"] == 0
+    empty = run("coverage", tree, log(tmp_path, "empty.jsonl", ""))
+    assert list(rows(empty.stdout)) == ["1", "2", "3"], "an empty log is a log"
+
+
 def test_a_malformed_log_does_not_count_and_the_others_do(tree: Path, tmp_path: Path) -> None:
     bad, good = log(tmp_path, "bad.jsonl", "c d"), log(tmp_path, "good.jsonl", "e f")
     bad.write_text(bad.read_text() + "[]\n")
@@ -159,7 +176,7 @@ def test_too_many_branches_are_an_error_that_says_what_to_do(tmp_path: Path) -> 
     assert run("coverage", path, empty, "--branch", "5").exit_code == 0
     with pytest.raises(TooLarge):
         Coverage(loads("top or a b c;"), limit=2)
-    failed(run("coverage", TREES / "gates" / "or.rvaft", empty, "--limit", "1"), "limit 1")
+    failed(run("coverage", TREES / "gates" / "or.rvaft", empty, "--limit", "1"), "limit 1", "--limit allows more")
 
 
 def test_too_many_partial_matches_leave_the_log_out() -> None:
@@ -169,6 +186,21 @@ def test_too_many_partial_matches_leave_the_log_out() -> None:
         coverage.add("log", [{"v": number} for number in range(10)])
     assert coverage.report().logs == 0
     assert coverage.report().seen == 0
+
+
+def test_a_log_with_too_many_partial_matches_is_named(tmp_path: Path) -> None:
+    """With the event, and the option that allows more."""
+    path = tmp_path / "tree.rvaft"
+    path.write_text("event n(v) = { v: v }; event m(w) = { w: w }; top sand a b; a on n(X); b on m(X);")
+    large, small = tmp_path / "large.jsonl", tmp_path / "small.jsonl"
+    large.write_text('{"noise": 1}\n' + "".join(f'{{"v": {number}}}\n' for number in range(10)))
+    small.write_text('{"v": 1}\n')
+    found = run("coverage", path, large, small, "--semantics", "scattered", "--max-configurations", "5")
+    assert found.exit_code == 2
+    (error,) = found.stderr.splitlines()
+    assert error.endswith(f"(limit 5); at event 6 of {large}; --max-configurations allows more")
+    assert list(rows(found.stdout)) == ["1"]
+    assert run("coverage", path, large, small, "--semantics", "scattered").exit_code == 0
 
 
 def test_a_branch_that_nothing_can_detect_does_not_count(tmp_path: Path) -> None:

@@ -1,17 +1,24 @@
 """Bytes made for the places where reading quickly takes something for granted."""
 
+import gzip
 import io
 import json
+from io import BufferedIOBase
+from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 import pytest
 
+from rvaft import loads, traces
+from rvaft.compressed import opened
 from rvaft.errors import TraceError
-from rvaft.fast import skeletons
+from rvaft.fast import blocks, doubts, skeletons
 from rvaft.fast.batches import Batches
 from rvaft.fast.blocks import Block
 from rvaft.fast.skeletons import Skeletons
 from rvaft.reads import TreeReads
+from rvaft.shapes import LONGEST, Shapes
+from rvaft.statistics import Statistics
 from rvaft.traces import BOM, MAX_DIGITS, read
 from tests.fast.test_batches import GOOD, TREES, Held, same
 
@@ -110,3 +117,79 @@ def test_values_without_end_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_nothing_at_all() -> None:
     assert same(TREES["one"], b"") == same(TREES["one"], BOM) == same(TREES["one"], b"\n \r\n") == Held([], None)
+
+
+def test_the_longest_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (traces, blocks, doubts):
+        monkeypatch.setattr(module, "MAX_LINE", 3000)
+    for length, number in ((2999, None), (3000, None), (3001, 2), (9000, 2)):
+        start = b'{"topic":"t","value":1,"x":"'
+        line = start + b"a" * (length - len(start) - 2) + b'"}'
+        held = same(TREES["one"], b"\n".join([GOOD, line, GOOD]), size=500)
+        assert (held.error is None) == (number is None)
+        assert len(held.events) == (3 if number is None else 1)
+
+
+def test_far_too_deep() -> None:
+    for line in (b'{"topic":"w","x":' + b"[" * 100_000, b'{"topic":"t","value":' + b'{"a":' * 100_000):
+        held = same(TREES["one"], b"\n".join([GOOD, line, GOOD]))
+        assert (len(held.events), str(held.error)[:7]) == (1, "log:2: ")
+
+
+def test_a_field_that_lines_write_with_escapes() -> None:
+    assert Batches.of(TreeReads(loads('event e(v) = { topic: "t", "a\\nb": v }; toplevel a; a on e(V);'))) is None
+
+
+def test_a_line_of_blanks_can_be_too_long_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("rvaft.traces", "rvaft.fast.blocks", "rvaft.fast.doubts"):
+        monkeypatch.setattr(f"{module}.MAX_LINE", 1000)
+    good = b'{"topic":"t","value":1}\n'
+    for blank in (b" " * 1001, b"\t" * 70_000, b" " * 200_000):
+        held = same(TREES["one"], good + blank + b"\n" + good)
+        assert held.error == "log:2: the line is longer than 0 MiB"
+        assert len(held.events) == 1
+    assert len(same(TREES["one"], good + b" " * 1000 + b"\n" + good).events) == 2
+    assert len(same(TREES["one"], b"\xef\xbb\xbf" + good[:-1] + b" " * (1001 - len(good)) + b"\n" + good).events) == 2
+
+
+@pytest.mark.parametrize("place", range(300, 3000, 100))
+def test_damaged_data_is_read_up_to_the_damage(place: int, tmp_path: Path) -> None:
+    log = tmp_path / "log.gz"
+    lines = b"".join(b'{"topic":"t","value":%d,"x":"%x"}\n' % (n, n * 2654435761 % 2**32) for n in range(2000))
+    data = bytearray(gzip.compress(lines))
+    data[place] ^= 16
+    log.write_bytes(data)
+    outcomes = []
+    for quick in (False, True):
+        count, error = 0, ""
+        try:
+            with opened(log) as stream:
+                if quick:
+                    batches = Batches.of(TreeReads(TREES["one"]))
+                    assert batches is not None
+                    for batch in batches.read(cast("BufferedIOBase", stream), str(log), lambda _: 0):
+                        count += batch.count
+                else:
+                    for _ in read(stream, name=str(log), reads=TreeReads(TREES["one"])):
+                        count += 1
+        except TraceError as failure:
+            error = str(failure)
+        outcomes.append((count, error))
+    assert outcomes[0] == outcomes[1]
+    assert outcomes[0][1]
+
+
+def test_long_strings_are_not_remembered() -> None:
+    tree = loads('event a() = { topic: "t", data: "stop" }; toplevel r; r and x y; x on a(); y;')
+    shapes = Shapes([tree.pattern("x")], lambda decided: decided)  # type: ignore[list-item]
+    statistics, reads = Statistics(tree), TreeReads(tree)
+    batches = Batches.of(reads)
+    assert batches is not None
+    for number in range(50):
+        event = {"topic": f"{number}" + "x" * LONGEST, "data": f"{number}" + "x" * LONGEST}
+        assert shapes.of(event) == ((), ())
+        statistics.add(event, number)
+        list(batches.read(io.BytesIO(json.dumps(event).encode()), "log", lambda _: 0))
+    assert not shapes._memory
+    assert not batches._known
+    assert len(statistics._looked_at) == 1

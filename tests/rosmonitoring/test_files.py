@@ -98,6 +98,29 @@ def test_the_topics_are_those_that_the_verdict_depends_on(semantics: str, topics
     assert whole.verdict is (Verdict.TRUE if semantics == "scattered" else Verdict.FALSE)
 
 
+@pytest.mark.parametrize(
+    ("nodes", "topics"),
+    [
+        ("p and x never;\nnever when 1 > 2;\nx on x();\n", {"/y"}),
+        # x would come before itself
+        ("p sand s t;\ns and x y;\nt and x z;\nx on x();\ny on y();\nz on z();\n", {"/w"}),
+        ("p and x y;\nx on x();\ny on y() when 1 < 2;\n", {"/x", "/y", "/w"}),
+    ],
+)
+@pytest.mark.parametrize("semantics", ["scattered", "projected"])
+def test_topics_that_are_in_no_feasible_scenario(nodes: str, topics: set[str], semantics: str, tmp_path: Path) -> None:
+    """They are looked at all the same where relevant events end a match."""
+    tree = tmp_path / "tree.rvaft"
+    declared = "".join(f'event {n}() = {{ topic: "/{n}" }};\ntopic "/{n}" type "a.msg.T";\n' for n in "wxyz")
+    other = "w on w();\n" if "/w" in topics else "w on y();\n"
+    tree.write_text(f"{declared}top or p w;\n{nodes}{other}")
+    result = run("rosmonitoring", tree, "-o", tmp_path / "out", "--semantics", semantics)
+    assert (result.exit_code, result.stdout) == (0, "")
+    found = yaml.safe_load((tmp_path / "out" / "monitors.yaml").read_text())["monitors"][0]["monitor"]["topics"]
+    relevant = {f"/{node.on.event}" for node in load(tree).nodes.values() if node.on is not None}
+    assert {topic["name"] for topic in found} == (topics if semantics == "scattered" else relevant)
+
+
 def test_names_are_spelled_as_the_patterns_spell_them(tmp_path: Path) -> None:
     """The generated monitor sends the name as it stands here, and the RML oracle compares it as it comes."""
     tree = tmp_path / "tree.rvaft"

@@ -95,7 +95,7 @@ def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
     for folder, part in (
         (tmp_path / "file", "a file of this name is there"),
         (tmp_path / "file" / "below", "Not a directory"),
-        (tmp_path / "none" / "below", "No such file or directory"),
+        (tmp_path / "none" / "below", "make the one above it first"),
         (Path("/proc/nowhere"), "cannot make the folder"),
         (tmp_path / "no\nline", r"no\nline"),
     ):
@@ -115,6 +115,47 @@ def test_a_folder_that_nobody_may_write_to(tmp_path: Path) -> None:
     if os.access(folder, os.W_OK):
         folder = Path("/proc/self/fdinfo")  # a folder where even root makes no files
     failed(run("rosmonitoring", ROS, "-o", folder), "cannot write into the folder")
+
+
+def test_what_names_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("", "-"):
+        failed(run("rosmonitoring", ROS, "-o", name), "-o names a folder", "rvaft rosmonitoring --help")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_specifications_of_an_earlier_run_go_with_its_configuration(tmp_path: Path) -> None:
+    assert run("rosmonitoring", ROS, "-o", tmp_path, "--per", "branch").exit_code == 0
+    (tmp_path / "mine.rml").write_text((tmp_path / "damaged_branch_1.rml").read_text())
+    (tmp_path / "damaged_branch_2.rml").write_text("Main = mine;\n")
+    (tmp_path / "damaged_branch_3.pl").unlink()
+    (tmp_path / "damaged_branch_3.pl").symlink_to("damaged_branch_1.pl")
+    (tmp_path / "damaged_branch_4.txt").write_text("mine\n")
+    with (tmp_path / "monitors.yaml").open("a") as stream:
+        stream.write("path: /opt/robot\n")
+    before = content(tmp_path)
+    failed(run("rosmonitoring", ROS, "-o", tmp_path), "--force")
+    assert content(tmp_path) == before
+    assert run("rosmonitoring", ROS, "-o", tmp_path, "--force").exit_code == 0
+    made = {"damaged.pl", "damaged.rml", "monitors.yaml", "run.txt"}
+    kept = {"mine.rml", "damaged_branch_2.rml", "damaged_branch_3.pl", "damaged_branch_4.txt"}
+    assert {path.name for path in tmp_path.iterdir()} == made | kept
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "monitors:\n- monitor: {id: damaged_branch_1}\n",  # not written here
+        "# Written by rvaft rosmonitoring: change the tree and write it again.\n{",
+        "# Written by rvaft rosmonitoring: change the tree and write it again.\nmonitors: [{monitor: {id: 1}}, 7]\n",
+        "\xff",
+    ],
+)
+def test_a_configuration_of_somebody_else_says_nothing_of_files(text: str, tmp_path: Path) -> None:
+    assert run("rosmonitoring", ROS, "-o", tmp_path, "--per", "branch").exit_code == 0
+    (tmp_path / "monitors.yaml").write_bytes(text.encode("latin-1"))
+    assert run("rosmonitoring", ROS, "-o", tmp_path, "--force").exit_code == 0
+    assert (tmp_path / "damaged_branch_1.rml").exists()
 
 
 def test_edits_of_a_configuration_survive(tmp_path: Path) -> None:

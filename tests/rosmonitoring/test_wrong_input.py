@@ -1,11 +1,13 @@
 """What `rvaft rosmonitoring` refuses: one line that says what to write where, status 2, nothing written."""
 
+import shlex
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.cli.runs import TREES, failed, run
+from tests.cli.runs import COMMAND, TREES, failed, run
 
 ROS = TREES / "remote_inspection" / "ros.rvaft"
 EVENTS = 'event e() = { topic: "/c" };\nevent f() = { topic: "/d" };\n'
@@ -64,17 +66,17 @@ CASES: dict[str, tuple[str, list[str], list[str]]] = {
     "one topic in two spellings": (
         EVENTS + 'event g() = { topic: "c" };\n' + TOPICS + "top or x y;\nx on e();\ny on g();\n",
         [],
-        ["the topics /c and c are one in ROS"],
+        ["tree.rvaft:3:7: the topics /c and c are one in ROS"],
     ),
     "message types of one name": (
         EVENTS + 'topic "/c" type "a.msg.T";\ntopic "/d" type "b.msg.T";\n' + NODES,
         [],
-        ["a.msg.T of /c and b.msg.T of /d", "rename one"],
+        ["tree.rvaft:4:7: the message types", "a.msg.T of /c and b.msg.T of /d", "rename one"],
     ),
     "filter without publishers": (
         EVENTS + TOPICS + NODES,
         ["--action", "filter"],
-        ["the topic /d cannot be filtered without its publishers", "`from NODE`"],
+        ["tree.rvaft:4:7: the topic /d cannot be filtered without its publishers", "`from NODE`"],
     ),
     "several that filter": (
         EVENTS + TOPICS + NODES,
@@ -100,6 +102,13 @@ CASES: dict[str, tuple[str, list[str], list[str]]] = {
     "port 0": (EVENTS + TOPICS + NODES, ["--port", "0"], ["--port"]),
     "id that is no word": (EVENTS + TOPICS + NODES, ["--id", "my monitor"], ['"my monitor" cannot be the id']),
     "id that is a keyword": (EVENTS + TOPICS + NODES, ["--id", "class"], ['"class" cannot be the id']),
+    "no host": (EVENTS + TOPICS + NODES, ["--host", ""], ['"" is no IP address and no host name']),
+    "a URL as host": (EVENTS + TOPICS + NODES, ["--host", "http://x:1"], ['"http://x:1" is no IP address and no host name']),
+    "a service": (
+        'event g() = { service: "/c" };\n' + TOPICS + "top or x;\nx on g();\n",
+        [],
+        ["event type g comes over no topic"],
+    ),
     "unknown ROS": (EVENTS + TOPICS + NODES, ["--ros-version", "ros3"], ["'ros3'", "ros2"]),
     "a tree that breaks a rule": ("top or x;\nx when 1 > 2;\n", [], ["[no-scenario]"]),
 }  # fmt: skip
@@ -117,6 +126,22 @@ def test_a_tree_or_option_that_cannot_be(case: str, tmp_path: Path) -> None:
     for part in parts:
         assert part in lines[0], lines[0]
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("stands", ["< {}", "< <(cat {})"])
+def test_a_tree_that_cannot_be_read_again(stands: str, tmp_path: Path) -> None:
+    (tmp_path / "tree.rvaft").write_text(EVENTS + TOPICS + NODES)
+    words = shlex.join([*COMMAND, "rosmonitoring", "/dev/stdin", "-o", "out"])
+
+    def piped(*more: str) -> "subprocess.CompletedProcess[str]":
+        script = f"{words} {' '.join(more)} {stands.format('tree.rvaft')}"
+        return subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path)
+
+    refused = piped()
+    said = "rvaft: error: /dev/stdin: the oracles read the tree again when they start: give it as a file\n"
+    assert (refused.returncode, refused.stdout, refused.stderr) == (2, "", said)
+    assert not (tmp_path / "out").exists()
+    assert piped("--oracle", "rml").returncode == 0
 
 
 def test_no_folder_named() -> None:

@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import Verdict, load, loads, monitor
-from rvaft.monitoring.columns import Per
+from rvaft.monitoring.columns import Per, columns
+from rvaft.monitoring.recall import Recall
 from rvaft.reads import reads_of
 from rvaft.serving.protocol import Polarity, Protocol, Vocabulary, encoded, protocol
-from rvaft.serving.session import Session, Watched, session
+from rvaft.serving.session import Session, session, watched
 from rvaft.traces import decode
 from rvaft.tree import RVAFT
 from rvaft.values import Json
@@ -53,6 +54,59 @@ def test_a_detection_comes_with_its_explanation() -> None:
     }
     assert found == {"p": 4, **explanation, "verdict": False}
     assert after == {**explanation, "verdict": False}
+
+
+@pytest.mark.parametrize("semantics", ["projected", "scattered"])
+def test_a_matched_event_says_when_and_where_it_happened(semantics: str) -> None:
+    tree = loads('event e(x) = {topic: "/c", p: x}; top sand a b c; a on e(1); b on e(2); c;')
+    speaking, first = protocol(tree), session(tree, semantics)
+    said: list[Json] = [{"topic": "c", "time": 0.5, "p": 1}, {"topic": "/other", "time": 1}]
+    answers(speaking, first, *map(json.dumps, said), "[]", '{"topic": "/c", "p": 2, "time": {"secs": 3}}')
+    to = first.fork()
+    for _ in range(2):
+        (reply,) = answers(speaking, to, '{"event": "c", "data": 1}')
+        assert reply["matched"] == [
+            {"node": "a", "event": 1, "time": 0.5, "topic": "c"},
+            {"node": "b", "event": 3, "time": {"secs": 3}, "topic": "/c"},
+            {"node": "c", "event": 4},
+        ]
+    assert len(to.recall.known) == 3
+    assert len(first.recall.known) == 2
+
+
+def test_what_is_remembered_is_bounded() -> None:
+    tree = loads("event e(x) = {e: x}; event f(x) = {f: x}; top sand a b; a on e(X); b on f(X);")
+    to = session(tree, "scattered")
+    to.recall = Recall(bound=3)
+    answers(protocol(tree), to, *(json.dumps({"e": number, "time": number, "data": "x"}) for number in range(9)), "{}")
+    assert dict(to.recall.known) == {7: {"time": 6}, 8: {"time": 7}, 9: {"time": 8}}
+    (forgotten,), (known,) = (answers(protocol(tree), to.fork(), f'{{"f": {number}}}') for number in (1, 8))
+    assert forgotten["matched"] == [{"node": "a", "event": 2}, {"node": "b", "event": 11}]
+    assert known["matched"] == [{"node": "a", "event": 9, "time": 8}, {"node": "b", "event": 11}]
+
+
+@pytest.mark.parametrize(
+    ("message", "error"),
+    [
+        ("", "not JSON: expecting value"),
+        ("{\n'a': 1}", "not JSON: expecting property name enclosed in double quotes"),
+        (b"\xff", "not UTF-8"),
+        ("[]", "not a JSON object but a list"),
+        ("\ufeff{}", "a byte order mark before the event; send the event alone"),
+    ],
+)
+def test_an_error_speaks_of_messages_and_not_of_lines(message: str | bytes, error: str) -> None:
+    assert replies(SEQUENCE, message) == [{"error": error, "verdict": "currently_true"}]
+
+
+def test_line_ends_are_space_in_a_message() -> None:
+    assert replies(SEQUENCE, '{\n"event":\r\n"a"}\n') == [{"event": "a", "verdict": "currently_true"}]
+
+
+def test_an_error_of_the_event_comes_back() -> None:
+    event = {"event": "a", "error": "mine", "verdicts": 1, "branch": 7, "matched": 8}
+    assert replies(SEQUENCE, json.dumps(event)) == [{**event, "verdict": "currently_true"}]
+    assert replies(SEQUENCE, A, json.dumps({**event, "event": "b"}))[1]["error"] == "mine"
 
 
 @pytest.mark.parametrize(
@@ -109,9 +163,9 @@ def test_events_as_nested_and_numbers_as_long_as_they_may_be() -> None:
 
 
 def test_a_monitor_that_gives_up_says_so_and_has_no_verdict_any_more() -> None:
-    tree = loads("event e(x) = {p: x}; top sand a b; a on e(X); b on e(Y) when Y < X;")
-    watching = Watched(monitor(tree, semantics="scattered", limit=3))
-    to = Session(watching, {"1": Watched(monitor(tree, branch=1, semantics="scattered"))})
+    tree = loads("event e(x) = {p: x}; top sand a b; a on e(X); b on e(Y) when Y == X - 1;")
+    whole, first = columns(tree, Per.BRANCH)
+    to = Session(watched(whole, "scattered", limit=3), {"1": watched(first, "scattered")})
     *_, gave_up, later = answers(protocol(tree), to, *(f'{{"p": {number}}}' for number in range(10)))
     for reply in (gave_up, later):
         assert reply["verdict"] == "unknown"

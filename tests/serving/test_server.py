@@ -13,7 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvaft import ToolMissing, Verdict, monitor
+from rvaft.errors import OptionError
+from rvaft.serving.hosts import host as host_of
 from rvaft.serving.origins import allowed
+from rvaft.serving.origins import origin as origin_of
 from rvaft.serving.protocol import Vocabulary, protocol
 from rvaft.serving.server import Address, serve
 from rvaft.serving.session import Session, session
@@ -232,7 +235,7 @@ def test_a_client_that_never_reads_is_left_behind_when_the_server_stops() -> Non
 
 def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.LogCaptureFixture) -> None:
     class Defective(Session):
-        def read(self, event: object) -> None:
+        def read(self, event: object, came: object = None) -> None:  # noqa: ARG002 (the interface)
             raise ZeroDivisionError(f"no way with {event}")
 
     async def scenario() -> None:
@@ -289,6 +292,9 @@ def test_an_origin_that_is_not_allowed_is_refused(more: str, status: str) -> Non
         ("http://[::1]:8080", "[::1]:8080", True),
         ("http://10.0.0.5:8080", "10.0.0.5:8080", True),
         ("http://127.0.0.1:8000", "127.0.0.1:8080", False),
+        ("http://localhost:3000", "localhost:8080", False),
+        ("http://localhost:8080", "127.0.0.1:8080", False),
+        ("https://127.0.0.1:8080", "127.0.0.1:8080", False),
         ("http://rebound.example:8080", "rebound.example:8080", False),
         ("http://[::1", "[::1", False),
         ("http://", "", False),
@@ -298,6 +304,85 @@ def test_an_origin_that_is_not_allowed_is_refused(more: str, status: str) -> Non
 def test_only_an_address_vouches_for_itself(origin: str, host: str | None, taken: bool) -> None:
     assert allowed([origin], host, ()) is taken
     assert allowed([origin], host, (origin,))
+
+
+@pytest.mark.parametrize(
+    ("given", "sent"),
+    [
+        ("http://robot.local:8080", "http://robot.local:8080"),
+        ("http://Robot.local:8080/", "http://Robot.local:8080"),
+        ("https://dashboard.example:443", "https://dashboard.example"),
+        ("http://robot:80/", "http://robot"),
+        ("http://[::1]:3000", "http://[::1]:3000"),
+    ],
+)
+def test_an_origin_is_allowed_as_clients_say_it(given: str, sent: str) -> None:
+    assert allowed([sent], "127.0.0.1:8080", (origin_of(given),))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "/",
+        "null",
+        "*",
+        "nonsense",
+        "robot.local:8080",
+        "ws://robot",
+        "http://",
+        "http://robot/page",
+        "http://robot//",
+        "http://a@robot",
+        "http://robot:",
+        "http://robot:0x50",
+        "http://robot:99999",
+        "http://[::1",
+        "http://robot?",
+        "http://ro\nbot",
+    ],
+)
+def test_what_is_no_origin(text: str) -> None:
+    with pytest.raises(OptionError, match="is no origin"):
+        origin_of(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["127.0.0.1", "::1", "fe80::1%eth0", "0.0.0.0", "localhost", "robot.local.", "my_node", "3com.example"]
+)
+def test_a_host(text: str) -> None:
+    assert host_of(text) == text
+    assert Address(text).host == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        " ",
+        ".",
+        "0",
+        "1.2.3",
+        "256.1.1.1",
+        "0x7f.0x1",
+        "127.1.",
+        "[::1]",
+        "http://x:1",
+        "x:1",
+        "x/y",
+        "a b",
+        "a..b",
+        "-a",
+        "a\n",
+        "é",
+        "x" * 64,
+        ".".join(["x" * 50] * 6),
+        "::1%a b",
+    ],
+)
+def test_what_is_no_host(text: str) -> None:
+    with pytest.raises(OptionError, match="is no IP address and no host name"):
+        Address(text)
 
 
 def test_the_server_is_reached_from_this_machine_alone() -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from rvaft.cli.sink import Sink
 from rvaft.errors import RvaftError, ToolMissing
+from rvaft.model import Kind
 from rvaft.monitoring.told import apart, matched_events
 from rvaft.monitoring.watch import Listener, Watch
 from rvaft.monitors import Explanation
@@ -28,10 +29,11 @@ SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """One match that was found, and the events in it that are known."""
+    """One match that was found, the events in it that are known, and the kinds whose monitors it detected."""
 
     explanation: Explanation | None
     events: Mapping[int, Json]
+    kinds: frozenset[Kind] = frozenset()
 
 
 def detections(watch: Watch, number: int, event: Json, changed: Sequence[int]) -> Iterator[Detection]:
@@ -41,9 +43,11 @@ def detections(watch: Watch, number: int, event: Json, changed: Sequence[int]) -
     explanations = [watch.bank.explanation(column) for column in parts]
     if parts and not any(explanations):
         yield Detection(None, {})  # a backend does not explain
-    for _, explanation in apart(explanations):
+    for which, explanation in apart(explanations):
         known = watch.recall.events(matched_events([explanation]) - {number})
-        yield Detection(explanation, {**known, number: event})
+        wholes = [watch.bank.columns[parts[place]].part.part_of for place in which]
+        kinds = frozenset(whole.kind for whole in wholes if whole is not None and whole.kind is not None)
+        yield Detection(explanation, {**known, number: event}, kinds)
 
 
 class Commands(Listener):
@@ -71,7 +75,7 @@ class Commands(Listener):
                 key=watch.key,
                 events=found.events,
             )
-            for failure in self._hooks.run(told):
+            for failure in self._hooks.run(told, found.kinds):
                 self._sink.warn(str(failure))
 
 

@@ -41,7 +41,11 @@ def run(manner: Manner, traces: Sequence[Trace], jobs: int, *, failed: bool) -> 
     if jobs > 1 and len(traces) > 1:
         for outcome, held in _apart(manner, traces, jobs, sink, progress):
             if manner.drawing is not None and outcome.drawn is not None and not any(one.drawn for one in outcomes):
-                deliver(outcome.drawn, manner.drawing)
+                try:
+                    deliver(outcome.drawn, manner.drawing)
+                except OSError as error:
+                    sink.report(error)
+                    outcome.status, outcome.undrawn = FAILED, True
             outcomes.append(outcome)
             totals.add(held)
         reporter = manner.reporter(manner.shape, sink)
@@ -51,7 +55,7 @@ def run(manner: Manner, traces: Sequence[Trace], jobs: int, *, failed: bool) -> 
         totals, reporter = watching.totals, watching.reporter
     if any(outcome.read for outcome in outcomes):
         reporter.finish([row for outcome in outcomes for row in outcome.rows], totals)
-    if manner.drawing is not None:
+    if manner.drawing is not None and not any(outcome.undrawn for outcome in outcomes):
         count = sum(outcome.detections for outcome in outcomes)
         if not any(outcome.drawn for outcome in outcomes):
             sink.warn(f"{manner.drawing} is not written: {'no explanation' if count else 'nothing was detected'}")

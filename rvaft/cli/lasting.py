@@ -35,6 +35,8 @@ def last(run: Run, manner: Manner, sink: Sink, name: str, file: LogFile) -> None
                 _keep(keeping, run, sink, number, stream)
         if keeping is not None:
             _keep(keeping, run, sink, number, stream)
+        if isinstance(stream, Followed) and stream.unfinished:
+            sink.warn(f"{name}: the last line has no end yet and is not read ({stream.unfinished} bytes)")
 
 
 def _keep(keeping: Keeping, run: Run, sink: Sink, number: int, stream: Placed | Followed) -> None:

@@ -1,6 +1,7 @@
 """`rvaft monitor`: watch events for a tree and give verdicts."""
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -18,6 +19,7 @@ from rvaft.cli.verdict_text import Text
 from rvaft.cli.verdicts import JsonLines, Reporter, Shape
 from rvaft.cli.watching import Manner, Trace
 from rvaft.engine.monitor import DEFAULT_LIMIT
+from rvaft.errors import TooLarge
 from rvaft.language import load, on_text
 from rvaft.model import Kind
 from rvaft.monitoring.bank import Bank
@@ -81,14 +83,21 @@ def _maker(options: Monitoring, semantics: str) -> Make:
     """What makes the monitor of a part of the tree."""
     backend = options.backend
     if backend is None:
-        limit = options.max_configurations or DEFAULT_LIMIT
-        return lambda part: monitor(part, semantics=semantics, limit=limit)
+        return partial(_engine, semantics=semantics, limit=options.max_configurations or DEFAULT_LIMIT)
 
     def make(part: RVAFT) -> Monitor:
         with suggesting():
             return translate(part, backend, semantics=semantics).monitor()
 
     return make
+
+
+def _engine(part: RVAFT, *, semantics: str, limit: int) -> Monitor:
+    try:
+        return monitor(part, semantics=semantics, limit=limit)
+    except TooLarge as error:
+        error.add_note("--max-configurations allows more")
+        raise
 
 
 def _plan(options: Monitoring, bank: Bank, tree: RVAFT) -> Plan:

@@ -76,6 +76,9 @@ class Monitoring:
             ("--explain", self.explain),
             ("--checkpoint", self.checkpoint),
             ("--max-configurations", self.max_configurations),
+            # A text knows no kinds: these would never run.
+            ("--exec-fault", self.execute_fault),
+            ("--exec-attack", self.execute_attack),
         ):
             if value is not None:
                 _refuse(f"{option} needs the engine: leave out --backend")

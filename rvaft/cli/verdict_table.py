@@ -53,6 +53,11 @@ class Table(Text):
         for line in (*columns(self._rows), *self._reasons):
             self.print(line)
 
+    def stop(self, watch: Watch) -> None:
+        """Print the table as far as it goes."""
+        if len(self._rows) > 1:
+            self.end(watch)
+
     def finish(self, rows: Sequence[Row], totals: Totals) -> None:
         """Nothing more is printed."""
 

@@ -105,7 +105,7 @@ class JsonLines(Reporter):
         verdicts = watch.bank.verdicts
         said |= {"event": number, "verdict": verdicts[0].value}
         columns = self.shape.columns
-        if len(columns) > 1:
+        if self.shape.per is not Per.TREE:
             said["verdicts"] = {column.label: verdict.value for column, verdict in zip(columns, verdicts, strict=True)}
         if changed:
             what = self.changed(watch, number, event, changed)

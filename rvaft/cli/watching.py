@@ -64,6 +64,8 @@ class Outcome:
     rows: list[Row] = field(default_factory=list)
     drawn: bytes | None = None
     detections: int = 0
+    undrawn: bool = False
+    """Whether drawing it failed, which has been reported."""
 
 
 class Watching:
@@ -106,6 +108,7 @@ class Watching:
             run.end()
         except RvaftError as error:
             failed = True
+            run.stop()
             if isinstance(error, TooLarge):
                 remedy = "" if getattr(error, "__notes__", ()) else "; --max-configurations allows more"
                 error.add_note(f"at event {run.number} of {trace.name}{remedy}")
@@ -114,6 +117,7 @@ class Watching:
             if error.filename is None:  # not the trace but standard output
                 raise
             failed = True
+            run.stop()
             self.sink.report(error)
         for said in run.warnings:
             self.sink.warn(said if not prefix else f"{prefix}{said}")
@@ -122,6 +126,7 @@ class Watching:
         outcome = Outcome(FAILED if failed else FOUND if run.found else 0, not failed, rows)
         if self.drawing is not None:
             outcome.drawn, outcome.detections = self.drawing.first, self.drawing.count - before
+            outcome.undrawn = self.drawing.failed
             outcome.status = FAILED if self.drawing.failed else outcome.status
         return outcome
 

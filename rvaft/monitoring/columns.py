@@ -1,6 +1,6 @@
 """What has a verdict of its own: the tree, and beside it each of its branches or each of its kinds.
 
-These are the options (a), (b) and (c) of the paper, section 4.5, with the names that its Tables 2 and 3 give to the monitors.
+These are the options (a), (b) and (c) of the paper, section 4.3, with the names that its Tables 2 and 3 give to the monitors.
 """
 
 from collections.abc import Iterator

@@ -10,7 +10,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final
@@ -70,10 +70,13 @@ class Hooks:
         chosen = (self.on[kind] for kind in Kind if kind in present and kind in self.on)
         return (*(() if self.always is None else (self.always,)), *chosen)
 
-    def run(self, detected: Mapping[str, Json]) -> tuple[Failure, ...]:
-        """Run the commands for a `detection`, one after the other, and say which failed."""
+    def run(self, detected: Mapping[str, Json], also: Collection[Kind] = ()) -> tuple[Failure, ...]:
+        """Run the commands for a `detection`, one after the other, and say which failed.
+
+        `also` are kinds that were detected beside those of the match: a branch of a kind may be matched without a node of that kind.
+        """
         text = f"{json.dumps(detected)}\n".encode()
-        kinds = [Kind(kind) for kind in detected["kinds"]]
+        kinds = [kind for kind in Kind if kind in also or kind.value in detected["kinds"]]
         failures = (_run(command, text, self.timeout) for command in self.commands(kinds))
         return tuple(failure for failure in failures if failure is not None)
 

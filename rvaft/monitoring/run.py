@@ -149,6 +149,12 @@ class Run:
             for listener in self.listeners:
                 listener.end(watch)
 
+    def stop(self) -> None:
+        """The trace cannot be read further."""
+        for watch in self.watches:
+            for listener in self.listeners:
+                listener.stop(watch)
+
     @property
     def watches(self) -> list[Watch]:
         """What was watched: the trace, or each key that came."""

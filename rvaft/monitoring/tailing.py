@@ -126,6 +126,11 @@ class Followed(io.RawIOBase):
             if not self._more():
                 return b""
 
+    @property
+    def unfinished(self) -> int:
+        """How many bytes of a line without an end are not given."""
+        return len(self._ready)
+
     def readinto(self, buffer: Any) -> int:
         """Whole lines, as many as there are and fit, or a part of one that does not; 0 after the end was asked for."""
         room = len(buffer)

@@ -38,3 +38,6 @@ class Listener:
 
     def end(self, watch: Watch) -> None:
         """The trace ends, and was not malformed."""
+
+    def stop(self, watch: Watch) -> None:
+        """The trace was malformed, or could not be read further: no event and no end comes any more."""

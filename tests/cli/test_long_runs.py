@@ -102,6 +102,23 @@ def test_a_growing_file_is_followed_until_it_is_interrupted(number: signal.Signa
     assert said.endswith("warning: no event of type goal\n")
 
 
+def test_a_last_line_without_an_end_is_not_read_and_said(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    events = row1()
+    log.write_text(lines(events[:3]) + json.dumps(events[3]))
+    with started("monitor", PRUNED, log, "--follow", "--format", "jsonl") as running:
+        assert running.stdout is not None
+        assert running.stderr is not None
+        for _ in range(3):
+            running.stdout.readline()
+        running.send_signal(signal.SIGINT)
+        assert running.wait(timeout=30) == 0
+        size = len(json.dumps(events[3]))
+        assert running.stderr.read() == (
+            f"rvaft: warning: {log}: the last line has no end yet and is not read ({size} bytes)\n"
+        )
+
+
 def test_a_file_that_is_replaced_is_read_on_and_said(tmp_path: Path) -> None:
     log = tmp_path / "log.jsonl"
     events = row1()
@@ -231,6 +248,17 @@ def test_a_detection_is_told_once(per: str, runs: int, tmp_path: Path) -> None:
     assert len(told.read_text().splitlines()) == runs
 
 
+@pytest.mark.parametrize(("options", "expected"), [(["--per", "kind"], "FA"), (["--kind", "attack"], "FA"), ([], "F")])
+def test_the_monitor_of_a_kind_detects_that_kind(options: list[str], expected: str, tmp_path: Path) -> None:
+    tree = tmp_path / "mixed.rvaft"
+    tree.write_text("toplevel top; top 1of2 a b; a attack; b fault;")
+    told = tmp_path / "told"
+    told.touch()
+    hooks = [f"--exec-fault=printf F >> {told}", f"--exec-attack=printf A >> {told}"]
+    assert run("monitor", tree, "--word", "b", *options, *hooks).exit_code == 1
+    assert told.read_text() in ({expected, "AF"} if expected == "FA" else {expected})
+
+
 def test_with_a_monitor_for_each_kind_the_second_kind_is_told_too(tmp_path: Path) -> None:
     tree, told = tmp_path / "tree.rvaft", tmp_path / "told"
     tree.write_text("toplevel t; t or a b; a fault; b attack;")
@@ -301,11 +329,12 @@ def test_a_missing_tool_is_said_before_the_logs_are_read(tmp_path: Path) -> None
     assert result.stdout == ""
 
 
-def test_a_drawing_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
-    result = run("monitor", PRUNED, ROW1, "--explain", tmp_path / "no" / "fired.dot")
-    assert result.exit_code == 2
-    assert "cannot write" in result.stderr
-    assert "verdict true after 4 events" in result.stdout
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_drawing_that_cannot_be_written_stops_nothing(jobs: int, tmp_path: Path) -> None:
+    logs = LOGS / "table2_row[13].jsonl"
+    result = run("monitor", PRUNED, logs, "--jobs", jobs, "--explain", tmp_path / "no" / "fired.dot")
+    failed(result, "cannot write")
+    assert result.stdout == run("monitor", PRUNED, logs).stdout
 
 
 # -- what a stream no longer knows -------------------------------------------------------------------------------------

@@ -96,6 +96,11 @@ def test_too_many_branches_are_refused_with_a_way_out(tmp_path: Path) -> None:
     failed(run("monitor", tree, "--word", "b7", "--per", "branch"), "limit 1000", "--per kind", "--branch N")
 
 
+def test_the_form_does_not_depend_on_whether_the_tree_has_kinds() -> None:
+    said = jsonl(SAND, "--word", "a", "--per", "kind")
+    assert said == [{"event": 1, "verdict": "unknown", "verdicts": {"tree": "unknown"}}]
+
+
 @pytest.mark.parametrize("backend", ["rml"])
 def test_a_backend_can_be_run_for_each_branch(backend: str) -> None:
     tree = TREES / "gates" / "or.rvaft"
@@ -289,6 +294,8 @@ def test_very_many_keys_are_summed_up(tmp_path: Path) -> None:
         (["--backend", "rml", "--explain"], ["--explain needs the engine"]),
         (["--backend", "rml", "--checkpoint", "c"], ["--checkpoint needs the engine"]),
         (["--backend", "rml", "--max-configurations", 5], ["--max-configurations needs the engine"]),
+        (["--backend", "rml", "--exec-fault", "true"], ["--exec-fault needs the engine"]),
+        (["--backend", "rml", "--exec-attack", "true"], ["--exec-attack needs the engine"]),
         (["--follow", LOGS / "*.jsonl"], ["--follow needs one TRACE"]),
         (["--checkpoint", "c", LOGS / "*.jsonl"], ["--checkpoint needs one TRACE"]),
         (["--jobs", 2, "-"], ["--jobs is for files"]),
@@ -336,3 +343,7 @@ def test_a_bar_is_drawn_on_a_terminal_and_never_elsewhere(tmp_path: Path) -> Non
     assert b"MB" in drawn
     assert said == process("monitor", SAND, log).stdout
     assert process("monitor", SAND, log).stderr == ""
+
+
+def test_a_limit_that_is_too_low_to_begin_says_so() -> None:
+    failed(run("monitor", PRUNED, ROW1, "--max-configurations", "1"), "too large", "--max-configurations allows more")

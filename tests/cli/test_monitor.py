@@ -155,6 +155,19 @@ def test_a_malformed_line_ends_its_trace_after_the_verdicts_before_it(tmp_path: 
     assert "verdict" not in result.stdout
 
 
+def test_the_table_of_a_malformed_trace_has_the_events_before_it(tmp_path: Path) -> None:
+    torn = tmp_path / "torn.jsonl"
+    torn.write_text(lines([{"event": "a"}, {"event": "c"}]) + "[]")
+    result = run("monitor", SAND, torn, "--format", "table")
+    failed(result, f"{torn}:3: ")
+    rows = [line.split()[-1] for line in result.stdout.splitlines()[:3]]
+    assert rows == ["φ", "?", "⊥"]
+    torn.write_text("[]")
+    result = run("monitor", SAND, torn, "--format", "table")
+    failed(result, f"{torn}:1: ")
+    assert result.stdout == ""
+
+
 def test_the_other_traces_are_still_read_after_a_malformed_one(attack: Path, tmp_path: Path) -> None:
     torn = tmp_path / "torn.jsonl"
     torn.write_text("{")

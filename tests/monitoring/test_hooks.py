@@ -188,7 +188,7 @@ def test_an_interrupt_ends_the_command_and_comes_through(tmp_path: Path) -> None
         "import sys\nfrom rvaft.monitoring.hooks import Hooks\n"
         "try:\n    Hooks(sys.argv[1]).run({'kinds': []})\nexcept KeyboardInterrupt:\n    print('interrupted')\n"
     )
-    words = [sys.executable, "-c", program, f"echo $$ > {pids}.new; mv {pids}.new {pids}; exec sleep 60"]
+    words = [sys.executable, "-c", program, f"sleep 1; echo $$ > {pids}.new; mv {pids}.new {pids}; exec sleep 60"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as running:
         for _ in range(1000):
             if pids.exists():

@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check lint types layers slow bench clean
+.PHONY: demo paper test check lint types layers slow bench clean
 
 $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
@@ -23,6 +23,9 @@ demo: $(STAMP)
 	@for language in rml ltlf automaton; do echo; echo "# rvaft emit $(TREE) --to $$language"; $(BIN)/rvaft emit $(TREE) --to $$language || exit 1; done
 	@echo; echo "# The traces of the paper's Tables 2 and 3: python -m papers.fmas2022.verdict_table"
 	@$(BIN)/python -m papers.fmas2022.verdict_table
+
+paper: $(STAMP)
+	$(BIN)/python -m papers.fmas2022
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto -m "not slow" --ignore tests/benchmarks

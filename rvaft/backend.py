@@ -13,7 +13,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import ClassVar
 
-from rvaft.errors import OptionError, RvaftError, ToolFailed
+from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed
 from rvaft.guards import Guard
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
@@ -54,6 +54,14 @@ class Specification:
 
 
 @dataclass(frozen=True, slots=True)
+class Highlighting:
+    r"""What the package `listings` of LaTeX calls a language, and the `\lstdefinelanguage` of one that it does not know."""
+
+    name: str
+    definition: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Observed:
     """One thing that a text asks of an event: to match a pattern, for some values of its variables under which the guard holds.
 
@@ -76,6 +84,8 @@ class Backend(ABC):
     """The backend whose texts these are in another form, if any; left out of comparisons unless named, as they say nothing new."""
     tools: ClassVar[tuple[str, ...]] = ()
     """Programs of others by which `read_with` can run a text as well."""
+    highlighting: ClassVar[Highlighting | None] = None
+    """How its texts are highlighted in a listing in LaTeX, if they are."""
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     default_limit: ClassVar[int]
     """The size (in the unit the backend documents) above which `translate` raises `TooLarge`."""
@@ -94,6 +104,16 @@ class Backend(ABC):
         `atoms` gives the event of each atom that the text itself does not define; without it, `p` is `{"event": "p"}`.
         A language whose texts always define their events ignores it.
         """
+
+    def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:  # noqa: ARG002
+        """What the tree becomes in the language as a graph in the DOT language of Graphviz, for people to look at.
+
+        `limit` bounds the size of the drawing, in the unit of the backend. Raises `TooLarge`, and `NotExpressible`, as by default, where
+        the language has no graphs.
+        """
+        raise NotExpressible(
+            "its texts are no graphs, so there is none to draw", backend=self.name, semantics=semantics
+        )
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
         """Everything that a text asks of events: two events with the same answers are the same to it.

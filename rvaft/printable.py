@@ -33,7 +33,7 @@ def columns(rows: Iterable[Sequence[str]]) -> list[str]:
     table = Table.grid(padding=(0, 2))
     for row in rows:
         table.add_row(*(Text(visible(cell), no_wrap=True) for cell in row))
-    console = Console(file=io.StringIO(), width=_WIDEST, color_system=None, legacy_windows=False)
+    console = Console(file=io.StringIO(), width=_WIDEST, color_system=None, legacy_windows=False, force_jupyter=False)
     with console.capture() as captured:
         console.print(table)
     return [line.rstrip() for line in captured.get().splitlines()]

@@ -192,11 +192,38 @@ class RVAFT:
 
     # -- pictures -----------------------------------------------------------------------------------------------
 
-    def to_dot(self) -> str:
-        """The tree drawn in the DOT language of Graphviz."""
-        from rvaft.drawing import dot_text  # noqa: PLC0415 (drawing is above the tree)
+    def to_dot(
+        self,
+        *,
+        events: bool = False,
+        names: bool = True,
+        wrap: int | None = None,
+        depth: int | None = None,
+        collapse: Iterable[str] = (),
+        branch: int | None = None,
+        legend: bool = False,
+        stagger: bool = False,
+    ) -> str:
+        """The tree drawn in the DOT language of Graphviz.
 
-        return dot_text(self)
+        `events` shows runtime events and guards, `names` those of nodes that have a label as well, `wrap` breaks lines at so many
+        columns, `depth` and `collapse` leave out what is below a level or a node, `branch` marks the branch of that number,
+        `stagger` sets every other leaf of a gate lower, which makes the tree narrower. Raises `OptionError`, and `TreeError` where there is no such branch.
+        """
+        from rvaft.drawing import dot_text, looking  # noqa: PLC0415 (drawing is above the tree)
+
+        look = looking(
+            self,
+            events=events,
+            names=names,
+            wrap=wrap,
+            depth=depth,
+            collapse=collapse,
+            branch=branch,
+            legend=legend,
+            stagger=stagger,
+        )
+        return dot_text(self, look)
 
     def _repr_svg_(self) -> str | None:
         """The picture that a notebook shows, or None, for the plain `repr`, where Graphviz does not draw it."""

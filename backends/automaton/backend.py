@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from functools import partial
 from time import perf_counter
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from backends.automaton.choices import decided
 from backends.automaton.configurations import Moves
+from backends.automaton.diagram import BEFORE, READABLE, diagram
 from backends.automaton.hoa import Relevance, Text, write
 from backends.automaton.letters import Alphabet, Letters
 from backends.automaton.minimise import minimised
@@ -14,6 +15,7 @@ from backends.automaton.plan import Plan, plan
 from backends.automaton.structure import Structure, structure
 from backends.automaton.subsets import HOPELESS, Automaton, Subsets
 from rvaft.backend import Backend, Metrics, Observed, Specification
+from rvaft.errors import TooLarge
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
 from rvaft.tree import RVAFT
@@ -40,6 +42,17 @@ class AutomatonBackend(Backend):
         metrics = Metrics(text.symbols, states=text.states, edges=text.edges, seconds=perf_counter() - started)
         return Specification(text.text, self.language, metrics, partial(AutomatonBackend.read, self))
 
+    def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:
+        """The minimal automaton as a graph in the DOT language; raises `TooLarge` beyond so many states, by default `READABLE`."""
+        most = READABLE if limit is None else limit
+        try:
+            built = _built(tree, Semantics(semantics), BEFORE * most)
+        except TooLarge as error:
+            raise TooLarge(f"{error.what}, too many to draw", limit=most) from error
+        return diagram(
+            built.automaton, built.parts, built.letters, tree=tree, semantics=Semantics(semantics), limit=most
+        )
+
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """A monitor that runs any HOA text.
 
@@ -58,13 +71,29 @@ class AutomatonBackend(Backend):
 
 
 def _translated(tree: RVAFT, semantics: Semantics, limit: int) -> Text:
+    built = _built(tree, semantics, limit)
+    return write(
+        built.automaton, built.parts, built.letters, name=f"{tree.root}, {semantics}", relevance=built.relevance
+    )
+
+
+class _Built(NamedTuple):
+    """The minimal automaton of a tree, and what its letters mean."""
+
+    automaton: Automaton
+    parts: Structure
+    letters: Letters
+    relevance: Relevance | None
+
+
+def _built(tree: RVAFT, semantics: Semantics, limit: int) -> _Built:
     parts = structure(tree)
     relevance, alphabet = _relevance(tree) if semantics is Semantics.PROJECTED else (None, None)
     letters = Letters(parts.patterns, alphabet)
     plans = _plans(parts, semantics, limit)
     automaton = Subsets(Moves(plans), letters, semantics, limit).build() if plans else Automaton(HOPELESS)
     automaton = minimised(automaton, letters, looping=semantics is Semantics.SCATTERED)
-    return write(automaton, parts, letters, name=f"{tree.root}, {semantics}", relevance=relevance)
+    return _Built(automaton, parts, letters, relevance)
 
 
 def _plans(parts: Structure, semantics: Semantics, limit: int) -> tuple[Plan, ...]:

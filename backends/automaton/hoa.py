@@ -50,7 +50,7 @@ def write(
     automaton: Automaton, structure: Structure, letters: Letters, *, name: str, relevance: Relevance | None
 ) -> Text:
     """The text of an automaton; with `relevance` events that are not relevant change nothing."""
-    order = _order(automaton)
+    order = in_order(automaton)
     number = {state: index for index, state in enumerate(order)}
     edges = [_edges(automaton, state) for state in order]
     writer = _writer(edges, letters, relevant=relevance is not None)
@@ -81,7 +81,8 @@ def write(
     return Text(text, len(order) + final, count, symbols)
 
 
-def _order(automaton: Automaton) -> list[int]:
+def in_order(automaton: Automaton) -> list[int]:
+    """The reachable states in the order of their numbers in the text."""
     order = [automaton.start]
     seen = set(order)
     for state in order:

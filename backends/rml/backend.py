@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import ClassVar
 
-from rvaft.backend import Backend, Metrics, Observed, Specification
+from backends.rml.listing import HIGHLIGHTING
+from rvaft.backend import Backend, Highlighting, Metrics, Observed, Specification
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
 from rvaft.tree import RVAFT
@@ -24,6 +25,7 @@ class RmlBackend(Backend):
     name: ClassVar[str] = "rml"
     language: ClassVar[str] = "rml"
     suffix: ClassVar[str] = ".rml"
+    highlighting: ClassVar[Highlighting] = HIGHLIGHTING
     default_limit: ClassVar[int] = 20_000
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:

@@ -5,12 +5,12 @@ Facts, not translation: the readers keep their own account of the language.
 
 from typing import Final
 
-_KEYWORDS: Final = frozenset(["not", "matches", "with", "empty", "all", "let", "var", "if", "else"])
-_FUNCTIONS: Final = frozenset(["abs", "sin", "cos", "tan", "min", "max"])
-_VALUES: Final = frozenset(["true", "false", "null"])
-_TYPES: Final = frozenset(["any", "none"])
+KEYWORDS: Final = frozenset(["not", "matches", "with", "empty", "all", "let", "var", "if", "else"])
+FUNCTIONS: Final = frozenset(["abs", "sin", "cos", "tan", "min", "max"])
+VALUES: Final = frozenset(["true", "false", "null"])
+TYPES: Final = frozenset(["any", "none"])
 """Event types that the compiler declares itself; to declare one again widens it."""
-RESERVED: Final = _KEYWORDS | _FUNCTIONS | _VALUES | _TYPES
+RESERVED: Final = KEYWORDS | FUNCTIONS | VALUES | TYPES
 """The words that no name may be."""
 LARGEST: Final = 2**31 - 1
 """The largest integer that the compiler reads."""

@@ -13,30 +13,28 @@ from rich.table import Table
 
 import rvaft
 from cross_check.participants import Absent, Outside, Participant
-from cross_check.results import Job
-from cross_check.roster import Roster
+from papers.fmas2022.verdicts import enlist, monitors, said
 from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.values import Json
 
 TREE = Path(__file__).parents[2] / "trees" / "remote_inspection" / "pruned.rvaft"
-MONITORS = {"φ": None, "φ₁": 1, "φ₂": 2, "φ₃": 3, "φ₄": 4}
 
 
 def rows(tree: RVAFT, folder: Path) -> Iterator[tuple[str, str, dict[str, str]]]:
     """For each trace of the two tables and each monitor: the verdicts of each participant, or why it gives none."""
-    jobs = {sign: Job(sign, Semantics.PROJECTED, branch=number) for sign, number in MONITORS.items()}
-    enlisted = {sign: [(name, make()) for name, make in Roster().candidates(tree, job)] for sign, job in jobs.items()}
+    enlisted = {sign: enlist(tree, number) for sign, number in monitors(tree).items()}
     for path in sorted(folder.glob("table[23]_row?.jsonl")):
         events = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         for sign, participants in enlisted.items():
-            yield path.stem, sign, {name: _cell(one, events) for name, one in participants}
+            yield path.stem, sign, {name: _cell(one, events) for name, one in participants.items()}
 
 
-def _cell(participant: Participant | Outside | Absent, events: list[object]) -> str:
+def _cell(participant: Participant | Outside | Absent, events: list[Json]) -> str:
     if isinstance(participant, Absent):
         return f"({participant.status})"
-    assert isinstance(participant, Participant), "nobody asked for a program of others"
-    return "".join(verdict.symbol for verdict in participant.start().run(events))
+    verdicts = said(participant, events)
+    assert verdicts is not None, "nobody asked for a program of others"
+    return "".join(verdict.symbol for verdict in verdicts)
 
 
 def main() -> int:

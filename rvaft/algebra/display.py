@@ -1,4 +1,4 @@
-"""Guards for people: in LaTeX, and in a shorter form."""
+"""Guards for people, in a shorter form."""
 
 from typing import Any
 
@@ -8,87 +8,6 @@ from rvaft.algebra.symbols import RELATIONS, Symbols, Unsayable
 from rvaft.guards import Guard, Operation, Operator
 from rvaft.patterns import Literal, Variable
 from rvaft.rules.literals import folded
-
-_SIGNS = {
-    Operator.EQ: "=",
-    Operator.NE: r"\neq",
-    Operator.LT: "<",
-    Operator.LE: r"\leq",
-    Operator.GT: ">",
-    Operator.GE: r"\geq",
-}
-_SPECIAL = {c: rf"\{c}" for c in "&%$#_{}"} | {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-}
-
-
-def latex(guard: Guard) -> str:
-    """The guard in LaTeX's mathematics, as it is written: nothing is simplified or reordered."""
-    match guard:
-        case Operation(Operator.AND | Operator.OR as junction, operands):
-            sign = r"\wedge" if junction is Operator.AND else r"\vee"
-            return f" {sign} ".join(_bracketed(operand) for operand in operands)
-        case Operation(Operator.NOT, (operand,)):
-            return rf"\neg {_bracketed(operand)}"
-        case Operation(operator, (left, right)) if operator in _SIGNS:
-            return f"{_term(left)} {_SIGNS[operator]} {_term(right)}"
-        case _:
-            return _term(guard)
-
-
-def _bracketed(guard: Guard) -> str:
-    compound = isinstance(guard, Operation) and guard.operator in (Operator.AND, Operator.OR)
-    return rf"\left({latex(guard)}\right)" if compound else latex(guard)
-
-
-def _term(guard: Guard) -> str:
-    shown: dict[Any, str] = {}
-    return str(sympy.latex(_unevaluated(guard, shown), symbol_names=shown, order="none", mul_symbol="dot"))
-
-
-def _unevaluated(guard: Guard, shown: dict[Any, str]) -> Any:
-    """The arithmetic as it is written; what is no arithmetic is a symbol with its own LaTeX."""
-    match guard:
-        case Operation(Operator.ADD, (left, right)):
-            return sympy.Add(_unevaluated(left, shown), _unevaluated(right, shown), evaluate=False)
-        case Operation(Operator.SUB, (left, right)):
-            negative = sympy.Mul(-1, _unevaluated(right, shown), evaluate=False)
-            return sympy.Add(_unevaluated(left, shown), negative, evaluate=False)
-        case Operation(Operator.MUL, (left, right)):
-            return sympy.Mul(_unevaluated(left, shown), _unevaluated(right, shown), evaluate=False)
-        case Operation(Operator.DIV, (left, right)):
-            inverse = sympy.Pow(_unevaluated(right, shown), -1, evaluate=False)
-            return sympy.Mul(_unevaluated(left, shown), inverse, evaluate=False)
-        case Operation(Operator.NEGATE, (operand,)):
-            return sympy.Mul(-1, _unevaluated(operand, shown), evaluate=False)
-        case Operation():
-            return _named(rf"\left({latex(guard)}\right)", shown)
-        case Variable(name):
-            return _named(rf"\mathit{{{_escaped(name)}}}", shown)
-        case Literal(constant):
-            return _named(_constant(constant), shown)
-
-
-def _named(text: str, shown: dict[Any, str]) -> Any:
-    symbol = sympy.Symbol(f"s{len(shown):05}")
-    shown[symbol] = text
-    return symbol
-
-
-def _constant(constant: object) -> str:
-    match constant:
-        case str():
-            return rf"\text{{``{_escaped(constant)}''}}"
-        case bool() | None:
-            return rf"\mathrm{{{'null' if constant is None else str(constant).lower()}}}"
-        case _:
-            return str(sympy.latex(sympy.sympify(constant, strict=True)))
-
-
-def _escaped(text: str) -> str:
-    return "".join(_SPECIAL.get(character, character) for character in text)
 
 
 def simplified(guard: Guard) -> Guard:

@@ -25,6 +25,7 @@ _COMMANDS: Final = {
     "serve": "Answer ROSMonitoring over WebSocket.",
     "rosmonitoring": "Write a configuration of ROSMonitoring for a tree.",
     "cross-check": "Compare the specifications of trees.",
+    "compare": "Compare specification languages: sizes and speeds.",
     "backends": "List the specification languages.",
     "explain": "Explain what a finding means.",
 }

@@ -1,20 +1,62 @@
-"""`rvaft branches`: the branches of a tree."""
+"""`rvaft branches`: the branches of a tree, or its one property."""
 
 import sys
+from collections.abc import Iterable, Iterator
+from enum import StrEnum
 
 import click
 
-from rvaft.branches import branches
+from rvaft.branches import Branch, branches
 from rvaft.cli.options import tree_argument
 from rvaft.language import load
 from rvaft.printable import visible
+from rvaft.properties import WIDTH, align_latex, kinds_of, property_sign, property_text, property_unicode
+from rvaft.tree import RVAFT
+
+
+class Form(StrEnum):
+    """How properties are written."""
+
+    TEXT = "text"
+    UNICODE = "unicode"
+    LATEX = "latex"
 
 
 @click.command("branches")
 @tree_argument
-def command(tree: str) -> int:
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice([form.value for form in Form]),
+    default=Form.TEXT.value,
+    show_default=True,
+    help="unicode and latex write properties with the signs of papers; latex as one align*.",
+)
+@click.option("--whole", is_flag=True, help="The property of the whole tree instead of its branches.")
+@click.option(
+    "--width",
+    type=click.IntRange(min=1),
+    metavar="N",
+    default=WIDTH,
+    show_default=True,
+    help="With latex: break formulas that are wider than N characters.",
+)
+def command(*, tree: str, form: str, whole: bool, width: int) -> int:
     """List the branches of a tree, one line each: number, kinds (- for none), property."""
-    for branch in branches(load(tree)):
-        kinds = ",".join(sorted(kind.value for kind in branch.kinds)) or "-"
-        sys.stdout.write(f"{branch.number}\t{kinds}\t{visible(branch.formula)}\n")
+    loaded = load(tree)
+    parts: Iterable[RVAFT | Branch] = [loaded] if whole else branches(loaded)
+    rows = align_latex(parts, width=width) if form == Form.LATEX else _rows(parts, Form(form))
+    for row in rows:
+        sys.stdout.write(f"{row}\n")
     return 0
+
+
+def _rows(parts: Iterable[RVAFT | Branch], form: Form) -> Iterator[str]:
+    """Number or sign, kinds, and property, with tabs between."""
+    for part in parts:
+        kinds = ",".join(sorted(kind.value for kind in kinds_of(part))) or "-"
+        if form is Form.UNICODE:
+            yield f"{property_sign(part)}\t{kinds}\t{property_unicode(part)}"
+        else:
+            number = part.number if isinstance(part, Branch) else "-"
+            yield f"{number}\t{kinds}\t{visible(property_text(part))}"

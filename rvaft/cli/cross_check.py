@@ -1,6 +1,5 @@
 """`rvaft cross-check`: whether the specifications of a tree say the same thing."""
 
-import math
 import os
 from collections.abc import Iterable
 from dataclasses import replace
@@ -18,10 +17,9 @@ from cross_check.results import Job, exit_status
 from cross_check.roster import PATIENCE, Roster
 from cross_check.runs import Task
 from rvaft.api import narrowed
-from rvaft.backend import backend
 from rvaft.cli.comparing import Failures, Watching, replayed
 from rvaft.cli.failure import FAILED
-from rvaft.cli.languages import suggesting
+from rvaft.cli.lists import finite, some_backends, some_semantics
 from rvaft.cli.options import exclusive, part_options
 from rvaft.cli.reports import Reports, report_options
 from rvaft.language import load
@@ -38,28 +36,13 @@ SMALL_TEXT: Final = 5_000
 """The limit of translations there."""
 
 
-def _semantics(_context: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[Semantics, ...] | None:
-    if value is None:
-        return None
-    if value == "all":
-        return tuple(Semantics)
-    try:
-        return tuple(dict.fromkeys(Semantics(name.strip()) for name in value.split(",")))
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not `all` or some of {', '.join(Semantics)}, with commas") from None
-
-
-def _finite(_context: click.Context, _parameter: click.Parameter, value: float | None) -> float | None:
-    if value is not None and math.isnan(value):
-        raise click.BadParameter("nan is no time")
-    return value
-
-
 @click.command("cross-check")
 @click.argument("trees", nargs=-1, metavar="[TREE]...")
 @click.option("--against", multiple=True, metavar="[LANG:]FILE", help="A specification to hold against each TREE.")
 @click.option("--backends", metavar="A,B", help="These backends instead of all faithful ones.")
-@click.option("--semantics", callback=_semantics, metavar="S,...|all", help="Default: all; with --against, projected.")
+@click.option(
+    "--semantics", callback=some_semantics, metavar="S,...|all", help="Default: all; with --against, projected."
+)
 @part_options
 @click.option("--random", type=click.IntRange(min=1), metavar="N", help="Compare N random trees.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="The seed of everything random.")
@@ -88,7 +71,7 @@ def _finite(_context: click.Context, _parameter: click.Parameter, value: float |
 @click.option(
     "--timeout",
     type=click.FloatRange(min=0, max=1_000_000, min_open=True),
-    callback=_finite,
+    callback=finite,
     metavar="SECONDS",
     help="For each step of a case.",
 )
@@ -151,7 +134,7 @@ def command(
     reports.check()
     failures = Failures()
     roster = Roster(
-        _backends(backends),
+        some_backends(backends),
         tuple(failures.collect(handwritten, texts)),
         rml_monitor=None if rml_monitor is None else Path(rml_monitor),
         mona=mona,
@@ -190,17 +173,6 @@ def command(
         fail_on_timeout=fail_on_timeout,
     )
     return FAILED if failures.met else status
-
-
-def _backends(named: str | None) -> tuple[str, ...] | None:
-    """The backends that a list names; raises `OptionError` for an unknown one."""
-    if named is None:
-        return None
-    names = tuple(dict.fromkeys(word for name in named.split(",") if (word := name.strip())))
-    with suggesting():
-        for name in names:
-            backend(name)
-    return names
 
 
 def _sorted_out(against: tuple[str, ...], trees: tuple[str, ...]) -> tuple[list[str], tuple[str, ...]]:

@@ -1,20 +1,53 @@
-"""`rvaft emit`: a specification of a tree."""
+"""`rvaft emit`: a specification of a tree, or a drawing of its automaton."""
+
+from pathlib import PurePath
+from typing import Final
 
 import click
 
-from rvaft.api import translate
+from rvaft.api import narrowed, translate
+from rvaft.backend import backend
 from rvaft.cli.languages import suggesting
 from rvaft.cli.options import exclusive, output_option, part_options, semantics_option, tree_argument
 from rvaft.cli.output import deliver
+from rvaft.drawing import Format, format_of, picture
+from rvaft.errors import TooLarge
 from rvaft.language import load
+from rvaft.listings import listing
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+
+DRAWN: Final = "dot"
+"""The word for a drawing, in place of a language."""
+AUTOMATON: Final = "automaton"
+"""The backend whose texts are drawn."""
 
 
 @click.command("emit")
 @tree_argument
-@click.option("--to", "language", metavar="LANGUAGE", required=True, help="A name that `rvaft backends` lists.")
+@click.option(
+    "--to",
+    "language",
+    metavar="LANGUAGE",
+    required=True,
+    help="A name that `rvaft backends` lists, or dot: the automaton, drawn.",
+)
 @semantics_option
 @part_options
-@click.option("--limit", type=click.IntRange(min=1), metavar="N", help="The largest size, in the language's own unit.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["text", "latex"]),
+    default="text",
+    show_default=True,
+    help="latex: a listing for the package listings, with the definition of the language.",
+)
+@click.option(
+    "--limit",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="The largest size, in the language's own unit; of a drawing, in states.",
+)
 @output_option
 def command(
     *,
@@ -23,14 +56,41 @@ def command(
     semantics: str,
     branch: int | None,
     kind: str | None,
+    form: str,
     limit: int | None,
     output: str | None,
 ) -> int:
     """Write a specification of a tree that means the tree under the chosen semantics."""
     exclusive(branch=branch, kind=kind)
     loaded = load(tree)
+    if language == DRAWN:
+        if form != "text":
+            raise click.UsageError(
+                f"--to {DRAWN} is a drawing, which has no --format {form}", click.get_current_context()
+            )
+        return _draw(narrowed(loaded, branch, kind), Semantics(semantics), limit, output)
     with suggesting():
         specification = translate(loaded, language, semantics=semantics, branch=branch, kind=kind, limit=limit)
     text = specification.text
+    if form == "latex":
+        text = listing(text, backend(language).highlighting)
     deliver((text if text.endswith("\n") else f"{text}\n").encode(), output)
+    return 0
+
+
+def _draw(tree: RVAFT, semantics: Semantics, limit: int | None, output: str | None) -> int:
+    """Draw the automaton: in the DOT language, or as the picture that the suffix of the file names."""
+    form = None if output is None else format_of(output)
+    pictured = form in (Format.SVG, Format.PDF, Format.PNG)
+    if output is not None and PurePath(output).suffix and not pictured and form is not Format.DOT:
+        message = (
+            f"no drawing of an automaton has the suffix {PurePath(output).suffix}; known: .dot, .gv, .svg, .pdf, .png"
+        )
+        raise click.UsageError(message, click.get_current_context())
+    try:
+        dot = backend(AUTOMATON).diagram(tree, semantics, limit=limit)
+    except TooLarge as error:
+        error.add_note("raise it with --limit N, or draw one branch with --branch N")
+        raise
+    deliver(picture(dot, str(form)) if pictured else dot.encode(), output)
     return 0

@@ -1,13 +1,17 @@
 """`rvaft show`: draw a tree, or write it in another format."""
 
+from collections.abc import Mapping
 from pathlib import PurePath
 
 import click
 
-from rvaft.cli.options import output_option, tree_argument
+from rvaft.cli.highlight import highlighted
+from rvaft.cli.options import output_option, semantics_option, tree_argument
 from rvaft.cli.output import deliver
-from rvaft.drawing import SUFFIXES, Format, draw, format_of, losses
+from rvaft.drawing import SUFFIXES, Format, Look, draw, format_of, losses
+from rvaft.drawing.look import NARROWEST, WIDTH
 from rvaft.language import load
+from rvaft.verdict import Semantics
 
 
 @click.command("show")
@@ -18,17 +22,79 @@ from rvaft.language import load
     type=click.Choice([form.value for form in Format]),
     help="The format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz.",
 )
+@click.option(
+    "--events/--no-events",
+    default=None,
+    help="Runtime events and guards under the label; by default in the terminal only.",
+)
+@click.option("--names/--no-names", default=None, help="The names of nodes that have a label; by default shown.")
+@click.option(
+    "--wrap",
+    type=click.IntRange(min=NARROWEST),
+    metavar="N",
+    help=f"Columns of text in a box, {WIDTH} by default.",
+)
+@click.option("--depth", type=click.IntRange(min=0), metavar="N", help="Only so many levels below the root.")
+@click.option("--collapse", multiple=True, metavar="NODE", help="Leave out what is below this node; repeatable.")
+@click.option("--highlight", metavar="branch:N|TRACE", help="Mark a branch, or what a trace detects.")
+@semantics_option
+@click.option("--legend", is_flag=True, default=None, help="Say below the tree what its signs mean.")
+@click.option(
+    "--stagger",
+    is_flag=True,
+    default=None,
+    help="Set every other leaf of a gate lower: a narrower tree (Graphviz only).",
+)
 @output_option
-def command(tree: str, form: str | None, output: str | None) -> int:
+def command(
+    *,
+    tree: str,
+    form: str | None,
+    output: str | None,
+    events: bool | None,
+    names: bool | None,
+    wrap: int | None,
+    depth: int | None,
+    collapse: tuple[str, ...],
+    highlight: str | None,
+    semantics: str,
+    legend: bool | None,
+    stagger: bool | None,
+) -> int:
     """Draw a tree, or write it in another format."""
     chosen = Format(form) if form is not None else _suggested(output)
+    everywhere = {"--events": events, "--depth": depth, "--collapse": collapse or None, "--highlight": highlight}
+    in_boxes = {"--names": names, "--wrap": wrap, "--legend": legend, "--stagger": stagger}
+    if not chosen.drawing:
+        _refuse({**everywhere, **in_boxes}, chosen, "which writes the whole tree")
+    if chosen is Format.TREE:
+        _refuse(in_boxes, chosen, "which has no boxes")
+    if chosen is Format.TIKZ:
+        _refuse({"--stagger": stagger}, chosen, "which forest lays out")
     loaded = load(tree)
-    data = draw(loaded, chosen)
-    deliver(data, output, binary=chosen.binary)
+    look = Look(
+        events=chosen is Format.TREE if events is None else events,
+        names=names is not False,
+        wrap=WIDTH if wrap is None else wrap,
+        depth=depth,
+        collapse=collapse,
+        marks=None if highlight is None else highlighted(loaded, highlight, Semantics(semantics)),
+        legend=bool(legend),
+        stagger=bool(stagger),
+    )
+    deliver(draw(loaded, chosen, look), output, binary=chosen.binary)
     if chosen is Format.GALILEO:
         for loss in losses(loaded):
             click.echo(f"rvaft: warning: galileo: {loss}", err=True)
     return 0
+
+
+def _refuse(options: Mapping[str, object], form: Format, why: str) -> None:
+    """Refuse options that a format has no use for."""
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        message = f"{' and '.join(given)}: not for the format {form}, {why}"
+        raise click.UsageError(message, click.get_current_context())
 
 
 def _suggested(output: str | None) -> Format:

@@ -80,7 +80,7 @@ def table_text(report: Report, *, width: int) -> str:
             _where(branch),
         )
         table.add_row(*(Text(visible(cell)) for cell in cells))
-    console = Console(file=io.StringIO(), width=width, color_system=None, legacy_windows=False)
+    console = Console(file=io.StringIO(), width=width, color_system=None, legacy_windows=False, force_jupyter=False)
     with console.capture() as captured:
         console.print(table)
         for line in _below(report):

@@ -10,6 +10,7 @@ from rvaft.drawing.fired import fired_dot, fired_text
 from rvaft.drawing.galileo import galileo_text, losses
 from rvaft.drawing.graphviz import picture
 from rvaft.drawing.json_form import json_text
+from rvaft.drawing.look import PLAIN, TERMINAL, Look, looking
 from rvaft.drawing.tikz import tikz_text
 from rvaft.drawing.tree import tree_text
 from rvaft.language import dumps
@@ -18,11 +19,13 @@ from rvaft.tree import RVAFT
 __all__ = [
     "SUFFIXES",
     "Format",
+    "Look",
     "dot_text",
     "draw",
     "fired_dot",
     "fired_text",
     "format_of",
+    "looking",
     "losses",
     "picture",
 ]
@@ -42,15 +45,22 @@ class Format(StrEnum):
     RVAFT = "rvaft"
 
     @property
+    def drawing(self) -> bool:
+        """Whether the format draws a tree, rather than writing all that is in it."""
+        return self in _DRAWN or self in _PICTURES
+
+    @property
     def binary(self) -> bool:
         """Whether the format is not meant for a terminal."""
         return self in (Format.PDF, Format.PNG)
 
 
-_TEXTS: Final[Mapping[Format, Callable[[RVAFT], str]]] = {
+_DRAWN: Final[Mapping[Format, Callable[[RVAFT, Look], str]]] = {
     Format.TREE: tree_text,
     Format.DOT: dot_text,
     Format.TIKZ: tikz_text,
+}
+_WRITTEN: Final[Mapping[Format, Callable[[RVAFT], str]]] = {
     Format.JSON: json_text,
     Format.GALILEO: galileo_text,
     Format.RVAFT: dumps,
@@ -64,14 +74,20 @@ SUFFIXES: Final[Mapping[str, Format]] = {
     **{f".{form}": form for form in Format if form is not Format.TREE},
 }
 """The suffixes of file names and the formats that they suggest."""
-assert set(_TEXTS) | set(_PICTURES) == set(Format), "every format is written in one way"
+assert set(_DRAWN) | set(_WRITTEN) | set(_PICTURES) == set(Format), "every format is written in one way"
 
 
-def draw(tree: RVAFT, form: Format) -> bytes:
-    """The tree in that format; raises `ToolMissing` and `ToolFailed` for pictures, `OptionError` for what cannot be written."""
+def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
+    """The tree in that format, which for those that are no drawings is the whole tree under any look.
+
+    Without a look a terminal shows runtime events and guards, and pictures do not. Raises `ToolMissing` and `ToolFailed` for pictures,
+    `OptionError` for what cannot be written or shown.
+    """
+    chosen = look if look is not None else TERMINAL if form is Format.TREE else PLAIN
     if form in _PICTURES:
-        return picture(dot_text(tree), form.value)
-    return _TEXTS[form](tree).encode("utf-8", errors="replace")
+        return picture(dot_text(tree, chosen), form.value)
+    text = _DRAWN[form](tree, chosen) if form in _DRAWN else _WRITTEN[form](tree)
+    return text.encode("utf-8", errors="replace")
 
 
 def format_of(file: str) -> Format | None:

@@ -1,109 +1,165 @@
 r"""A tree as a graph for Graphviz, in the manner of fault trees: a box per node, below it the gate, then the children.
 
-Faults are orange and attacks red, as in the paper's figures; a condition (a guard without event) has a dashed frame. Text is
-escaped so that no name or label can leave its place: labels are HTML-like, where Graphviz still replaces `\N` and the like.
+Faults are orange and attacks red, as in the paper's figures, in tints that differ and carry black text when they are printed in grey;
+a condition (a guard without event) has a dashed frame. A gate has its own outline and its short form in it. Text is escaped so that no
+name or label can leave its place.
 """
 
 from collections.abc import Iterator
-from html import escape
+from dataclasses import dataclass
 
-from rvaft.drawing.captions import caption, wrapped
-from rvaft.drawing.marks import Marks
-from rvaft.model import Kind, Node
-from rvaft.printable import visible
+from rvaft.drawing.captions import caption
+from rvaft.drawing.legend import Entry, Sign, entries, is_condition
+from rvaft.drawing.look import PLAIN, Look
+from rvaft.drawing.markup import html, html_code, quoted, table
+from rvaft.drawing.view import View, view
+from rvaft.model import Gate, Kind, Node
 from rvaft.tree import RVAFT
 
-WIDTH = 26
-"""Columns of text in a box."""
+SIZE = 10
+"""Points of all text: one size, so that a picture stays readable as long as any of it does."""
 
 _FILL = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
-_PALE, _GREY, _BLACK = "#f6f6f6", "#b8b8b8", "#000000"
+_GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"
+_OUTLINE = {
+    Gate.OR: "shape=house, height=0.34",
+    Gate.AND: 'shape=box, style="filled,rounded", height=0.28',
+    Gate.SAND: "shape=house, orientation=270, height=0.22",
+    Gate.SAND_RL: "shape=house, orientation=90, height=0.22",
+    Gate.VOT: "shape=hexagon, height=0.28",
+}
+"""A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, the hexagon of a vote."""
+_FOLDED = "shape=triangle, margin=0, fixedsize=true, width=0.6, height=0.44"
+"""The transfer symbol of fault trees."""
 _BOLD = "penwidth=2.5"
-"""The frame or line of what a match is made of."""
+"""The frame or line of what is marked."""
 
 
-def dot_text(tree: RVAFT, marks: Marks | None = None) -> str:
+def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
     """The tree in the DOT language; node identifiers are `n` and `g` with the number of the node in top-down order.
 
-    With marks, what is marked is bold and the rest grey.
+    With marks, what is marked is bold and the rest grey. Raises `OptionError` for a look that the tree cannot have.
     """
-    number = {name: index for index, name in enumerate(tree.order)}
-    lines = [
-        f"digraph {_identifier(tree.root)} {{",
-        '  graph [ordering=out, ranksep=0.28, nodesep=0.25, charset="UTF-8"];',
-        '  node [fontname="Helvetica", fontsize=11, shape=box, style=filled, margin="0.08,0.04"];',
-        '  edge [dir=none, color="#444444"];',
-    ]
-    for node in tree.top_down():
-        lines.extend(f"  {line}" for line in _node(node, number, marks))
-    if marks is not None and marks.below:
-        lines.append(f"  label=<{_table([_html(line, 2 * WIDTH) for line in marks.below])}>;")
-        lines.append('  labelloc=b; fontname="Helvetica"; fontsize=11;')
-    return "\n".join([*lines, "}", ""])
+    return "\n".join(_Drawing(tree, look, view(tree, look)).lines())
 
 
-def _node(node: Node, number: dict[str, int], marks: Marks | None) -> Iterator[str]:
-    own = number[node.name]
-    style = "filled,dashed" if node.on is None and node.when is not None and node.leaf else "filled"
-    faint = marks is not None and node.name not in marks.kept
-    bold = "" if marks is None else _frame(bold=not faint)
-    fill = _PALE if faint else _FILL[node.kind]
-    note = () if marks is None else marks.notes.get(node.name, ())
-    yield f'n{own} [label=<{_label(node, note, faint=faint)}>, fillcolor="{fill}", style="{style}"{bold}];'
-    gate = caption(node).gate
-    if gate is None:
-        return
-    yield (
-        f'g{own} [label=<{escape(gate)}>, shape=oval, fillcolor="{_PALE if faint else "#e8eef7"}", fontsize=9, '
-        f'margin="0.03,0.01", height=0.26, width=0.5{bold}];'
-    )
-    yield f"n{own} -> g{own} [weight=8{'' if marks is None else _line(bold=not faint)}];"
-    for child in node.children:
-        look = "" if marks is None else f" [{_line(bold=marks.edge(node.name, child))[2:]}]"
-        yield f"g{own} -> n{number[child]}{look};"
+@dataclass(frozen=True, slots=True)
+class _Drawing:
+    """One tree under one look."""
+
+    tree: RVAFT
+    look: Look
+    view: View
+
+    def lines(self) -> Iterator[str]:
+        number = {name: index for index, name in enumerate(self.tree.order)}
+        yield f"digraph {quoted(self.tree.root)} {{"
+        yield '  graph [ordering=out, ranksep=0.25, nodesep=0.1, charset="UTF-8"];'
+        yield f'  node [fontname="Helvetica", fontsize={SIZE}, shape=box, style=filled, margin="0.05,0.03", height=0.25, width=0.4];'
+        yield f'  edge [dir=none, color="#444444", fontname="Helvetica", fontsize={SIZE}];'
+        for node in self.view.nodes:
+            for line in self._node(node, number):
+                yield f"  {line}"
+        if below := [*self._below()]:
+            yield f"  label=<{_frame_of(below)}>;"
+            yield f'  labelloc=b; labeljust=l; fontname="Helvetica"; fontsize={SIZE};'
+        yield from ("}", "")
+
+    def _node(self, node: Node, number: dict[str, int]) -> Iterator[str]:
+        own = number[node.name]
+        style = "filled,dashed" if is_condition(node) else "filled"
+        fill = _PALE if self._faint(node) else _FILL[node.kind]
+        bold = self._outline(node)
+        yield f'n{own} [label=<{self._label(node)}>, fillcolor="{fill}", style="{style}"{bold}];'
+        if node.gate is None:
+            return
+        fill = _PALE if self._faint(node) else _GATE
+        folded = self.view.folded.get(node.name)
+        if folded is not None:
+            count = f"+{folded}" if folded else "…"
+            yield f't{own} [label=<{count}>, {_FOLDED}, fillcolor="{fill}"{bold}];'
+            yield f"n{own} -> t{own} [weight=8{self._line(marked=not self._faint(node), separator=', ')}];"
+            return
+        gate = html(caption(node).gate or "", self.look.wrap)
+        yield f'g{own} [label=<{gate}>, {_OUTLINE[node.gate]}, fillcolor="{fill}", margin="0.06,0.01"{bold}];'
+        yield f"n{own} -> g{own} [weight=8{self._line(marked=not self._faint(node), separator=', ')}];"
+        marks = self.look.marks
+        for place, child in enumerate(self.view.children(node)):
+            looks = [self._line(marked=marks is not None and marks.edge(node.name, child))]
+            if self.look.stagger and place % 2 and self.tree.nodes[child].leaf:
+                looks.append("minlen=2")
+            if node.name in self.view.numbered:
+                looks.append(f"label=<{_turn(node, place)}>")
+            line = ", ".join(filter(None, looks))
+            yield f"g{own} -> n{number[child]}{f' [{line}]' if line else ''};"
+
+    def _faint(self, node: Node) -> bool:
+        return self.look.marks is not None and node.name not in self.look.marks.kept
+
+    def _outline(self, node: Node) -> str:
+        if self.look.marks is None:
+            return ""
+        return f', color="{_GREY}", fontcolor="{_GREY}"' if self._faint(node) else f", {_BOLD}"
+
+    def _line(self, *, marked: bool, separator: str = "") -> str:
+        if self.look.marks is None:
+            return ""
+        return separator + (f'{_BOLD}, color="{_BLACK}"' if marked else f'color="{_GREY}"')
+
+    def _label(self, node: Node) -> str:
+        """The words of a box as a table without lines, one row per part; a bold name where a label stands below it."""
+        words, width = caption(node), self.look.wrap
+        rows = []
+        if not words.label:
+            rows.append(html(words.name, width))
+        elif self.look.names:
+            rows.append(f"<b>{html(words.name, width)}</b>")
+        if words.label:
+            rows.append(html(words.label, width))
+        plain = node.kind is None
+        if self.look.events and words.on is not None:
+            rows.append(self._code(words.on, _GREY if self._faint(node) else "#17406d" if plain else _BLACK))
+        if self.look.events and words.when is not None:
+            rows.append(
+                self._code(f"when {words.when}", _GREY if self._faint(node) else "#6d2a17" if plain else _BLACK)
+            )
+        note = () if self.look.marks is None else self.look.marks.notes.get(node.name, ())
+        rows += [f"<b>{html(part, width)}</b>" for part in note[:1]]
+        rows += [html(part, width) for part in note[1:]]
+        return table(rows)
+
+    def _code(self, text: str, color: str) -> str:
+        return f'<font color="{color}"><i>{html_code(text, self.look.wrap)}</i></font>'
+
+    def _below(self) -> Iterator[str]:
+        """Rows of two columns below the tree: what the marks say, and the legend."""
+        marks = self.look.marks
+        for line in () if marks is None else marks.below:
+            yield f'<td colspan="2" align="left" balign="left">{html(line, 3 * self.look.wrap)}</td>'
+        for entry in entries(self.view, marks, numbers=True) if self.look.legend else ():
+            yield f'<td {_SAMPLES[entry.sign]}>{_sample(entry)}</td><td align="left">{html(entry.meaning, 3 * self.look.wrap)}</td>'
 
 
-def _frame(*, bold: bool) -> str:
-    return f", {_BOLD}" if bold else f', color="{_GREY}", fontcolor="{_GREY}"'
+def _turn(node: Node, place: int) -> int:
+    """When the child at a place comes, counted from 1."""
+    return place + 1 if node.gate is Gate.SAND else len(node.children) - place
 
 
-def _line(*, bold: bool) -> str:
-    return f', {_BOLD}, color="{_BLACK}"' if bold else f', color="{_GREY}"'
+_SAMPLES = {
+    Sign.FAULT: f'border="1" bgcolor="{_FILL[Kind.FAULT]}"',
+    Sign.ATTACK: f'border="1" bgcolor="{_FILL[Kind.ATTACK]}"',
+    Sign.CONDITION: 'border="1" style="dashed"',
+    Sign.GATE: f'border="1" bgcolor="{_GATE}"',
+    Sign.FOLDED: f'border="1" bgcolor="{_GATE}"',
+    Sign.ORDER: "",
+    Sign.MARKED: 'border="3"',
+}
 
 
-def _label(node: Node, note: tuple[str, ...], *, faint: bool) -> str:
-    """The words of a box as a table without lines, one row per part; a bold name where a label stands below it."""
-    words = caption(node)
-    rows = [f"<b>{_html(words.name)}</b>" if words.label else _html(words.name)]
-    if words.label:
-        rows.append(_html(words.label))
-    if words.on is not None:
-        rows.append(_code(words.on, _GREY if faint else "#17406d" if node.kind is None else _BLACK))
-    if words.when is not None:
-        rows.append(_code(f"when {words.when}", _GREY if faint else "#6d2a17" if node.kind is None else _BLACK))
-    rows += [f"<b>{_html(part)}</b>" for part in note[:1]]
-    rows += [_small(part) for part in note[1:]]
-    return _table(rows)
+def _sample(entry: Entry) -> str:
+    return f"△ {html(entry.sample, SIZE)}" if entry.sign is Sign.FOLDED else html(entry.sample, 2 * SIZE)
 
 
-def _table(rows: list[str]) -> str:
-    cells = "".join(f"<tr><td>{row}</td></tr>" for row in rows)
-    return f'<table border="0" cellborder="0" cellspacing="0" cellpadding="1">{cells}</table>'
-
-
-def _code(text: str, color: str) -> str:
-    return f'<font face="Courier" point-size="9.5" color="{color}">{_html(text, WIDTH + 4)}</font>'
-
-
-def _small(text: str) -> str:
-    return f'<font point-size="9.5">{_html(text, WIDTH + 8)}</font>'
-
-
-def _html(text: str, width: int = WIDTH) -> str:
-    """The text wrapped and escaped for an HTML-like label."""
-    return "<br/>".join(escape(line).replace("\\", "\\\\") or "&#160;" for line in wrapped(text, width)) or "&#160;"
-
-
-def _identifier(text: str) -> str:
-    """The text as a quoted identifier: a quote is escaped, and a backslash, which could escape the closing one, doubled."""
-    return '"' + visible(text).replace("\\", "\\\\").replace('"', '\\"') + '"'
+def _frame_of(rows: list[str]) -> str:
+    cells = "".join(f"<tr>{row}</tr>" for row in rows)
+    return f'<table border="0" cellborder="0" cellspacing="3" cellpadding="1">{cells}</table>'

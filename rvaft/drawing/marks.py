@@ -1,10 +1,12 @@
-"""What a drawing of a tree says about one match: which nodes and edges it is made of, and where its events are."""
+"""What a drawing of a tree says about one match, or one branch: which nodes and edges it is made of, and where its events are."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from rvaft.branches import branch
+from rvaft.model import Kind
 from rvaft.monitors import Explanation
 from rvaft.tree import RVAFT
 from rvaft.values import Json
@@ -19,12 +21,13 @@ _SHOWN_FIELDS: Final = ("time", "topic")
 class Marks:
     """A match on a tree: the scenario's nodes with the children they keep, what stands at a node, and what below the tree.
 
-    Texts are not escaped for any format.
+    `meaning` is what it means to be marked. Texts are not escaped for any format.
     """
 
     kept: Mapping[str, frozenset[str]]
     notes: Mapping[str, tuple[str, ...]]
     below: tuple[str, ...]
+    meaning: str = "detected"
 
     def edge(self, parent: str, child: str) -> bool:
         """Whether the scenario keeps this child of this node."""
@@ -39,6 +42,13 @@ def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> 
     return Marks(kept, notes, tuple(_below(tree, explanation)))
 
 
+def branch_marks(tree: RVAFT, number: int) -> Marks:
+    """The marks of the branch of that number; raises `TreeError` where there is none."""
+    found = branch(tree, number)
+    kept = {name: frozenset(found.children(name)) for name in found.nodes}
+    return Marks(kept, {}, (_title(number, found.kinds),), f"branch {number}")
+
+
 def _note(number: int, event: Json) -> tuple[str, ...]:
     shown = [field for field in _SHOWN_FIELDS if field in event] if isinstance(event, Mapping) else []
     return f"event {number}", *(f"{field} {_bare(event[field])}" for field in shown)
@@ -46,13 +56,16 @@ def _note(number: int, event: Json) -> tuple[str, ...]:
 
 def _below(tree: RVAFT, explanation: Explanation) -> Iterator[str]:
     """The branch with its kinds, then the variables in the order of the tree."""
-    kinds = ", ".join(sorted(kind.value for kind in explanation.kinds))
-    branch = "" if explanation.branch is None else f"branch {explanation.branch}"
-    if branch or kinds:
-        yield ": ".join(part for part in (branch, kinds) if part)
+    if title := _title(explanation.branch, explanation.kinds):
+        yield title
     order = {name: place for place, name in enumerate(tree.variables)}
     for name in sorted(explanation.variables, key=lambda name: order.get(name, len(order))):
         yield f"{name} = {_written(explanation.variables[name])}"
+
+
+def _title(number: int | None, kinds: Collection[Kind]) -> str:
+    words = ("" if number is None else f"branch {number}", ", ".join(sorted(kind.value for kind in kinds)))
+    return ": ".join(word for word in words if word)
 
 
 def _bare(value: Json) -> str:

@@ -3,105 +3,167 @@
 `forest` draws trees: a shared node is drawn once in full, and as a dashed reference after that.
 """
 
-from rvaft.drawing.captions import caption, wrapped
-from rvaft.model import Kind, Node
-from rvaft.printable import visible
+from collections.abc import Callable, Iterator
+
+from rvaft import latex
+from rvaft.drawing.captions import caption, wrapped, wrapped_code
+from rvaft.drawing.legend import Sign, entries, is_condition
+from rvaft.drawing.look import PLAIN, Look
+from rvaft.drawing.view import View, view
+from rvaft.model import Gate, Kind, Node
 from rvaft.tree import RVAFT
 
-WIDTH = 26
-"""Columns of text in a box."""
-
-_SPECIAL = str.maketrans(
-    {
-        "\\": r"\textbackslash{}",
-        "{": r"\{",
-        "}": r"\}",
-        "$": r"\$",
-        "&": r"\&",
-        "#": r"\#",
-        "%": r"\%",
-        "_": r"\_",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        '"': r"\textquotedbl{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "-": r"{-}",
-        "'": r"\textquotesingle{}",
-        "`": r"\textasciigrave{}",
-        "→": r"$\rightarrow$",
-        "←": r"$\leftarrow$",
-    }
-)
+_OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}", "→": r"$\rightarrow$", "←": r"$\leftarrow$"})
+"""What means something to `forest`, or behind the end of a line, and the arrows of the gates."""
 _FILL = {Kind.FAULT: "fault", Kind.ATTACK: "attack", None: ""}
+_GATE = {
+    Gate.OR: "or gate",
+    Gate.AND: "and gate",
+    Gate.SAND: "sand gate",
+    Gate.SAND_RL: "sand rl gate",
+    Gate.VOT: "vot gate",
+}
 _HEAD = r"""\documentclass[tikz,border=4pt]{standalone}
 % Other scripts than Latin need LuaLaTeX or XeLaTeX and a font that has them.
 \usepackage{iftex}
 \ifPDFTeX\usepackage[T1]{fontenc}\else\usepackage{fontspec}\fi
 \usepackage{textcomp}
 \usepackage{forest}
+\usetikzlibrary{shapes.geometric,shapes.symbols}
 \begin{document}
 \begin{forest}
   box/.style={draw, align=center, font=\footnotesize\sffamily, inner sep=3pt},
-  gate/.style={draw, rounded corners=4pt, font=\scriptsize\sffamily, inner sep=2pt, fill=blue!8},
+  gate/.style={draw, font=\scriptsize\sffamily, inner sep=2pt, fill=blue!8},
+  or gate/.style={gate, signal, signal to=north},
+  and gate/.style={gate, rounded corners=4pt},
+  sand gate/.style={gate, signal, signal to=east},
+  sand rl gate/.style={gate, signal, signal to=west},
+  vot gate/.style={gate, signal, signal to=east and west},
+  folded/.style={gate, isosceles triangle, shape border rotate=90, isosceles triangle apex angle=90, inner sep=1pt},
   fault/.style={fill=orange!60},
   attack/.style={fill=red!50},
   condition/.style={dashed},
   again/.style={draw, dashed, rounded corners=2pt, font=\scriptsize\sffamily},
+  marked/.style={very thick},
+  unmarked/.style={draw=black!30, text=black!30, fill=black!3},
   for tree={parent anchor=south, child anchor=north, l sep=8pt, s sep=6pt},
 """
 _TAIL = r"""\end{forest}
 \end{document}
 """
+_UNDER = r"at ([yshift=-6pt]current bounding box.south west)"
+"""Where the next line below the tree goes: under everything that is there."""
+_SAMPLES = {
+    Sign.FAULT: "box, fault",
+    Sign.ATTACK: "box, attack",
+    Sign.CONDITION: "box, condition",
+    Sign.GATE: "gate",
+    Sign.FOLDED: "folded",
+    Sign.ORDER: "",
+    Sign.MARKED: "box, marked",
+}
 
 
-def tikz_text(tree: RVAFT) -> str:
-    """The document."""
-    lines: list[str] = []
+def tikz_text(tree: RVAFT, look: Look = PLAIN) -> str:
+    """The document; raises `OptionError` for a look that the tree cannot have."""
+    part = view(tree, look)
+    return "\n".join([_HEAD + "\n".join(_lines(tree, look, part)), *_below(look, part), _TAIL])
+
+
+def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
+    """The nested brackets of the tree, one node or gate on a line."""
     drawn: set[str] = set()
-    agenda: list[tuple[str, str | None]] = [("", tree.root)]
+    agenda: list[tuple[str | None, str] | None] = [(None, tree.root)]
     while agenda:
-        text, name = agenda.pop()
-        if name is None:
-            lines.append(text)
+        item = agenda.pop()
+        if item is None:  # the end of a node with a gate
+            yield "]]"
             continue
+        parent, name = item
         node = tree.nodes[name]
+        line = _line_to(parent, name, look)
         if name in drawn:
-            lines.append(f"[{{{_line(name)}}}, again]")
+            yield f"[{{{_flat(name)}}}, again{line}]"
             continue
         drawn.add(name)
-        gate = caption(node).gate
-        if gate is None:
-            lines.append(f"[{{{_text(node)}}}, {_style(node)}]")
+        box = f"[{{{_text(node, look)}}}, {_style(node, look)}{line}"
+        if node.gate is None:
+            yield f"{box}]"
             continue
-        lines.append(f"[{{{_text(node)}}}, {_style(node)}")
-        lines.append(f"[{{{_line(gate)}}}, gate")
-        agenda.append(("]]", None))
-        agenda.extend(("", child) for child in reversed(node.children))
-    return _HEAD + "\n".join(lines) + "\n" + _TAIL
+        mark = _mark(name, look) + _edge(look, kept=look.marks is not None and name in look.marks.kept)
+        yield box
+        if name in part.folded:
+            yield f"[{{{_count(part.folded[name])}}}, folded{mark}]]"
+            continue
+        yield f"[{{{_flat(caption(node).gate or '')}}}, {_GATE[node.gate]}{mark}"
+        agenda.append(None)
+        agenda.extend((name, child) for child in reversed(node.children))
+
+
+def _count(hidden: int) -> str:
+    return f"+{hidden}" if hidden else r"\ldots"
+
+
+def _below(look: Look, part: View) -> Iterator[str]:
+    """What the marks say, and the legend, line by line under the tree."""
+    marks = look.marks
+    for text in () if marks is None else marks.below:
+        yield rf"\node[anchor=north west, font=\footnotesize\sffamily] {_UNDER} {{{_flat(text)}}};"
+    for number, entry in enumerate(entries(part, marks, numbers=False) if look.legend else ()):
+        yield rf"\node[{_SAMPLES[entry.sign]}, anchor=north west] (legend-{number}) {_UNDER} {{{_flat(entry.sample)}}};"
+        yield rf"\node[anchor=west, font=\footnotesize\sffamily] at (legend-{number}.east) {{{_flat(entry.meaning)}}};"
 
 
 def escaped(text: str) -> str:
-    """The text for LaTeX: no character keeps a special meaning."""
-    return visible(text).translate(_SPECIAL)
+    """The text for a node: no character keeps a special meaning."""
+    return latex.escaped(text).translate(_OURS)
 
 
-def _text(node: Node) -> str:
+def _text(node: Node, look: Look) -> str:
     words = caption(node)
-    lines = [rf"\textbf{{{_line(words.name)}}}" if words.label else _line(words.name)]
+    lines: list[str] = []
+    if not words.label:
+        lines += _set("{}", words.name, look)
+    elif look.names:
+        lines += _set(r"\textbf{{{}}}", words.name, look)
     if words.label:
-        lines += [escaped(line) for line in wrapped(words.label, WIDTH)]
-    if words.on is not None:
-        lines += [rf"\texttt{{{escaped(line)}}}" for line in wrapped(words.on, WIDTH)]
-    if words.when is not None:
-        lines += [rf"\textit{{{escaped(line)}}}" for line in wrapped(f"when {words.when}", WIDTH)]
+        lines += _set("{}", words.label, look)
+    if look.events and words.on is not None:
+        lines += _set(r"\textit{{{}}}", words.on, look, wrapped_code)
+    if look.events and words.when is not None:
+        lines += _set(r"\textit{{{}}}", f"when {words.when}", look, wrapped_code)
+    note = () if look.marks is None else look.marks.notes.get(node.name, ())
+    for number, part in enumerate(note):
+        lines += _set("{}" if number else r"\textbf{{{}}}", part, look)
     return r"\\".join(line or "~" for line in lines)
 
 
-def _line(text: str) -> str:
+def _set(form: str, text: str, look: Look, wrap: Callable[[str, int], list[str]] = wrapped) -> list[str]:
+    """The lines of a text in a form of TeX."""
+    return [form.format(escaped(line)) for line in wrap(text, look.wrap)]
+
+
+def _flat(text: str) -> str:
     return " ".join(escaped(line) for line in text.splitlines())
 
 
-def _style(node: Node) -> str:
-    condition = "condition" if node.leaf and node.on is None and node.when is not None else ""
-    return ", ".join(style for style in ("box", _FILL[node.kind], condition) if style)
+def _style(node: Node, look: Look) -> str:
+    condition = "condition" if is_condition(node) else ""
+    return ", ".join(style for style in ("box", _FILL[node.kind], condition) if style) + _mark(node.name, look)
+
+
+def _mark(name: str, look: Look) -> str:
+    if look.marks is None:
+        return ""
+    return ", marked" if name in look.marks.kept else ", unmarked"
+
+
+def _line_to(parent: str | None, name: str, look: Look) -> str:
+    return _edge(look, kept=parent is not None and look.marks is not None and look.marks.edge(parent, name))
+
+
+def _edge(look: Look, *, kept: bool) -> str:
+    """How the line from the parent is drawn."""
+    if look.marks is None:
+        return ""
+    return ", edge={very thick}" if kept else ", edge={draw=black!30}"

@@ -10,7 +10,9 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from rvaft.drawing.captions import caption
+from rvaft.drawing.look import TERMINAL, Look
 from rvaft.drawing.marks import Marks
+from rvaft.drawing.view import View, view
 from rvaft.language import name_text
 from rvaft.model import Kind, Node
 from rvaft.printable import visible
@@ -44,10 +46,14 @@ class Line(NamedTuple):
         return name in marks.kept if self.parent is None else marks.edge(self.parent, name)
 
 
-def tree_text(tree: RVAFT, marks: Marks | None = None, *, colour: bool = False) -> str:
-    """The whole drawing; with marks, marked nodes stand out, and with `colour` they have ANSI escapes too."""
+def tree_text(tree: RVAFT, look: Look = TERMINAL, *, colour: bool = False) -> str:
+    """The whole drawing; with marks, marked nodes stand out, and with `colour` they have ANSI escapes too.
+
+    Raises `OptionError` for a look that the tree cannot have.
+    """
+    marks = look.marks
     lines: list[str] = []
-    for line in _lines(tree):
+    for line in _lines(_Scene(tree, look, view(tree, look))):
         if line is None:
             lines.append("")
         elif marks is None:
@@ -74,49 +80,71 @@ def _coloured(text: str, colour: str) -> str:
     return f"\x1b[{colour}m{text}\x1b[0m"
 
 
-def _lines(tree: RVAFT) -> Iterator[Line | None]:
+class _Scene(NamedTuple):
+    """What is drawn."""
+
+    tree: RVAFT
+    look: Look
+    part: View
+
+
+def _lines(scene: _Scene) -> Iterator[Line | None]:
     """The lines of all sections, None between two sections."""
-    sections = deque([tree.root])
+    sections = deque([scene.tree.root])
     drawn: set[str] = set()
     while sections:
-        yield from _section(tree, sections.popleft(), drawn, sections)
+        yield from _section(scene, sections.popleft(), drawn, sections)
         if sections:
             yield None
 
 
-def _section(tree: RVAFT, top: str, drawn: set[str], sections: "deque[str]") -> Iterator[Line]:
+def _section(scene: _Scene, top: str, drawn: set[str], sections: "deque[str]") -> Iterator[Line]:
     """The lines of one section; adds to `drawn` what it draws and to `sections` what it leaves for later."""
     agenda: list[tuple[str, str | None, str, str, int]] = [(top, None, "", "", 0)]
     while agenda:
         name, parent, indent, branch, level = agenda.pop()
-        node = tree.nodes[name]
+        node = scene.tree.nodes[name]
         if name in drawn and level > 0:
             where = "below" if name in sections else "above"
             yield Line(indent + branch, node, f"{visible(name_text(name))} (see {where})", noted=False, parent=parent)
             continue
         drawn.add(name)
-        later = level == MAX_LEVELS and bool(node.children)
-        yield Line(indent + branch, node, f"{said(node)}{'  (continued below)' if later else ''}", noted=not later)
+        children = scene.part.children(node)
+        later = level == MAX_LEVELS and bool(children)
+        rest = "  (continued below)" if later else _left_out(scene.part.folded.get(name))
+        yield Line(indent + branch, node, f"{said(node, events=scene.look.events)}{rest}", noted=not later)
         if later:
             sections.append(name)
             continue
         below = indent + {"": "", "├─ ": "│  ", "└─ ": "   "}[branch]
-        last = len(node.children) - 1
+        last = len(children) - 1
         agenda.extend(
             (child, name, below, "└─ " if index == last else "├─ ", level + 1)
-            for index, child in reversed(tuple(enumerate(node.children)))
+            for index, child in reversed(tuple(enumerate(children)))
         )
 
 
-def said(node: Node) -> str:
+def _left_out(hidden: int | None) -> str:
+    match hidden:
+        case None:
+            return ""
+        case 0:
+            return "  (…)"
+        case 1:
+            return "  (… 1 node)"
+        case _:
+            return f"  (… {hidden} nodes)"
+
+
+def said(node: Node, *, events: bool = True) -> str:
     """A node in one line: name, gate, kind, event, guard, label."""
     words = caption(node)
     head = name_text(node.name) if words.gate is None else f"{name_text(node.name)} {words.gate}"
     parts = [
         head,
         words.kind and f"[{words.kind}]",
-        words.on and f"on {words.on}",
-        words.when and f"when {words.when}",
+        words.on and f"on {words.on}" if events else None,
+        words.when and f"when {words.when}" if events else None,
         json.dumps(words.label, ensure_ascii=False) if words.label else None,
     ]
     return visible("  ".join(part for part in parts if part))

@@ -2,6 +2,8 @@
 
 import json
 import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from rvaft.errors import LanguageError
@@ -80,52 +82,78 @@ def _pattern(pattern: Pattern, depth: int) -> str:
             return f"[{', '.join(_pattern(item, depth + 1) for item in items)}]"
 
 
-def guard_text(guard: Guard) -> str:
-    """A guard, with no more parentheses than needed; `parse_guard` reads it back equal.
+@dataclass(frozen=True, slots=True)
+class GuardStyle:
+    """How a guard is written; `signs` of the operators without the spaces around them, those before an operand with theirs."""
+
+    variable: Callable[[str], str]
+    literal: Callable[[Scalar], str]
+    signs: Mapping[Operator, str]
+    brackets: tuple[str, str] = ("(", ")")
+    fraction: Callable[[str, str], str] | None = None
+    """A quotient with its operands one above the other, which need no brackets."""
+    minus_level: int = _LEVEL[Operator.NEGATE]
+    """How tightly a minus before an operand, or before a number, binds to what is outside."""
+    not_operand: int = _LEVEL[Operator.NOT]
+    """How tightly the operand of `not` has to bind to stand without brackets."""
+
+
+SUM_LEVEL: Final = _LEVEL[Operator.ADD]
+SIGNED_LEVEL: Final = _LEVEL[Operator.NEGATE]
+_PLAIN: Final = GuardStyle(
+    str,
+    literal_text,
+    {operator: operator.value for operator in Operator} | {Operator.NOT: "not ", Operator.NEGATE: "-"},
+)
+
+
+def guard_text(guard: Guard, style: GuardStyle = _PLAIN) -> str:
+    """A guard, with no more brackets than needed; in the plain style `parse_guard` reads it back equal.
 
     Raises `LanguageError` when nested deeper than 100.
     """
-    return _guard(guard, 0)[0]
+    return _guard(guard, style, 0)[0]
 
 
-def _guard(guard: Guard, depth: int) -> tuple[str, int]:
+def _guard(guard: Guard, style: GuardStyle, depth: int) -> tuple[str, int]:
     """The text, and how tightly its outermost operator binds."""
     if depth > MAX_DEPTH:
         raise LanguageError(f"a guard nested deeper than {MAX_DEPTH} cannot be written")
     match guard:
         case Variable(name):
-            return name, _ATOM
+            return style.variable(name), _ATOM
         case Literal(value):
-            text = literal_text(value)
-            return text, _LEVEL[Operator.NEGATE] if text.startswith("-") else _ATOM
+            text = style.literal(value)
+            return text, style.minus_level if text.startswith(style.signs[Operator.NEGATE]) else _ATOM
         case Operation(operator, operands):
-            level = _LEVEL[operator]
-            parts = [_guard(operand, depth + 1) for operand in operands]
-            return _operation(operator, parts), level
+            return _operation(operator, [_guard(operand, style, depth + 1) for operand in operands], style)
 
 
-def _operation(operator: Operator, parts: list[tuple[str, int]]) -> str:
-    level = _LEVEL[operator]
+def _operation(operator: Operator, parts: list[tuple[str, int]], style: GuardStyle) -> tuple[str, int]:
+    level, sign = _LEVEL[operator], style.signs[operator]
+
+    def least(needed: int, part: tuple[str, int]) -> str:
+        text, own = part
+        return text if own >= needed else f"{style.brackets[0]}{text}{style.brackets[1]}"
+
     match operator:
         case Operator.NOT:
-            return f"not {_at_least(level, parts[0])}"
+            return f"{sign}{least(style.not_operand, parts[0])}", level
         case Operator.NEGATE:
             # -1 is the number; the operator applied to the number 1 is -(1)
             number = parts[0][1] == _ATOM and parts[0][0][0].isdigit()
-            return f"-({parts[0][0]})" if number else f"-{_at_least(level, parts[0])}"
+            return f"{sign}{least(_ATOM + 1 if number else level, parts[0])}", style.minus_level
         case Operator.AND | Operator.OR:
-            return f" {operator} ".join(_at_least(level + 1, part) for part in parts)
+            return f" {sign} ".join(least(level + 1, part) for part in parts), level
+        case Operator.DIV if style.fraction is not None:
+            (above, _), (below, _) = parts
+            return style.fraction(above, below), SIGNED_LEVEL
         case Operator.ADD | Operator.SUB | Operator.MUL | Operator.DIV:
             left, right = parts
-            return f"{_at_least(level, left)} {operator} {_at_least(level + 1, right)}"
+            return f"{least(level, left)} {sign} {least(level + 1, right)}", level
         case _:
             left, right = parts
-            return f"{_at_least(level + 1, left)} {operator} {_at_least(level + 1, right)}"
-
-
-def _at_least(level: int, part: tuple[str, int]) -> str:
-    text, own = part
-    return text if own >= level else f"({text})"
+            return f"{least(level + 1, left)} {sign} {least(level + 1, right)}", level
 
 
 def bare_value(value: str) -> bool:

@@ -10,7 +10,8 @@ from rvaft import load, loads, translate
 from rvaft.backend import all_backends, backend
 from rvaft.drawing import Format, draw
 from rvaft.errors import ToolMissing
-from tests.cli.runs import PRUNED, TREES, run
+from rvaft.verdict import Semantics
+from tests.cli.runs import PRUNED, TREES, failed, run
 
 SAND = TREES / "gates" / "sand.rvaft"
 PICTURES = (Format.SVG, Format.PDF, Format.PNG)
@@ -59,6 +60,95 @@ def test_galileo_warns_of_what_it_cannot_say() -> None:
     warnings = result.stderr.splitlines()
     assert all(line.startswith("rvaft: warning: galileo: ") for line in warnings)
     assert any("pand" in line for line in warnings)
+
+
+FULL = TREES / "remote_inspection" / "full.rvaft"
+LOG = TREES / "remote_inspection" / "pruned.traces" / "table2_row3.jsonl"
+CHOICES = ["--events", "--no-names", "--wrap", "20", "--depth", "4", "--collapse", "imagery", "--legend", "--stagger"]
+
+
+def test_the_options_of_a_drawing_are_those_of_python() -> None:
+    tree = load(FULL)
+    expected = tree.to_dot(
+        events=True, names=False, wrap=20, depth=4, collapse=["imagery"], branch=2, legend=True, stagger=True
+    )
+    assert run("show", FULL, "--format", "dot", *CHOICES, "--highlight", "branch:2").stdout == expected
+    assert run("show", FULL, "--format", "dot").stdout == tree.to_dot()
+
+
+def test_what_a_trace_detects_can_be_highlighted() -> None:
+    text = run("show", PRUNED, "--highlight", LOG, "--collapse", "ev6").stdout
+    assert "● │     ├─ ev4  on radiation(Value, T1)" in text
+    assert "event 3, time 14.1" in text
+    assert "(… 5 nodes)  event 4" in text
+    assert "branch 3: attack" in text
+    tikz = run("show", PRUNED, "--highlight", LOG, "--format", "tikz").stdout
+    assert r"\textbf{event 3}" in tikz
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["--collapse", "imagry"], ["cannot collapse imagry", "did you mean imagery?"]),
+        (["--highlight", "branch:7"], ["there is no branch 7"]),
+        (["--highlight", "branch:x"], ["branch:N takes the number of a branch, not 'x'"]),
+        (["--highlight", "missing.jsonl"], ["missing.jsonl: No such file"]),
+        (
+            ["--highlight", str(LOG), "--semantics", "strict"],
+            ["table2_row3.jsonl: nothing is detected", "unknown after 5 events"],
+        ),
+        (["--depth", "-1"], ["--depth"]),
+        (["--wrap", "2"], ["--wrap"]),
+        (["--format", "json", "--depth", "1", "--legend"], ["--depth and --legend: not for the format json"]),
+        (["--format", "tree", "--legend"], ["--legend: not for the format tree"]),
+        (["--format", "tikz", "--stagger"], ["--stagger: not for the format tikz"]),
+        (["-o", "/nowhere/tree.dot"], ["/nowhere/tree.dot: cannot write: No such file or directory"]),
+        (["-o", "/dev/null/tree.gv"], ["/dev/null/tree.gv: cannot write"]),
+    ],
+)
+def test_what_a_drawing_cannot_be_is_one_line(words: list[str], parts: list[str]) -> None:
+    failed(run("show", FULL, *words), *parts)
+
+
+def test_a_folder_that_cannot_be_written_stays_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Root may write everywhere, so the refusal is played."""
+
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied", str(tmp_path))
+
+    (tmp_path / "tree.dot").write_text("old")
+    monkeypatch.setattr("rvaft.cli.output.tempfile.mkstemp", refused)
+    for words in (["show", SAND], ["emit", SAND, "--to", "dot"]):
+        failed(run(*words, "-o", tmp_path / "tree.dot"), "tree.dot: cannot write: Permission denied")
+    assert [path.name for path in tmp_path.iterdir()] == ["tree.dot"]
+    assert (tmp_path / "tree.dot").read_text() == "old"
+
+
+def test_an_automaton_is_drawn() -> None:
+    result = run("emit", SAND, "--to", "dot", "--semantics", "strict")
+    assert result.exit_code == 0
+    assert result.stdout == backend("automaton").diagram(load(SAND), Semantics.STRICT)
+    assert run("emit", PRUNED, "--to", "dot", "--branch", "1").stdout.count("doublecircle") == 1
+    failed(run("emit", PRUNED, "--to", "dot", "--limit", "3"), "too many to draw (limit 3); raise it with --limit N")
+    failed(run("emit", SAND, "--to", "dot", "-o", "a.jpg"), "no drawing of an automaton has the suffix .jpg")
+    failed(run("emit", SAND, "--to", "dot", "--branch", "1", "--kind", "fault"), "exclude each other")
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
+@pytest.mark.parametrize(
+    ("suffix", "magic"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG"), ("gv", b"digraph")]
+)
+def test_the_suffix_says_how_an_automaton_is_drawn(suffix: str, magic: bytes, tmp_path: Path) -> None:
+    target = tmp_path / f"a.{suffix}"
+    assert run("emit", SAND, "--to", "dot", "-o", target).output == ""
+    assert target.read_bytes().startswith(magic)
+
+
+def test_without_graphviz_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    for words in (["show", SAND], ["emit", SAND, "--to", "dot"]):
+        failed(run(*words, "-o", tmp_path / "a.svg"), "dot is not installed: install Graphviz")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_branches_of_the_paper() -> None:

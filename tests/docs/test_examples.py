@@ -11,7 +11,7 @@ from _pytest.mark.structures import ParameterSet
 
 from tests.docs.examples import ROOT, SETUP, Block, blocks, commands, run
 
-NEEDS_SPOT = re.compile(r'--backend (ltlf|automaton)|"ltlf"|rvaft cross-check|rvaft backends')
+NEEDS_SPOT = re.compile(r'--backend (ltlf|automaton)|"ltlf"|rvaft cross-check|rvaft compare|rvaft backends')
 
 
 def params(found: Iterable[Block]) -> list[ParameterSet]:

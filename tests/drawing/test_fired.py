@@ -2,7 +2,6 @@
 
 import re
 import shutil
-from itertools import pairwise
 from random import Random
 from typing import Any
 from xml.dom import minidom
@@ -21,6 +20,7 @@ from rvaft.restrict import restrict
 from rvaft.semantics import Reference, branches, feasible_scenarios
 from rvaft.semantics.scenarios import of_branch
 from rvaft.verdict import Verdict
+from tests.drawing.geometry import measured, overlaps
 from tests.drawing.trees import AWKWARD, awkward, chain
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
@@ -227,26 +227,14 @@ def test_a_long_value_is_cut_and_any_value_can_be_shown() -> None:
 
 @needs_dot
 def test_no_text_of_the_picture_overlaps_another() -> None:
-    """Every box holds its lines: they stand one below the other within the frame of their node."""
     tree = loads(ROBOT)
-    document = minidom.parseString(picture(fired_dot(tree, explained(tree, EVENTS), numbered(EVENTS)), "svg"))
-    groups = [g for g in document.getElementsByTagName("g") if g.getAttribute("class") == "node"]
-    boxes: list[tuple[float, float, float, float]] = []
-    for group in groups:
-        frame = group.getElementsByTagName("polygon")
-        if not frame:
-            continue
-        points = [tuple(map(float, point.split(","))) for point in frame[0].getAttribute("points").split()]
-        left, right = min(x for x, _ in points), max(x for x, _ in points)
-        top, bottom = min(y for _, y in points), max(y for _, y in points)
-        lines = sorted(float(text.getAttribute("y")) for text in group.getElementsByTagName("text"))
-        assert all(top < y < bottom for y in lines)
-        assert all(later - earlier >= 9 for earlier, later in pairwise(lines))
-        boxes.append((left, right, top, bottom))
-    assert len(boxes) == len(tree.order)
-    for index, (left, right, top, bottom) in enumerate(boxes):
-        for other in boxes[:index]:
-            assert right <= other[0] or other[1] <= left or bottom <= other[2] or other[3] <= top
+    found = measured(picture(fired_dot(tree, explained(tree, EVENTS), numbered(EVENTS)), "svg"))
+    assert sum(name.startswith("n") for name in found.frames) == len(tree.order)
+    assert overlaps(found) == []
+    frames = [frame for name, frame in found.frames.items() if name.startswith("n")]
+    for text, place in found.texts:
+        inside = [frame for frame in frames if frame.top < place.bottom < frame.bottom and place.overlaps(frame)]
+        assert len(inside) <= 1, text
 
 
 def test_gates_without_an_event_of_their_own_are_bold_too() -> None:

@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import stat
+import zlib
 from pathlib import Path
 from xml.dom import minidom
 
@@ -13,6 +14,7 @@ import pytest
 from rvaft import OptionError, ToolFailed, ToolMissing, loads
 from rvaft.drawing import Format, draw, format_of, losses, picture
 from rvaft.drawing.captions import wrapped
+from rvaft.drawing.look import WIDTH
 from rvaft.drawing.tikz import escaped
 from rvaft.drawing.tree import MAX_LEVELS
 from tests.drawing.trees import AWKWARD, awkward, chain, every_part
@@ -86,7 +88,7 @@ def test_svg_shows_every_text_as_it_is() -> None:
     document = minidom.parseString(draw(awkward(), Format.SVG))
     shown = [text.firstChild.nodeValue or "" for text in document.getElementsByTagName("text") if text.firstChild]
     for label in AWKWARD:
-        for line in wrapped(label, 26):
+        for line in wrapped(label, WIDTH):
             assert line.strip() == "" or line in shown
     assert not document.getElementsByTagName("b")
     assert "\\N \\G \\\\" in " ".join(shown)
@@ -98,6 +100,24 @@ def test_pictures_are_what_they_say(form: Format, magic: bytes) -> None:
     data = draw(every_part(), form)
     assert data.startswith(magic)
     assert len(data) > 2000
+
+
+@needs_dot
+def test_a_picture_is_not_blank() -> None:
+    """Its pixels, unpacked: white paper, black lines and text, and the two tints."""
+    data = draw(every_part(), Format.PNG)
+    place, packed, depth = 8, b"", b""
+    while place < len(data):
+        length, kind = int.from_bytes(data[place : place + 4]), data[place + 4 : place + 8]
+        packed += data[place + 8 : place + 8 + length] if kind == b"IDAT" else b""
+        depth = data[place + 8 : place + 8 + length] if kind == b"IHDR" else depth
+        place += 12 + length
+    width, height = int.from_bytes(depth[:4]), int.from_bytes(depth[4:8])
+    pixels = zlib.decompress(packed)
+    assert width > 300
+    assert height > 300
+    assert len(pixels) == height * (4 * width + 1)
+    assert len(set(pixels)) > 50
 
 
 @needs_dot

@@ -1,11 +1,11 @@
-"""Contradictions are certain, and what is displayed is neither more nor less than the guard."""
+"""Contradictions are certain, and what is displayed means the guard over numbers."""
 
 from itertools import product
 from random import Random
 
 import pytest
 
-from rvaft.algebra import contradictory, contradictory_over_reals, latex, simplified, simplify_text
+from rvaft.algebra import contradictory, contradictory_over_reals, simplified, simplify_text
 from rvaft.guards import Guard, Operation, Operator, holds, variables
 from rvaft.language import parse_guard
 from rvaft.patterns import Literal, Variable
@@ -114,21 +114,6 @@ def test_no_values_satisfy_what_sympy_refutes(seed: int) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("T2 >= T1 + 10", r"\mathit{T2} \geq \mathit{T1} + 10"),
-        ('NewWp != "exit_1"', r"\mathit{NewWp} \neq \text{``exit\_1''}"),
-        ("B and (A or not C)", r"\mathit{B} \wedge \left(\mathit{A} \vee \neg \mathit{C}\right)"),
-        ("X - (Y - 2) / 4 > -1", r"\mathit{X} - \frac{\mathit{Y} - 2}{4} > -1"),
-        ("Gamma == null", r"\mathit{Gamma} = \mathrm{null}"),
-        ("3 - 2 * 4 > X", r"3 - 2 \cdot 4 > \mathit{X}"),
-    ],
-)
-def test_latex_shows_what_is_written(text: str, expected: str) -> None:
-    assert latex(parse_guard(text)) == expected
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
         ("X + 2 * X > 9", "X > 3"),
         ('X > 3 and X > 5 or Y == "a"', 'Y == "a" or X > 5'),
         ("B and (B or C)", "B"),
@@ -163,5 +148,5 @@ def test_simplified_guards_agree_on_numbers() -> None:
 
 def test_names_of_a_tree_are_never_evaluated() -> None:
     guard = Operation(Operator.EQ, (Variable("Symbol"), Literal("__import__('os').abort()")))
-    assert "abort" in latex(guard)
+    assert simplified(guard) == guard
     assert contradictory([guard]) is False

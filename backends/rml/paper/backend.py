@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import ClassVar
 
-from rvaft.backend import Backend, Metrics, Observed, Specification
+from backends.rml.listing import HIGHLIGHTING
+from rvaft.backend import Backend, Highlighting, Metrics, Observed, Specification
 from rvaft.errors import NotExpressible
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
@@ -23,6 +24,7 @@ class RmlPaperBackend(Backend):
     name: ClassVar[str] = "rml-paper"
     language: ClassVar[str] = "rml"
     suffix: ClassVar[str] = ".rml"
+    highlighting: ClassVar[Highlighting] = HIGHLIGHTING
     faithful: ClassVar[bool] = False
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.STRICT, Semantics.PROJECTED})
     default_limit: ClassVar[int] = 20_000

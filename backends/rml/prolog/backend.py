@@ -6,7 +6,7 @@ from time import perf_counter
 from typing import ClassVar
 
 from backends.rml.backend import RmlBackend
-from rvaft.backend import Backend, Specification
+from rvaft.backend import Backend, Highlighting, Specification
 from rvaft.monitors import Monitor
 from rvaft.patterns import Pattern
 from rvaft.tree import RVAFT
@@ -23,6 +23,7 @@ class RmlPrologBackend(Backend):
     name: ClassVar[str] = "rml-prolog"
     language: ClassVar[str] = "rml-prolog"
     suffix: ClassVar[str] = ".pl"
+    highlighting: ClassVar[Highlighting] = Highlighting("Prolog")
     form_of: ClassVar[str] = RmlBackend.name
     default_limit: ClassVar[int] = RmlBackend.default_limit
 

@@ -23,8 +23,8 @@ jobs(Line) :-
     flush_output(user_output),
     fork(Process),
     (   Process == child
-    ->  catch(job(Line), Error, (print_message(error, Error), halt(1))),
-        halt(0)
+    ->  catch((job(Line), Done = true), Error, (print_message(error, Error), Done = false)),
+        exec(Done)  % `halt` may wait forever for the thread of library(time), which a forked process does not have
     ;   wait(Process, Status),
         (   Status == exited(0) -> true ; format("died ~w~n", [Status]) )
     ),

@@ -1,0 +1,160 @@
+"""The minimal automaton as a graph for Graphviz, for people: edges say events and guards.
+
+The lines of a label are alternatives; `a, b` is one event that is both, and all guards in brackets hold with it. Where an event that is on no other edge of the state leads is
+`else`. ⊤ has detected, from ⊥ nothing can be. States have their numbers in the HOA text. Under `projected` the letters are the relevant
+events.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Final
+
+from backends.automaton.hoa import in_order
+from backends.automaton.labels import Cube, cubes
+from backends.automaton.letters import Letters, bits
+from backends.automaton.structure import Structure
+from backends.automaton.subsets import DETECTED, HOPELESS, Automaton, Row
+from rvaft.drawing.markup import html, html_code, quoted, table
+from rvaft.errors import TooLarge
+from rvaft.language import guard_text, name_text, on_text
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+
+READABLE: Final = 100
+"""The most states that are drawn unless more are asked for; with more than that nobody follows an edge."""
+EDGES: Final = 10
+"""How many edges, and how many lines in all labels, each state of the limit allows."""
+BEFORE: Final = 100
+"""How many states there may be before the automaton is minimal, for each state of the limit."""
+_WIDTH: Final = 22
+"""Columns of text in a label."""
+_QUIET: Final = "#8a8a8a"
+"""What leads to ⊥ is there, but does not catch the eye."""
+
+
+def diagram(
+    automaton: Automaton, structure: Structure, letters: Letters, *, tree: RVAFT, semantics: Semantics, limit: int
+) -> str:
+    """The graph; raises `TooLarge` beyond `limit` states, or `EDGES` lines of labels for each of them."""
+    order = in_order(automaton)
+    if len(order) > limit:
+        raise TooLarge(f"{len(order)} states are too many to draw", limit=limit)
+    number = {state: index for index, state in enumerate(order)}
+    words = _Words(structure, letters, tree)
+    lines: list[str] = []
+    written = 0
+    for state in order:
+        if state not in (DETECTED, HOPELESS):
+            for target, label in words.edges(automaton.rows[state]).items():
+                written += len(label)
+                lines.append(_edge(number[state], number[target], label, quiet=target == HOPELESS))
+    if written > EDGES * limit:
+        raise TooLarge(f"{written} labels are too many to draw, {EDGES} allowed for each state", limit=limit)
+    return "\n".join(
+        [
+            f"digraph {quoted(tree.root)} {{",
+            '  graph [ranksep=0.25, nodesep=0.15, charset="UTF-8"];',
+            '  node [fontname="Helvetica", fontsize=10, shape=circle, margin="0.03", width=0.3, height=0.3];',
+            '  edge [fontname="Helvetica", fontsize=10, arrowsize=0.6];',
+            '  start [shape=point, style=invis, width=0, height=0, label=""];',
+            *(f"  {_state(state, number[state])}" for state in order),
+            f"  start -> s{number[automaton.start]};",
+            *(f"  {line}" for line in lines),
+            f"  label=<{_caption(tree, semantics, guarded=words.guarded)}>;",
+            '  labelloc=b; labeljust=l; fontname="Helvetica"; fontsize=10;',
+            "}",
+            "",
+        ]
+    )
+
+
+def _state(state: int, number: int) -> str:
+    if state == DETECTED:
+        return f"s{number} [label=<⊤>, shape=doublecircle];"
+    if state == HOPELESS:
+        return f's{number} [label=<⊥>, style=filled, fillcolor="#e4e4e4", color="{_QUIET}"];'
+    return f"s{number} [label=<{number}>];"
+
+
+def _edge(source: int, target: int, label: list[str], *, quiet: bool) -> str:
+    look = f', color="{_QUIET}", fontcolor="{_QUIET}", style=dashed' if quiet else ""
+    return f"s{source} -> s{target} [label=<{table(label)}>{look}];"
+
+
+def _caption(tree: RVAFT, semantics: Semantics, *, guarded: bool) -> str:
+    lines = [f"{name_text(tree.root)}, {semantics}"]
+    if semantics is Semantics.PROJECTED:
+        lines.append("Events that are not relevant change nothing.")
+    if guarded:
+        lines.append("A guard holds as long as one of its variables has no value.")
+    return table(html(line, 3 * _WIDTH) for line in lines)
+
+
+class _Words:
+    """Writes the edges of one automaton."""
+
+    def __init__(self, structure: Structure, letters: Letters, tree: RVAFT) -> None:
+        self._letters = letters
+        self._events = [_event(tree, name) for name in structure.names]
+        self.guarded = bool(structure.guards)
+        self._guards = [guard_text(guard) for guard in structure.guards]
+
+    def edges(self, row: Row) -> Mapping[int, list[str]]:
+        """For each target of a state the lines of the label."""
+        leaving = cubes(row)
+        if len(leaving) == 1:
+            return {target: ["any event"] for target in leaving}
+        rest = row.targets.get((0, 0))
+        written = {target: list(map(self._cube, joined(those))) for target, those in leaving.items() if target != rest}
+        return written if rest is None else {**written, rest: ["else"]}
+
+    def _cube(self, cube: Cube) -> str:
+        excluded = cube.no_atoms
+        for atom in bits(cube.atoms):  # what never holds with it goes without saying
+            excluded &= self._letters.together(atom, excluded)
+        words = [self._events[atom] for atom in bits(cube.atoms)]
+        words += [f"not {self._events[atom]}" for atom in bits(excluded)]
+        conditions = [self._guards[guard] for guard in bits(cube.guards)]
+        conditions += [f"not ({self._guards[guard]})" for guard in bits(cube.no_guards)]
+        lines = [html_code(", ".join(words), _WIDTH)] if words else []
+        if conditions:
+            lines.append("<i>" + html_code(f"[{'; '.join(conditions)}]", _WIDTH) + "</i>")
+        return "<br/>".join(lines)
+
+
+def joined(those: Iterable[Cube]) -> list[Cube]:
+    """The same letters in fewer cubes: two that differ in one proposition, which holds in one and not in the other, are one without it."""
+    found = dict.fromkeys(those)
+    todo = list(found)
+    while todo:
+        one = todo.pop()
+        if one not in found:
+            continue
+        for other, both in _partners(one):
+            if other in found:
+                del found[one], found[other]
+                if both not in found:
+                    found[both] = None
+                    todo.append(both)
+                break
+    return list(found)
+
+
+def _partners(one: Cube) -> Iterator[tuple[Cube, Cube]]:
+    """The cubes that can be joined with one, each with the result."""
+    for bit in (1 << guard for guard in bits(one.guards | one.no_guards)):
+        yield (
+            replace(one, guards=one.guards ^ bit, no_guards=one.no_guards ^ bit),
+            replace(one, guards=one.guards & ~bit, no_guards=one.no_guards & ~bit),
+        )
+    for bit in (1 << atom for atom in bits(one.atoms | one.no_atoms)):
+        yield (
+            replace(one, atoms=one.atoms ^ bit, no_atoms=one.no_atoms ^ bit),
+            replace(one, atoms=one.atoms & ~bit, no_atoms=one.no_atoms & ~bit),
+        )
+
+
+def _event(tree: RVAFT, name: str) -> str:
+    """The event of a node as the tree writes it."""
+    on = tree.nodes[name].on
+    return name_text(tree.origins.get(name, name)) if on is None else on_text(on)

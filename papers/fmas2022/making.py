@@ -1,0 +1,113 @@
+"""All files of the paper in one go: which there are, in which order the document has them, and what could not be made here."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import rvaft
+from papers.fmas2022 import tex
+from papers.fmas2022.figures import figures
+from papers.fmas2022.findings import findings
+from papers.fmas2022.formulas_tex import formulas_tex
+from papers.fmas2022.gate_table import gate_table
+from papers.fmas2022.listing import listing_rml, listing_tex
+from papers.fmas2022.node_table import node_table
+from papers.fmas2022.overhead import overhead
+from papers.fmas2022.shell import ROOT
+from papers.fmas2022.verdict_tex import verdict_tables
+from rvaft.errors import ToolMissing
+
+TREES: Final = ROOT / "trees" / "remote_inspection"
+GATES: Final = ROOT / "trees" / "gates"
+_PRUNED: Final = "pruned.rvaft"
+PRINTED: Final = (
+    ("figure4a", 8.5, "The attack-fault tree (Figure 4a of the paper)."),
+    ("figure4b", 8.5, "The pruned tree with its events (Figure 4b of the paper)."),
+    ("overhead", 8.5, "What monitoring costs a mission, measured."),
+)
+"""Name, width in centimetres (at which text has 7 points or more), and caption."""
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """The files that were written, what was not and why, and the findings that do not hold any more."""
+
+    files: tuple[Path, ...]
+    not_run: tuple[str, ...]
+    unconfirmed: tuple[str, ...]
+
+
+def make(out: Path, *, texts: bool = False) -> Made:
+    """Write everything into a folder, which is made where it is not there; `texts` leaves out figures and measurements.
+
+    Raises `Disagreement`, `ToolFailed`, and `OSError` where a file cannot be written; what lacks a tool is left out and said.
+    """
+    folder = _Folder(out)
+    for name, text in latex_texts(TREES).items():
+        folder.write(name, text)
+    measured = "" if texts else _pictures(folder)
+    page = findings()
+    folder.write("findings.md", page.text + measured)
+    folder.write("paper.tex", tex.document(_parts({file.name for file in folder.files})))
+    return Made(tuple(folder.files), tuple(folder.not_run), page.unconfirmed)
+
+
+def latex_texts(trees: Path, gates: Path = GATES) -> dict[str, str]:
+    """The tables, formulas and listings by file name, computed from the trees in these folders."""
+    path = trees / _PRUNED
+    tree = rvaft.load(path)
+    return {
+        "table1.tex": node_table(tree),
+        "gates.tex": gate_table(gates),
+        "formulas.tex": formulas_tex(tree),
+        "listing.rml": listing_rml(),
+        "listing.tex": listing_tex(),
+        **{f"table{number}.tex": text for number, text in verdict_tables(tree, path.with_suffix(".traces")).items()},
+    }
+
+
+class _Folder:
+    """Where files go, and the account of it."""
+
+    def __init__(self, path: Path) -> None:
+        path.mkdir(parents=True, exist_ok=True)
+        self.path = path
+        self.files: list[Path] = []
+        self.not_run: list[str] = []
+
+    def write(self, name: str, data: str | bytes) -> None:
+        """Write one file."""
+        file = self.path / name
+        file.write_bytes(data.encode() if isinstance(data, str) else data)
+        self.files.append(file)
+
+
+def _pictures(folder: _Folder) -> str:
+    """Figures and measurements; what the measurements say, as a section of the findings."""
+    try:
+        for name, data in figures(TREES):
+            folder.write(name, data)
+    except ToolMissing as error:
+        folder.not_run.append(f"figures 4a and 4b: {error}")
+    try:
+        measured = overhead(folder.path, tree=TREES / _PRUNED)
+    except ToolMissing as error:
+        folder.not_run.append(f"overhead: {error}")
+        said = f"not run: {error}\n"
+    else:
+        folder.files += measured.files
+        said = measured.statement
+    return f"\n## What monitoring costs a mission\n\nMeasured on this machine by `python -m papers.fmas2022.overhead`.\n\n{said}"
+
+
+def _parts(files: set[str]) -> Iterator[str]:
+    """The lines of the document, for the files that there are."""
+    for name in ("table1", "gates", "formulas", "listing", "table2", "table3"):
+        yield rf"\input{{{name}}}"
+    for name, width, caption in PRINTED:
+        if f"{name}.pdf" in files:
+            picture = rf"\includegraphics[width={width}cm]{{{name}}}"
+            yield rf"\begin{{figure}}[htbp]\centering{picture}\caption{{{caption}}}\end{{figure}}"
+    if "overhead.tex" in files:
+        yield r"\begin{table}[htbp]\centering\scriptsize\caption{What monitoring costs a mission.}\input{overhead}\end{table}"

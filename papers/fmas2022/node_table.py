@@ -1,0 +1,33 @@
+"""Table 1: the nodes of the tree, their runtime events and the topics on which these come."""
+
+from collections.abc import Iterator
+
+from papers.fmas2022 import tex
+from rvaft import latex
+from rvaft.latex import escaped
+from rvaft.model import Node
+from rvaft.patterns import Literal
+from rvaft.topics import topic_of
+from rvaft.tree import RVAFT
+
+
+def node_table(tree: RVAFT) -> str:
+    """Table 1 as LaTeX; a node without runtime event and guard, such as a bare gate, has no row."""
+    rows = [tex.row(_cells(tree, node)) for node in tree.top_down() if node.has_event or node.when is not None]
+    return tex.table(
+        "lll",
+        ["Node", "Runtime event", "ROS topic"],
+        [r"\midrule", *rows],
+        caption="Nodes, runtime events and topics (Table 1 of the paper, from the tree).",
+        label="tab:nodes",
+    )
+
+
+def _cells(tree: RVAFT, node: Node) -> Iterator[str]:
+    yield escaped(node.name)
+    parts = [] if not node.has_event else [latex.name(node.name) if node.on is None else latex.event(node.on)]
+    parts += [] if node.when is None else [latex.guard(node.when)]
+    yield ", ".join(map(tex.math, parts))
+    pattern = tree.pattern(node.name)
+    topic = None if pattern is None else topic_of(pattern)
+    yield tex.typewriter(str(topic.value)) if isinstance(topic, Literal) else "--"

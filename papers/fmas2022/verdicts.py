@@ -1,0 +1,95 @@
+"""Tables 2 and 3 computed: the verdict of every monitor after every event.
+
+The verdicts are the engine's. The reference and every faithful backend give theirs too; one that differs is a `Disagreement`.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cross_check.participants import ENGINE, Absent, Outside, Participant
+from cross_check.results import Job
+from cross_check.roster import Roster
+from papers.fmas2022 import printed
+from rvaft.errors import RvaftError
+from rvaft.tree import RVAFT
+from rvaft.values import Json
+from rvaft.verdict import Semantics, Verdict
+
+Monitors = Mapping[str, int | None]
+"""Sign of a monitor -> the number of its branch, None for the whole tree."""
+Everybody = Mapping[str, Participant | Outside | Absent]
+Verdicts = Mapping[str, tuple[Verdict, ...]]
+"""Sign of a monitor -> its verdicts after every event."""
+
+
+class Disagreement(RvaftError):
+    """Two participants give different verdicts: a defect of one of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One trace of a table, completed; `as_printed` has the verdicts without the event that the print leaves out, if it does."""
+
+    table: int
+    number: int
+    events: tuple[Json, ...]
+    verdicts: Verdicts
+    as_printed: Verdicts
+
+    def left_out(self, event: int) -> bool:
+        """Whether the print lacks the event with that number, from 1."""
+        return printed.LEFT_OUT.get(self.number) == event
+
+    def printed(self, branch: int | None, event: int) -> Verdict | None:
+        """The verdict in the print, if there is one."""
+        return printed.cell(self.table, self.number, branch, event, len(self.events))
+
+
+def monitors(tree: RVAFT) -> Monitors:
+    """φ for the tree and φ₁, φ₂, … for its branches."""
+    digits = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+    return {"φ": None, **{f"φ{str(one.number).translate(digits)}": one.number for one in tree.branches()}}
+
+
+def traces(tree: RVAFT, folder: Path) -> Iterator[Trace]:
+    """The traces of both tables, from a folder with table2_row1.jsonl and so on; raises `Disagreement`, `OSError`."""
+    enlisted = {sign: enlist(tree, branch) for sign, branch in monitors(tree).items()}
+    for table in printed.LAST:
+        for number in printed.TRACES:
+            text = (folder / f"table{table}_row{number}.jsonl").read_text(encoding="utf-8")
+            events = [json.loads(line) for line in text.splitlines()]
+            left_out = printed.LEFT_OUT.get(number)
+            shorter = [event for place, event in enumerate(events, 1) if place != left_out]
+            as_printed = _agreed(enlisted, shorter) if left_out else {}
+            yield Trace(table, number, tuple(events), _agreed(enlisted, events), as_printed)
+
+
+def enlist(tree: RVAFT, branch: int | None) -> Everybody:
+    """Everybody who can say what the tree or a branch of it means, by name, under `projected`."""
+    job = Job("tree", Semantics.PROJECTED, branch=branch)
+    return {name: make() for name, make in Roster().candidates(tree, job)}
+
+
+def said(one: Participant | Outside | Absent, events: Sequence[Json]) -> tuple[Verdict, ...] | None:
+    """The verdicts of a participant after every event, or None for one that cannot run here."""
+    return tuple(one.start().run(events)) if isinstance(one, Participant) else None
+
+
+def symbols(verdicts: Sequence[Verdict]) -> str:
+    """Verdicts as one word: `???⊤`."""
+    return "".join(verdict.symbol for verdict in verdicts)
+
+
+def _agreed(enlisted: Mapping[str, Everybody], events: Sequence[Json]) -> Verdicts:
+    """What all monitors say, each of them by everybody."""
+    found: dict[str, tuple[Verdict, ...]] = {}
+    for sign, everybody in enlisted.items():
+        words = {name: word for name, one in everybody.items() if (word := said(one, events)) is not None}
+        found[sign] = words[ENGINE]
+        for name, word in words.items():
+            if word != words[ENGINE]:
+                differ = f"{ENGINE} says {symbols(words[ENGINE])}, {name} says {symbols(word)}"
+                raise Disagreement(f"{sign} on {json.dumps(list(events))}: {differ}")
+    return found

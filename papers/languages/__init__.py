@@ -1,0 +1,1 @@
+"""A comparison of specification languages: gates × arity × semantics × language."""

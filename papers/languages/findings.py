@@ -1,0 +1,150 @@
+"""What is seen in the sizes, each as a formula that every measured cell is held against."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from math import comb
+from typing import Final
+
+from rvaft.comparison.rows import Outcome, Row
+from rvaft.model import Gate
+from rvaft.verdict import Semantics
+
+STRICT: Final = Semantics.STRICT
+PROJECTED: Final = Semantics.PROJECTED
+SCATTERED: Final = Semantics.SCATTERED
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A sentence, and what it says of every cell that it is about; `concerns` picks those."""
+
+    title: str
+    concerns: Callable[[Row], bool]
+    holds: Callable[[Row], bool]
+
+    def cells(self, rows: Iterable[Row]) -> list[Row]:
+        """The rows that it is about."""
+        return [row for row in rows if self.concerns(row)]
+
+
+def counted_subsets(row: Row) -> int:
+    """How many sets of fewer than k of the n children there are: what has happened before a VOT k/n is detected."""
+    return sum(comb(_n(row), size) for size in range(_k(row)))
+
+
+def unrolled(row: Row) -> int:
+    """The symbols of the paper's VOT k/n: for each set of fewer than k children an equation with an option for each child that is left."""
+    n, k = _n(row), _k(row)
+    inner = sum(comb(n, size) * (5 * (n - size) + 2) for size in range(k - 1))
+    last = comb(n, k - 1) * (4 * (n - k + 1) + 2)
+    return inner + last + 5 + _filter(row)
+
+
+def _filter(row: Row) -> int:
+    """The symbols of `relevant >> (…)`, which RML has around the whole under `projected`."""
+    return 4 if row.semantics is PROJECTED else 0
+
+
+def _n(row: Row) -> int:
+    return row.children or 0
+
+
+def _k(row: Row) -> int:
+    return row.threshold or 0
+
+
+def _between(row: Row) -> bool:
+    return 1 < _k(row) < _n(row)
+
+
+def _of(language: str, *gates: Gate, semantics: Sequence[Semantics] = tuple(Semantics)) -> Callable[[Row], bool]:
+    def concerns(row: Row) -> bool:
+        named = row.language == language and row.gate in gates and row.semantics in semantics
+        return named and row.result is Outcome.OK
+
+    return concerns
+
+
+def _all(row: Row) -> bool:
+    return row.gate is not None
+
+
+FINDINGS: Final = (
+    Finding(
+        "Every text that could be run gave the verdicts that the tree demands on all traces, the paper's unrolled VOT too: over "
+        "leaves, with nothing behind the gate, it is right.",
+        lambda row: _all(row) and row.run is Outcome.OK,
+        lambda row: row.differing == 0,
+    ),
+    Finding(
+        "The paper does not say how to write a tree under `scattered`; that is the only thing that some language cannot express.",
+        _all,
+        lambda row: (
+            (row.result is Outcome.NOT_EXPRESSIBLE) == (row.language == "rml-paper" and row.semantics is SCATTERED)
+        ),
+    ),
+    Finding(
+        "An automaton for AND over n ≥ 2 children has 2ⁿ + 2 states under `strict` and `projected`.",
+        lambda row: _of("automaton", Gate.AND, semantics=(STRICT, PROJECTED))(row) and _n(row) > 1,
+        lambda row: row.states == 2 ** _n(row) + 2,
+    ),
+    Finding(
+        "Under `scattered` it has 2ⁿ + 1: nothing can go wrong, so no state for that.",
+        lambda row: _of("automaton", Gate.AND, semantics=(SCATTERED,))(row) and _n(row) > 1,
+        lambda row: row.states == 2 ** _n(row) + 1,
+    ),
+    Finding(
+        "An automaton for VOT k/n under `scattered` has a state for each set of fewer than k children, and two more.",
+        _of("automaton", Gate.VOT, semantics=(SCATTERED,)),
+        lambda row: row.states == counted_subsets(row) + 2,
+    ),
+    Finding(
+        "An automaton for SAND under `scattered` has n + 2 states, in either direction.",
+        _of("automaton", Gate.SAND, Gate.SAND_RL, semantics=(SCATTERED,)),
+        lambda row: row.states == _n(row) + 2,
+    ),
+    Finding(
+        "LTLf says AND under `scattered` with 3n - 1 symbols and 2n + 1 distinct subformulas (n ≥ 2): one conjunct for each child.",
+        lambda row: _of("ltlf", Gate.AND, semantics=(SCATTERED,))(row) and _n(row) > 1,
+        lambda row: (row.symbols, row.subformulas) == (3 * _n(row) - 1, 2 * _n(row) + 1),
+    ),
+    Finding(
+        "LTLf says VOT k/n, 1 < k < n, under `scattered` with 2k(n + 1 - k) + n - 1 distinct subformulas: polynomial, and the same for k as for n + 1 - k.",
+        lambda row: _of("ltlf", Gate.VOT, semantics=(SCATTERED,))(row) and _between(row),
+        lambda row: row.subformulas == 2 * _k(row) * (_n(row) + 1 - _k(row)) + _n(row) - 1,
+    ),
+    Finding(
+        "RML says AND under `strict` with 2n + 5 symbols (n ≥ 2): `|` is a shuffle, and disjoint events cannot be confused.",
+        lambda row: _of("rml", Gate.AND, semantics=(STRICT,))(row) and _n(row) > 1,
+        lambda row: row.symbols == 2 * _n(row) + 5,
+    ),
+    Finding(
+        "For VOT k/n, 1 < k < n, under `scattered` RML has one equation for each set of fewer than k children: what the automaton counts in states.",
+        lambda row: _of("rml", Gate.VOT, semantics=(SCATTERED,))(row) and _between(row),
+        lambda row: row.states == counted_subsets(row),
+    ),
+    Finding(
+        "The paper's unrolled VOT has one equation for each set of fewer than k children, under `strict` and `projected`: its symbols follow a sum of binomials.",
+        _of("rml-paper", Gate.VOT, semantics=(STRICT, PROJECTED)),
+        lambda row: row.symbols == unrolled(row),
+    ),
+    Finding(
+        "RML needs no unrolling there: its VOT never has more symbols than the unrolled one,",
+        _of("rml", Gate.VOT, semantics=(STRICT, PROJECTED)),
+        lambda row: (row.symbols or 0) <= unrolled(row),
+    ),
+    Finding(
+        "and from eight children up, for 1 < k < n, it has 3n + 16 symbols (`projected`: 4 more), whatever k is.",
+        lambda row: _of("rml", Gate.VOT, semantics=(STRICT, PROJECTED))(row) and _between(row) and _n(row) >= 8,
+        lambda row: row.symbols == 3 * _n(row) + 16 + _filter(row),
+    ),
+)
+
+
+def missed(rows: Sequence[Row]) -> list[str]:
+    """The titles of findings that some cell contradicts, or that no cell is about."""
+    return [
+        finding.title
+        for finding in FINDINGS
+        if not (cells := finding.cells(rows)) or not all(finding.holds(row) for row in cells)
+    ]

@@ -1,0 +1,184 @@
+"""`rvaft compare`: sizes and speeds of the same trees in every specification language."""
+
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import closing
+from errno import ENOTDIR
+from pathlib import Path
+
+import click
+
+from rvaft.api import narrowed
+from rvaft.backend import backend
+from rvaft.cli.comparing import Failures
+from rvaft.cli.failure import FAILED, FOUND, INTERRUPTED, Stopped
+from rvaft.cli.kept_rows import KeptRows
+from rvaft.cli.lists import finite, some_backends, some_gates, some_semantics
+from rvaft.cli.output import deliver
+from rvaft.cli.reports import Watched
+from rvaft.comparison.latex import latex_text
+from rvaft.comparison.plan import (
+    MAX_ARITY,
+    TIMEOUT,
+    Cell,
+    Settings,
+    Subject,
+    cells_of,
+    default_languages,
+    gate_subjects,
+)
+from rvaft.comparison.plots import Width, library, write_plots
+from rvaft.comparison.rows import Outcome, Row, empty_row
+from rvaft.comparison.running import measured
+from rvaft.comparison.text import text_lines
+from rvaft.errors import OptionError
+from rvaft.language import load
+from rvaft.model import Gate
+from rvaft.verdict import Semantics
+
+
+@click.command("compare")
+@click.argument("trees", nargs=-1, metavar="[TREE]...")
+@click.option(
+    "--gates", callback=some_gates, metavar="and,or,...", help="These gates; without a TREE all are compared."
+)
+@click.option(
+    "--max-arity",
+    type=click.IntRange(min=1),
+    default=MAX_ARITY,
+    show_default=True,
+    metavar="N",
+    help="Gates with 1 to N children, VOT with every threshold.",
+)
+@click.option("--semantics", callback=some_semantics, metavar="S,...|all", help="Default: projected.")
+@click.option("--languages", metavar="A,B", help="These backends.  [default: rml-paper and all faithful ones]")
+@click.option("--limit", type=click.IntRange(min=1), metavar="N", help="Of translations, in the language's own unit.")
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0, max=1_000_000, min_open=True),
+    callback=finite,
+    default=TIMEOUT,
+    show_default=True,
+    metavar="SECONDS",
+    help="For one tree in one language.",
+)
+@click.option("--csv", metavar="FILE", help="Keep all measurements in this file while they are made.")
+@click.option("--resume", is_flag=True, help="Go on with what the CSV file has.")
+@click.option("--latex", metavar="FILE", help="Write the measurements as LaTeX tables.")
+@click.option("--plots", metavar="DIR", help="Write figures, each as PDF and PNG (needs Matplotlib).")
+@click.option(
+    "--width",
+    type=click.Choice([width.value for width in Width]),
+    default=Width.PAGE.value,
+    show_default=True,
+    help="Of figures.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Processes at a time; more than one disturb each other's times.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Of the events that are run.")
+def command(
+    *,
+    trees: tuple[str, ...],
+    gates: tuple[Gate, ...] | None,
+    max_arity: int,
+    semantics: tuple[Semantics, ...] | None,
+    languages: str | None,
+    limit: int | None,
+    timeout: float,
+    csv: str | None,
+    resume: bool,
+    latex: str | None,
+    plots: str | None,
+    width: str,
+    jobs: int,
+    seed: int,
+) -> int:
+    """Compare specification languages: how large the same TREE is in each, how long it takes to translate, how fast it runs.
+
+    Without a TREE all gates are compared, each with 1 to N children.
+    """
+    context = click.get_current_context()
+    if resume and csv in (None, "-"):
+        raise click.UsageError("--resume goes on with a file: name it with --csv", context)
+    if latex is not None and latex == csv:
+        raise click.UsageError("two reports go to one file", context)
+    failures = Failures()
+    subjects = list(failures.collect(_subject, dict.fromkeys(trees)))
+    chosen = gates if gates is not None else () if trees else tuple(Gate)
+    subjects += gate_subjects(chosen, max_arity)
+    if failures.met and not subjects:
+        return FAILED
+    try:
+        spoken = some_backends(languages)
+        cells = cells_of(
+            subjects, semantics or (Semantics.PROJECTED,), default_languages() if spoken is None else spoken
+        )
+    except OptionError as error:
+        raise click.UsageError(str(error), context) from error
+    _check_outputs(latex, plots)
+    settings = Settings(limit, timeout, seed)
+    rows = _measured(cells, settings, KeptRows(csv, resume=resume), jobs)
+    if "-" not in (csv, latex):
+        click.echo("\n".join([*text_lines(rows), _headline(rows)]))
+    if len(rows) < len(cells):
+        again = "" if csv is None else "; go on with --resume"
+        click.echo(f"interrupted after {len(rows)} of {len(cells)} measurements{again}", err=True)
+        raise Stopped(INTERRUPTED)
+    if latex is not None:
+        deliver(latex_text(rows).encode(errors="backslashreplace"), latex)
+    if plots is not None:
+        write_plots(rows, Path(plots), Width(width))
+    return FAILED if failures.met else _status(rows)
+
+
+def _subject(path: str) -> Subject:
+    tree = load(path)
+    narrowed(tree)  # refuses what breaks a rule
+    return Subject(click.format_filename(path), tree)
+
+
+def _check_outputs(latex: str | None, plots: str | None) -> None:
+    """Fail now for what cannot be written at the end."""
+    if latex not in (None, "-") and not (folder := Path(latex).absolute().parent).is_dir():
+        raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", latex)
+    if plots is not None:
+        library()
+        Path(plots).mkdir(parents=True, exist_ok=True)
+
+
+def _measured(cells: Sequence[Cell], settings: Settings, kept: KeptRows, jobs: int) -> list[Row]:
+    """The rows in the order of the cells; fewer where the run was interrupted."""
+    rows = {cell: row for cell in cells if (row := kept.known(empty_row(cell, settings))) is not None}
+    missing = [cell for cell in cells if cell not in rows]
+    with kept:
+        try:
+            with Watched(len(missing)) as watched, closing(measured(missing, settings, jobs=jobs)) as running:
+                for cell, row in running:
+                    kept.add(row)
+                    rows[cell] = row
+                    watched.advance()
+        except KeyboardInterrupt:
+            pass  # told by the caller, after all that is known is written
+    found = [rows[cell] for cell in cells if cell in rows]
+    kept.finish(found)
+    return found
+
+
+def _headline(rows: Sequence[Row]) -> str:
+    """How many measurements ended how."""
+    counts = Counter(row.result if row.result is not Outcome.OK else row.run for row in rows)
+    said = ", ".join(f"{counts[outcome]} {outcome}" for outcome in Outcome if counts[outcome])
+    return f"{len(rows)} measurement{'' if len(rows) == 1 else 's'}: {said or 'none'}"
+
+
+def _status(rows: Sequence[Row]) -> int:
+    if any(outcome is not None and outcome.broken for row in rows for outcome in (row.result, row.run)):
+        return FAILED
+    differing = {row.language for row in rows if row.differing}
+    return FOUND if any(backend(language).faithful for language in differing) else 0

@@ -1,0 +1,119 @@
+r"""Text of a tree in LaTeX: nothing in it keeps a special meaning, in text or in mathematics.
+
+Other scripts than Latin pass as they are: LuaLaTeX and XeLaTeX print them in a font that has them. What stands in mathematics needs
+the package `amsmath`, for `\text`.
+"""
+
+import re
+from typing import Final
+
+from rvaft.guards import Guard, Operator
+from rvaft.language.expressions import SIGNED_LEVEL, SUM_LEVEL, GuardStyle, guard_text, literal_text
+from rvaft.model import On
+from rvaft.patterns import Literal, Variable
+from rvaft.printable import visible
+from rvaft.values import Scalar
+
+_SPECIAL: Final = str.maketrans(
+    {
+        **{character: rf"\{character}" for character in "&%$#_{}"},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        # From here on: characters that some fonts lack, and the beginnings of ligatures.
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        '"': r"{\char34}",
+        "'": r"\textquotesingle{}",
+        "`": r"\textasciigrave{}",
+        "-": r"{-}",
+    }
+)
+_IDENTIFIER: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_NUMBERED: Final = re.compile(r"([A-Za-z0-9_]*[A-Za-z])([0-9]+)")
+_EXPONENT: Final = re.compile(r"(.*)e([+-]?)0*([0-9]+)")
+
+
+def escaped(text: str) -> str:
+    """The text on one line; control codes are shown as escapes."""
+    return re.sub(" (?= )", lambda _: r"\ ", visible(text).translate(_SPECIAL))
+
+
+def identifier(text: str) -> bool:
+    """Whether a name is of Latin letters, digits and `_` only, and starts with a letter."""
+    return _IDENTIFIER.fullmatch(text) is not None
+
+
+def numbered(text: str) -> tuple[str, str]:
+    """An identifier without the number that it ends with behind a letter, and that number, or an empty string."""
+    found = _NUMBERED.fullmatch(text)
+    return (found[1], found[2]) if found else (text, "")
+
+
+def name(text: str) -> str:
+    r"""A name in mathematics, slanted as one word: `ev1` is `\mathit{ev}_{1}`; what is no identifier is text."""
+    if not identifier(text):
+        return rf"\textit{{{escaped(text)}}}"
+    stem, index = numbered(text)
+    return rf"\mathit{{{escaped(stem)}}}" + (f"_{{{index}}}" if index else "")
+
+
+def constant(value: Scalar) -> str:
+    """A literal in mathematics, no digit lost; strings in quotes."""
+    if isinstance(value, str):
+        return rf"\text{{``{escaped(value)}''}}"
+    text = literal_text(value)
+    if value is None or isinstance(value, bool):
+        return rf"\mathrm{{{text}}}"
+    scientific = _EXPONENT.fullmatch(text)
+    if scientific is None:
+        return text
+    mantissa, sign, exponent = scientific.groups()
+    return rf"{mantissa} \times 10^{{{sign.strip('+')}{exponent}}}"
+
+
+def event(on: On) -> str:
+    """An event type applied to arguments, in mathematics."""
+    return f"{name(on.event)}({', '.join(map(_argument, on.arguments))})"
+
+
+def _argument(argument: object) -> str:
+    match argument:
+        case Variable(word):
+            return name(word)
+        case Literal(value):
+            return constant(value)
+        case _:
+            return r"\_"
+
+
+def guard(condition: Guard) -> str:
+    """A guard in mathematics, as it is written: nothing is simplified or reordered."""
+    return guard_text(condition, _STYLE)
+
+
+_STYLE: Final = GuardStyle(
+    name,
+    constant,
+    {
+        Operator.EQ: "=",
+        Operator.NE: r"\neq",
+        Operator.LT: "<",
+        Operator.LE: r"\leq",
+        Operator.GT: ">",
+        Operator.GE: r"\geq",
+        Operator.ADD: "+",
+        Operator.SUB: "-",
+        Operator.MUL: r"\times",
+        Operator.DIV: "/",
+        Operator.NEGATE: "-",
+        Operator.NOT: r"\neg ",
+        Operator.AND: r"\wedge",
+        Operator.OR: r"\vee",
+    },
+    brackets=(r"\left(", r"\right)"),
+    fraction=r"\frac{{{}}}{{{}}}".format,
+    minus_level=SUM_LEVEL,
+    not_operand=SIGNED_LEVEL,
+)

@@ -1,0 +1,173 @@
+"""The automaton as people look at it: what the edges say is what the text means."""
+
+import re
+import shutil
+from html import unescape
+from itertools import product
+from random import Random
+from xml.dom import minidom
+
+import pytest
+
+from backends.automaton import AutomatonBackend
+from backends.automaton.diagram import joined
+from backends.automaton.labels import Cube
+from rvaft import NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
+from rvaft.backend import all_backends, backend
+from rvaft.drawing import picture
+from tests.cli.runs import PRUNED, TREES
+from tests.drawing.geometry import measured, overlaps
+from tests.drawing.trees import awkward
+
+needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
+EDGE = re.compile(r"^  (\w+) -> (\w+)(?: \[label=<(.*?)>(?:, .*)?\])?;$", re.MULTILINE)
+
+
+def drawn(text: str, semantics: str = "projected", limit: int | None = None) -> str:
+    return AutomatonBackend().diagram(loads(text), Semantics(semantics), limit=limit)
+
+
+def edges(dot: str) -> dict[tuple[str, str], list[str]]:
+    """For each edge the lines of its label, one per alternative."""
+    found = {}
+    for source, target, label in EDGE.findall(dot):
+        rows = re.findall(r"<td>(.*?)</td>", label)
+        found[source, target] = [" ".join(unescape(re.sub(r"<.*?>", " ", row)).split()) for row in rows]
+    return found
+
+
+def test_a_sequence() -> None:
+    dot = drawn("top sand a b;", "strict")
+    assert edges(dot) == {
+        ("start", "s0"): [],
+        ("s0", "s2"): ["a"],
+        ("s0", "s1"): ["else"],
+        ("s2", "s3"): ["b"],
+        ("s2", "s1"): ["else"],
+    }
+    assert "s3 [label=<⊤>, shape=doublecircle]" in dot
+    assert "s1 [label=<⊥>" in dot
+
+
+def test_events_and_guards_stand_for_propositions() -> None:
+    lines = [
+        line
+        for label in edges(AutomatonBackend().diagram(load(PRUNED), Semantics.PROJECTED)).values()
+        for line in label
+    ]
+    assert 'result(Waypoint, "success")' in lines
+    assert "goal(MBGoal) [NewWp != MBGoal]" in lines
+    assert any(line.startswith("radiation(Value, T1) [Value >= 250; not (") for line in lines)
+    assert not any("guard_" in line or "alive" in line for line in lines)
+
+
+@pytest.mark.parametrize("semantics", list(Semantics))
+@pytest.mark.parametrize(
+    "text",
+    [
+        "top 2of3 a b c;",
+        "top and a b c;",
+        "top sand v d; v 2of3 a b c;",
+        "top or x y; x sand a b; y sand_rl a c b;",
+    ],
+)
+def test_walking_the_edges_gives_the_verdicts(text: str, semantics: Semantics) -> None:
+    """All words of five letters, followed on the drawing, against the engine."""
+    tree = loads(text)
+    found = edges(drawn(text, semantics.value))
+    top = re.search(r"(s\d+) \[label=<⊤>", drawn(text, semantics.value))
+    bottom = re.search(r"(s\d+) \[label=<⊥>", drawn(text, semantics.value))
+    table = {(source, line): target for (source, target), label in found.items() for line in label}
+    letters = [name for name in tree.nodes if tree.nodes[name].leaf]
+    for word in product(letters, repeat=4):
+        state, watching = (
+            next(target for source, target in found if source == "start"),
+            monitor(tree, semantics=semantics),
+        )
+        for letter in word:
+            verdict = watching.step({"event": letter})
+            if state not in (top and top[1], bottom and bottom[1]):
+                state = table.get((state, letter)) or table.get((state, "else")) or table[state, "any event"]
+            said = (
+                Verdict.TRUE
+                if top and state == top[1]
+                else Verdict.FALSE
+                if bottom and state == bottom[1]
+                else Verdict.UNKNOWN
+            )
+            assert said is verdict
+
+
+def test_letters_that_share_events_say_so() -> None:
+    lines = {
+        line
+        for label in edges(
+            drawn("event x() = { x: 1 }; event y() = { y: 1 }; top and a b; a on x(); b on y();")
+        ).values()
+        for line in label
+    }
+    assert {"x(), not y()", "y(), not x()"} <= lines or "x(), y()" in lines
+
+
+def test_joining_keeps_the_letters() -> None:
+    random = Random("joined")
+    for _ in range(200):
+        those = [_cube(random) for _ in range(random.randint(1, 8))]
+        after = joined(those)
+        assert len(after) <= len(set(those))
+        for atoms, guards in product(range(8), repeat=2):
+            assert any(_holds(c, atoms, guards) for c in those) == any(_holds(c, atoms, guards) for c in after)
+    assert joined([Cube(1, 0, 1, 0), Cube(1, 0, 0, 1)]) == [Cube(1, 0)]
+
+
+def _cube(random: Random) -> Cube:
+    atoms, guards = random.randrange(8), random.randrange(8)
+    return Cube(atoms, random.randrange(8) & ~atoms, guards, random.randrange(8) & ~guards)
+
+
+def _holds(cube: Cube, atoms: int, guards: int) -> bool:
+    return not (cube.atoms & ~atoms or cube.no_atoms & atoms or cube.guards & ~guards or cube.no_guards & guards)
+
+
+def test_a_drawing_has_its_limit() -> None:
+    wide = f"top and {' '.join(f'a{n}' for n in range(9))};"
+    with pytest.raises(TooLarge, match=r"513 states are too many to draw \(limit 100\)"):
+        drawn(wide)
+    with pytest.raises(TooLarge, match=r"labels are too many to draw"):
+        drawn("top or " + " ".join(f"a{n}" for n in range(40)) + ";", "strict", limit=3)
+    huge = f"top and {' '.join(f'a{n}' for n in range(60))};"
+    with pytest.raises(TooLarge, match=r"states of the automaton, too many to draw \(limit 100\)"):
+        drawn(huge)
+    assert len(edges(drawn(wide, limit=600))) > 2000
+
+
+def test_other_languages_have_nothing_to_draw() -> None:
+    tree = loads("top sand a b;")
+    for name in all_backends():
+        if name != "automaton":
+            with pytest.raises(NotExpressible, match="no graphs"):
+                backend(name).diagram(tree, Semantics.STRICT)
+
+
+@needs_dot
+def test_no_name_leaves_its_place() -> None:
+    tree = awkward()
+    dot = AutomatonBackend().diagram(tree, Semantics.STRICT)
+    document = minidom.parseString(picture(dot, "svg"))
+    states = [g for g in document.getElementsByTagName("g") if g.getAttribute("class") == "node"]
+    assert len(states) == len(re.findall(r"^  s\d+ \[label", dot, re.MULTILINE))
+    assert not document.getElementsByTagName("b")
+    texts = [text.firstChild.nodeValue or "" for text in document.getElementsByTagName("text") if text.firstChild]
+    for name in ("<b>bold</b>", "кириллица", "</td></tr></table>", "日本語"):
+        assert any(name in text for text in texts)
+    assert all(text.isprintable() for text in texts)
+
+
+@needs_dot
+@pytest.mark.parametrize("tree", ["gates/vot", "gates/and", "remote_inspection/pruned", "pressure_tank/tank"])
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_nothing_overlaps(tree: str, semantics: Semantics) -> None:
+    dot = AutomatonBackend().diagram(load(TREES / f"{tree}.rvaft"), semantics)
+    found = measured(picture(dot, "svg"))
+    assert overlaps(found) == []
+    assert found.smallest >= 10

@@ -1,0 +1,94 @@
+"""Specifications as listings in LaTeX: nothing of a tree ends the listing early, and all else stands there as it is."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from backends.rml.words import RESERVED
+from rvaft import NotExpressible, load, loads, translate
+from rvaft.backend import all_backends, backend
+from rvaft.language import dumps
+from rvaft.listings import listing
+from rvaft.model import EventType, Gate, Node, On
+from rvaft.patterns import Literal, ObjectPattern
+from rvaft.tree import RVAFT
+from tests.cli.runs import PRUNED, failed, run
+from tests.tex import compiled, needs_tex
+
+ESCAPE = re.compile(r"\(\*@(.*?)@\*\)")
+END = r"\end{lstlisting}"
+WILD = st.lists(
+    st.sampled_from(
+        [END, r"\end", "{lstlisting}", "(*@", "@*)", "(", "*@", "\\", "é", "東", "\n", "\x00", "\u2028", "'"]
+    )
+    | st.text(max_size=3)
+).map("".join)
+
+
+def body(text: str) -> str:
+    """What stands in the only listing of a text."""
+    assert text.count(END) == 1
+    assert text.endswith(f"\n{END}\n")
+    start = text.index("\n", text.index(r"\begin{lstlisting}[")) + 1
+    return text[start : -len(END) - 2]
+
+
+@given(WILD)
+def test_no_text_ends_a_listing_or_escapes_from_it(text: str) -> None:
+    inside = body(listing(text, None))
+    plain = ESCAPE.sub("\t", inside)
+    assert "(*@" not in plain
+    assert re.fullmatch(r"[\n\t -~]*", plain)
+    assert all("\n" not in part for part in ESCAPE.findall(inside))
+    if text.isascii() and text.isprintable() and "end{" not in text and "(*@" not in text:
+        assert inside == text
+
+
+@pytest.mark.parametrize("name", ["rml", "rml-paper", "rml-prolog", "ltlf", "automaton"])
+def test_every_backend_is_listed(name: str) -> None:
+    pytest.importorskip("spot", reason="needs Spot (spottl)") if name in ("ltlf", "automaton") else None
+    found = run("emit", PRUNED, "--to", name, "--format", "latex")
+    assert (found.exit_code, found.stderr) == (0, "")
+    assert body(found.stdout) == run("emit", PRUNED, "--to", name).stdout.rstrip("\n")
+
+
+def test_rml_brings_the_definition_of_its_language() -> None:
+    text = run("emit", PRUNED, "--to", "rml", "--format", "latex").stdout
+    assert text.index(r"\lstdefinelanguage{RML}{") < text.index(r"\begin{lstlisting}[language=RML, ")
+    words = {word for found in re.findall(r"morekeywords=(?:\[2\])?\{(.*?)\}", text) for word in found.split(",")}
+    assert words == RESERVED
+
+
+def test_a_format_that_is_none_is_refused() -> None:
+    failed(run("emit", PRUNED, "--to", "rml", "--format", "tex"), "'tex' is not one of 'text', 'latex'")
+
+
+HARD = rf"größe {END} (*@ % $ & # _ ^ ~ \ 'quoted' @*) \begin{{x}}"
+
+
+def hard_tree() -> RVAFT:
+    """A tree whose strings and names are hard to print."""
+    event = EventType(HARD, (), ObjectPattern(((HARD, Literal(HARD)),)))
+    tree = RVAFT(HARD, [Node(HARD, Gate.SAND, ("a", "b")), Node("a", on=On(HARD, ())), Node("b")], [event])
+    return loads(dumps(tree))
+
+
+@pytest.mark.parametrize("name", sorted(all_backends()))
+def test_hard_strings_stay_inside(name: str) -> None:
+    pytest.importorskip("spot", reason="needs Spot (spottl)") if name in ("ltlf", "automaton") else None
+    try:
+        text = translate(hard_tree(), name).text
+    except NotExpressible:
+        pytest.skip(f"{name} cannot express it")
+    assert "gr(*@ö@*)(*@ß@*)e" in body(listing(text, backend(name).highlighting))
+
+
+@needs_tex
+def test_listings_compile(tmp_path: Path) -> None:
+    texts = [(translate(tree, "rml").text, "rml") for tree in (load(PRUNED), hard_tree())]
+    texts += [(translate(load(PRUNED), "rml-prolog").text, "rml-prolog")]
+    parts = [listing(text, backend(name).highlighting) for text, name in texts]
+    compiled("\n".join([*parts, listing(HARD, None)]), tmp_path, "listings", "textcomp")

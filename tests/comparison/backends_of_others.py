@@ -1,0 +1,58 @@
+"""Backends that misbehave, put in the place of the real ones."""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from typing import ClassVar
+
+import pytest
+
+from rvaft import backend as registry
+from rvaft.backend import Backend, Metrics, Specification
+from rvaft.comparison import measuring
+from rvaft.monitors import Monitor
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
+
+
+def endless() -> None:
+    while True:
+        time.sleep(1)
+
+
+def killed() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def broken() -> None:
+    raise ZeroDivisionError("a defect\nof somebody")
+
+
+class Odd(Backend):
+    """Does something else where it should translate, or where it should read."""
+
+    name: ClassVar[str] = "odd"
+    language: ClassVar[str] = "odd"
+    suffix: ClassVar[str] = ".odd"
+    default_limit: ClassVar[int] = 1
+
+    def __init__(self, *, translating: Callable[[], None] | None = None, reading: Callable[[], None] | None = None):
+        self.translating = translating
+        self.reading = reading
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:  # noqa: ARG002
+        if self.translating is not None:
+            self.translating()
+        return Specification("text", "odd", Metrics(symbols=7), self.read)
+
+    def read(self, text: str, *, atoms: object = None) -> Monitor:  # noqa: ARG002
+        assert self.reading is not None
+        self.reading()
+        raise AssertionError("it returned")
+
+
+def plant(monkeypatch: pytest.MonkeyPatch, odd: Odd) -> None:
+    """Let `odd` be measured; processes are forked, so they have it too. Nothing warms it up."""
+    real = registry.backend
+    monkeypatch.setattr(measuring, "backend", lambda name: odd if name == "odd" else real(name))

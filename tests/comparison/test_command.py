@@ -1,0 +1,190 @@
+"""`rvaft compare`."""
+
+import json
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Generator, Iterable
+from itertools import islice
+from pathlib import Path
+
+import pytest
+
+from rvaft.cli import compare
+from rvaft.comparison import Cell, Outcome, Row, Settings, measured
+from rvaft.comparison.table_file import COLUMNS, read_rows
+from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
+
+VOT = TREES / "gates" / "vot.rvaft"
+RML = ("--languages", "rml")
+
+
+def kept(path: Path) -> list[Row]:
+    return list(read_rows(path.read_text(encoding="utf-8"), str(path)))
+
+
+def test_a_table_for_people() -> None:
+    result = run("compare", "--gates", "and,vot", "--max-arity", 2, "--semantics", "strict,scattered", *RML)
+    assert result.exit_code == 0, result.stderr
+    heading, *lines, last = result.stdout.splitlines()
+    assert heading.split() == [
+        *("TREE", "SEMANTICS", "LANGUAGE", "SYMBOLS", "SUBFORMULAS", "STATES", "EDGES", "MS"),
+        *("EVENTS/S", "AGAIN/S", "RESULT"),
+    ]
+    names = [(*line.split("  ")[0].split(), line.split()[2]) for line in lines]
+    assert names == [
+        (gate, size, semantics)
+        for gate, size in (("and", "1"), ("and", "2"), ("vot", "1/1"), ("vot", "1/2"), ("vot", "2/2"))
+        for semantics in ("strict", "scattered")
+    ]
+    assert last == "10 measurements: 10 ok"
+
+
+def test_trees_of_the_user_alone_or_with_gates(tmp_path: Path) -> None:
+    table = tmp_path / "x.csv"
+    assert run("compare", VOT, PRUNED, VOT, "--languages", "rml,rml-paper", "--csv", table).exit_code == 0
+    assert [row.tree for row in kept(table)] == [str(VOT)] * 2 + [str(PRUNED)] * 2
+    assert {(row.gate, row.children) for row in kept(table)} == {(None, None)}
+    assert [bool(row.differing) for row in kept(table)] == [False, False, False, True]
+    assert run("compare", VOT, "--gates", "or", "--max-arity", 1, *RML, "--csv", table).exit_code == 0
+    assert [row.tree for row in kept(table)] == [str(VOT), "or 1"]
+
+
+def test_the_text_says_which_traces_go_wrong() -> None:
+    assert "of 33 traces get other verdicts" not in run("compare", PRUNED, *RML).stdout
+    assert "traces get other verdicts" in run("compare", PRUNED, "--languages", "rml-paper").stdout
+
+
+def test_the_three_words() -> None:
+    result = run("compare", "--gates", "and", "--max-arity", 1, "--semantics", "scattered", "--languages", "rml-paper")
+    assert "not expressible: the paper does not say how\n" in result.stdout
+    result = run("compare", "--gates", "and", "--max-arity", 4, "--limit", 9, "--languages", "automaton")
+    assert "too large: " in result.stdout
+    assert "(limit 9)" in result.stdout
+    result = run("compare", "--gates", "and", "--max-arity", 1, "--timeout", 1e-6, *RML)
+    assert "timeout: not within 1e-06 s" in result.stdout
+    assert result.exit_code == 0
+
+
+def test_csv_to_standard_output_is_all_there_is() -> None:
+    result = run("compare", "--gates", "or", "--max-arity", 1, *RML, "--csv", "-")
+    assert result.stdout.splitlines()[0] == ",".join(COLUMNS)
+    assert len(result.stdout.splitlines()) == 2
+
+
+# -- interrupted runs -------------------------------------------------------------------------------------------------
+
+
+def stopping(after: int) -> object:
+    def some(cells: Iterable[Cell], settings: Settings, *, jobs: int = 1) -> Generator[tuple[Cell, Row], None, None]:
+        yield from islice(measured(list(cells), settings, jobs=jobs), after)
+        raise KeyboardInterrupt
+
+    return some
+
+
+def test_an_interrupted_run_keeps_what_it_has_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = tmp_path / "x.csv"
+    words = ("compare", "--gates", "and,or", "--max-arity", 3, *RML, "--csv", table)
+    with monkeypatch.context() as patch:
+        patch.setattr(compare, "measured", stopping(2))
+        result = run(*words)
+    assert result.exit_code == 130
+    assert result.stderr == "interrupted after 2 of 6 measurements; go on with --resume\n"
+    assert result.stdout.splitlines()[-1] == "2 measurements: 2 ok"
+    before = kept(table)
+    assert [row.tree for row in before] == ["and 1", "and 2"]
+    with table.open("a") as file:
+        file.write("and 3,and,3")  # as a kill in the middle of a line leaves it
+    result = run(*words, "--resume")
+    assert result.exit_code == 0
+    after = kept(table)
+    assert after[:2] == before  # times and all: they were not measured again
+    assert [row.tree for row in after] == ["and 1", "and 2", "and 3", "or 1", "or 2", "or 3"]
+    assert result.stdout.splitlines()[-1] == "6 measurements: 6 ok"
+
+
+def test_resuming_measures_again_what_was_late_or_has_changed(tmp_path: Path) -> None:
+    table, tree = tmp_path / "x.csv", tmp_path / "t.rvaft"
+    shutil.copy(VOT, tree)
+    words = ("compare", tree, "--gates", "or", "--max-arity", 1, *RML, "--csv", table)
+    assert run(*words, "--timeout", 1e-6).exit_code == 0
+    assert [row.result for row in kept(table)] == [Outcome.TIMEOUT] * 2
+    assert run(*words, "--timeout", 1e-6, "--resume").exit_code == 0
+    assert [row.result for row in kept(table)] == [Outcome.TIMEOUT] * 2
+    assert run(*words, "--resume").exit_code == 0
+    first = kept(table)
+    assert [row.result for row in first] == [Outcome.OK] * 2
+    tree.write_text("top and a b;")
+    assert run(*words, "--resume").exit_code == 0
+    changed, same, old = kept(table)
+    assert (same, old) == (first[1], first[0])
+    assert changed.digest != old.digest
+
+
+def test_rows_that_are_not_asked_for_stay(tmp_path: Path) -> None:
+    table = tmp_path / "x.csv"
+    assert run("compare", "--gates", "or", "--max-arity", 2, *RML, "--csv", table).exit_code == 0
+    result = run("compare", "--gates", "and", "--max-arity", 1, *RML, "--csv", table, "--resume")
+    assert result.stdout.splitlines()[-1] == "1 measurement: 1 ok"
+    assert [row.tree for row in kept(table)] == ["and 1", "or 1", "or 2"]
+
+
+def test_ctrl_c(tmp_path: Path) -> None:
+    table = tmp_path / "x.csv"
+    words = ["compare", "--gates", "vot", "--languages", "rml-paper", "--csv", str(table)]
+    with subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        deadline = time.monotonic() + 30
+        while time.monotonic() < deadline and (not table.exists() or table.read_text().count("\n") < 3):
+            time.sleep(0.05)
+        running.send_signal(signal.SIGINT)
+        out, err = running.communicate(timeout=30)
+    assert running.returncode == 130, err
+    assert err.startswith("interrupted after ")
+    assert err.count("\n") == 1
+    assert len(kept(table)) == len(out.splitlines()) - 2 >= 2
+
+
+# -- files ------------------------------------------------------------------------------------------------------------
+
+
+def test_latex_and_plots(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    folder, table = tmp_path / "a" / "b", tmp_path / "x.tex"
+    words = ("--latex", table, "--plots", folder, "--width", "column")
+    assert run("compare", VOT, "--gates", "and", "--max-arity", 2, *RML, *words).exit_code == 0
+    assert r"\end{longtable}" in table.read_text()
+    assert {path.name for path in folder.iterdir()} >= {"gates-symbols-projected.pdf", "trees-symbols.png"}
+
+
+def test_wrong_input(tmp_path: Path) -> None:
+    failed(run("compare", "--gates", "xand"), "unknown gate xand", "did you mean and?")
+    failed(run("compare", "--gates", "tomato"), "unknown gate tomato; known: or, and, sand, sand_rl, vot")
+    failed(run("compare", "--languages", "hoa"), "unknown backend hoa", "did you mean automaton?")
+    failed(run("compare", "--semantics", "loose"), "'loose' is not `all` or some of strict, projected, scattered")
+    failed(run("compare", "--gates", ","), "nothing to compare")
+    failed(run("compare", VOT, "--languages", ","), "nothing to compare")
+    failed(run("compare", "--max-arity", 0), "--max-arity")
+    failed(run("compare", "--timeout", "nan"), "nan is no time")
+    failed(run("compare", "--resume"), "--csv")
+    failed(run("compare", "--resume", "--csv", "-"), "--csv")
+    failed(run("compare", "--csv", "x", "--latex", "x"), "two reports go to one file")
+    failed(run("compare", tmp_path / "none.rvaft"), "none.rvaft")
+    failed(run("compare", VOT, "--csv", tmp_path / "none" / "x.csv"), "cannot write")
+    failed(run("compare", VOT, "--latex", tmp_path / "none" / "x.tex"), "cannot write")
+    (tmp_path / "file").touch()
+    failed(run("compare", VOT, "--plots", tmp_path / "file"), "file")
+    (tmp_path / "x.json").write_text(json.dumps({"no": "comparison"}) + "\n")
+    result = run("compare", VOT, "--csv", tmp_path / "x.json", "--resume")
+    failed(result, "x.json:1:1: no comparison of languages")
+    assert (tmp_path / "x.json").read_text() == '{"no": "comparison"}\n'
+
+
+def test_a_tree_that_cannot_be_read_does_not_stop_the_others(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.rvaft"
+    bad.write_text("top nand a b;")
+    result = run("compare", bad, VOT, *RML)
+    assert result.exit_code == 2
+    assert "bad.rvaft:1:" in result.stderr
+    assert result.stdout.splitlines()[-1] == "1 measurement: 1 ok"

@@ -1,0 +1,64 @@
+"""The comparison in papers/languages: what is committed there, and that it can be made anew."""
+
+from pathlib import Path
+
+import pytest
+
+from papers.languages.__main__ import FOLDER, main
+from papers.languages.findings import FINDINGS, missed
+from papers.languages.note import note, short
+from rvaft.comparison import Outcome, Row
+from rvaft.comparison.latex import latex_text
+from rvaft.comparison.table_file import read_rows
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Row]:
+    return list(read_rows((FOLDER / "languages.csv").read_text(encoding="utf-8")))
+
+
+def test_all_was_measured(rows: list[Row]) -> None:
+    assert len(rows) == (4 * 12 + 78) * 3 * 4
+    assert {row.children for row in rows} == set(range(1, 13))
+    assert not any(row.result is not None and row.result.broken for row in rows)
+    assert not any(row.run is not None and row.run.broken for row in rows)
+
+
+def test_every_finding_holds(rows: list[Row]) -> None:
+    assert missed(rows) == []
+    assert len(FINDINGS) > 10
+
+
+def test_a_finding_that_does_not_hold_is_told(rows: list[Row]) -> None:
+    few = [row for row in rows if row.result is Outcome.TOO_LARGE]
+    assert len(missed(few)) > 10
+
+
+def test_the_pages_are_those_of_the_measurements(rows: list[Row]) -> None:
+    assert (FOLDER / "README.md").read_text(encoding="utf-8") == note(rows)
+    assert (FOLDER / "short.tex").read_text(encoding="utf-8") == latex_text(short(rows))
+    assert (FOLDER / "languages.tex").read_text(encoding="utf-8") == latex_text(rows)
+
+
+@pytest.mark.spot
+def test_a_small_one(tmp_path: Path, rows: list[Row], capsys: pytest.CaptureFixture[str]) -> None:
+    """The sizes are those that are committed; a finding about larger gates has nothing to stand on here."""
+    pytest.importorskip("spot")
+    assert main(["--out", str(tmp_path), "--max-arity", "2", "--texts"]) == 1
+    said = capsys.readouterr()
+    assert said.out == "132 measurements: 121 ok, 11 not expressible\n"
+    assert all(line.startswith("papers.languages: not confirmed: ") for line in said.err.splitlines())
+    assert any("from eight children up" in line for line in said.err.splitlines())
+    committed = {_cell(row): _sizes(row) for row in rows}
+    fresh = list(read_rows((tmp_path / "languages.csv").read_text(encoding="utf-8")))
+    assert {_cell(row): _sizes(row) for row in fresh} == {_cell(row): committed[_cell(row)] for row in fresh}
+    assert {path.name for path in tmp_path.iterdir()} == {"README.md", "languages.csv", "languages.tex", "short.tex"}
+
+
+def _cell(row: Row) -> tuple[object, ...]:
+    return (row.tree, row.digest, row.semantics, row.language)
+
+
+def _sizes(row: Row) -> tuple[object, ...]:
+    sizes = (row.symbols, row.subformulas, row.states, row.edges, row.characters)
+    return (row.result, row.reason, *sizes, row.run, row.events, row.walks, row.differing)

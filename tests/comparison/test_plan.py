@@ -1,0 +1,56 @@
+"""What is compared."""
+
+from collections import Counter
+
+import pytest
+
+from rvaft.comparison import cells_of, default_languages, gate_subjects
+from rvaft.comparison.plan import gate_subject
+from rvaft.errors import OptionError
+from rvaft.model import Gate
+from rvaft.rules import require_valid
+from rvaft.verdict import Semantics
+
+
+def test_every_gate_with_every_number_of_children_and_every_threshold() -> None:
+    subjects = list(gate_subjects(max_arity=12))
+    counts = Counter(subject.gate for subject in subjects)
+    assert counts == {gate: 78 if gate is Gate.VOT else 12 for gate in Gate}
+    votes = [(subject.threshold, subject.children) for subject in subjects if subject.gate is Gate.VOT]
+    assert votes == [(k, n) for n in range(1, 13) for k in range(1, n + 1)]
+    assert len({subject.name for subject in subjects}) == len({subject.digest for subject in subjects}) == len(subjects)
+    for subject in subjects:
+        require_valid(subject.tree)
+
+
+def test_names() -> None:
+    assert gate_subject(Gate.AND, 3).name == "and 3"
+    assert gate_subject(Gate.VOT, 3, 2).name == "vot 2/3"
+
+
+def test_cells_are_in_order() -> None:
+    cells = cells_of(gate_subjects([Gate.AND], 2), iter(Semantics), iter(["rml", "ltlf"]))
+    assert [(cell.subject.name, cell.semantics, cell.language) for cell in cells] == [
+        (name, semantics, language)
+        for name in ("and 1", "and 2")
+        for semantics in Semantics
+        for language in ("rml", "ltlf")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("subjects", "semantics", "languages"),
+    [
+        ([], [Semantics.STRICT], ["rml"]),
+        ([gate_subject(Gate.OR, 1)], [], ["rml"]),
+        ([gate_subject(Gate.OR, 1)], [Semantics.STRICT], []),
+    ],
+)
+def test_a_comparison_of_nothing_is_refused(subjects: list, semantics: list, languages: list) -> None:  # type: ignore[type-arg]
+    with pytest.raises(OptionError, match="nothing to compare"):
+        cells_of(subjects, semantics, languages)
+
+
+def test_the_languages_of_a_comparison() -> None:
+    """All but the second form of another one; the one that is not faithful is beside the others."""
+    assert default_languages() == ("automaton", "ltlf", "rml", "rml-paper")

@@ -1,0 +1,215 @@
+"""The property of a branch and of a tree, in text, in Unicode and in LaTeX."""
+
+from pathlib import Path
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rvaft import TooLarge, latex
+from rvaft.branches import Branch, branch, branches
+from rvaft.guards import Operation, Operator
+from rvaft.language import load, loads, parse_guard
+from rvaft.language.expressions import guard_text
+from rvaft.model import Argument, EventType, Gate, Node, On
+from rvaft.notations import guard_unicode
+from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.properties import (
+    align_latex,
+    equation_latex,
+    property_latex,
+    property_sign,
+    property_text,
+    property_unicode,
+)
+from rvaft.random_trees import random_tree
+from rvaft.restrict import restrict
+from rvaft.tree import RVAFT
+from tests.cli.runs import PRUNED, TREES
+from tests.tex import compiled, needs_tex, unsound
+
+SHIPPED = sorted(path for path in TREES.rglob("*.rvaft") if path.stem != "listing")
+"""But for the one that is refused, as its paper prints it."""
+EVENTS = "event p(x) = { x: x }; event q_1(x, y) = { x: x, y: y };"
+A, B, C = (rf"\mathit{{{letter}}}" for letter in "abc")
+
+FORMULAS = [
+    # tree, text, Unicode, LaTeX
+    ("t sand a b c;", "a ; b ; c", "a · b · c", rf"{A} \cdot {B} \cdot {C}"),
+    ("t sand_rl a b c;", "c ; b ; a", "c · b · a", rf"{C} \cdot {B} \cdot {A}"),
+    ("t and a b;", "(a & b)", "a ∧ b", rf"{A} \wedge {B}"),
+    ("t or a b;", "(a | b)", "a ∨ b", rf"{A} \vee {B}"),
+    ("t 2of3 a b c;", "at least 2 of (a, b, c)", "VOT 2/3(a, b, c)", rf"\mathrm{{VOT}}_{{2/3}}({A}, {B}, {C})"),
+    ("t and g c; g or a b;", "((a | b) & c)", "(a ∨ b) ∧ c", rf"({A} \vee {B}) \wedge {C}"),
+    ("t and g c; g and a b;", "(a & b & c)", "a ∧ b ∧ c", rf"{A} \wedge {B} \wedge {C}"),
+    ("t or g; g and a;", "a", "a", A),
+    (
+        "t and ev1 ev02; ev1 on p(T12);",
+        "(p(T12) & ev02)",
+        "p(T₁₂) ∧ ev₀₂",
+        r"\mathit{p}(\mathit{T}_{12}) \wedge \mathit{ev}_{02}",
+    ),
+    (
+        't and ev1; ev1 on q_1(_, "a\\"b");',
+        'q_1(_, "a\\"b")',
+        'q_1(_, "a\\"b")',
+        r"\mathit{q\_1}(\_, \text{``a{\char34}b''})",
+    ),
+    (
+        "t and a; a on p(X) when X >= 250;",
+        "p(X) ; [X >= 250]",
+        "p(X) · [X ≥ 250]",
+        r"\mathit{p}(\mathit{X}) \cdot [\mathit{X} \geq 250]",
+    ),
+    ("causality bottom_up; t and a b; a and c on p(1);", "((c ; p(1)) & b)", "(c · p(1)) ∧ b", None),
+    ('t and "50% $_x" "é";', '("50% $_x" & "é")', '"50% $_x" ∧ "é"', r"\textit{50\% \$\_x} \wedge \textit{é}"),
+    # What the alternatives share, because they are of the same nodes, stands once.
+    ("t or g h; g sand a s; h sand b s; s sand c d;", "(a | b) ; c ; d", "(a ∨ b) · c · d", None),
+    ("t or g h; g sand s a; h sand s b;", "s ; (a | b)", "s · (a ∨ b)", rf"\mathit{{s}} \cdot ({A} \vee {B})"),
+    ("t or g h; g sand s a e; h sand s b e;", "s ; (a | b) ; e", "s · (a ∨ b) · e", None),
+    ("t or g s; g sand s a;", "((s ; a) | s)", "(s · a) ∨ s", None),
+    ("t or g h; g or s; h or s;", "(s | s)", "s ∨ s", None),
+    ("t sand g e; g or h i; h sand a s; i sand b s;", "(a | b) ; s ; e", "(a ∨ b) · s · e", None),
+]
+
+GUARDS = [
+    ("T2 >= T1 + 10", "T₂ ≥ T₁ + 10", r"\mathit{T}_{2} \geq \mathit{T}_{1} + 10"),
+    ('NewWp != "exit_1"', 'NewWp ≠ "exit_1"', r"\mathit{NewWp} \neq \text{``exit\_1''}"),
+    ("B and (A or not C)", "B ∧ (A ∨ ¬C)", r"\mathit{B} \wedge \left(\mathit{A} \vee \neg \mathit{C}\right)"),
+    ("not (X == 1)", "¬(X = 1)", r"\neg \left(\mathit{X} = 1\right)"),
+    ("(X < 3) == true", "(X < 3) = true", r"\left(\mathit{X} < 3\right) = \mathrm{true}"),
+    ("X - (Y - 2) / 4 > -1", "X − (Y − 2) / 4 > −1", r"\mathit{X} - \frac{\mathit{Y} - 2}{4} > -1"),
+    (
+        "X - -1 > -Y * Z",
+        "X − (−1) > (−Y) × Z",
+        r"\mathit{X} - \left(-1\right) > \left(-\mathit{Y}\right) \times \mathit{Z}",
+    ),
+    ("X / Y / 2 < 1e-07", "X / Y / 2 < 1e-07", r"\frac{\frac{\mathit{X}}{\mathit{Y}}}{2} < 1 \times 10^{-7}"),
+    ("Gamma == null", "Gamma = null", r"\mathit{Gamma} = \mathrm{null}"),
+    ("X == 2.5e+300", "X = 2.5e+300", r"\mathit{X} = 2.5 \times 10^{300}"),
+    ("X == 0.30000000000000004", "X = 0.30000000000000004", r"\mathit{X} = 0.30000000000000004"),
+]
+
+
+@pytest.mark.parametrize(("tree", "text", "pretty", "tex"), FORMULAS)
+def test_table_of_formulas(tree: str, text: str, pretty: str, tex: str | None) -> None:
+    loaded = loads(EVENTS + " toplevel t; " + tree)
+    assert property_text(loaded) == text
+    assert property_unicode(loaded) == pretty
+    assert unsound(property_latex(loaded)) is None
+    if tex is not None:
+        assert property_latex(loaded) == tex
+
+
+@pytest.mark.parametrize(("text", "pretty", "tex"), GUARDS)
+def test_table_of_guards(text: str, pretty: str, tex: str) -> None:
+    guard = parse_guard(text)
+    assert (guard_unicode(guard), latex.guard(guard)) == (pretty, tex)
+    assert parse_guard(guard_text(guard)) == guard
+
+
+def test_the_formulas_of_the_paper() -> None:
+    """Section 4.2, with a sign of its own for one after the other."""
+    tree = load(PRUNED)
+    radiation = 'inspect(Waypoint) · radiation(Value, T₁) · [Value ≥ 250] · move(NewWp, T₂) · [NewWp ≠ "entrance"]'
+    moving, at = "move(Waypoint, _)", 'result(Waypoint, "success")'
+    late, attacked = "[T₂ ≥ T₁ + 10]", "goal(MBGoal) · [NewWp ≠ MBGoal]"
+    assert [property_unicode(each) for each in tree.branches()] == [
+        f"{moving} · {radiation} · {late}",
+        f"{at} · {radiation} · {late}",
+        f"{moving} · {radiation} · {attacked}",
+        f"{at} · {radiation} · {attacked}",
+    ]
+    assert property_unicode(tree) == f"({moving} ∨ {at}) · {radiation} · ({late} ∨ ({attacked}))"
+
+
+def test_a_property_has_the_sign_of_its_part() -> None:
+    tree = load(PRUNED)
+    parts: list[RVAFT | Branch] = [
+        tree,
+        branch(tree, 3),
+        restrict(tree, branch=3),
+        restrict(tree, kind=next(iter(branch(tree, 1).kinds))),
+    ]
+    assert [property_sign(part) for part in parts] == ["φ", "φ₃", "φ₃", "φ(fault)"]
+    signs = [equation_latex(part).partition(" &= ")[0] for part in parts]
+    assert signs == [r"\varphi", r"\varphi_{3}", r"\varphi_{3}", r"\varphi_{\mathrm{fault}}"]
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+@pytest.mark.parametrize("width", [1, 40, 72, None])
+def test_rows_of_the_shipped_trees(path: Path, width: int | None) -> None:
+    tree = load(path)
+    parts: list[RVAFT | Branch] = [tree, *branches(tree)]
+    for part in parts:
+        assert unsound(equation_latex(part, width=width), allowed="&") is None
+        broken = property_latex(part, width=width)
+        assert broken.replace("\\\\\n  &\\quad ", "") == property_latex(part)
+        if width == 40:  # a row is longer only where it could not be broken
+            rows = broken.split(" \\\\\n")
+            assert len(rows) >= len(property_unicode(part)) // 60
+
+
+def test_shared_nodes_multiply_and_there_is_a_limit() -> None:
+    text = "toplevel g0; " + "".join(f"g{n} and a{n} g{n + 1} h{n}; h{n} and g{n + 1} b{n};" for n in range(40))
+    tree = loads(text)
+    for written in (property_text, property_unicode, property_latex):
+        with pytest.raises(TooLarge, match="limit 100000"):
+            written(tree)
+    with pytest.raises(TooLarge):
+        property_latex(tree, width=50, limit=10)
+
+
+WILD = st.text(st.characters(exclude_categories=["Cs"]) | st.sampled_from("\\%$#&_{}~^\"'`<>|-\n\t @*()[]"), min_size=1)
+
+
+@st.composite
+def wild_trees(draw: st.DrawFn) -> RVAFT:
+    """A random tree in which names and strings are any text."""
+    tree = random_tree(Random(draw(st.integers(0, 2**16))))
+    names = draw(st.lists(WILD, min_size=len(tree.nodes), max_size=len(tree.nodes), unique=True))
+    new = dict(zip(tree.nodes, names, strict=True))
+    event = EventType(draw(WILD), ("p", "q"), ObjectPattern((("k", Variable("p")), ("l", Variable("q")))))
+    arguments: tuple[Argument, ...] = (Literal(draw(WILD)), Anything())
+    guard = Operation(Operator.NE, (Literal(draw(WILD)), Literal(-1)))
+    nodes = []
+    for node in tree.nodes.values():
+        leaf = node.gate is None
+        on = On(event.name, arguments) if leaf and draw(st.booleans()) else None
+        children = tuple(new[child] for child in node.children)
+        threshold = node.threshold if node.gate is Gate.VOT else None
+        when = guard if draw(st.booleans()) else None
+        nodes.append(Node(new[node.name], node.gate, children, threshold, on, when))
+    return RVAFT(new[tree.root], nodes, [event], causality=tree.causality)
+
+
+@given(wild_trees(), st.integers(1, 100))
+def test_no_text_keeps_a_meaning_in_latex(tree: RVAFT, width: int) -> None:
+    for part in (tree, branch(tree, 1)):
+        assert unsound(property_latex(part)) is None
+        assert unsound("\n".join(align_latex([part], width=width)), allowed="&") is None
+        assert "\n" not in property_unicode(part)
+
+
+@given(WILD)
+def test_escaped_text_is_one_sound_line(text: str) -> None:
+    assert unsound(latex.escaped(text)) is None
+    assert unsound(latex.name(text)) is None
+    assert "\n" not in latex.escaped(text)
+
+
+@given(st.text("aB_01", min_size=1).filter(str.isidentifier), st.text("aB_01", min_size=1).filter(str.isidentifier))
+def test_different_names_look_different(one: str, other: str) -> None:
+    assert (latex.name(one) == latex.name(other)) == (one == other)
+
+
+@needs_tex
+def test_formulas_compile(tmp_path: Path) -> None:
+    odd = "".join(f't{n} and "{name}";' for n, name in enumerate(("a_%$\\\\{}^~#&<>|'`--", "x  y", "é", "[")))
+    trees = [load(PRUNED), loads(EVENTS + "toplevel t; t sand t0 t1 t2 t3;" + odd)]
+    trees += [loads(f"{EVENTS} toplevel t; {row[0]}") for row in FORMULAS]
+    conditions = [Node(f"g{number}", when=parse_guard(row[0])) for number, row in enumerate(GUARDS)]
+    trees.append(RVAFT("t", [Node("t", Gate.AND, tuple(node.name for node in conditions)), *conditions]))
+    rows = align_latex([*trees[0].branches(), *trees])
+    compiled("\n".join(rows), tmp_path, "amsmath", "textcomp")

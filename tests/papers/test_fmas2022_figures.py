@@ -1,0 +1,100 @@
+"""Figures 4a and 4b: what stands in them, and that a print of them is not blank and can be read."""
+
+import re
+import shutil
+import zlib
+from xml.dom import minidom
+
+import pytest
+
+import rvaft
+from papers.fmas2022.figures import FIGURES, figures
+from papers.fmas2022.making import PRINTED, TREES
+from rvaft.drawing import Format, draw
+from rvaft.errors import ToolMissing
+
+pytestmark = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
+
+POINTS_PER_CM = 72 / 2.54
+SMALLEST = 7.0
+"""Points of the smallest text in print."""
+
+
+@pytest.fixture(scope="module")
+def files() -> dict[str, bytes]:
+    return dict(figures(TREES))
+
+
+def svg(name: str) -> minidom.Document:
+    file, look = FIGURES[name]
+    return minidom.parseString(draw(rvaft.load(TREES / file), Format.SVG, look))
+
+
+def words(name: str) -> str:
+    nodes = svg(name).getElementsByTagName("text")
+    return " ".join(text.firstChild.nodeValue or "" for text in nodes if text.firstChild)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_label_is_there(name: str) -> None:
+    shown = words(name)
+    tree = rvaft.load(TREES / FIGURES[name][0])
+    for node in tree.top_down():
+        assert node.label is None or node.label in shown
+        assert (node.label is not None) or node.name in shown
+
+
+def test_the_events_of_the_pruned_tree_are_named_and_those_of_the_whole_are_not() -> None:
+    assert {f"ev{n}" for n in range(1, 11)} <= set(words("figure4b").split())
+    assert "new_message" not in words("figure4a")
+
+
+def test_gates_are_as_in_the_paper() -> None:
+    assert [words("figure4a").count(gate) for gate in ("OR", "AND", "SAND", "VOT 2/3")] == [2, 6, 2, 1]
+    assert [words("figure4b").count(gate) for gate in ("OR", "AND", "SAND", "VOT")] == [2, 5, 2, 0]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_png_is_not_blank(files: dict[str, bytes], name: str) -> None:
+    image = pytest.importorskip("PIL.Image")
+    from io import BytesIO
+
+    picture = image.open(BytesIO(files[f"{name}.png"])).convert("L")
+    dark = sum(picture.histogram()[:128]) / (picture.width * picture.height)
+    assert 0.01 < dark < 0.3
+    assert min(picture.size) > 500
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_pdf_is_one_page_with_strokes_and_text(files: dict[str, bytes], name: str) -> None:
+    data = files[f"{name}.pdf"]
+    assert data.startswith(b"%PDF")
+    assert len(data) > 8_000
+    assert len(re.findall(rb"/Type\s*/Page\b", data)) == 1
+    streams = [_inflated(found[1]) for found in re.finditer(rb"stream\r?\n(.*?)endstream", data, re.DOTALL)]
+    page = max(streams, key=lambda stream: stream.count(b"Tj") + stream.count(b"TJ"))
+    assert page.count(b"TJ") + page.count(b"Tj") > 20
+    assert len(re.findall(rb"\bS\b", page)) > 20
+
+
+def _inflated(stream: bytes) -> bytes:
+    try:
+        return zlib.decompressobj().decompress(stream)
+    except zlib.error:
+        return b""
+
+
+@pytest.mark.parametrize(("name", "width"), [(name, width) for name, width, _ in PRINTED if name in FIGURES])
+def test_text_can_be_read_at_the_width_of_the_document(name: str, width: float) -> None:
+    drawn = svg(name).documentElement
+    assert drawn is not None
+    natural = float(drawn.getAttribute("width").removesuffix("pt"))
+    scale = min(width * POINTS_PER_CM / natural, 1.0)
+    sizes = {float(text.getAttribute("font-size")) for text in drawn.getElementsByTagName("text")}
+    assert min(sizes) * scale >= SMALLEST
+
+
+def test_without_graphviz_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ToolMissing, match="install Graphviz"):
+        list(figures(TREES))

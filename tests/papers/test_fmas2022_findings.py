@@ -1,0 +1,212 @@
+"""`findings.md` and the command that makes everything: what is run, what cannot be, what no longer holds."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from papers.fmas2022 import findings as page
+from papers.fmas2022 import making
+from papers.fmas2022.__main__ import main
+from papers.fmas2022.findings import findings
+from papers.fmas2022.found import FINDINGS, Finding, Step
+from papers.fmas2022.overhead import Overhead
+from papers.fmas2022.shell import ROOT, Need, run
+from rvaft.errors import ToolFailed, ToolMissing
+from tests.backends.rml.published.runner import needs_published
+
+EXPECTED = Path(making.__file__).parent / "expected" / "findings.md"
+NOWHERE = Need("set NOWHERE to a place", variable="RVAFT_NOWHERE", inside="file")
+NO_PROGRAM = Need("install no-such-program", program="no-such-program")
+
+
+def finding(*steps: Step) -> Finding:
+    return Finding("a title", "A text.", steps)
+
+
+def body(*steps: Step) -> str:
+    return findings([finding(*steps)]).text.partition("A text.\n\n")[2]
+
+
+def test_commands_run_in_the_project_and_share_a_folder() -> None:
+    written = Step("ls README.md > $OUT/here; echo $OUT")
+    assert body(Step("ls README.md > $OUT/here"), Step("cat $OUT/here", "README.md"), Step("echo $OUT", "$OUT")) == (
+        "```sh\n$ ls README.md > $OUT/here\n$ cat $OUT/here\nREADME.md\n$ echo $OUT\n$OUT\n```\n"
+    )
+    assert findings([finding(written)]).unconfirmed == ("a title",)
+
+
+def test_the_exit_status_is_shown_where_it_is_not_0_and_errors_are_output() -> None:
+    assert "$ echo no >&2; exit 3\nno\n(exit status 3)\n" in body(Step("echo no >&2; exit 3", "no"))
+
+
+def test_paths_of_the_machine_are_not_shown() -> None:
+    assert body(Step(f"echo {ROOT}/trees", "trees")) == f"```sh\n$ echo {ROOT}/trees\ntrees\n```\n"
+
+
+@pytest.mark.parametrize(("command", "shows"), [("echo yes", "no"), ("echo yes", ""), ("exit 1", "")])
+def test_a_finding_that_its_commands_do_not_show_is_not_confirmed(command: str, shows: str) -> None:
+    made = findings([finding(Step(command, shows))])
+    assert made.unconfirmed == ("a title",)
+    assert "## 1. a title\n\n**Not confirmed**" in made.text
+
+
+def test_what_lacks_a_tool_is_not_run_and_says_what_to_do() -> None:
+    made = findings(
+        [
+            finding(
+                Step("echo here", "here"),
+                Step("echo one", "x", (NO_PROGRAM,), before="Then:"),
+                Step("echo two", "y", (NO_PROGRAM,)),
+                Step("echo three", "z", (NO_PROGRAM, NOWHERE)),
+            )
+        ]
+    )
+    assert made.unconfirmed == ()
+    assert made.text.endswith(
+        "```sh\n$ echo here\nhere\n```\n\nThen:\n\n```sh\n$ echo one\n$ echo two\nnot run: install no-such-program\n"
+        "$ echo three\nnot run: install no-such-program, and set NOWHERE to a place\n```\n"
+    )
+
+
+def test_a_variable_that_names_no_such_place_counts_as_absent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("RVAFT_NOWHERE", str(tmp_path))
+    assert NOWHERE.missing
+    (tmp_path / "file").touch()
+    assert not NOWHERE.missing
+
+
+def test_a_command_that_does_not_end_is_given_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("papers.fmas2022.shell.TIMEOUT", 0.2)
+    with pytest.raises(ToolFailed, match=r"no end within 0\.2 s: sleep 20"):
+        run("sleep 20", tmp_path)
+
+
+def test_the_findings_are_those_that_are_promised() -> None:
+    titles = " / ".join(one.title for one in FINDINGS)
+    for word in (
+        "NewWp",
+        "rejects the Listing",
+        "⊥ for φ too early",
+        "lack an event",
+        "φ₁ ∨ φ₃",
+        "compound",
+        "exactly K",
+        "1.0",
+    ):
+        assert word in titles
+
+
+# -- the real ones ---------------------------------------------------------------------------------------------------
+
+
+def sections(text: str) -> Iterator[str]:
+    return (f"## {part}" for part in text.split("\n## ")[1:])
+
+
+@pytest.mark.parametrize("number", [4, 5])
+def test_a_quick_one_is_as_stored(number: int) -> None:
+    (made,) = sections(findings([FINDINGS[number - 1]]).text)
+    stored = list(sections(EXPECTED.read_text(encoding="utf-8")))[number - 1]
+    assert made.rstrip().partition(". ")[2] == stored.rstrip().partition(". ")[2]
+
+
+@pytest.mark.slow
+def test_without_the_published_tools_all_findings_hold_and_say_what_was_not_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("RML_COMPILER", raising=False)
+    monkeypatch.delenv("RML_MONITOR", raising=False)
+    made = findings()
+    assert made.unconfirmed == ()
+    assert made.text.count("not run: ") >= 6
+    assert "set RML_COMPILER to the jar" in made.text
+
+
+@pytest.mark.slow
+@pytest.mark.published
+@pytest.mark.spot
+@needs_published
+def test_with_all_tools_the_page_is_as_stored() -> None:
+    made = findings()
+    assert made.unconfirmed == ()
+    assert made.text == EXPECTED.read_text(encoding="utf-8")
+
+
+# -- the command -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command without what takes long."""
+    monkeypatch.setattr(making, "findings", lambda: findings([finding(Step("echo here", "here"))]))
+    monkeypatch.setattr(making, "overhead", lambda _folder, *, tree: Overhead((), f"Measured {tree.name}.\n", ()))
+
+
+@pytest.mark.usefixtures("quick")
+def test_texts_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--texts", "--out", str(tmp_path / "new")]) == 0
+    said = capsys.readouterr()
+    assert (said.out.splitlines()[0], said.err) == (str(tmp_path / "new" / "table1.tex"), "")
+    names = {file.name for file in (tmp_path / "new").iterdir()}
+    assert names == {file.name for file in EXPECTED.parent.iterdir()}
+    document = (tmp_path / "new" / "paper.tex").read_text(encoding="utf-8")
+    assert document == (EXPECTED.parent / "paper.tex").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_lacks_a_tool_is_left_out_and_the_rest_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(*_: object, **__: object) -> None:
+        raise ToolMissing("matplotlib", remedy="pip install 'rvaft[papers]'")
+
+    monkeypatch.setattr(making, "overhead", missing)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(making, "findings", lambda: page.Page("# Nothing\n", ()))
+    assert main(["--out", str(tmp_path)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(": not run: ")[2][:24] for line in lines] == [
+        "figures 4a and 4b: dot i",
+        "overhead: matplotlib is ",
+    ]
+    assert "install Graphviz" in lines[0]
+    assert "not run: matplotlib is not installed" in (tmp_path / "findings.md").read_text(encoding="utf-8")
+    document = (tmp_path / "paper.tex").read_text(encoding="utf-8")
+    assert r"\input{table3}" in document
+    assert "includegraphics" not in document
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_finding_that_no_longer_holds_ends_with_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(making, "findings", lambda: findings([finding(Step("echo yes", "no"))]))
+    assert main(["--texts", "--out", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == "papers.fmas2022: not confirmed: a title\n"
+
+
+@pytest.mark.parametrize("below", ["", "deeper"])
+def test_a_folder_that_cannot_be_made_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], below: str
+) -> None:
+    (tmp_path / "file").touch()
+    target = tmp_path / "file" / below
+    assert main(["--out", str(target)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"papers.fmas2022: error: {target}: ")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path.chmod(0o500)
+    assert main(["--out", str(tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "Permission denied" in line
+
+
+def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "table1.tex").mkdir()
+    assert main(["--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"papers.fmas2022: error: {tmp_path / 'table1.tex'}: Is a directory\n"

@@ -22,8 +22,13 @@ class Discriminators:
         strings = [_strings(pattern) for pattern in patterns]
         self.fields = tuple(_cover(strings))
         self._asked = tuple({field: one[field] for field in self.fields if field in one} for one in strings)
+        self._filed: dict[tuple[str, Hashable], list[int]] = {}
+        """The numbers of the patterns that ask for a value in a field, each under the first field that it asks about."""
+        self._rest: list[int] = []
+        for number, asked in enumerate(self._asked):
+            first = next(iter(asked.items()), None)
+            (self._rest if first is None else self._filed.setdefault(first, [])).append(number)
         self._values = {field: frozenset(one[field] for one in strings if field in one) for field in self.fields}
-        self._candidates: dict[tuple[Hashable, ...], tuple[int, ...]] = {}
 
     def values(self, event: Mapping[str, Json]) -> tuple[Hashable, ...]:
         """What tells the event from others: its values in the discriminating fields, as far as patterns ask for them."""
@@ -38,17 +43,12 @@ class Discriminators:
         return tuple([value if isinstance(value, str) and len(value) <= LONGEST else _OTHER for value in values])
 
     def candidates(self, values: tuple[Hashable, ...]) -> tuple[int, ...]:
-        """The numbers of the patterns that an event with these values may fit."""
-        found = self._candidates.get(values)
-        if found is None:
-            by_field = dict(zip(self.fields, values, strict=True))
-            found = tuple(
-                number
-                for number, asked in enumerate(self._asked)
-                if all(by_field[field] == value for field, value in asked.items())
-            )
-            self._candidates[values] = found
-        return found
+        """The numbers of the patterns that an event with these values may fit, in order."""
+        by_field = dict(zip(self.fields, values, strict=True))
+        near = [*self._rest, *(number for item in by_field.items() for number in self._filed.get(item, ()))]
+        return tuple(
+            sorted(n for n in near if all(by_field[field] == value for field, value in self._asked[n].items()))
+        )
 
 
 def _strings(pattern: Pattern) -> dict[str, str]:

@@ -3,12 +3,18 @@
 `pytest tests/benchmarks/test_scale.py -s` prints the table.
 """
 
+import contextlib
+import io
+import json
 import time
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import pytest
 
+from rvaft import dumps
+from rvaft.cli import main
 from rvaft.engine import Engine
 from rvaft.model import Gate
 from tests.benchmarks.trees import flat
@@ -80,3 +86,26 @@ def test_an_event_that_fits_nothing_costs_the_same_in_every_tree(gate: Gate, sem
 def test_total_work_is_linear(gate: Gate, semantics: str) -> None:
     """A hundred times the events in a hundred times the tree: about a hundred times the work, where quadratic is ten thousand."""
     assert measured(gate, 10_000, semantics)[2] < 400 * measured(gate, 100, semantics)[2]
+
+
+def end_to_end(folder: Path, size: int, semantics: str) -> float:
+    """Seconds of `rvaft monitor` for an AND of so many leaves, each of which has one event, without reading the tree."""
+    tree, log = folder / f"{size}.rvaft", folder / f"{size}.jsonl"
+    tree.write_text(dumps(flat(Gate.AND, size, None)), encoding="utf-8")
+    log.write_text("".join(json.dumps({"event": f"e{number}"}) + "\n" for number in range(size)), encoding="utf-8")
+    (empty := folder / "empty.jsonl").touch()
+
+    def seconds(trace: Path) -> float:
+        start = time.perf_counter()
+        with contextlib.redirect_stdout(io.StringIO()):
+            main(["monitor", str(tree), str(trace), "--semantics", semantics], standalone_mode=False)
+        return time.perf_counter() - start
+
+    return best(lambda: seconds(log), 3) - best(lambda: seconds(empty), 3)
+
+
+@pytest.mark.benchmark
+@pytest.mark.parametrize("semantics", SEMANTICS)
+def test_total_work_from_file_to_verdict_is_linear(semantics: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    folder = tmp_path_factory.mktemp("scale")
+    assert end_to_end(folder, 10_000, semantics) < 40 * end_to_end(folder, 1_000, semantics)

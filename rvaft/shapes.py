@@ -74,7 +74,7 @@ class Shapes(Generic[T]):
             found = self._derive(self._decide(event))
         except TypeError:  # a list or an object where patterns have strings
             return self._derive(self._decide(event))
-        if len(event) <= WIDEST and all(not isinstance(part, str) or len(part) <= LONGEST for part in shape):
+        if len(event) <= WIDEST and brief(shape):
             if len(self._memory) >= MEMORY:
                 self._memory.clear()
             self._memory[shape] = found
@@ -89,6 +89,11 @@ class Shapes(Generic[T]):
             tuple(number for number in candidates if number in self._flat and _fits(self._flat[number], event)),
             tuple(number for number in candidates if number not in self._flat),
         )
+
+
+def brief(values: Iterable[Json]) -> bool:
+    """Whether no string among these values is too long to be remembered."""
+    return all(not isinstance(value, str) or len(value) <= LONGEST for value in values)
 
 
 def _shape_by(fields: tuple[str, ...]) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:

@@ -34,7 +34,8 @@ BOM: Final = b"\xef\xbb\xbf"
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
 
 _HINT: Final = "a trace has one JSON object per line"
-_BLANK: Final = b" \t\r\n"
+BLANK: Final = b" \t\r\n"
+"""What a blank line may consist of."""
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _PERHAPS_HUGE: Final = re.compile(r"[0-9][eE]\+?0*[1-9][0-9][0-9]|[0-9]{200}")
@@ -125,7 +126,7 @@ def _events(lines: Iterator[bytes], file: str, first: int, reads: Scope | None) 
 
 def event_on(line: bytes, file: str, number: int, reads: Scope | None) -> dict[str, Json] | None:
     """The event on a line of a file, or None where it is blank; raises `TraceError`."""
-    if len(line) <= MAX_LINE and not line.strip(_BLANK):
+    if len(line) <= MAX_LINE and not line.strip(BLANK):
         return None
     try:
         return decode(line, reads=reads)

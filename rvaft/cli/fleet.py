@@ -70,7 +70,7 @@ def _apart(
     """Run traces in several processes; what each prints is passed on, complete, in the order of the traces."""
     from tempfile import TemporaryDirectory  # noqa: PLC0415 -- imported on use
 
-    from rvaft.monitoring.parallel import Killed, in_processes  # noqa: PLC0415 -- imported on use
+    from rvaft.parallel import Killed, in_processes  # noqa: PLC0415 -- imported on use
 
     with TemporaryDirectory(prefix="rvaft-") as folder:
 
@@ -80,7 +80,7 @@ def _apart(
                 watching = Watching(manner, kept, drawing=False)
                 return watching.watch(traces[number]), watching.totals, kept.errors
 
-        with closing(in_processes(work, range(len(traces)), jobs=jobs)) as running:
+        with closing(in_processes(work, range(len(traces)), jobs=min(jobs, len(traces)))) as running:
             for number, result in running:
                 trace = traces[number]
                 printed = Path(folder) / str(number)

@@ -10,7 +10,7 @@ from rvaft.monitoring.checkpoint import Placed, reading
 from rvaft.monitoring.keeping import Keeping
 from rvaft.monitoring.run import Run, events
 from rvaft.monitoring.sources import LogFile
-from rvaft.monitoring.tailing import Followed, follow, stopping
+from rvaft.monitoring.tailing import Followed, stopping
 
 
 def last(run: Run, manner: Manner, sink: Sink, name: str, file: LogFile) -> None:
@@ -23,7 +23,7 @@ def last(run: Run, manner: Manner, sink: Sink, name: str, file: LogFile) -> None
         if manner.follow:
             stop = stack.enter_context(stopping())
             changed = lambda change: sink.warn(str(change))  # noqa: E731
-            stream = follow(file.name, stop=stop, changed=changed, offset=offset, line=line)
+            stream = Followed(file.name, stop=stop, changed=changed, offset=offset, line=line)
             stack.callback(stream.close)
         else:
             stream = stack.enter_context(reading(Path(file.name), offset=offset, line=line))

@@ -8,7 +8,7 @@ from rvaft.cli.sink import Sink
 from rvaft.cli.summary import columns_table, summary
 from rvaft.cli.verdicts import Changed, Reporter, Row, Shape
 from rvaft.language import pattern_text
-from rvaft.monitoring.told import apart, places, variables
+from rvaft.monitoring.told import apart, counted, places, variables
 from rvaft.monitoring.totals import Totals
 from rvaft.monitoring.watch import Watch
 from rvaft.monitors import Awaited, Ended, Explanation, Pending
@@ -45,7 +45,7 @@ class Text(Reporter):
         """Print the last verdicts of the trace; those of keys stand in the summary."""
         if watch.key is None:
             verdict = watch.bank.verdicts[0]
-            self.print(f"{self.where(watch)}verdict {verdict} after {_count(watch.events)}")
+            self.print(f"{self.where(watch)}verdict {verdict} after {counted(watch.events)}")
             if len(self.shape.columns) > 1:
                 for line in columns_table(self.shape.columns, watch.bank):
                     self.print(f"  {line}")
@@ -143,7 +143,7 @@ def _near(miss: NearMiss) -> str:
     field = ".".join(miss.field)
     has = "is missing" if miss.found is None else f"is {miss.found}, not {pattern_text(miss.expected)}"
     least = "at least " if miss.more else ""
-    would = f"{least}{_count(miss.count)} would be {miss.type} but for the field {field}"
+    would = f"{least}{counted(miss.count)} would be {miss.type} but for the field {field}"
     return f"near miss: {would}, which {has} (first: {miss.first})"
 
 
@@ -167,10 +167,6 @@ def _waited(record: Pending) -> str:
 
 def _awaited(awaited: Awaited) -> str:
     return awaited.event if awaited.event == awaited.node else f"{awaited.event} ({awaited.node})"
-
-
-def _count(events: int) -> str:
-    return "1 event" if events == 1 else f"{events} events"
 
 
 def _json(value: Json) -> str:

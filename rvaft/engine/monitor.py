@@ -50,11 +50,6 @@ class Engine(Monitor):
         self._strategy = _strategy(self.tree, self.semantics, limit=self._limit)
         self._strategy.restore(state["_strategy"])
 
-    @property
-    def letters(self) -> Letters:
-        """What the tree's patterns are compiled to; `take` wants events as these read them."""
-        return self._strategy.letters
-
     def read(self, event: Json) -> Reading:
         """What an event means, for `take`."""
         return self._strategy.read(event)

@@ -14,7 +14,7 @@ from rvaft.fast.doubts import SHORT, doubtful, repeated, utf8
 from rvaft.fast.heads import ABSENT, REFUSED, event_decoder, fields_of, head_decoder, quoted
 from rvaft.fast.skeletons import Skeletons
 from rvaft.reads import Reads, TreeReads
-from rvaft.shapes import LONGEST
+from rvaft.shapes import brief
 from rvaft.traces import decode, event_on
 from rvaft.values import Json
 
@@ -202,7 +202,7 @@ class Batches:
             known = _Known(live, self._discriminators.apart(every), keys)
             if len(self._known) >= MEMORY:
                 self._known.clear()
-            if all(not isinstance(value, str) or len(value) <= LONGEST for value in every):
+            if brief(every):
                 self._known[values] = known
         return known
 

@@ -23,10 +23,11 @@ from typing import Any, BinaryIO, Final
 
 import rvaft
 from rvaft.compressed import damage, opened
-from rvaft.errors import CheckpointError, TraceError
+from rvaft.errors import CheckpointError
 from rvaft.language import dumps
 from rvaft.monitoring.admitted import pickled, unpickled
 from rvaft.monitoring.identity import Identity, compressed, first, identity
+from rvaft.traces import unreadable
 from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
 
@@ -301,5 +302,4 @@ def _skip(trace: Path, stream: BinaryIO, offset: int, line: int) -> None:
                 raise EOFError("it ends before the place of the checkpoint")
             left -= len(block)
     except damaged as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise TraceError(f"cannot be read: {reason}", file=str(trace), line=line + 1) from error
+        raise unreadable(error, str(trace), line + 1) from error

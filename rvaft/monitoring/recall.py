@@ -6,23 +6,22 @@ then looked up where they stand; in a stream they are gone, and an explanation d
 
 import re
 from collections import OrderedDict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
+from io import BufferedIOBase
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final, cast
 
-from rvaft.compressed import SUFFIXES, damage, opened
+from rvaft.compressed import opened
 from rvaft.errors import RvaftError
+from rvaft.fast.blocks import Block, Blocks
 from rvaft.reads import Scope
-from rvaft.traces import decode
+from rvaft.traces import BLANK, decode
 from rvaft.values import Json
 
 BOUND: Final = 10_000
 """How many events are remembered."""
 
-_BOM: Final = b"\xef\xbb\xbf"
-_BLANK: Final = b" \t\r\n"
-_BLOCK: Final = 1 << 20
 _UNSURE: Final = re.compile(rb"\n[ \t\r\n]")
 """What may be a blank line, which counts as no event."""
 
@@ -58,40 +57,26 @@ class Recall:
 def _found(path: Path, numbers: set[int], reads: Scope | None) -> dict[int, Json]:
     """The events of a file that have these numbers; what has changed since it was read is left out."""
     found: dict[int, Json] = {}
-    damaged = damage() if path.suffix.lower() in SUFFIXES else ()
-    with suppress(OSError, RvaftError, ValueError, *damaged), opened(path) as stream:
-        for number, line in _lines(stream, numbers):
+    with suppress(OSError, RvaftError, ValueError), opened(path) as stream:
+        for number, line in _lines(Blocks(cast("BufferedIOBase", stream), str(path)), numbers):
             found[number] = decode(line, reads=reads)
             if len(found) == len(numbers):
                 break
     return found
 
 
-def _lines(stream: BinaryIO, numbers: set[int]) -> Iterator[tuple[int, bytes]]:
+def _lines(blocks: Iterable[Block], numbers: set[int]) -> Iterator[tuple[int, bytes]]:
     """The lines of the events that have these numbers. Blocks without any are counted and not split."""
     number = 0
-    for chunk in _chunks(stream):
-        if chunk[:1] not in _BLANK and not _UNSURE.search(chunk):
-            count = chunk.count(b"\n")
+    for block in blocks:
+        text = block.text
+        if text[:1] not in BLANK and not _UNSURE.search(text):
+            count = text.count(b"\n") + (not text.endswith(b"\n"))
             if numbers.isdisjoint(range(number + 1, number + count + 1)):
                 number += count
                 continue
-        for line in chunk.split(b"\n"):
-            if line.strip(_BLANK):
+        for line in block.lines:
+            if line.strip(BLANK):
                 number += 1
                 if number in numbers:
                     yield number, line
-
-
-def _chunks(stream: BinaryIO) -> Iterator[bytes]:
-    """The file in pieces of whole lines, each with a line end."""
-    rest = stream.read(len(_BOM)).removeprefix(_BOM)
-    while block := stream.read(_BLOCK):
-        cut = block.rfind(b"\n") + 1
-        if not cut:
-            rest += block
-            continue
-        yield rest + block[:cut]
-        rest = block[cut:]
-    if rest:
-        yield rest + b"\n"

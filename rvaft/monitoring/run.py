@@ -15,6 +15,7 @@ from rvaft.monitoring.fields import Field
 from rvaft.monitoring.keys import MAX_KEYS, Keyed
 from rvaft.monitoring.ordering import DEFAULT_WINDOW, Backwards, Numbered, Ordering
 from rvaft.monitoring.recall import Recall
+from rvaft.monitoring.told import counted
 from rvaft.monitoring.watch import Listener, Watch
 from rvaft.reads import Scope
 from rvaft.statistics import Statistics
@@ -170,24 +171,20 @@ class Run:
         """What was odd about the events, each as a line."""
         said: list[str] = []
         if self.keyed is not None and self.keyed.without:
-            lacking = f"{_events(self.keyed.without)} without the field {self.keyed.field.text}"
+            lacking = f"{counted(self.keyed.without)} without the field {self.keyed.field.text}"
             said.append(f"{lacking}, given to no monitor (first: event {self.keyed.first_without})")
         if self.clock is not None and self.clock.count:
-            goes = f"the field {TIME} goes back at {_events(self.clock.count)} (first: event {self.clock.first})"
+            goes = f"the field {TIME} goes back at {counted(self.clock.count)} (first: event {self.clock.first})"
             said.append(f"{goes}; put them in order with --order-by {TIME}")
         if self.ordering is not None:
             field, late = self.plan.order_by, self.ordering.late
             if late.count:
                 more = f"too late for a window of {self.plan.window}: they stay where they stand"
-                said.append(f"{_events(late.count)} by the field {field} {more} (first: event {late.first} as read)")
+                said.append(f"{counted(late.count)} by the field {field} {more} (first: event {late.first} as read)")
             if late.without:
-                lacking = f"{_events(late.without)} without a number in the field {field}"
+                lacking = f"{counted(late.without)} without a number in the field {field}"
                 said.append(f"{lacking} stay behind the event before (first: event {late.first_without} as read)")
         return said
-
-
-def _events(count: int) -> str:
-    return "1 event" if count == 1 else f"{count} events"
 
 
 def events(

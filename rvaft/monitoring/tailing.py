@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, Final, cast
 
 from rvaft.compressed import SUFFIXES
 from rvaft.errors import OptionError
+from rvaft.traces import BOM
 
 DEFAULT_POLL: Final = 0.2
 """Seconds between two looks at a file."""
@@ -27,7 +28,6 @@ _BLOCK: Final = 1 << 18
 """Bytes that are read at once."""
 _KEPT: Final = 256
 """Bytes before the place of reading that tell whether the file is still the same."""
-_BOM: Final = b"\xef\xbb\xbf"
 _NAP: Final = 0.2
 """Seconds after which a long sleep looks whether it is to end."""
 
@@ -51,9 +51,15 @@ class Change:
 
 
 class Followed(io.RawIOBase):
-    """The bytes of a growing file; see `follow`.
+    """The bytes of a file as it grows, to be closed after use; `rvaft.traces.read` takes it for a trace.
 
-    `offset` and `line` say how many bytes and lines of the present file, `file`, have been given. Nothing moves `file` but this
+    It looks every `poll` seconds, tells `changed` when it goes over to another file, and ends as soon as `stop` says so; a line
+    that is unfinished then is not given. `offset` is where to begin, at the start of a line, and `line` how many lines are before.
+
+    Raises `OSError` for a file that cannot be opened, also later for the one that replaces it, and `OptionError` for what is no
+    regular file, for a compressed one, for one that ends before `offset`, and for a `poll` that is not positive.
+
+    The attributes `offset` and `line` say how many bytes and lines of the present file, `file`, have been given. Nothing moves `file` but this
     object, which looks for its place every time.
     """
 
@@ -179,9 +185,9 @@ class Followed(io.RawIOBase):
             return self._fill() or bool(self._ready)
         new = seen[len(self._before) :]
         self._ready += new
-        if self._marked and (self._ready.startswith(_BOM) or not _BOM.startswith(self._ready)):
+        if self._marked and (self._ready.startswith(BOM) or not BOM.startswith(self._ready)):
             self._marked = False
-            self._ready = self._ready.removeprefix(_BOM)
+            self._ready = self._ready.removeprefix(BOM)
         self._position += len(new)
         self._before = seen[-_KEPT:]
         return bool(new)
@@ -218,26 +224,6 @@ class Followed(io.RawIOBase):
         until = time.monotonic() + self._poll
         while (left := until - time.monotonic()) > 0 and not self._stop():
             time.sleep(min(left, _NAP))
-
-
-def follow(
-    path: str | os.PathLike[str],
-    *,
-    poll: float = DEFAULT_POLL,
-    stop: Callable[[], bool] = lambda: False,
-    changed: Callable[[Change], object] = lambda _: None,
-    offset: int = 0,
-    line: int = 0,
-) -> Followed:
-    """The bytes of a file as it grows, to be closed after use; `rvaft.traces.read` takes it for a trace.
-
-    It looks every `poll` seconds, tells `changed` when it goes over to another file, and ends as soon as `stop` says so; a line
-    that is unfinished then is not given. `offset` is where to begin, at the start of a line, and `line` how many lines are before.
-
-    Raises `OSError` for a file that cannot be opened, also later for the one that replaces it, and `OptionError` for what is no
-    regular file, for a compressed one, for one that ends before `offset`, and for a `poll` that is not positive.
-    """
-    return Followed(path, poll=poll, stop=stop, changed=changed, offset=offset, line=line)
 
 
 @contextmanager

@@ -11,6 +11,11 @@ _PLACES = ("time", "topic")
 """The fields of an event that say where it is from, in the logs of ROS."""
 
 
+def counted(events: int) -> str:
+    """So many events, in words."""
+    return "1 event" if events == 1 else f"{events} events"
+
+
 def matched_events(explanations: Collection[Explanation]) -> set[int]:
     """The numbers of the events that explanations name."""
     return {number for explanation in explanations for number in explanation.matched.values()}

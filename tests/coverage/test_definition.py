@@ -1,6 +1,7 @@
 """Coverage held against the partial matches of the reference."""
 
 from collections.abc import Iterator
+from itertools import islice
 from random import Random
 from typing import Any
 
@@ -15,7 +16,7 @@ from rvaft.semantics.events import observe
 from rvaft.semantics.reference import Partial, relevant
 from rvaft.tree import RVAFT
 from rvaft.verdict import Verdict
-from tests.engine.checking import small_and_valid
+from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 from tests.engine.living import living_trace
 
@@ -32,11 +33,11 @@ Events = list[dict[str, Any]]
 def cases(shape: str, semantics: str, count: int) -> Iterator[tuple[RVAFT, Events]]:
     """Random trees with a trace each that goes deep into some branch of many."""
     random = Random(f"coverage {shape} {semantics}")
-    while count:
-        tree = dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
-        if not small_and_valid(tree):
-            continue
-        count -= 1
+
+    def made() -> RVAFT:
+        return dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
+
+    for tree in islice(small_valid_trees(made), count):
         if shape in SHAPES:
             yield tree, [*living_trace(random, tree, shape, semantics, 6), *dense_trace(random, SHAPES[shape], 3)]
         else:

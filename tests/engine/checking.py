@@ -1,6 +1,6 @@
 """Hold an engine against the reference: verdicts after every event, and explanations."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Any
 
@@ -28,6 +28,14 @@ def small_and_valid(tree: RVAFT, most: int = 80) -> bool:
     except TreeError:
         return False
     return True
+
+
+def small_valid_trees(make: Callable[[], RVAFT]) -> Iterator[RVAFT]:
+    """The trees that are made one after the other, but for those that are not small and valid; without end."""
+    while True:
+        tree = make()
+        if small_and_valid(tree):
+            yield tree
 
 
 def compare(

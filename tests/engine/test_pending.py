@@ -1,6 +1,7 @@
 """What an engine says it waits for, held against the partial matches of the reference."""
 
 from collections.abc import Iterator
+from itertools import islice
 from random import Random
 from typing import Any
 
@@ -20,7 +21,7 @@ from rvaft.semantics.events import names, observe
 from rvaft.semantics.reference import Partial
 from rvaft.tree import RVAFT
 from rvaft.verdict import Verdict
-from tests.engine.checking import small_and_valid
+from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 from tests.engine.living import living_trace
 
@@ -34,11 +35,12 @@ WILD = {
 def cases(shape: str, count: int) -> Iterator[tuple[Random, RVAFT, list[dict[str, Any]]]]:
     """Random trees with a trace each."""
     random = Random(f"pending {shape}")
-    while count:
-        tree = dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
-        if small_and_valid(tree):
-            count -= 1
-            yield random, tree, _trace(random, tree, shape)
+
+    def made() -> RVAFT:
+        return dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
+
+    for tree in islice(small_valid_trees(made), count):
+        yield random, tree, _trace(random, tree, shape)
 
 
 def _trace(random: Random, tree: RVAFT, shape: str) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ import copy
 import pickle
 import subprocess
 import sys
+from itertools import islice
 from random import Random
 from typing import Any
 
@@ -18,7 +19,7 @@ from rvaft.random_trees import Shape, random_tree
 from rvaft.restrict import restrict
 from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics, Verdict
-from tests.engine.checking import small_and_valid
+from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_tree
 from tests.engine.living import living_trace
 
@@ -62,12 +63,11 @@ def parts(random: Random, tree: RVAFT) -> list[RVAFT]:
 def test_a_monitor_goes_on(shape: str, semantics: Semantics) -> None:
     random = Random(f"pickle {shape} {semantics}")
     told: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
-    trees = 0
-    while trees < 12:
-        tree = dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
-        if not small_and_valid(tree):
-            continue
-        trees += 1
+
+    def made() -> RVAFT:
+        return dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
+
+    for tree in islice(small_valid_trees(made), 12):
         for part in parts(random, tree):
             trace = living_trace(random, tree, shape, semantics) if shape in SHAPES else random_trace(random, tree)
             straight, halting = Engine(part, semantics), Engine(part, semantics)

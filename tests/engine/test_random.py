@@ -1,5 +1,6 @@
 """The engine against the reference on random trees: verdicts, explanations, and what equal states promise."""
 
+from itertools import islice
 from random import Random
 from typing import Any
 
@@ -14,7 +15,7 @@ from rvaft.semantics import Reference
 from rvaft.strategies import trees_with_traces
 from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
-from tests.engine.checking import compare, small_and_valid
+from tests.engine.checking import compare, small_and_valid, small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 
 SEMANTICS = [semantics.value for semantics in Semantics]
@@ -28,12 +29,7 @@ WILD = {
 
 def _dense_cases(shape: str, seed: int, count: int) -> None:
     random = Random(f"{shape} {seed}")
-    done = 0
-    while done < count:
-        tree = dense_tree(random, SHAPES[shape])
-        if not small_and_valid(tree):
-            continue
-        done += 1
+    for tree in islice(small_valid_trees(lambda: dense_tree(random, SHAPES[shape])), count):
         for semantics in SEMANTICS:
             _check(random, tree, dense_trace(random, SHAPES[shape], 9), semantics)
             _check(random, tree, _living_trace(random, tree, shape, semantics), semantics)

@@ -1,5 +1,6 @@
 """What the general monitor of `scattered` remembers from event to event changes nothing of what it says."""
 
+from itertools import islice
 from random import Random
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from rvaft import language
 from rvaft.engine import Engine, stages
 from rvaft.verdict import Verdict
-from tests.engine.checking import small_and_valid
+from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 
 TYPES = "event e(n, v) = { n: n, v: v }; "
@@ -18,12 +19,7 @@ TYPES = "event e(n, v) = { n: n, v: v }; "
 def test_memory_changes_nothing(shape: str, memory: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A copy starts with none, and another loses it all the time."""
     random = Random(f"memory {shape}")
-    trees = 0
-    while trees < 15:
-        tree = dense_tree(random, SHAPES[shape])
-        if not small_and_valid(tree):
-            continue
-        trees += 1
+    for tree in islice(small_valid_trees(lambda: dense_tree(random, SHAPES[shape])), 15):
         straight = Engine(tree, "scattered")
         monkeypatch.setattr(stages, "MEMORY", memory)
         other = Engine(tree, "scattered")

@@ -1,5 +1,6 @@
 """Events read beforehand, and events skipped, are as good as steps."""
 
+from itertools import islice
 from random import Random
 
 import pytest
@@ -8,7 +9,7 @@ from rvaft import language
 from rvaft.engine import Engine
 from rvaft.errors import TraceError
 from rvaft.verdict import Semantics, Verdict
-from tests.engine.checking import small_and_valid
+from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 
 NOISE = {"nothing": "of the tree"}
@@ -18,12 +19,7 @@ NOISE = {"nothing": "of the tree"}
 @pytest.mark.parametrize("shape", SHAPES)
 def test_taking_and_skipping_are_steps(shape: str, semantics: Semantics) -> None:
     random = Random(f"taking {shape} {semantics}")
-    trees = 0
-    while trees < 10:
-        tree = dense_tree(random, SHAPES[shape])
-        if not small_and_valid(tree):
-            continue
-        trees += 1
+    for tree in islice(small_valid_trees(lambda: dense_tree(random, SHAPES[shape])), 10):
         noise = 0.03 if semantics is Semantics.STRICT else 0.4
         stepping, taking = Engine(tree, semantics), Engine(tree, semantics)
         for event in dense_trace(random, SHAPES[shape], 8):
@@ -31,7 +27,7 @@ def test_taking_and_skipping_are_steps(shape: str, semantics: Semantics) -> None
             for _ in range(count):
                 stepping.step(NOISE)
             assert taking.skip(count) == stepping.verdict
-            assert taking.take(taking.letters.read(event)) == stepping.step(event)
+            assert taking.take(taking.read(event)) == stepping.step(event)
             assert taking.state == stepping.state
         assert taking.explanation == stepping.explanation
         assert taking.ended == stepping.ended

@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 
-from rvaft.monitoring import recall as recalling
+from rvaft.fast import blocks
 from rvaft.monitoring.recall import Recall
 from rvaft.traces import read
 
@@ -36,8 +36,8 @@ def test_a_file_is_numbered_as_it_is_read(
     log = tmp_path / f"log{suffix}"
     written(log, seed)
     expected = dict(enumerate(read(log), 1))
-    for block in (16, 97, 1 << 20):
-        monkeypatch.setattr(recalling, "_BLOCK", block)
+    for size in (16, 97, 1 << 20):
+        monkeypatch.setattr(blocks, "SIZE", size)
         assert Recall(log).events(range(1, len(expected) + 3)) == expected
         for number, event in expected.items():
             assert Recall(log).events([number]) == {number: event}

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvaft.errors import OptionError, TraceError
-from rvaft.monitoring.tailing import Change, Followed, follow, stopping
+from rvaft.monitoring.tailing import Change, Followed, stopping
 from rvaft.traces import read
 
 POLL = 0.0003
@@ -75,7 +75,7 @@ class Log:
 
     def follow(self, *steps: Callable[[], object], **more: Any) -> tuple[Followed, list[Change]]:
         changes: list[Change] = []
-        return follow(self.path, poll=POLL, stop=Script(*steps), changed=changes.append, **more), changes
+        return Followed(self.path, poll=POLL, stop=Script(*steps), changed=changes.append, **more), changes
 
 
 @pytest.fixture
@@ -335,7 +335,7 @@ def test_a_buffer_around_it_waits_for_whole_lines(log: Log) -> None:
 
 def test_the_end_may_come_before_all_is_read(log: Log) -> None:
     log.write(b"1\n" * 1_000_000)()
-    with follow(log.path, poll=POLL, stop=iter([False, True, True]).__next__) as stream:
+    with Followed(log.path, poll=POLL, stop=iter([False, True, True]).__next__) as stream:
         assert 0 < len(list(stream)) < 1_000_000
 
 
@@ -343,7 +343,7 @@ def test_many_lines_are_read_fast(log: Log) -> None:
     count = 200_000
     log.write(b'{"event": "something", "time": 1.5}\n' * count)()
     size = log.path.stat().st_size
-    stream = follow(log.path, poll=POLL, stop=lambda: stream.offset == size)
+    stream = Followed(log.path, poll=POLL, stop=lambda: stream.offset == size)
     begun = time.perf_counter()
     assert len(lines(stream)) == count
     followed = time.perf_counter() - begun
@@ -355,18 +355,18 @@ def test_many_lines_are_read_fast(log: Log) -> None:
 
 def test_what_cannot_be_followed(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        follow(tmp_path / "none")
+        Followed(tmp_path / "none")
     with pytest.raises(OptionError, match="regular file"):
-        follow(tmp_path)
+        Followed(tmp_path)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OptionError, match="regular file"):
-        follow(tmp_path / "pipe")
+        Followed(tmp_path / "pipe")
     (tmp_path / "log.gz").touch()
     with pytest.raises(OptionError, match="compressed"):
-        follow(tmp_path / "log.gz")
+        Followed(tmp_path / "log.gz")
     (tmp_path / "log").touch()
     with pytest.raises(OptionError, match="positive"):
-        follow(tmp_path / "log", poll=0)
+        Followed(tmp_path / "log", poll=0)
 
 
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
@@ -385,8 +385,8 @@ def test_a_signal_asks_for_the_end(asked: signal.Signals) -> None:
 
 FOLLOW = """
 import sys
-from rvaft.monitoring.tailing import follow, stopping
-with stopping() as stop, follow(sys.argv[1], poll=float(sys.argv[2]), stop=stop) as stream:
+from rvaft.monitoring.tailing import Followed, stopping
+with stopping() as stop, Followed(sys.argv[1], poll=float(sys.argv[2]), stop=stop) as stream:
     for line in stream:
         print(line.decode().strip(), flush=True)
 print("ended at", stream.offset)

@@ -3,7 +3,7 @@
 import multiprocessing
 import signal
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
@@ -12,7 +12,7 @@ from typing import Any, Final, Generic, TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_AHEAD: Final = 4
+_AHEAD: Final = 8
 """Things that wait for each process."""
 
 
@@ -21,14 +21,15 @@ class Killed(Exception):
 
 
 def in_processes(
-    work: Callable[[Item], Result], items: Sequence[Item], *, jobs: int
+    work: Callable[[Item], Result], items: Iterable[Item], *, jobs: int
 ) -> Generator[tuple[Item, Result | Killed], None, None]:
     """Each thing with its result, in order; close the iterator to stop early, and all processes end.
 
-    `work` is called in processes that are copies of this one, made before the first result; things and results are sent by pickling.
+    Things are taken from `items` a few ahead of the `jobs` processes, which are all made at once. `work` is called in
+    processes that are copies of this one, made before the first result; things and results are sent by pickling.
     """
     context = multiprocessing.get_context("fork")
-    pool = ProcessPoolExecutor(min(jobs, len(items)), mp_context=context, initializer=_Worker.prepare, initargs=(work,))
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_Worker.prepare, initargs=(work,))
     finished = False
     waiting = deque[tuple[Item, Future[Result]]]()
     rest = iter(items)

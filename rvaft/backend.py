@@ -29,7 +29,7 @@ class Metrics:
     """Sizes of a specification; None where a language has no such thing.
 
     `symbols` counts tokens of the property itself, without declarations, headers and comments; `subformulas` the distinct
-    ones; `seconds` is the time the translation took.
+    ones; `states` those of an automaton, or the equations of RML; `seconds` is the time the translation took.
     """
 
     symbols: int

@@ -1,10 +1,13 @@
 r"""Text of a tree in LaTeX: nothing in it keeps a special meaning, in text or in mathematics.
 
-Other scripts than Latin pass as they are: LuaLaTeX and XeLaTeX print them in a font that has them. What stands in mathematics needs
-the package `amsmath`, for `\text`.
+Symbols and Greek letters are written as commands of the package `textcomp` and of mathematics, which every engine and font has. Other
+scripts than Latin pass as they are: LuaLaTeX and XeLaTeX print them in a font that has them. What stands in mathematics needs the
+package `amsmath`, for `\text`.
 """
 
 import re
+import unicodedata
+from functools import cache
 from typing import Final
 
 from rvaft.guards import Guard, Operator
@@ -20,16 +23,21 @@ _SPECIAL: Final = str.maketrans(
         "\\": r"\textbackslash{}",
         "~": r"\textasciitilde{}",
         "^": r"\textasciicircum{}",
-        # From here on: characters that some fonts lack, and the beginnings of ligatures.
+        # From here on: characters that some fonts lack, and that ligatures begin with.
         "<": r"\textless{}",
         ">": r"\textgreater{}",
         "|": r"\textbar{}",
-        '"': r"{\char34}",
+        # Straight in the typewriter fonts of all encodings, in others a closing quotation mark.
+        '"': r"\texttt{\char34}",
         "'": r"\textquotesingle{}",
         "`": r"\textasciigrave{}",
-        "-": r"{-}",
+        "→": r"\ensuremath{\rightarrow}",
+        "←": r"\ensuremath{\leftarrow}",
     }
 )
+_LIGATURE: Final = re.compile(r"([-,])(?=\1)")
+"""What becomes a dash or a quotation mark; braces alone do not part it in LuaTeX."""
+_BEYOND: Final = re.compile(r"[^\x00-\x7f]")
 _IDENTIFIER: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _NUMBERED: Final = re.compile(r"([A-Za-z0-9_]*[A-Za-z])([0-9]+)")
 _EXPONENT: Final = re.compile(r"(.*)e([+-]?)0*([0-9]+)")
@@ -37,7 +45,19 @@ _EXPONENT: Final = re.compile(r"(.*)e([+-]?)0*([0-9]+)")
 
 def escaped(text: str) -> str:
     """The text on one line; control codes are shown as escapes."""
-    return re.sub(" (?= )", lambda _: r"\ ", visible(text).translate(_SPECIAL))
+    parted = _LIGATURE.sub(r"\1{\\kern0pt}", visible(text).translate(_SPECIAL))
+    return re.sub(" (?= )", lambda _: r"\ ", _BEYOND.sub(lambda found: _symbol(found[0]), parted))
+
+
+@cache
+def _symbol(character: str) -> str:
+    """The command for a symbol or a Greek letter; letters else, and what has none, stay."""
+    from pylatexenc.latexencode import UnicodeToLatexEncoder  # noqa: PLC0415 -- imported on use
+
+    encoder = UnicodeToLatexEncoder(unknown_char_policy="keep", unknown_char_warning=False)
+    command = str(encoder.unicode_to_latex(character))
+    letter = unicodedata.category(character)[0] in "LM"
+    return character if letter and not command.startswith((r"\ensuremath", r"\text")) else command
 
 
 def identifier(text: str) -> bool:
@@ -52,9 +72,9 @@ def numbered(text: str) -> tuple[str, str]:
 
 
 def name(text: str) -> str:
-    r"""A name in mathematics, slanted as one word: `ev1` is `\mathit{ev}_{1}`; what is no identifier is text."""
+    r"""A name in mathematics, slanted as one word: `ev1` is `\mathit{ev}_{1}`; what is no identifier is text in quotes."""
     if not identifier(text):
-        return rf"\textit{{{escaped(text)}}}"
+        return rf"\textit{{``{escaped(text)}''}}"
     stem, index = numbered(text)
     return rf"\mathit{{{escaped(stem)}}}" + (f"_{{{index}}}" if index else "")
 
@@ -88,6 +108,11 @@ def _argument(argument: object) -> str:
             return r"\_"
 
 
+def _fraction(above: str, below: str) -> str | None:
+    """A fraction; one of fractions would have several bars and is written with a slash."""
+    return None if r"\frac" in above + below else rf"\frac{{{above}}}{{{below}}}"
+
+
 def guard(condition: Guard) -> str:
     """A guard in mathematics, as it is written: nothing is simplified or reordered."""
     return guard_text(condition, _STYLE)
@@ -113,7 +138,7 @@ _STYLE: Final = GuardStyle(
         Operator.OR: r"\vee",
     },
     brackets=(r"\left(", r"\right)"),
-    fraction=r"\frac{{{}}}{{{}}}".format,
+    fraction=_fraction,
     minus_level=SUM_LEVEL,
     not_operand=SIGNED_LEVEL,
 )

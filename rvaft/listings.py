@@ -34,6 +34,6 @@ def listing(text: str, highlighting: Highlighting | None) -> str:
     options: tuple[str, ...] = _OPTIONS
     if highlighting is not None:
         lines += highlighting.definition.strip().splitlines()
-        options = (f"language={highlighting.name}", *_OPTIONS)
+        options = (*_OPTIONS, f"language={highlighting.name}")  # the last word is the language's
     body = _HARD.sub(lambda found: f"{_OPEN}{escaped(found[0])}{_CLOSE}", text.rstrip("\n"))
     return "\n".join([*lines, f"\\begin{{lstlisting}}[{', '.join(options)}]", body, r"\end{lstlisting}", ""])

@@ -93,7 +93,10 @@ def _event_latex(node: Node) -> str:
 
 
 def _condition_latex(node: Node) -> str:
-    return "" if node.when is None else f"[{latex.guard(node.when)}]"
+    if node.when is None:
+        return ""
+    guard = latex.guard(node.when)
+    return rf"\left[{guard}\right]" if r"\frac" in guard else f"[{guard}]"
 
 
 UNICODE: Final = Notation(

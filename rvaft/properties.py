@@ -11,7 +11,7 @@ other (its footnote says so), while the gates (section 3.2) tell the two apart. 
 | ∨ | one of them | OR |
 | VOT k/n | at least k of these n, in any order | VOT |
 
-and a condition stands in square brackets behind the events that it is about. For display only; nothing is run from it, and a node that
+and a condition stands in square brackets where its node stands. For display only; nothing is run from it, and a node that
 several parents share stands wherever it is used.
 """
 
@@ -65,8 +65,9 @@ def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH, limit: in
 
 
 def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -> Iterator[str]:
-    """The properties as one `align*`, line by line without line ends, each behind a comment that names its kinds."""
-    yield r"% Needs \usepackage{amsmath}."
+    """The properties as one `align*` over any number of pages, line by line, each behind a comment that names its kinds."""
+    yield r"% Needs \usepackage{amsmath} and \usepackage{textcomp}."
+    yield r"\begingroup\allowdisplaybreaks"
     yield r"\begin{align*}"
     before: str | None = None
     for part in parts:
@@ -78,6 +79,7 @@ def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -
     if before is not None:
         yield before
     yield r"\end{align*}"
+    yield r"\endgroup"
 
 
 def property_sign(part: RVAFT | Branch) -> str:

@@ -5,7 +5,7 @@ A branch is a sub-DAG. The branches of a kind are a union of sub-DAGs, each give
 keep; where one does not suffice, the result is an `or` over renamed copies.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import networkx as nx
@@ -122,9 +122,18 @@ def _through_or(
         else:
             apart.extend({**way, node.name: frozenset([child])} for way in ways[child])
     if together:
-        narrowed = {} if together == set(node.children) else {node.name: frozenset(together)}
-        apart.append(merged | narrowed)
-    return _distinct(apart)
+        apart.append({**merged, node.name: frozenset(together)})
+    return _distinct(_joined(apart, node))
+
+
+def _joined(ways: Iterable[Allowed], node: Node) -> Iterator[Allowed]:
+    """The ways with those made one that differ only in the children of the node; it need not be told that all are allowed."""
+    kept: dict[frozenset[tuple[str, frozenset[str]]], frozenset[str]] = {}
+    for way in ways:
+        rest = frozenset(item for item in way.items() if item[0] != node.name)
+        kept[rest] = kept.get(rest, frozenset()) | way[node.name]
+    for rest, children in kept.items():
+        yield dict(rest) if children == set(node.children) else {**dict(rest), node.name: children}
 
 
 def _dominates(above: str, below: str, dominator: Mapping[str, str | None]) -> bool:

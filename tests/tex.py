@@ -8,7 +8,9 @@ from typing import Final
 
 import pytest
 
-needs_tex: Final = pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex")
+needs_tex: Final = pytest.mark.skipif(
+    shutil.which("pdflatex") is None, reason="needs pdflatex (apt-get install texlive-latex-extra texlive-pictures)"
+)
 _COMMAND: Final = re.compile(r"\\(?:[A-Za-z]+\*?|.)", re.DOTALL)
 _COMMENT: Final = re.compile(r"^%.*\n", re.MULTILINE)
 _INDEX: Final = re.compile(r"[_^](?=\{)")
@@ -40,11 +42,18 @@ def unsound(text: str, *, allowed: str = "") -> str | None:
     return "a { too many" if depth else None
 
 
-def compiled(body: str, folder: Path, *packages: str) -> None:
-    """Compile a document with this body; fails with what TeX says."""
+def compiled(body: str, folder: Path, *packages: str) -> str:
+    """Compile a document with this body; what TeX says, fails if that is an error."""
     head = [r"\documentclass{article}", *(rf"\usepackage{{{package}}}" for package in packages), r"\begin{document}"]
-    (folder / "test.tex").write_text("\n".join([*head, body, r"\end{document}", ""]), encoding="utf-8")
     # Draft mode embeds no fonts: a small TeX has not all of them as outlines.
-    command = ["pdflatex", "-draftmode", "-interaction=nonstopmode", "-halt-on-error", "-no-shell-escape", "test.tex"]
+    return document("\n".join([*head, body, r"\end{document}", ""]), folder, "-draftmode")
+
+
+def document(text: str, folder: Path, *options: str) -> str:
+    """Compile a whole document to test.pdf in the folder; what TeX says, fails if that is an error."""
+    (folder / "test.tex").write_text(text, encoding="utf-8")
+    command = ["pdflatex", *options, "-interaction=nonstopmode", "-halt-on-error", "-no-shell-escape", "test.tex"]
     done = subprocess.run(command, cwd=folder, capture_output=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stdout.decode(errors="replace")[-3000:]
+    said = done.stdout.decode(errors="replace")
+    assert done.returncode == 0, said[-3000:]
+    return said

@@ -11,6 +11,7 @@ from backends.automaton.diagram import BEFORE, READABLE, diagram
 from backends.automaton.hoa import Relevance, Text, write
 from backends.automaton.letters import Alphabet, Letters
 from backends.automaton.minimise import minimised
+from backends.automaton.names import title_of
 from backends.automaton.plan import Plan, plan
 from backends.automaton.structure import Structure, structure
 from backends.automaton.subsets import HOPELESS, Automaton, Subsets
@@ -72,9 +73,7 @@ class AutomatonBackend(Backend):
 
 def _translated(tree: RVAFT, semantics: Semantics, limit: int) -> Text:
     built = _built(tree, semantics, limit)
-    return write(
-        built.automaton, built.parts, built.letters, name=f"{tree.root}, {semantics}", relevance=built.relevance
-    )
+    return write(built.automaton, built.parts, built.letters, name=title_of(tree, semantics), relevance=built.relevance)
 
 
 class _Built(NamedTuple):

@@ -1,8 +1,9 @@
 """The minimal automaton as a graph for Graphviz, for people: edges say events and guards.
 
-The lines of a label are alternatives; `a, b` is one event that is both, and all guards in brackets hold with it. Where an event that is on no other edge of the state leads is
-`else`. ⊤ has detected, from ⊥ nothing can be. States have their numbers in the HOA text. Under `projected` the letters are the relevant
-events.
+A label has its alternatives one below the other, what goes on from the line before is indented; `a, b` is one event that is both, and
+all guards in brackets hold with it. Where an event that is on no other edge of the state leads is `else`. ⊤ has detected, from ⊥
+nothing can be. States have their numbers in the HOA text; those that no events lead to, and what no event does, are not drawn. Under
+`projected` the letters are the relevant events.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,9 +13,12 @@ from typing import Final
 from backends.automaton.hoa import in_order
 from backends.automaton.labels import Cube, cubes
 from backends.automaton.letters import Letters, bits
+from backends.automaton.names import title_of
+from backends.automaton.possible import possible
 from backends.automaton.structure import Structure
 from backends.automaton.subsets import DETECTED, HOPELESS, Automaton, Row
-from rvaft.drawing.markup import html, html_code, quoted, table
+from rvaft.drawing.markup import html, html_lines, table, title
+from rvaft.drawing.wrapping import wrapped_code
 from rvaft.errors import TooLarge
 from rvaft.language import guard_text, name_text, on_text
 from rvaft.tree import RVAFT
@@ -26,8 +30,9 @@ EDGES: Final = 10
 """How many edges, and how many lines in all labels, each state of the limit allows."""
 BEFORE: Final = 100
 """How many states there may be before the automaton is minimal, for each state of the limit."""
-_WIDTH: Final = 22
+_WIDTH: Final = 24
 """Columns of text in a label."""
+_NEXT: Final = '<br align="left"/>'
 _QUIET: Final = "#8a8a8a"
 """What leads to ⊥ is there, but does not catch the eye."""
 
@@ -36,10 +41,11 @@ def diagram(
     automaton: Automaton, structure: Structure, letters: Letters, *, tree: RVAFT, semantics: Semantics, limit: int
 ) -> str:
     """The graph; raises `TooLarge` beyond `limit` states, or `EDGES` lines of labels for each of them."""
+    number = {state: index for index, state in enumerate(in_order(automaton))}
+    automaton = possible(automaton, structure)
     order = in_order(automaton)
     if len(order) > limit:
         raise TooLarge(f"{len(order)} states are too many to draw", limit=limit)
-    number = {state: index for index, state in enumerate(order)}
     words = _Words(structure, letters, tree)
     lines: list[str] = []
     written = 0
@@ -52,8 +58,8 @@ def diagram(
         raise TooLarge(f"{written} labels are too many to draw, {EDGES} allowed for each state", limit=limit)
     return "\n".join(
         [
-            f"digraph {quoted(tree.root)} {{",
-            '  graph [ranksep=0.25, nodesep=0.15, charset="UTF-8"];',
+            f"digraph {title(title_of(tree, semantics))} {{",
+            '  graph [margin=0, ranksep=0.25, nodesep=0.15, charset="UTF-8"];',
             '  node [fontname="Helvetica", fontsize=10, shape=circle, margin="0.03", width=0.3, height=0.3];',
             '  edge [fontname="Helvetica", fontsize=10, arrowsize=0.6];',
             '  start [shape=point, style=invis, width=0, height=0, label=""];',
@@ -78,11 +84,16 @@ def _state(state: int, number: int) -> str:
 
 def _edge(source: int, target: int, label: list[str], *, quiet: bool) -> str:
     look = f', color="{_QUIET}", fontcolor="{_QUIET}", style=dashed' if quiet else ""
-    return f"s{source} -> s{target} [label=<{table(label)}>{look}];"
+    return f"s{source} -> s{target} [label=<{_label(label)}>{look}];"
+
+
+def _label(alternatives: list[str]) -> str:
+    """On white, which covers the lines that pass."""
+    return table(alternatives, space=2, cell='align="left" bgcolor="white"')
 
 
 def _caption(tree: RVAFT, semantics: Semantics, *, guarded: bool) -> str:
-    lines = [f"{name_text(tree.root)}, {semantics}"]
+    lines = [title_of(tree, semantics)]
     if semantics is Semantics.PROJECTED:
         lines.append("Events that are not relevant change nothing.")
     if guarded:
@@ -116,10 +127,15 @@ class _Words:
         words += [f"not {self._events[atom]}" for atom in bits(excluded)]
         conditions = [self._guards[guard] for guard in bits(cube.guards)]
         conditions += [f"not ({self._guards[guard]})" for guard in bits(cube.no_guards)]
-        lines = [html_code(", ".join(words), _WIDTH)] if words else []
-        if conditions:
-            lines.append("<i>" + html_code(f"[{'; '.join(conditions)}]", _WIDTH) + "</i>")
-        return "<br/>".join(lines)
+        events = _hanging(", ".join(words)) if words else ""
+        guards = "; ".join(conditions)
+        return f"{events}<i>{_hanging(f'[{guards}]')}</i>" if conditions else events
+
+
+def _hanging(text: str) -> str:
+    """Lines from the left, all but the first one indented."""
+    first, *rest = (html_lines([line]) for line in wrapped_code(text, _WIDTH))
+    return _NEXT.join([first, *(f"&#160;&#160;{line}" for line in rest), ""])
 
 
 def joined(those: Iterable[Cube]) -> list[Cube]:

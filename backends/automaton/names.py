@@ -1,7 +1,10 @@
-"""Names of atomic propositions: words that every tool reads, different for different nodes."""
+"""Names of atomic propositions, words that every tool reads and different for different nodes, and of automata."""
 
 import re
 from typing import Final
+
+from rvaft.tree import RVAFT
+from rvaft.verdict import Semantics
 
 ALIVE: Final = "alive"
 RELEVANT: Final = "relevant"
@@ -37,3 +40,12 @@ def _written(node: str, index: int) -> str:
 
 def _code(character: str) -> str:
     return f"_x{ord(character):x}_"
+
+
+def title_of(tree: RVAFT, semantics: Semantics) -> str:
+    """The name of an automaton: the root, the part of the tree that is watched, the semantics."""
+    if (part := tree.part_of) is None:
+        return f"{tree.root}, {semantics}"
+    chosen = [f"branch {part.branch}"] if part.branch is not None else []
+    chosen += [part.kind.value] if part.kind is not None else []
+    return ", ".join([part.tree.root, *chosen, semantics])

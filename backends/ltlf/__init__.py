@@ -1,7 +1,7 @@
 """The `ltlf` backend: linear temporal logic on finite traces, in Spot's syntax.
 
 The text explains itself: a leading comment defines the atoms (event patterns and guards), which events are relevant, and the shared
-subformulas. The unit of `limit` is distinct subformulas. Reading a text needs Spot, translating does not.
+subformulas. The unit of `limit` is subformulas made. Reading a text needs Spot, translating does not.
 """
 
 import time
@@ -27,7 +27,7 @@ class LtlfBackend(Backend):
     default_limit: ClassVar[int] = 200_000
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a formula; `TooLarge` beyond `limit` distinct subformulas, never `NotExpressible`."""
+        """The tree as a formula; `TooLarge` beyond `limit` subformulas, never `NotExpressible`."""
         from backends.ltlf.translation import translation  # noqa: PLC0415 -- kept off the start-up path
 
         start = time.perf_counter()

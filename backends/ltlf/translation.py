@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from backends.ltlf.compose import Composer
+from backends.ltlf.counting import subformulas
 from backends.ltlf.formulas import FALSE, Formulas
 from backends.ltlf.guarding import settle
 from backends.ltlf.header import Header, Observation
@@ -65,8 +66,8 @@ class _Translator:
         used = {self.formulas.rows[number].name for number in self.formulas.reachable(root)}
         in_order = sorted(self.header.atoms, key=lambda name: self.rank[name])
         self.header.atoms = {name: self.header.atoms[name] for name in in_order if name in used}
-        subformulas = len(self.formulas.reachable(root))
-        return Translation(f"{self.header}{formula}\n", symbols(definitions, formula), subformulas)
+        counted = subformulas(self.formulas, root)
+        return Translation(f"{self.header}{formula}\n", symbols(definitions, formula), counted)
 
     def _formula(self, parts: Parts, guards: Mapping[str, tuple[Guard, ...]]) -> int:
         shape = shape_of(simplified(parts, monotone=self.positions.monotone), self.patterns)

@@ -34,7 +34,7 @@ class RmlBackend(Backend):
 
         start = perf_counter()
         made = translate(tree, Semantics(semantics), limit=self.default_limit if limit is None else limit)
-        metrics = Metrics(symbols=made.symbols, states=made.states, seconds=perf_counter() - start)
+        metrics = Metrics(symbols=made.symbols, states=made.equations, seconds=perf_counter() - start)
         return Specification(made.text, self.language, metrics, self.read)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002

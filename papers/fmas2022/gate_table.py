@@ -7,6 +7,7 @@ from typing import Final
 
 import rvaft
 from papers.fmas2022 import tex
+from papers.fmas2022.transitions import transitions
 from rvaft.backend import Specification
 from rvaft.latex import escaped
 
@@ -22,8 +23,11 @@ LANGUAGES: Final = ("rml-paper", "rml", "ltlf", "automaton")
 _NOTES: Final = (
     r"\texttt{rml-paper} is the translation of the paper, with \texttt{all} behind it, so that a detection is final.",
     r"\texttt{V} with numbers is the paper's $\tau$ with the children that are left, from 0.",
-    "Symbols are those of the property alone.",
+    r"\texttt{automaton}: of each state the events that lead on and whereto, from 0 on. In $\top$ it has detected; before, any other event ends it.",
+    "Symbols are those of the property alone; of an automaton those of the body of its text in HOA.",
 )
+_STATES: Final = 3
+"""How many states of an automaton stand in a line."""
 _DEFINITION: Final = re.compile(r"^\w+ := .*$", re.MULTILINE)
 
 
@@ -49,7 +53,7 @@ def _rows(folder: Path, name: str) -> Iterator[str]:
 
 
 def property_lines(made: Specification) -> list[str]:
-    """The property of a text alone: no event types, no header, no comments; of an automaton its size."""
+    """The property of a text alone: no event types, no header, no comments; of an automaton its transitions."""
     match made.language:
         case "rml":
             return made.text[made.text.index("Main =") :].splitlines()
@@ -57,4 +61,5 @@ def property_lines(made: Specification) -> list[str]:
             header, _, formula = made.text.rpartition("*/")
             return [*_DEFINITION.findall(header), formula.strip()]
         case _:
-            return [f"{made.metrics.states} states, {made.metrics.edges} edges"]
+            states = transitions(made.text)
+            return ["; ".join(states[first : first + _STATES]) for first in range(0, len(states), _STATES)]

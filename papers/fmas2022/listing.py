@@ -1,20 +1,22 @@
-"""The Listing in RML that compiles: its structure repaired, then translated by the backend `rml`."""
+"""What the Listing of section 4.3 says, φ, in RML that compiles: the tree, translated by the backend `rml`."""
 
-from pathlib import Path
 from typing import Final
 
 import rvaft
+from papers.fmas2022 import tex
 from rvaft.backend import backend
 from rvaft.listings import listing
+from rvaft.tree import RVAFT
 
-REPAIRED: Final = Path(__file__).parent / "texts" / "listing_repaired.rvaft"
+_CAPTION: Final = r"$\varphi$ in RML, from the tree: what the Listing of the paper is to express."
 
 
-def listing_rml() -> str:
+def listing_rml(tree: RVAFT) -> str:
     """The specification; under `strict`, as the Listing filters no events."""
-    return rvaft.translate(rvaft.load(REPAIRED), "rml", semantics="strict").text
+    return rvaft.translate(tree, "rml", semantics="strict").text
 
 
-def listing_tex() -> str:
+def listing_tex(tree: RVAFT) -> str:
     """The same as LaTeX, with the definition of the language for the package `listings`."""
-    return listing(listing_rml(), backend("rml").highlighting)
+    made = listing(listing_rml(tree), backend("rml").highlighting)
+    return tex.captioned(made, caption=_CAPTION, label="lst:phi")

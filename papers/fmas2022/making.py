@@ -8,22 +8,23 @@ from typing import Final
 import rvaft
 from papers.fmas2022 import tex
 from papers.fmas2022.figures import figures
-from papers.fmas2022.findings import findings
+from papers.fmas2022.findings import Page, findings
 from papers.fmas2022.formulas_tex import formulas_tex
 from papers.fmas2022.gate_table import gate_table
 from papers.fmas2022.listing import listing_rml, listing_tex
 from papers.fmas2022.node_table import node_table
 from papers.fmas2022.overhead import overhead
-from papers.fmas2022.shell import ROOT
+from papers.fmas2022.places import GATES, PRUNED, TREES
 from papers.fmas2022.verdict_tex import verdict_tables
 from rvaft.errors import ToolMissing
 
-TREES: Final = ROOT / "trees" / "remote_inspection"
-GATES: Final = ROOT / "trees" / "gates"
-_PRUNED: Final = "pruned.rvaft"
 PRINTED: Final = (
-    ("figure4a", 8.5, "The attack-fault tree (Figure 4a of the paper)."),
-    ("figure4b", 8.5, "The pruned tree with its events (Figure 4b of the paper)."),
+    (
+        "figure4a",
+        8.5,
+        "The attack-fault tree (after Figure 4a of the paper; the labels of the three faults of images are chosen here).",
+    ),
+    ("figure4b", 8.5, "The pruned tree with the names ev1 to ev10 of its nodes (Figure 4b of the paper)."),
     ("overhead", 8.5, "What monitoring costs a mission, measured."),
 )
 """Name, width in centimetres (at which text has 7 points or more), and caption."""
@@ -31,11 +32,11 @@ PRINTED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """The files that were written, what was not and why, and the findings that do not hold any more."""
+    """The files that were written, what was not and why, and the page of the findings."""
 
     files: tuple[Path, ...]
     not_run: tuple[str, ...]
-    unconfirmed: tuple[str, ...]
+    page: Page
 
 
 def make(out: Path, *, texts: bool = False) -> Made:
@@ -50,19 +51,19 @@ def make(out: Path, *, texts: bool = False) -> Made:
     page = findings()
     folder.write("findings.md", page.text + measured)
     folder.write("paper.tex", tex.document(_parts({file.name for file in folder.files})))
-    return Made(tuple(folder.files), tuple(folder.not_run), page.unconfirmed)
+    return Made(tuple(folder.files), tuple(folder.not_run), page)
 
 
 def latex_texts(trees: Path, gates: Path = GATES) -> dict[str, str]:
     """The tables, formulas and listings by file name, computed from the trees in these folders."""
-    path = trees / _PRUNED
+    path = trees / PRUNED.name
     tree = rvaft.load(path)
     return {
         "table1.tex": node_table(tree),
         "gates.tex": gate_table(gates),
         "formulas.tex": formulas_tex(tree),
-        "listing.rml": listing_rml(),
-        "listing.tex": listing_tex(),
+        "listing.rml": listing_rml(tree),
+        "listing.tex": listing_tex(tree),
         **{f"table{number}.tex": text for number, text in verdict_tables(tree, path.with_suffix(".traces")).items()},
     }
 
@@ -91,7 +92,7 @@ def _pictures(folder: _Folder) -> str:
     except ToolMissing as error:
         folder.not_run.append(f"figures 4a and 4b: {error}")
     try:
-        measured = overhead(folder.path, tree=TREES / _PRUNED)
+        measured = overhead(folder.path, tree=PRUNED)
     except ToolMissing as error:
         folder.not_run.append(f"overhead: {error}")
         said = f"not run: {error}\n"
@@ -109,5 +110,6 @@ def _parts(files: set[str]) -> Iterator[str]:
         if f"{name}.pdf" in files:
             picture = rf"\includegraphics[width={width}cm]{{{name}}}"
             yield rf"\begin{{figure}}[htbp]\centering{picture}\caption{{{caption}}}\end{{figure}}"
-    if "overhead.tex" in files:
-        yield r"\begin{table}[htbp]\centering\scriptsize\caption{What monitoring costs a mission.}\input{overhead}\end{table}"
+    for name in ("overhead", "overhead_detected"):
+        if f"{name}.tex" in files:
+            yield rf"\input{{{name}}}"

@@ -21,7 +21,8 @@ from math import hypot
 from random import Random
 from typing import Final
 
-from rvaft.errors import OptionError, RvaftError
+from papers.fmas2022.command import ended
+from rvaft.errors import OptionError
 from rvaft.values import Json
 
 ENTRANCE: Final = "entrance"
@@ -223,12 +224,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--mode", type=Mode, default=Mode.NOMINAL, help=" or ".join(Mode))
     parser.add_argument("--seed", type=int, default=1, help="another one is another mission (default 1)")
     options = parser.parse_args(arguments)
-    try:
-        for event in Mission(options.waypoints, options.mode, options.seed).events():
-            sys.stdout.write(f"{json.dumps(event)}\n")
-    except RvaftError as error:
-        sys.stderr.write(f"mission: {error}\n")
-        return 2
+    return ended("mission", lambda: _told(Mission(options.waypoints, options.mode, options.seed)))
+
+
+def _told(mission: Mission) -> int:
+    for event in mission.events():
+        sys.stdout.write(f"{json.dumps(event)}\n")
     return 0
 
 

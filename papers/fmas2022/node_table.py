@@ -1,6 +1,7 @@
 """Table 1: the nodes of the tree, their runtime events and the topics on which these come."""
 
 from collections.abc import Iterator
+from typing import Final
 
 from papers.fmas2022 import tex
 from rvaft import latex
@@ -9,6 +10,11 @@ from rvaft.model import Node
 from rvaft.patterns import Literal
 from rvaft.topics import topic_of
 from rvaft.tree import RVAFT
+
+_NOTES: Final = (
+    r"The print has \textit{movebase\_result} for $\mathit{result}$, and \textit{MoveBaseGoal} for $\mathit{goal}$; it writes strings without quotation marks.",
+    r"The print has \textit{move(Waypoint)} for ev1. Here an event type has the same arguments everywhere; $\_$ is any time.",
+)
 
 
 def node_table(tree: RVAFT) -> str:
@@ -20,6 +26,7 @@ def node_table(tree: RVAFT) -> str:
         [r"\midrule", *rows],
         caption="Nodes, runtime events and topics (Table 1 of the paper, from the tree).",
         label="tab:nodes",
+        notes=_NOTES,
     )
 
 

@@ -1,6 +1,6 @@
 """What monitoring costs a mission: the paper's section 4.5, with what can be measured without its robot.
 
-Run as `python -m papers.fmas2022.overhead [--quick] FOLDER`.
+Run as `python -m papers.fmas2022.overhead [--quick] [FOLDER]`.
 """
 
 import sys
@@ -12,16 +12,18 @@ from typing import Final
 
 import rvaft
 from papers import plots
+from papers.fmas2022.command import ended
+from papers.fmas2022.mission import Mode
 from papers.fmas2022.overhead_cells import Cell, cells
 from papers.fmas2022.overhead_figure import draw
 from papers.fmas2022.overhead_runs import runs
 from papers.fmas2022.overhead_statement import statement
-from papers.fmas2022.overhead_tables import cells_csv, latex, runs_csv
-from rvaft.errors import RvaftError
+from papers.fmas2022.overhead_tables import cells_csv, detected_tex, nominal_tex, runs_csv
+from papers.fmas2022.places import OUT, PRUNED
 
-TREE: Final = Path(__file__).parents[2] / "trees" / "remote_inspection" / "pruned.rvaft"
 WAYPOINTS: Final = (5, 10, 20, 40, 80)
-REPETITIONS: Final = 31
+_QUICK: Final = (2, 4)
+REPETITIONS: Final = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,24 +39,27 @@ def overhead(
     folder: Path,
     *,
     quick: bool = False,
-    tree: Path = TREE,
+    tree: Path = PRUNED,
     waypoints: Sequence[int] | None = None,
     repetitions: int | None = None,
 ) -> Overhead:
-    """Measure, and write into a folder, which is made where it is not there: two CSV files, a LaTeX table, a text, and the figure twice.
+    """Measure, and write into a folder, which is made where it is not there: two CSV files, two LaTeX tables, a text, and the figure twice.
 
-    `quick` is for tests: two small missions, three times. Raises `ToolMissing`, and `OSError` where the folder cannot be written.
+    `quick` is for tests: two small missions, twice. Raises `ToolMissing`, and `OSError` where the folder cannot be written.
     """
     with plots.style():  # what is missing is said before anything is measured
         folder.mkdir(parents=True, exist_ok=True)
-    sizes = waypoints or (WAYPOINTS[:2] if quick else WAYPOINTS)
-    measured = tuple(runs(rvaft.load(tree), sizes, repetitions or (3 if quick else REPETITIONS)))
+    sizes = waypoints or (_QUICK if quick else WAYPOINTS)
+    times = repetitions or (2 if quick else REPETITIONS)
+    watched = rvaft.load(tree)
+    measured = tuple(run for mode in Mode for run in runs(watched, sizes, times, mode=mode))
     found = cells(measured)
     said = statement(found)
     texts = {
         "overhead_runs.csv": runs_csv(measured),
         "overhead.csv": cells_csv(found),
-        "overhead.tex": latex(found),
+        "overhead.tex": nominal_tex(found),
+        "overhead_detected.tex": detected_tex(found),
         "overhead.md": said,
     }
     for name, text in texts.items():
@@ -65,18 +70,14 @@ def overhead(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, write, and say in words what was found; 2 where that cannot be done."""
     parser = ArgumentParser(prog="python -m papers.fmas2022.overhead", description="what monitoring costs a mission")
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where to write")
-    parser.add_argument("--quick", action="store_true", help="two small missions, three times")
+    parser.add_argument("folder", type=Path, nargs="?", default=OUT, metavar="FOLDER", help="default: out/")
+    parser.add_argument("--quick", action="store_true", help="two small missions, twice")
     options = parser.parse_args(arguments)
-    try:
-        done = overhead(options.folder, quick=options.quick)
-    except RvaftError as error:
-        sys.stderr.write(f"overhead: {error}\n")
-        return 2
-    except OSError as error:
-        sys.stderr.write(f"overhead: {error.filename}: {error.strerror}\n")
-        return 2
-    sys.stdout.write(done.statement)
+    return ended("overhead", lambda: _said(options.folder, quick=options.quick))
+
+
+def _said(folder: Path, *, quick: bool) -> int:
+    sys.stdout.write(overhead(folder, quick=quick).statement)
     return 0
 
 

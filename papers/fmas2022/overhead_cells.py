@@ -3,10 +3,11 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from statistics import linear_regression, quantiles
+from statistics import linear_regression, mode, quantiles
 from typing import NamedTuple
 
-from papers.fmas2022.overhead_runs import NONE, SETUPS, Run
+from papers.fmas2022.mission import Mode
+from papers.fmas2022.overhead_runs import SETUPS, Run
 
 
 class Spread(NamedTuple):
@@ -19,12 +20,13 @@ class Spread(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A setup on missions of one size.
+    """A setup on missions of one mode and size.
 
-    `made`, `cpu` and `wall` are in seconds, as in `Run`. What is compared with the run without monitors is compared with the one of the same
+    `made`, `cpu`, `wall` and `dearest` are in seconds, as in `Run`; `dearest_event` and `dearest_on` are those of most repetitions. What is compared with the run without monitors is compared with the one of the same
     repetition: `extra` is what the monitors add to `cpu`, in seconds, and `ratio` how many times as long the loop takes.
     """
 
+    mode: Mode
     waypoints: int
     setup: str
     monitors: int
@@ -37,6 +39,10 @@ class Cell:
     extra: Spread
     ratio: Spread
     verdicts: str
+    dearest: Spread
+    dearest_event: int
+    dearest_on: str
+    detected: int
 
     @property
     def per_event(self) -> Spread:
@@ -50,16 +56,23 @@ class Cell:
 
 
 def cells(runs: Iterable[Run]) -> tuple[Cell, ...]:
-    """A cell for each number of waypoints, and in it for each setup, in the order of `SETUPS`; two repetitions or more."""
-    every = sorted(runs, key=lambda run: (run.waypoints, SETUPS.index(run.setup), run.repetition))
-    grouped = {key: list(group) for key, group in groupby(every, key=lambda run: (run.waypoints, run.setup))}
-    return tuple(_cell(group, grouped[waypoints, NONE]) for (waypoints, _), group in grouped.items())
+    """A cell for each mode, in it for each number of waypoints, and in that for each setup, in their orders; two repetitions or more."""
+    every = sorted(runs, key=lambda run: (*_place(run), run.repetition))
+    grouped = {place: list(group) for place, group in groupby(every, key=_place)}
+    return tuple(_cell(group, grouped[modes, waypoints, 0]) for (modes, waypoints, _), group in grouped.items())
+
+
+def _place(run: Run) -> tuple[int, int, int]:
+    """Mode, number of waypoints, and setup: that without monitors is the first."""
+    return list(Mode).index(run.mode), run.waypoints, SETUPS.index(run.setup)
 
 
 def _cell(runs: Sequence[Run], bare: Sequence[Run]) -> Cell:
     pairs = list(zip(runs, bare, strict=True))
     one = runs[0]
+    dearest_event, dearest_on = mode((run.dearest_event, run.dearest_on) for run in runs)
     return Cell(
+        mode=one.mode,
         waypoints=one.waypoints,
         setup=one.setup,
         monitors=one.monitors,
@@ -72,6 +85,10 @@ def _cell(runs: Sequence[Run], bare: Sequence[Run]) -> Cell:
         extra=_spread(run.cpu - without.cpu for run, without in pairs),
         ratio=_spread(run.cpu / without.cpu for run, without in pairs),
         verdicts=one.verdicts,
+        dearest=_spread(run.dearest for run in runs),
+        dearest_event=dearest_event,
+        dearest_on=dearest_on,
+        detected=one.detected,
     )
 
 

@@ -1,10 +1,11 @@
-"""The overhead figure: what a mission's loop takes with and without monitors, and what monitors add to an event."""
+"""The overhead figure: what a mission's loop takes with and without monitors, what monitors add to an event, and what the dearest costs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from papers import plots
+from papers.fmas2022.mission import Mode
 from papers.fmas2022.overhead_cells import Cell, Spread
 from papers.fmas2022.overhead_runs import NONE, SETUPS
 from rvaft.monitoring.columns import Per
@@ -24,28 +25,41 @@ NAME: Final = "overhead"
 def draw(cells: Sequence[Cell], folder: Path) -> tuple[Path, ...]:
     """Write the figure as PDF and PNG, and return the files; raises `ToolMissing`, `OSError`."""
     with plots.style():
-        figure = plots.figure(height=10.0)
-        above, below = figure.subplots(2, 1, sharex=True)
+        figure = plots.figure(height=16.0)
+        whole, each, calm, attacked = figure.subplots(4, 1, sharex=True)
+        attacked.sharey(calm)
         for line, setup in zip(plots.LINES, SETUPS, strict=False):
             mine = [cell for cell in cells if cell.setup == setup]
-            sizes = [cell.waypoints for cell in mine]
-            _spreads(above, sizes, [Spread(*(1e3 * one for one in cell.cpu)) for cell in mine], setup, line)
+            quiet = [cell for cell in mine if cell.mode is Mode.NOMINAL]
+            _spreads(whole, quiet, lambda cell: _milliseconds(cell.cpu), line)
             if setup != NONE:
-                _spreads(below, sizes, [cell.per_event for cell in mine], setup, line)
-        above.set_ylabel("CPU time of a mission (ms)")
-        below.set_ylabel("added to an event (µs)")
-        below.set_xlabel("waypoints")
-        below.set_xticks(sorted({cell.waypoints for cell in cells}))
-        for axes in (above, below):
+                _spreads(each, quiet, lambda cell: cell.per_event, line)
+                _spreads(calm, quiet, lambda cell: _milliseconds(cell.dearest), line)
+                hit = [cell for cell in mine if cell.mode is Mode.ATTACK]
+                _spreads(attacked, hit, lambda cell: _milliseconds(cell.dearest), line)
+        whole.set_ylabel("CPU time of\na mission (ms)")
+        each.set_ylabel("added to\nan event (µs)")
+        calm.set_ylabel("dearest event (ms)")
+        attacked.set_ylabel("dearest event (ms),\nattacked")
+        attacked.set_xlabel("waypoints")
+        attacked.set_xticks(sorted({cell.waypoints for cell in cells}))
+        for axes in (whole, each):
             axes.set_ylim(bottom=0)
-        above.legend(loc="upper left")
+        calm.set_yscale("log")
+        for axes in (calm, attacked):
+            axes.yaxis.set_major_formatter("{x:g}")
+        whole.legend(loc="upper left")
         return plots.write(figure, folder, NAME)
 
 
-def _spreads(
-    axes: "Axes", sizes: Sequence[int], spreads: Sequence[Spread], setup: str, line: Mapping[str, Any]
-) -> None:
-    """Medians joined by a line, with bars from the lower to the upper quartile."""
+def _milliseconds(seconds: Spread) -> Spread:
+    return Spread(*(1e3 * one for one in seconds))
+
+
+def _spreads(axes: "Axes", cells: Sequence[Cell], value: Callable[[Cell], Spread], line: Mapping[str, Any]) -> None:
+    """Medians of the cells of one setup, joined by a line, with bars from the lower to the upper quartile."""
+    spreads = [value(cell) for cell in cells]
     medians = [one.median for one in spreads]
     bars = [[one.median - one.low for one in spreads], [one.high - one.median for one in spreads]]
-    axes.errorbar(sizes, medians, yerr=bars, label=TITLES[setup], **line)
+    sizes = [cell.waypoints for cell in cells]
+    axes.errorbar(sizes, medians, yerr=bars, label=TITLES[cells[0].setup] if cells else None, **line)

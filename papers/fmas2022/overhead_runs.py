@@ -4,10 +4,10 @@ import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from time import perf_counter, process_time
-from typing import Final
+from time import perf_counter, process_time, process_time_ns
+from typing import Final, TypedDict
 
-from papers.fmas2022.mission import Event, Mission
+from papers.fmas2022.mission import Event, Mission, Mode
 from rvaft.api import monitor
 from rvaft.monitoring.columns import Per, columns, parts
 from rvaft.monitors import Monitor
@@ -26,9 +26,12 @@ class Run:
     """One mission under one setup: how much it had to say, and what it took, in seconds.
 
     `mission` is simulated time. `made` is the processor's time to make the monitors, `cpu` and `wall` are that of the mission's loop.
-    `verdicts` has the sign of each monitor's last verdict.
+    `verdicts` has the sign of each monitor's last verdict. `dearest` is the processor's time that the monitors need for the one event that
+    costs them most, in another run through the same mission; `dearest_event` is its number, from 1, and `dearest_on` its topic.
+    `detected` is the number of the event at which the first monitor detects something, 0 where none does.
     """
 
+    mode: Mode
     waypoints: int
     setup: str
     repetition: int
@@ -39,9 +42,15 @@ class Run:
     cpu: float
     wall: float
     verdicts: str
+    dearest: float
+    dearest_event: int
+    dearest_on: str
+    detected: int
 
 
-def runs(tree: RVAFT, waypoints: Sequence[int], repetitions: int, *, seed: int = 1) -> Iterator[Run]:
+def runs(
+    tree: RVAFT, waypoints: Sequence[int], repetitions: int, *, mode: Mode = Mode.NOMINAL, seed: int = 1
+) -> Iterator[Run]:
     """Every setup on missions of so many waypoints, as often as said.
 
     Setups take turns, and each turn another one begins, so that what slows the machine down for a while slows all alike. A round before
@@ -53,7 +62,7 @@ def runs(tree: RVAFT, waypoints: Sequence[int], repetitions: int, *, seed: int =
             first = repetition % len(SETUPS)
             for number in waypoints:
                 for setup in SETUPS[first:] + SETUPS[:first]:
-                    run = _run(Mission(number, seed=seed), setup, repetition, watched[setup])
+                    run = _run(Mission(number, mode, seed), setup, repetition, watched[setup])
                     if repetition:
                         yield run
             gc.collect()
@@ -69,14 +78,29 @@ def _watched(tree: RVAFT, setup: str) -> tuple[RVAFT, ...]:
 
 def _run(mission: Mission, setup: str, repetition: int, trees: Sequence[RVAFT]) -> Run:
     start = process_time()
-    monitors = [monitor(tree, semantics=SEMANTICS) for tree in trees]
+    monitors = _monitors(trees)
     made = process_time() - start
     wall, cpu = perf_counter(), process_time()
     events, last = _loop(mission.events(), [one.step for one in monitors])
     cpu, wall = process_time() - cpu, perf_counter() - wall
     return Run(
-        mission.waypoints, setup, repetition, len(monitors), events, last["time"], made, cpu, wall, _signs(monitors)
+        mode=mission.mode,
+        waypoints=mission.waypoints,
+        setup=setup,
+        repetition=repetition,
+        monitors=len(monitors),
+        events=events,
+        mission=last["time"],
+        made=made,
+        cpu=cpu,
+        wall=wall,
+        verdicts=_signs(monitors),
+        **_singly(mission.events(), _monitors(trees)),
     )
+
+
+def _monitors(trees: Iterable[RVAFT]) -> list[Monitor]:
+    return [monitor(tree, semantics=SEMANTICS) for tree in trees]
 
 
 def _loop(events: Iterable[Event], steps: Sequence[Callable[[Event], Verdict]]) -> tuple[int, Event]:
@@ -88,6 +112,34 @@ def _loop(events: Iterable[Event], steps: Sequence[Callable[[Event], Verdict]]) 
         for step in steps:
             step(event)
     return count, event
+
+
+class _Singly(TypedDict):
+    """The part of a `Run` for which the clock is read at every event, which takes time itself."""
+
+    dearest: float
+    dearest_event: int
+    dearest_on: str
+    detected: int
+
+
+def _singly(events: Iterable[Event], monitors: Sequence[Monitor]) -> _Singly:
+    dearest, event, topic, detected = 0, 0, "", 0
+    for number, message in enumerate(events, 1):
+        start = process_time_ns()
+        for one in monitors:
+            one.step(message)
+        took = process_time_ns() - start
+        if monitors and took > dearest:
+            dearest, event, topic = took, number, _topic(message)
+        if not detected and any(one.verdict is Verdict.TRUE for one in monitors):
+            detected = number
+    return _Singly(dearest=dearest / 1e9, dearest_event=event, dearest_on=topic, detected=detected)
+
+
+def _topic(message: Event) -> str:
+    """The topic of a message, and for a command its name."""
+    return f"{message['topic']} {message.get('name', '')}".rstrip()
 
 
 def _signs(monitors: Iterable[Monitor]) -> str:

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from papers.fmas2022.places import ROOT
 from rvaft.errors import ToolFailed
 
-ROOT: Final = Path(__file__).parents[2]
-"""Commands run in the folder of the project."""
 TIMEOUT: Final = 300.0
 """Seconds after which a command is given up."""
 _FOLDERS: Final = ("RML_COMPILER", "RML_MONITOR", "OUT")

@@ -48,13 +48,20 @@ def heading(text: str, width: int) -> str:
 
 
 def table(
-    columns: str, head: Sequence[str], rows: Iterable[str], *, caption: str, label: str, notes: Sequence[str] = ()
+    columns: str,
+    head: Sequence[str],
+    rows: Iterable[str],
+    *,
+    caption: str,
+    label: str,
+    notes: Sequence[str] = (),
+    size: str = r"\small",
 ) -> str:
-    """A floating table; `rows` are lines as `row` and `heading` give them, `notes` are paragraphs below it."""
+    """A floating table; `rows` are lines as `row` and `heading` give them, `notes` are paragraphs below it, `size` is that of its text."""
     below = [r"\par\smallskip\raggedright\footnotesize", *(rf"{note}\par" for note in notes)] if notes else []
     lines = [
         r"\begin{table}[htbp]",
-        r"\centering\small",
+        rf"\centering{size}",
         rf"\caption{{{caption}}}\label{{{label}}}",
         rf"\begin{{tabular}}{{{columns}}}",
         r"\toprule",
@@ -66,6 +73,12 @@ def table(
         r"\end{table}",
     ]
     return "\n".join([*lines, ""])
+
+
+def captioned(listing: str, *, caption: str, label: str) -> str:
+    """A listing with a caption above it, which it alone has."""
+    own = rf"\lstset{{caption={{{caption}}}, label={{{label}}}, captionpos=t}}"
+    return "\n".join([r"\begingroup", own, listing.rstrip("\n"), r"\endgroup", ""])
 
 
 def document(parts: Iterable[str]) -> str:

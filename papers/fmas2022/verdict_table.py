@@ -1,6 +1,6 @@
 """The traces of Tables 2 and 3, completed, with the verdicts that every participant gives after every event.
 
-Run as `python -m papers.fmas2022.verdict_table`; exits 1 if two participants differ anywhere.
+Run as `python -m papers.fmas2022.verdict_table`; exits 1 if two participants differ anywhere. Who cannot take part is told last.
 """
 
 import json
@@ -13,16 +13,14 @@ from rich.table import Table
 
 import rvaft
 from cross_check.participants import Absent, Outside, Participant
-from papers.fmas2022.verdicts import enlist, monitors, said
-from rvaft.tree import RVAFT
+from papers.fmas2022.command import ended
+from papers.fmas2022.places import PRUNED
+from papers.fmas2022.verdicts import Enlisted, absent, enlist, listed, present, said, symbols
 from rvaft.values import Json
 
-TREE = Path(__file__).parents[2] / "trees" / "remote_inspection" / "pruned.rvaft"
 
-
-def rows(tree: RVAFT, folder: Path) -> Iterator[tuple[str, str, dict[str, str]]]:
+def rows(enlisted: Enlisted, folder: Path) -> Iterator[tuple[str, str, dict[str, str]]]:
     """For each trace of the two tables and each monitor: the verdicts of each participant, or why it gives none."""
-    enlisted = {sign: enlist(tree, number) for sign, number in monitors(tree).items()}
     for path in sorted(folder.glob("table[23]_row?.jsonl")):
         events = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         for sign, participants in enlisted.items():
@@ -34,28 +32,32 @@ def _cell(participant: Participant | Outside | Absent, events: list[Json]) -> st
         return f"({participant.status})"
     verdicts = said(participant, events)
     assert verdicts is not None, "nobody asked for a program of others"
-    return "".join(verdict.symbol for verdict in verdicts)
+    return symbols(verdicts)
+
+
+def printed() -> int:
+    """Print the table, who agrees, and who did not take part; 1 if two participants differ."""
+    enlisted = enlist(rvaft.load(PRUNED))
+    names, missing = present(enlisted), absent(enlisted)
+    table = Table("trace", "monitor", *names, *missing, title="Verdicts after every event, projected semantics")
+    for column in table.columns:
+        column.no_wrap = True
+    differ = False
+    for trace, sign, cells in rows(enlisted, PRUNED.with_suffix(".traces")):
+        agree = len({cells[name] for name in names}) == 1
+        differ |= not agree
+        words = [cells[name] for name in (*names, *missing)]
+        table.add_row(trace, sign, *words, style=None if agree else "bold red", end_section=sign == "φ₄")
+    Console(width=100).print(table)
+    sys.stdout.write("the rows in red differ\n" if differ else f"{listed(names)} agree\n")
+    for name, reason in missing.items():
+        sys.stdout.write(f"not run: {name}: {reason}\n")
+    return 1 if differ else 0
 
 
 def main() -> int:
     """Print the table."""
-    tree = rvaft.load(TREE)
-    table = Table(title="Verdicts after every event, projected semantics")
-    differ = False
-    absent: set[str] = set()
-    for trace, sign, cells in rows(tree, TREE.with_suffix(".traces")):
-        if not table.columns:
-            for heading in ("trace", "monitor", *cells):
-                table.add_column(heading, no_wrap=True)
-        absent |= {name for name, cell in cells.items() if cell.startswith("(")}
-        agree = len({cell for name, cell in cells.items() if name not in absent}) == 1
-        differ |= not agree
-        table.add_row(trace, sign, *cells.values(), style=None if agree else "bold red", end_section=sign == "φ₄")
-    Console(width=100).print(table)
-    for name in sorted(absent):
-        sys.stdout.write(f"not run: {name}\n")
-    sys.stdout.write("all participants that ran agree\n" if not differ else "the rows in red differ\n")
-    return 1 if differ else 0
+    return ended("verdict_table", printed)
 
 
 if __name__ == "__main__":

@@ -5,33 +5,37 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
+from cross_check.participants import ENGINE
 from papers.fmas2022 import printed, tex
 from papers.fmas2022.notes import Notes, difference
-from papers.fmas2022.verdicts import Monitors, Trace, monitors, traces
+from papers.fmas2022.verdicts import Enlisted, Monitors, Trace, absent, enlist, listed, monitors, present, traces
 from rvaft.latex import escaped
 from rvaft.tree import RVAFT
 from rvaft.values import Json
-from rvaft.verdict import Verdict
 
 _BLANK: Final = r"\textcolor{black!55}"
-_CAPTIONS: Final = {
-    Verdict.TRUE: "Traces that the tree describes",
-    Verdict.FALSE: "Traces that the print says the tree does not describe",
-}
 _GREY: Final = rf"{_BLANK}{{Grey}}: the cell is empty in the print, or its event is not there."
 _ADDED: Final = r"\textsuperscript{+}\,The print leaves this event out. Without it the verdicts are: "
-_CHECKED: Final = (
-    "Verdicts are those of the engine under the projected semantics; all other participants give the same."
-)
 
 
 def verdict_tables(tree: RVAFT, folder: Path) -> Mapping[int, str]:
     """Table 2 and Table 3 by number, from the traces in a folder; raises `Disagreement`, `OSError`."""
-    found = list(traces(tree, folder))
-    return {number: _table(tree, number, [one for one in found if one.table == number]) for number in printed.LAST}
+    enlisted = enlist(tree)
+    found, checked = list(traces(enlisted, folder)), list(_checked(enlisted))
+    return {
+        number: _table(tree, number, [one for one in found if one.table == number], checked) for number in printed.LAST
+    }
 
 
-def _table(tree: RVAFT, number: int, found: list[Trace]) -> str:
+def _checked(enlisted: Enlisted) -> Iterator[str]:
+    """Whose the verdicts are, who gives the same, and who could not be asked."""
+    others = listed(tex.typewriter(name) for name in present(enlisted) if name != ENGINE)
+    yield f"Verdicts are those of the engine under the projected semantics. The same ones, in every cell, give {others}."
+    for name, reason in absent(enlisted).items():
+        yield f"Not run: {tex.typewriter(name)} ({escaped(reason)})."
+
+
+def _table(tree: RVAFT, number: int, found: list[Trace], checked: list[str]) -> str:
     notes, signs = Notes(), monitors(tree)
     rows = [row for trace in found for row in _rows(tree, trace, notes)]
     added = [f"trace {trace.number}: {_word(trace, signs)}" for trace in found if trace.as_printed]
@@ -39,9 +43,9 @@ def _table(tree: RVAFT, number: int, found: list[Trace]) -> str:
         rf"r>{{\raggedright\arraybackslash\frenchspacing\ttfamily\scriptsize}}p{{.64\linewidth}}*{{{len(signs)}}}{{c}}",
         ["", r"\normalfont\small Event", *(tex.math(tex.phi(branch)) for branch in signs.values())],
         rows,
-        caption=f"{_CAPTIONS[printed.LAST[number]]} (Table {number} of the paper, computed).",
+        caption=f"The traces of Table {number} of the paper, completed, and their verdicts, computed.",
         label=f"tab:verdicts{number}",
-        notes=[*notes.lines(), *([f"{_ADDED}{'; '.join(added)}."] if added else []), _GREY, _CHECKED],
+        notes=[*notes.lines(), *([f"{_ADDED}{'; '.join(added)}."] if added else []), _GREY, *checked],
     )
 
 

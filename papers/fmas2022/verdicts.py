@@ -4,7 +4,7 @@ The verdicts are the engine's. The reference and every faithful backend give the
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,8 @@ from rvaft.verdict import Semantics, Verdict
 Monitors = Mapping[str, int | None]
 """Sign of a monitor -> the number of its branch, None for the whole tree."""
 Everybody = Mapping[str, Participant | Outside | Absent]
+Enlisted = Mapping[str, Everybody]
+"""Sign of a monitor -> everybody who can say what it means, by name."""
 Verdicts = Mapping[str, tuple[Verdict, ...]]
 """Sign of a monitor -> its verdicts after every event."""
 
@@ -53,9 +55,40 @@ def monitors(tree: RVAFT) -> Monitors:
     return {"φ": None, **{f"φ{str(one.number).translate(digits)}": one.number for one in tree.branches()}}
 
 
-def traces(tree: RVAFT, folder: Path) -> Iterator[Trace]:
+def enlist(tree: RVAFT) -> Enlisted:
+    """Everybody who can say what the tree and its branches mean, under `projected`."""
+    return {
+        sign: {
+            name: make() for name, make in Roster().candidates(tree, Job("tree", Semantics.PROJECTED, branch=branch))
+        }
+        for sign, branch in monitors(tree).items()
+    }
+
+
+def present(enlisted: Enlisted) -> list[str]:
+    """The names of those who speak for every monitor."""
+    missing = absent(enlisted)
+    return list(dict.fromkeys(name for everybody in enlisted.values() for name in everybody if name not in missing))
+
+
+def absent(enlisted: Enlisted) -> Mapping[str, str]:
+    """The names of those who cannot speak for some monitor, and why."""
+    return {
+        name: str(one.error)
+        for everybody in enlisted.values()
+        for name, one in everybody.items()
+        if isinstance(one, Absent)
+    }
+
+
+def listed(names: Iterable[str]) -> str:
+    """`a, b and c`."""
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def traces(enlisted: Enlisted, folder: Path) -> Iterator[Trace]:
     """The traces of both tables, from a folder with table2_row1.jsonl and so on; raises `Disagreement`, `OSError`."""
-    enlisted = {sign: enlist(tree, branch) for sign, branch in monitors(tree).items()}
     for table in printed.LAST:
         for number in printed.TRACES:
             text = (folder / f"table{table}_row{number}.jsonl").read_text(encoding="utf-8")
@@ -64,12 +97,6 @@ def traces(tree: RVAFT, folder: Path) -> Iterator[Trace]:
             shorter = [event for place, event in enumerate(events, 1) if place != left_out]
             as_printed = _agreed(enlisted, shorter) if left_out else {}
             yield Trace(table, number, tuple(events), _agreed(enlisted, events), as_printed)
-
-
-def enlist(tree: RVAFT, branch: int | None) -> Everybody:
-    """Everybody who can say what the tree or a branch of it means, by name, under `projected`."""
-    job = Job("tree", Semantics.PROJECTED, branch=branch)
-    return {name: make() for name, make in Roster().candidates(tree, job)}
 
 
 def said(one: Participant | Outside | Absent, events: Sequence[Json]) -> tuple[Verdict, ...] | None:
@@ -82,8 +109,8 @@ def symbols(verdicts: Sequence[Verdict]) -> str:
     return "".join(verdict.symbol for verdict in verdicts)
 
 
-def _agreed(enlisted: Mapping[str, Everybody], events: Sequence[Json]) -> Verdicts:
-    """What all monitors say, each of them by everybody."""
+def _agreed(enlisted: Enlisted, events: Sequence[Json]) -> Verdicts:
+    """What all monitors say, each of them by everybody who is there."""
     found: dict[str, tuple[Verdict, ...]] = {}
     for sign, everybody in enlisted.items():
         words = {name: word for name, one in everybody.items() if (word := said(one, events)) is not None}

@@ -36,8 +36,8 @@ Each sentence is held against every cell that it is about.
 _TIMES: Final = """
 ## Times at {most} children
 
-`projected`. Milliseconds to translate; thousands of events per second when all of the {events} events of the trace are met for the first time, and when the same
-trace is run again. The readers of RML and LTLf remember what an event did to a state, so that a trace which is known costs little more than a look-up; the first time
+`projected`. Milliseconds to translate; thousands of events per second when a monitor meets them for the first time, and when the same
+traces are run again. The readers of RML and LTLf remember what an event did to a state, so that a trace which is known costs little more than a look-up; the first time
 tells what the language costs.
 
 """
@@ -49,10 +49,9 @@ def note(rows: Sequence[Row]) -> str:
     counts = [(outcome, sum(_ended(row) is outcome for row in rows)) for outcome in Outcome]
     outcomes = ", ".join(f"{count:,} {outcome}" for outcome, count in counts if count)
     head = _HEAD.format(most=most, count=f"{len(rows):,}", outcomes=outcomes)
-    events = max(row.events or 0 for row in rows)
     times = [*_times([row for row in rows if row.semantics is Semantics.PROJECTED and row.children == most])]
     parts = [head, *(_finding(finding, rows) for finding in FINDINGS), *_large(rows)]
-    return "".join([*parts, _TIMES.format(most=most, events=events), "\n".join(times), "\n"])
+    return "".join([*parts, _TIMES.format(most=most), "\n".join(times), "\n"])
 
 
 def short(rows: Sequence[Row]) -> list[Row]:

@@ -37,15 +37,15 @@ class Form(StrEnum):
     "--width",
     type=click.IntRange(min=1),
     metavar="N",
-    default=WIDTH,
-    show_default=True,
-    help="With latex: break formulas that are wider than N characters.",
+    help=f"With latex: break formulas that are wider than N characters.  [default: {WIDTH}]",
 )
-def command(*, tree: str, form: str, whole: bool, width: int) -> int:
+def command(*, tree: str, form: str, whole: bool, width: int | None) -> int:
     """List the branches of a tree, one line each: number, kinds (- for none), property."""
+    if width is not None and form != Form.LATEX:
+        raise click.UsageError(f"--width: not for the format {form}; with it, each property is one line")
     loaded = load(tree)
     parts: Iterable[RVAFT | Branch] = [loaded] if whole else branches(loaded)
-    rows = align_latex(parts, width=width) if form == Form.LATEX else _rows(parts, Form(form))
+    rows = align_latex(parts, width=width or WIDTH) if form == Form.LATEX else _rows(parts, Form(form))
     for row in rows:
         sys.stdout.write(f"{row}\n")
     return 0

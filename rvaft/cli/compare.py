@@ -1,24 +1,25 @@
 """`rvaft compare`: sizes and speeds of the same trees in every specification language."""
 
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
-from errno import ENOTDIR
 from pathlib import Path
 
 import click
 
 from rvaft.api import narrowed
 from rvaft.backend import backend
+from rvaft.cli.compare_outputs import Outputs
 from rvaft.cli.comparing import Failures
-from rvaft.cli.failure import FAILED, FOUND, INTERRUPTED, Stopped
+from rvaft.cli.failure import FAILED, FOUND, INTERRUPTED, Stopped, report
 from rvaft.cli.kept_rows import KeptRows
 from rvaft.cli.lists import finite, some_backends, some_gates, some_semantics
 from rvaft.cli.output import deliver
 from rvaft.cli.reports import Watched
 from rvaft.comparison.latex import latex_text
+from rvaft.comparison.panels import figures
 from rvaft.comparison.plan import (
     MAX_ARITY,
+    MEMORY,
     TIMEOUT,
     Cell,
     Settings,
@@ -27,10 +28,11 @@ from rvaft.comparison.plan import (
     default_languages,
     gate_subjects,
 )
-from rvaft.comparison.plots import Width, library, write_plots
-from rvaft.comparison.rows import Outcome, Row, empty_row
+from rvaft.comparison.plots import write_plots
+from rvaft.comparison.rows import Row, empty_row
 from rvaft.comparison.running import measured
-from rvaft.comparison.text import text_lines
+from rvaft.comparison.text import headline, text_lines
+from rvaft.comparison.width import Width
 from rvaft.errors import OptionError
 from rvaft.language import load
 from rvaft.model import Gate
@@ -60,7 +62,15 @@ from rvaft.verdict import Semantics
     default=TIMEOUT,
     show_default=True,
     metavar="SECONDS",
-    help="For one tree in one language.",
+    help="Of the processor, for one tree in one language.",
+)
+@click.option(
+    "--memory",
+    type=click.IntRange(min=1, max=2**40),
+    default=MEMORY,
+    show_default=True,
+    metavar="MB",
+    help="For one tree in one language; needing more is `too large`.",
 )
 @click.option("--csv", metavar="FILE", help="Keep all measurements in this file while they are made.")
 @click.option("--resume", is_flag=True, help="Go on with what the CSV file has.")
@@ -69,9 +79,7 @@ from rvaft.verdict import Semantics
 @click.option(
     "--width",
     type=click.Choice([width.value for width in Width]),
-    default=Width.PAGE.value,
-    show_default=True,
-    help="Of figures.",
+    help="Of tables and figures; only with --latex or --plots.  [default: page]",
 )
 @click.option(
     "--jobs",
@@ -91,11 +99,12 @@ def command(
     languages: str | None,
     limit: int | None,
     timeout: float,
+    memory: int,
     csv: str | None,
     resume: bool,
     latex: str | None,
     plots: str | None,
-    width: str,
+    width: str | None,
     jobs: int,
     seed: int,
 ) -> int:
@@ -106,8 +115,8 @@ def command(
     context = click.get_current_context()
     if resume and csv in (None, "-"):
         raise click.UsageError("--resume goes on with a file: name it with --csv", context)
-    if latex is not None and latex == csv:
-        raise click.UsageError("two reports go to one file", context)
+    if width is not None and latex is None and plots is None:
+        raise click.UsageError("--width is that of tables and figures: ask for some with --latex or --plots", context)
     failures = Failures()
     subjects = list(failures.collect(_subject, dict.fromkeys(trees)))
     chosen = gates if gates is not None else () if trees else tuple(Gate)
@@ -115,25 +124,25 @@ def command(
     if failures.met and not subjects:
         return FAILED
     try:
+        Outputs(csv, latex, plots).check(trees)
         spoken = some_backends(languages)
         cells = cells_of(
             subjects, semantics or (Semantics.PROJECTED,), default_languages() if spoken is None else spoken
         )
     except OptionError as error:
         raise click.UsageError(str(error), context) from error
-    _check_outputs(latex, plots)
-    settings = Settings(limit, timeout, seed)
+    settings = Settings(limit, timeout, seed, memory)
     rows = _measured(cells, settings, KeptRows(csv, resume=resume), jobs)
     if "-" not in (csv, latex):
-        click.echo("\n".join([*text_lines(rows), _headline(rows)]))
+        click.echo("\n".join([*text_lines(rows), headline(rows)]))
     if len(rows) < len(cells):
         again = "" if csv is None else "; go on with --resume"
         click.echo(f"interrupted after {len(rows)} of {len(cells)} measurements{again}", err=True)
         raise Stopped(INTERRUPTED)
     if latex is not None:
-        deliver(latex_text(rows).encode(errors="backslashreplace"), latex)
+        deliver(latex_text(rows, Width(width or Width.PAGE)).encode(errors="backslashreplace"), latex)
     if plots is not None:
-        write_plots(rows, Path(plots), Width(width))
+        failures.met |= not _drawn(rows, Path(plots), Width(width or Width.PAGE))
     return FAILED if failures.met else _status(rows)
 
 
@@ -143,20 +152,20 @@ def _subject(path: str) -> Subject:
     return Subject(click.format_filename(path), tree)
 
 
-def _check_outputs(latex: str | None, plots: str | None) -> None:
-    """Fail now for what cannot be written at the end."""
-    if latex not in (None, "-") and not (folder := Path(latex).absolute().parent).is_dir():
-        raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", latex)
-    if plots is not None:
-        library()
-        Path(plots).mkdir(parents=True, exist_ok=True)
+def _drawn(rows: Sequence[Row], folder: Path, width: Width) -> bool:
+    """Draw the figures; False, and a line that says so, where there are none."""
+    if any(True for _ in figures(rows)):
+        write_plots(rows, folder, width)
+        return True
+    report(click.ClickException("no figures: nothing that was compared has a size or a speed"))
+    return False
 
 
 def _measured(cells: Sequence[Cell], settings: Settings, kept: KeptRows, jobs: int) -> list[Row]:
     """The rows in the order of the cells; fewer where the run was interrupted."""
-    rows = {cell: row for cell in cells if (row := kept.known(empty_row(cell, settings))) is not None}
-    missing = [cell for cell in cells if cell not in rows]
     with kept:
+        rows = {cell: row for cell in cells if (row := kept.known(empty_row(cell, settings))) is not None}
+        missing = [cell for cell in cells if cell not in rows]
         try:
             with Watched(len(missing)) as watched, closing(measured(missing, settings, jobs=jobs)) as running:
                 for cell, row in running:
@@ -165,16 +174,9 @@ def _measured(cells: Sequence[Cell], settings: Settings, kept: KeptRows, jobs: i
                     watched.advance()
         except KeyboardInterrupt:
             pass  # told by the caller, after all that is known is written
-    found = [rows[cell] for cell in cells if cell in rows]
-    kept.finish(found)
+        found = [rows[cell] for cell in cells if cell in rows]
+        kept.finish(found)
     return found
-
-
-def _headline(rows: Sequence[Row]) -> str:
-    """How many measurements ended how."""
-    counts = Counter(row.result if row.result is not Outcome.OK else row.run for row in rows)
-    said = ", ".join(f"{counts[outcome]} {outcome}" for outcome in Outcome if counts[outcome])
-    return f"{len(rows)} measurement{'' if len(rows) == 1 else 's'}: {said or 'none'}"
 
 
 def _status(rows: Sequence[Row]) -> int:

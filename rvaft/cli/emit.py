@@ -6,12 +6,12 @@ from typing import Final
 import click
 
 from rvaft.api import narrowed, translate
-from rvaft.backend import backend
+from rvaft.backend import UnknownBackend, backend
 from rvaft.cli.languages import suggesting
 from rvaft.cli.options import exclusive, output_option, part_options, semantics_option, tree_argument
 from rvaft.cli.output import deliver
 from rvaft.drawing import Format, format_of, picture
-from rvaft.errors import TooLarge
+from rvaft.errors import OptionError, TooLarge
 from rvaft.language import load
 from rvaft.listings import listing
 from rvaft.tree import RVAFT
@@ -21,6 +21,7 @@ DRAWN: Final = "dot"
 """The word for a drawing, in place of a language."""
 AUTOMATON: Final = "automaton"
 """The backend whose texts are drawn."""
+_PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
 
 
 @click.command("emit")
@@ -62,6 +63,8 @@ def command(
 ) -> int:
     """Write a specification of a tree that means the tree under the chosen semantics."""
     exclusive(branch=branch, kind=kind)
+    if language != DRAWN:
+        _check_no_drawing(language, output)
     loaded = load(tree)
     if language == DRAWN:
         if form != "text":
@@ -70,7 +73,10 @@ def command(
             )
         return _draw(narrowed(loaded, branch, kind), Semantics(semantics), limit, output)
     with suggesting():
-        specification = translate(loaded, language, semantics=semantics, branch=branch, kind=kind, limit=limit)
+        try:
+            specification = translate(loaded, language, semantics=semantics, branch=branch, kind=kind, limit=limit)
+        except UnknownBackend as error:
+            raise UnknownBackend(error.name, (*error.known, DRAWN)) from error
     text = specification.text
     if form == "latex":
         text = listing(text, backend(language).highlighting)
@@ -78,10 +84,22 @@ def command(
     return 0
 
 
+def _check_no_drawing(language: str, output: str | None) -> None:
+    """Refuse the name of a picture's format as a language, and a file whose suffix is that of a drawing."""
+    if language in _PICTURES:
+        raise OptionError(f"{language} is no language: --to {DRAWN} -o FILE.{language} draws the automaton")
+    form = None if output is None else format_of(output)
+    if form is Format.DOT or form in _PICTURES:
+        message = (
+            f"{language} is written as text, which {output} would not be: --to {DRAWN} -o {output} draws the automaton"
+        )
+        raise click.UsageError(message, click.get_current_context())
+
+
 def _draw(tree: RVAFT, semantics: Semantics, limit: int | None, output: str | None) -> int:
     """Draw the automaton: in the DOT language, or as the picture that the suffix of the file names."""
     form = None if output is None else format_of(output)
-    pictured = form in (Format.SVG, Format.PDF, Format.PNG)
+    pictured = form in _PICTURES
     if output is not None and PurePath(output).suffix and not pictured and form is not Format.DOT:
         message = (
             f"no drawing of an automaton has the suffix {PurePath(output).suffix}; known: .dot, .gv, .svg, .pdf, .png"

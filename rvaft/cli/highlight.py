@@ -31,5 +31,7 @@ def highlighted(tree: RVAFT, what: str, semantics: str) -> Marks:
             break
     explanation = watching.explanation
     if explanation is None:
-        raise OptionError(f"{what}: nothing is detected (the verdict is {watching.verdict} after {len(events)} events)")
+        raise OptionError(
+            f"{what}: nothing is detected (the verdict is {watching.verdict} after {len(events)} event{'s' * (len(events) != 1)})"
+        )
     return marks(tree, explanation, {number: events[number] for number in matched_events([explanation])})

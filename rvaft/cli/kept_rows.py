@@ -1,7 +1,11 @@
 """The CSV file of a comparison: every row is in it as soon as it is known, so that an interrupted run can go on."""
 
+import fcntl
+import os
 import stat
 from collections.abc import Iterable
+from contextlib import suppress
+from errno import EWOULDBLOCK
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
@@ -17,24 +21,25 @@ _ERRORS = "surrogateescape"
 class KeptRows:
     """The rows that the file has from before, with `resume`, and those that are added; None is no file.
 
-    What is no regular file is only written to at the end. Raises `OSError`, and `LanguageError` for a file to resume that is
-    no comparison.
+    What is no regular file is only written to at the end. Entering it raises `OSError`, also where another run is writing to the file, and
+    `LanguageError` for a file with something else than a comparison in it, which nobody wants to lose.
     """
 
     def __init__(self, file: str | None, *, resume: bool = False) -> None:
         self._file = file
+        self._resume = resume
         self._appended: TextIO | None = None
         path = None if file is None or file == "-" else Path(file)
         self._path = None if path is not None and path.exists() and not stat.S_ISREG(path.stat().st_mode) else path
         self._before: list[Row] = []
-        if resume and self._path is not None and self._path.exists():
-            text = self._path.read_bytes().decode(errors=_ERRORS)
-            self._before = list(read_rows(text, str(self._path)))
 
     def __enter__(self) -> Self:
         if self._path is not None:
-            write_whole(self._path, _encoded(self._before))  # without a last line that was only begun
-            self._appended = self._path.open("a", encoding="utf-8", errors=_ERRORS)
+            with _locked(self._path) as stream:
+                found = list(read_rows(stream.read(), str(self._path)))
+                self._before = found if self._resume else []
+                write_whole(self._path, _encoded(self._before))  # without a last line that was only begun
+                self._appended = _locked(self._path)  # which is another file now, of the same name
         return self
 
     def __exit__(
@@ -65,3 +70,22 @@ class KeptRows:
 
 def _encoded(rows: Iterable[Row]) -> bytes:
     return csv_text(rows).encode(errors=_ERRORS)
+
+
+def _locked(path: Path) -> TextIO:
+    """The file, open to be read from its start and appended to, and locked until it is closed."""
+    try:
+        stream = path.open("a+", encoding="utf-8", errors=_ERRORS, newline="")
+    except OSError as error:
+        raise OSError(error.errno, f"cannot write: {error.strerror}", str(path)) from error
+    held = True
+    with suppress(OSError):  # a file system that knows no locks
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            held = False
+    if not held or not os.path.samestat(os.fstat(stream.fileno()), path.stat()):  # or it was replaced just now
+        stream.close()
+        raise BlockingIOError(EWOULDBLOCK, "cannot write: another run is writing to it; name another file", str(path))
+    stream.seek(0)
+    return stream

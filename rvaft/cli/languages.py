@@ -6,7 +6,7 @@ from difflib import get_close_matches
 
 import click
 
-from rvaft.backend import UnknownBackend, all_backends, backend, speaking
+from rvaft.backend import UnknownBackend, backend, speaking
 from rvaft.errors import OptionError, TooLarge
 
 
@@ -16,7 +16,7 @@ def suggesting() -> Iterator[None]:
     try:
         yield
     except UnknownBackend as error:
-        close = get_close_matches(error.name.lower().removeprefix("."), all_backends(), n=1)
+        close = get_close_matches(error.name.lower().removeprefix("."), error.known, n=1)
         meant = speaking(error.name) or next(iter(close), None)
         if meant is None:
             raise

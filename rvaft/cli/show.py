@@ -36,7 +36,7 @@ from rvaft.verdict import Semantics
 )
 @click.option("--depth", type=click.IntRange(min=0), metavar="N", help="Only so many levels below the root.")
 @click.option("--collapse", multiple=True, metavar="NODE", help="Leave out what is below this node; repeatable.")
-@click.option("--highlight", metavar="branch:N|TRACE", help="Mark a branch, or what a trace detects.")
+@click.option("--highlight", multiple=True, metavar="branch:N|TRACE", help="Mark a branch, or what a trace detects.")
 @semantics_option
 @click.option("--legend", is_flag=True, default=None, help="Say below the tree what its signs mean.")
 @click.option(
@@ -56,14 +56,19 @@ def command(
     wrap: int | None,
     depth: int | None,
     collapse: tuple[str, ...],
-    highlight: str | None,
+    highlight: tuple[str, ...],
     semantics: str,
     legend: bool | None,
     stagger: bool | None,
 ) -> int:
     """Draw a tree, or write it in another format."""
     chosen = Format(form) if form is not None else _suggested(output)
-    everywhere = {"--events": events, "--depth": depth, "--collapse": collapse or None, "--highlight": highlight}
+    everywhere = {
+        "--events": events,
+        "--depth": depth,
+        "--collapse": collapse or None,
+        "--highlight": highlight or None,
+    }
     in_boxes = {"--names": names, "--wrap": wrap, "--legend": legend, "--stagger": stagger}
     if not chosen.drawing:
         _refuse({**everywhere, **in_boxes}, chosen, "which writes the whole tree")
@@ -71,6 +76,8 @@ def command(
         _refuse(in_boxes, chosen, "which has no boxes")
     if chosen is Format.TIKZ:
         _refuse({"--stagger": stagger}, chosen, "which forest lays out")
+    if len(highlight) > 1:
+        raise click.UsageError("--highlight marks one branch or one trace: give it once", click.get_current_context())
     loaded = load(tree)
     look = Look(
         events=chosen is Format.TREE if events is None else events,
@@ -78,7 +85,7 @@ def command(
         wrap=WIDTH if wrap is None else wrap,
         depth=depth,
         collapse=collapse,
-        marks=None if highlight is None else highlighted(loaded, highlight, Semantics(semantics)),
+        marks=highlighted(loaded, highlight[0], Semantics(semantics)) if highlight else None,
         legend=bool(legend),
         stagger=bool(stagger),
     )
@@ -91,7 +98,9 @@ def command(
 
 def _refuse(options: Mapping[str, object], form: Format, why: str) -> None:
     """Refuse options that a format has no use for."""
-    given = [name for name, value in options.items() if value is not None]
+    given = [
+        name.replace("--", "--no-") if value is False else name for name, value in options.items() if value is not None
+    ]
     if given:
         message = f"{' and '.join(given)}: not for the format {form}, {why}"
         raise click.UsageError(message, click.get_current_context())

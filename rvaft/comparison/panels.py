@@ -42,11 +42,20 @@ MEASURES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One cell: its place on the horizontal axis, and a value or how it ended without one."""
+    """One cell: its place on the horizontal axis, and a value or how it ended without one.
+
+    `differing` is true where the value is that of a text which gives other verdicts than the tree.
+    """
 
     x: int
     value: float | None
     outcome: Outcome | None
+    differing: bool = False
+
+    @property
+    def without(self) -> Outcome | None:
+        """Why there is no value; None also for what the language does not have at all."""
+        return self.outcome if self.value is None and self.outcome is not Outcome.OK else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +75,15 @@ class Figure:
     name: str
     label: str
     panels: tuple[Panel, ...]
+
+    def points(self, language: str) -> Iterator[Point]:
+        """All points of a language."""
+        return (point for panel in self.panels for point in panel.series.get(language, ()))
+
+    def languages(self, known: Callable[[Point], object]) -> list[str]:
+        """The languages with a point of which this is true, each in the same place in every figure."""
+        spoken = sorted({language for panel in self.panels for language in panel.series})
+        return [language for language in spoken if any(known(point) for point in self.points(language))]
 
 
 _TITLES: Final = {
@@ -111,8 +129,8 @@ def _gates(rows: Sequence[Row], measure: Measure) -> Iterator[Panel]:
 def _trees(rows: Sequence[Row], measure: Measure) -> Iterator[Panel]:
     """A panel per tree over the semantics."""
     order = [choice for choice in Semantics if any(row.semantics is choice for row in rows)]
-    for tree in dict.fromkeys(row.tree for row in rows):
-        chosen = [row for row in rows if row.tree == tree]
+    for tree, digest in dict.fromkeys((row.tree, row.digest) for row in rows):
+        chosen = [row for row in rows if (row.tree, row.digest) == (tree, digest)]
         series = _series(chosen, measure, lambda row: order.index(row.semantics))
         yield Panel(tree, "", series, tuple(order))
 
@@ -121,5 +139,5 @@ def _series(rows: Iterable[Row], measure: Measure, place: Callable[[Row], int]) 
     found: dict[str, list[Point]] = {}
     for row in rows:
         outcome, value = measure.outcome(row), measure.value(row)
-        found.setdefault(row.language, []).append(Point(place(row), value, outcome))
+        found.setdefault(row.language, []).append(Point(place(row), value, outcome, bool(row.differing)))
     return {language: tuple(sorted(points, key=lambda point: point.x)) for language, points in found.items()}

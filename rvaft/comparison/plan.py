@@ -1,6 +1,7 @@
 """What is compared: trees × semantics × languages."""
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +17,9 @@ from rvaft.verdict import Semantics
 MAX_ARITY: Final = 12
 """The most children of a gate, unless more are asked for."""
 TIMEOUT: Final = 60.0
-"""Seconds for one cell, unless others are asked for."""
+"""Seconds of the processor for one cell, unless others are asked for."""
+MEMORY: Final = 4096
+"""Megabytes of memory (2**20 bytes each) for one cell, unless others are asked for."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +46,14 @@ class Subject:
 class Settings:
     """What a measurement depends on beside its cell.
 
-    `limit` is that of translations, in the unit of the language (None: the backend's own); `timeout` is in seconds, for everything
-    that is done in one cell; `seed` is that of the events that are run.
+    `limit` is that of translations, in the unit of the language (None: the backend's own); `timeout` is in seconds of the processor, for
+    everything that is done in one cell, and `memory` in megabytes for each process of it; `seed` is that of the events that are run.
     """
 
     limit: int | None = None
     timeout: float = TIMEOUT
     seed: int = 0
+    memory: int = MEMORY
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +102,16 @@ def _faithful(name: str) -> bool:
 
 
 def cells_of(subjects: Iterable[Subject], semantics: Iterable[Semantics], languages: Iterable[str]) -> tuple[Cell, ...]:
-    """Every tree under every semantics in every language, in this order; raises `OptionError` for a comparison of nothing."""
-    spoken = tuple(languages)
+    """Every tree under every semantics in every language, in this order.
+
+    Raises `OptionError` for a comparison of nothing, and for two trees that reports would call the same.
+    """
+    subjects, spoken = tuple(subjects), tuple(languages)
+    for name, count in Counter(subject.name for subject in subjects).items():
+        if count > 1:
+            raise OptionError(
+                f"{count} trees are called {name}: rename a file, or write its path in another way, as ./{name}"
+            )
     choices = [(choice, language) for choice in semantics for language in spoken]
     cells = tuple(Cell(subject, *choice) for subject in subjects for choice in choices)
     if not cells:

@@ -18,7 +18,7 @@ class Outcome(StrEnum):
     NOT_EXPRESSIBLE = "not expressible"
     """The language cannot say the tree under this semantics."""
     TOO_LARGE = "too large"
-    """It could, but not within the limit."""
+    """It could, but not within the limit, or not in the memory."""
     TIMEOUT = "timeout"
     """The time for the cell was up."""
     TOOL_MISSING = "tool missing"
@@ -55,8 +55,9 @@ class Row:
 
     `run` and `run_reason` say the same of reading the text and running events by the language's own reader: `read_seconds` is the time to
     read it, `events` how many were run, in `walks` traces, and `differing` how many of the traces got other verdicts than the tree demands.
-    `events_per_second` is the speed when all is met for the first time, `again_per_second` the median speed when the same traces are run again and
-    the reader knows them.
+    `events_per_second` is the speed of readers that have met nothing: each reads the text and runs one trace, in a process of its own, and
+    `first_events` is how many events these are, of some of the traces. `again_per_second` is the median speed when one reader runs all the traces
+    again and knows them.
     """
 
     tree: str
@@ -86,10 +87,12 @@ class Row:
     seed: int = 0
     digest: str = ""
     version: str = ""
+    first_events: int | None = None
+    memory: int | None = None
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What two measurements share that may stand for each other, but for their time limits."""
+        """What two measurements share that may stand for each other, but for the time and memory that they may take."""
         named = (self.tree, self.digest, self.semantics, self.language)
         return (*named, self.limit, self.seed, self.version)
 
@@ -106,10 +109,15 @@ class Row:
         return self if self.over else replace(self, run=outcome, run_reason=reason)
 
     def serves(self, wanted: "Row") -> bool:
-        """Whether this row answers for another of the same key: it is over, and not for want of the time that the other has."""
-        if self.key != wanted.key or not self.over:
+        """Whether this row answers for another of the same key: nothing was missing, neither tools nor what the other has more of."""
+        ends = [outcome for outcome in (self.result, self.run) if outcome is not None]
+        if self.key != wanted.key or not self.over or any(outcome.broken for outcome in ends):
             return False
-        return Outcome.TIMEOUT not in (self.result, self.run) or self.timeout >= wanted.timeout
+        if self.memory is None or (Outcome.OK in ends[1:] and self.first_events is None):
+            return False  # of a file that lacks columns
+        late = Outcome.TIMEOUT in ends and self.timeout < wanted.timeout
+        large = Outcome.TOO_LARGE in ends and self.memory < (wanted.memory or 0)
+        return not (late or large)
 
 
 def empty_row(cell: Cell, settings: Settings) -> Row:
@@ -127,4 +135,5 @@ def empty_row(cell: Cell, settings: Settings) -> Row:
         seed=settings.seed,
         digest=subject.digest,
         version=version("rvaft"),
+        memory=settings.memory,
     )

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import fields
 from typing import Any, Final
 
@@ -20,13 +20,14 @@ _KINDS: Final[dict[Callable[[str], Any], tuple[str, ...]]] = {
     Outcome: ("result", "run"),
     int: (
         *("children", "threshold", "symbols", "subformulas", "states", "edges", "characters"),
-        *("events", "walks", "differing", "limit", "seed"),
+        *("events", "first_events", "walks", "differing", "limit", "seed", "memory"),
     ),
     float: ("seconds", "read_seconds", "events_per_second", "again_per_second", "timeout"),
     str: ("tree", "language", "reason", "run_reason", "digest", "version"),
 }
 _READ: Final = {column: kind for kind, columns in _KINDS.items() for column in columns}
 _REQUIRED: Final = frozenset({"tree", "semantics", "language", "result", "timeout", "seed"})
+_HEADING: Final = ",".join(COLUMNS)
 assert set(_READ) == set(COLUMNS), "every column is read back"
 
 
@@ -44,18 +45,18 @@ def csv_text(rows: Iterable[Row], *, heading: bool = True) -> str:
 def read_rows(text: str, file: str = "<csv>") -> Iterator[Row]:
     """The rows of such a text; a last line that was only begun is left out, as an interrupted run leaves it.
 
-    Raises `LanguageError` for what is no comparison.
+    A column that the text does not have is empty. Raises `LanguageError` for what is no comparison.
     """
     whole = text[: text.rfind("\n") + 1]
+    if not whole and _HEADING.startswith(text):
+        return
     reader = csv.reader(io.StringIO(whole))
     try:
-        heading = next(reader, None)
-        if heading is None:
-            return
-        if tuple(heading) != COLUMNS:
+        heading = next(reader, [])
+        if not _REQUIRED <= set(heading) <= set(COLUMNS) or len(heading) > len(set(heading)):
             raise LanguageError("no comparison of languages: its first line should name the columns", file=file)
         for cells in reader:
-            yield _row(cells, file, reader.line_num)
+            yield _row(heading, cells, file, reader.line_num)
     except csv.Error as error:
         raise LanguageError(f"no CSV: {error}", file=file, line=reader.line_num) from error
 
@@ -70,11 +71,11 @@ def _written(value: object) -> str:
             return str(value)
 
 
-def _row(cells: list[str], file: str, line: int) -> Row:
-    if len(cells) != len(COLUMNS):
-        raise LanguageError(f"{len(cells)} columns instead of {len(COLUMNS)}", file=file, line=line)
-    found: dict[str, Any] = {}
-    for column, cell in zip(COLUMNS, cells, strict=True):
+def _row(heading: Sequence[str], cells: Sequence[str], file: str, line: int) -> Row:
+    if len(cells) != len(heading):
+        raise LanguageError(f"{len(cells)} columns instead of {len(heading)}", file=file, line=line)
+    found: dict[str, Any] = {"gate": None, "children": None, "threshold": None}
+    for column, cell in zip(heading, cells, strict=True):
         if not cell and column in _REQUIRED:
             raise LanguageError(f"column {column} is empty", file=file, line=line)
         try:

@@ -1,5 +1,6 @@
 """Rows as a table for people."""
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Final
 
@@ -7,6 +8,7 @@ from rvaft.comparison.rows import Outcome, Row
 from rvaft.printable import columns, visible
 
 _HEADINGS: Final = ("TREE", "SEMANTICS", "LANGUAGE")
+_OTHER: Final = "with other verdicts"
 _NUMBERS: Final = ("SYMBOLS", "SUBFORMULAS", "STATES", "EDGES", "MS", "EVENTS/S", "AGAIN/S")
 
 
@@ -28,7 +30,21 @@ def ended(row: Row) -> str:
         return f"run: {_because(row.run, row.run_reason)}"
     if row.differing:
         return f"{row.differing} of {row.walks} traces get other verdicts"
-    return str(row.result)
+    return _because(row.result, row.run_reason)
+
+
+def headline(rows: Sequence[Row]) -> str:
+    """How many measurements ended how; a text that says something else than the tree is none that is ok."""
+    counts = Counter(_word(row) for row in rows)
+    words = [Outcome.OK, _OTHER, *(outcome for outcome in Outcome if outcome is not Outcome.OK)]
+    said = ", ".join(f"{counts[word]} {word}" for word in words if counts[word])
+    return f"{len(rows)} measurement{'' if len(rows) == 1 else 's'}: {said or 'none'}"
+
+
+def _word(row: Row) -> str | None:
+    if row.differing:
+        return _OTHER
+    return row.result if row.result is not Outcome.OK else row.run
 
 
 def milliseconds(seconds: float) -> str:

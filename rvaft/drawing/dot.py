@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from rvaft.drawing.captions import caption
 from rvaft.drawing.legend import Entry, Sign, entries, is_condition
 from rvaft.drawing.look import PLAIN, Look
-from rvaft.drawing.markup import html, html_code, quoted, table
+from rvaft.drawing.markup import html, html_lines, table, title
+from rvaft.drawing.rows import Role, Row, rows
 from rvaft.drawing.view import View, view
 from rvaft.model import Gate, Kind, Node
 from rvaft.tree import RVAFT
@@ -20,6 +21,7 @@ SIZE = 10
 """Points of all text: one size, so that a picture stays readable as long as any of it does."""
 
 _FILL = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
+_CODE = {Role.EVENT: "#17406d", Role.GUARD: "#6d2a17"}
 _GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"
 _OUTLINE = {
     Gate.OR: "shape=house, height=0.34",
@@ -53,8 +55,8 @@ class _Drawing:
 
     def lines(self) -> Iterator[str]:
         number = {name: index for index, name in enumerate(self.tree.order)}
-        yield f"digraph {quoted(self.tree.root)} {{"
-        yield '  graph [ordering=out, ranksep=0.25, nodesep=0.1, charset="UTF-8"];'
+        yield f"digraph {title(self.tree.root)} {{"
+        yield '  graph [margin=0, ordering=out, ranksep=0.25, nodesep=0.1, charset="UTF-8"];'
         yield f'  node [fontname="Helvetica", fontsize={SIZE}, shape=box, style=filled, margin="0.05,0.03", height=0.25, width=0.4];'
         yield f'  edge [dir=none, color="#444444", fontname="Helvetica", fontsize={SIZE}];'
         for node in self.view.nodes:
@@ -108,36 +110,25 @@ class _Drawing:
 
     def _label(self, node: Node) -> str:
         """The words of a box as a table without lines, one row per part; a bold name where a label stands below it."""
-        words, width = caption(node), self.look.wrap
-        rows = []
-        if not words.label:
-            rows.append(html(words.name, width))
-        elif self.look.names:
-            rows.append(f"<b>{html(words.name, width)}</b>")
-        if words.label:
-            rows.append(html(words.label, width))
-        plain = node.kind is None
-        if self.look.events and words.on is not None:
-            rows.append(self._code(words.on, _GREY if self._faint(node) else "#17406d" if plain else _BLACK))
-        if self.look.events and words.when is not None:
-            rows.append(
-                self._code(f"when {words.when}", _GREY if self._faint(node) else "#6d2a17" if plain else _BLACK)
-            )
-        note = () if self.look.marks is None else self.look.marks.notes.get(node.name, ())
-        rows += [f"<b>{html(part, width)}</b>" for part in note[:1]]
-        rows += [html(part, width) for part in note[1:]]
-        return table(rows)
+        return table(self._row(row, node) for row in rows(node, self.look))
 
-    def _code(self, text: str, color: str) -> str:
-        return f'<font color="{color}"><i>{html_code(text, self.look.wrap)}</i></font>'
+    def _row(self, row: Row, node: Node) -> str:
+        text = html_lines(row.lines)
+        if row.role is Role.PLAIN:
+            return text
+        if row.role is Role.BOLD:
+            return f"<b>{text}</b>"
+        color = _GREY if self._faint(node) else _CODE[row.role] if node.kind is None else _BLACK
+        return f'<font color="{color}"><i>{text}</i></font>'
 
     def _below(self) -> Iterator[str]:
         """Rows of two columns below the tree: what the marks say, and the legend."""
         marks = self.look.marks
         for line in () if marks is None else marks.below:
             yield f'<td colspan="2" align="left" balign="left">{html(line, 3 * self.look.wrap)}</td>'
-        for entry in entries(self.view, marks, numbers=True) if self.look.legend else ():
-            yield f'<td {_SAMPLES[entry.sign]}>{_sample(entry)}</td><td align="left">{html(entry.meaning, 3 * self.look.wrap)}</td>'
+        for entry in entries(self.view, marks, graph=True) if self.look.legend else ():
+            meaning = f"{entry.meaning} ({_SHAPES[entry.gate]})" if entry.gate else entry.meaning
+            yield f'<td {_SAMPLES[entry.sign]}>{_sample(entry)}</td><td align="left">{html(meaning, 3 * self.look.wrap)}</td>'
 
 
 def _turn(node: Node, place: int) -> int:
@@ -146,13 +137,21 @@ def _turn(node: Node, place: int) -> int:
 
 
 _SAMPLES = {
-    Sign.FAULT: f'border="1" bgcolor="{_FILL[Kind.FAULT]}"',
-    Sign.ATTACK: f'border="1" bgcolor="{_FILL[Kind.ATTACK]}"',
-    Sign.CONDITION: 'border="1" style="dashed"',
-    Sign.GATE: f'border="1" bgcolor="{_GATE}"',
-    Sign.FOLDED: f'border="1" bgcolor="{_GATE}"',
+    Sign.FAULT: f'border="1" cellpadding="3" bgcolor="{_FILL[Kind.FAULT]}"',
+    Sign.ATTACK: f'border="1" cellpadding="3" bgcolor="{_FILL[Kind.ATTACK]}"',
+    Sign.CONDITION: 'border="1" cellpadding="4" style="dashed"',
+    Sign.GATE: f'cellpadding="3" bgcolor="{_GATE}"',
+    Sign.FOLDED: f'cellpadding="3" bgcolor="{_GATE}"',
     Sign.ORDER: "",
-    Sign.MARKED: 'border="3"',
+    Sign.MARKED: 'border="3" cellpadding="3"',
+}
+"""A cell has no other outlines than these, so those of gates and of the triangle are said."""
+_SHAPES = {
+    Gate.OR: "pointed roof",
+    Gate.AND: "round corners",
+    Gate.SAND: "arrow",
+    Gate.SAND_RL: "arrow",
+    Gate.VOT: "hexagon",
 }
 
 

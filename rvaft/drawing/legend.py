@@ -18,17 +18,19 @@ class Sign(Enum):
     CONDITION = "condition"
     GATE = "gate"
     FOLDED = "folded"
+    AGAIN = "again"
     ORDER = "order"
     MARKED = "marked"
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A sample and what it means."""
+    """A sample and what it means; the sample of a gate has that gate's outline."""
 
     sign: Sign
     sample: str
     meaning: str
+    gate: Gate | None = None
 
 
 _MEANINGS = {
@@ -39,8 +41,11 @@ _MEANINGS = {
 }
 
 
-def entries(view: View, marks: Marks | None, *, numbers: bool) -> Iterator[Entry]:
-    """The entries for what a drawing has; `numbers` says whether the format numbers children that may stand out of order."""
+def entries(view: View, marks: Marks | None, *, graph: bool) -> Iterator[Entry]:
+    """The entries for what a drawing has.
+
+    A `graph` has a shared node once and numbers children that may stand out of order, other formats draw a tree and refer.
+    """
     kinds = {node.kind for node in view.nodes}
     if Kind.FAULT in kinds:
         yield Entry(Sign.FAULT, "fault", "caused by a fault")
@@ -51,12 +56,16 @@ def entries(view: View, marks: Marks | None, *, numbers: bool) -> Iterator[Entry
     gates = {node.gate: node for node in view.nodes if view.children(node)}
     for gate, meaning in _MEANINGS.items():
         if gate in gates:
-            yield Entry(Sign.GATE, gate_text(gates[gate]) or "", meaning)
+            yield Entry(Sign.GATE, gate_text(gates[gate]) or "", meaning, gate)
     if Gate.VOT in gates:
-        yield Entry(Sign.GATE, "VOT k/n", "at least k of the n")
-    if view.folded:
+        yield Entry(Sign.GATE, "VOT k/n", "at least k of the n", Gate.VOT)
+    if any(view.folded.values()):
         yield Entry(Sign.FOLDED, "+n", "n nodes not drawn")
-    if numbers and view.numbered:
+    if not all(view.folded.values()):
+        yield Entry(Sign.FOLDED, "…", "nodes drawn elsewhere")
+    if view.shared and not graph:
+        yield Entry(Sign.AGAIN, "name", "drawn in full elsewhere")
+    if graph and view.numbered:
         yield Entry(Sign.ORDER, "1, 2", "the order under a SAND")
     if marks is not None:
         yield Entry(Sign.MARKED, "bold", marks.meaning)

@@ -32,6 +32,11 @@ class Look:
     legend: bool = False
     stagger: bool = False
 
+    @property
+    def code_width(self) -> int:
+        """Columns of an event or a guard: a quarter more than of a label, as these do not break as well as words."""
+        return self.wrap + self.wrap // 4
+
 
 PLAIN: Final = Look()
 TERMINAL: Final = Look(events=True)

@@ -1,20 +1,21 @@
 """A tree as a LaTeX document with the package `forest`, without Graphviz.
 
-`forest` draws trees: a shared node is drawn once in full, and as a dashed reference after that.
+`forest` draws trees: a shared node is drawn once in full, and as a small grey box with round corners after that.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from rvaft import latex
-from rvaft.drawing.captions import caption, wrapped, wrapped_code
-from rvaft.drawing.legend import Sign, entries, is_condition
+from rvaft.drawing.captions import caption
+from rvaft.drawing.legend import Entry, Sign, entries, is_condition
 from rvaft.drawing.look import PLAIN, Look
+from rvaft.drawing.rows import Role, Row, rows
 from rvaft.drawing.view import View, view
 from rvaft.model import Gate, Kind, Node
 from rvaft.tree import RVAFT
 
-_OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}", "→": r"$\rightarrow$", "←": r"$\leftarrow$"})
-"""What means something to `forest`, or behind the end of a line, and the arrows of the gates."""
+_OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}"})
+"""What means something to `forest`, or behind the end of a line."""
 _FILL = {Kind.FAULT: "fault", Kind.ATTACK: "attack", None: ""}
 _GATE = {
     Gate.OR: "or gate",
@@ -24,17 +25,17 @@ _GATE = {
     Gate.VOT: "vot gate",
 }
 _HEAD = r"""\documentclass[tikz,border=4pt]{standalone}
-% Other scripts than Latin need LuaLaTeX or XeLaTeX and a font that has them.
+% Other scripts than Latin need LuaLaTeX or XeLaTeX and a font that has them: \setsansfont{...}[Ligatures=TeXOff].
 \usepackage{iftex}
-\ifPDFTeX\usepackage[T1]{fontenc}\else\usepackage{fontspec}\fi
+\ifPDFTeX\usepackage[T1]{fontenc}\IfFileExists{lmodern.sty}{\usepackage{lmodern}}{}\else\usepackage{fontspec}\fi
 \usepackage{textcomp}
 \usepackage{forest}
 \usetikzlibrary{shapes.geometric,shapes.symbols}
-\begin{document}
-\begin{forest}
+% Styles of TikZ and not of forest: the legend below the tree has them, too.
+\tikzset{
   box/.style={draw, align=center, font=\footnotesize\sffamily, inner sep=3pt},
   gate/.style={draw, font=\scriptsize\sffamily, inner sep=2pt, fill=blue!8},
-  or gate/.style={gate, signal, signal to=north},
+  or gate/.style={gate, signal, signal to=north, signal pointer angle=130},
   and gate/.style={gate, rounded corners=4pt},
   sand gate/.style={gate, signal, signal to=east},
   sand rl gate/.style={gate, signal, signal to=west},
@@ -43,10 +44,13 @@ _HEAD = r"""\documentclass[tikz,border=4pt]{standalone}
   fault/.style={fill=orange!60},
   attack/.style={fill=red!50},
   condition/.style={dashed},
-  again/.style={draw, dashed, rounded corners=2pt, font=\scriptsize\sffamily},
+  again/.style={draw=black!45, align=center, rounded corners=4pt, font=\scriptsize\sffamily, inner sep=3pt},
   marked/.style={very thick},
   unmarked/.style={draw=black!30, text=black!30, fill=black!3},
-  for tree={parent anchor=south, child anchor=north, l sep=8pt, s sep=6pt},
+}
+\begin{document}
+\begin{forest}
+  for tree={anchor=north, parent anchor=south, child anchor=north, l sep=11pt, s sep=6pt},
 """
 _TAIL = r"""\end{forest}
 \end{document}
@@ -57,8 +61,8 @@ _SAMPLES = {
     Sign.FAULT: "box, fault",
     Sign.ATTACK: "box, attack",
     Sign.CONDITION: "box, condition",
-    Sign.GATE: "gate",
     Sign.FOLDED: "folded",
+    Sign.AGAIN: "again",
     Sign.ORDER: "",
     Sign.MARKED: "box, marked",
 }
@@ -83,7 +87,8 @@ def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
         node = tree.nodes[name]
         line = _line_to(parent, name, look)
         if name in drawn:
-            yield f"[{{{_flat(name)}}}, again{line}]"
+            faint = ", unmarked" if look.marks is not None and not look.marks.edge(parent or "", name) else ""
+            yield f"[{{{_set(next(rows(node, look)))}}}, again{faint}{line}]"
             continue
         drawn.add(name)
         box = f"[{{{_text(node, look)}}}, {_style(node, look)}{line}"
@@ -109,9 +114,16 @@ def _below(look: Look, part: View) -> Iterator[str]:
     marks = look.marks
     for text in () if marks is None else marks.below:
         yield rf"\node[anchor=north west, font=\footnotesize\sffamily] {_UNDER} {{{_flat(text)}}};"
-    for number, entry in enumerate(entries(part, marks, numbers=False) if look.legend else ()):
-        yield rf"\node[{_SAMPLES[entry.sign]}, anchor=north west] (legend-{number}) {_UNDER} {{{_flat(entry.sample)}}};"
-        yield rf"\node[anchor=west, font=\footnotesize\sffamily] at (legend-{number}.east) {{{_flat(entry.meaning)}}};"
+    if look.legend and (legend := list(entries(part, marks, graph=False))):
+        yield rf"\matrix[anchor=north west, row sep=2pt, column sep=2pt, ampersand replacement=\&] {_UNDER} {{"
+        for entry in legend:
+            sample = rf"\node[{_sample(entry)}, anchor=base] {{{_flat(entry.sample)}}};"
+            yield rf"{sample} \& \node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(entry.meaning)}}}; \\"
+        yield "};"
+
+
+def _sample(entry: Entry) -> str:
+    return _SAMPLES[entry.sign] if entry.gate is None else _GATE[entry.gate]
 
 
 def escaped(text: str) -> str:
@@ -120,27 +132,15 @@ def escaped(text: str) -> str:
 
 
 def _text(node: Node, look: Look) -> str:
-    words = caption(node)
-    lines: list[str] = []
-    if not words.label:
-        lines += _set("{}", words.name, look)
-    elif look.names:
-        lines += _set(r"\textbf{{{}}}", words.name, look)
-    if words.label:
-        lines += _set("{}", words.label, look)
-    if look.events and words.on is not None:
-        lines += _set(r"\textit{{{}}}", words.on, look, wrapped_code)
-    if look.events and words.when is not None:
-        lines += _set(r"\textit{{{}}}", f"when {words.when}", look, wrapped_code)
-    note = () if look.marks is None else look.marks.notes.get(node.name, ())
-    for number, part in enumerate(note):
-        lines += _set("{}" if number else r"\textbf{{{}}}", part, look)
-    return r"\\".join(line or "~" for line in lines)
+    return r"\\".join(_set(row) for row in rows(node, look))
 
 
-def _set(form: str, text: str, look: Look, wrap: Callable[[str, int], list[str]] = wrapped) -> list[str]:
-    """The lines of a text in a form of TeX."""
-    return [form.format(escaped(line)) for line in wrap(text, look.wrap)]
+_FORMS = {Role.PLAIN: "{}", Role.BOLD: r"\textbf{{{}}}", Role.EVENT: r"\textit{{{}}}", Role.GUARD: r"\textit{{{}}}"}
+
+
+def _set(row: Row) -> str:
+    """The lines of a row."""
+    return r"\\".join(_FORMS[row.role].format(escaped(line) or "~") for line in row.lines) or "~"
 
 
 def _flat(text: str) -> str:

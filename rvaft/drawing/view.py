@@ -30,12 +30,17 @@ class View:
         return () if node.name in self.folded else node.children
 
     @cached_property
+    def shared(self) -> frozenset[str]:
+        """The nodes that are drawn as children of several others."""
+        parents = Counter(child for node in self.nodes for child in self.children(node))
+        return frozenset(name for name, count in parents.items() if count > 1)
+
+    @cached_property
     def numbered(self) -> frozenset[str]:
         """The SAND gates below which something is shared: no layout can promise that their children stand in order.
 
         What is below them and shared may have to stand elsewhere, as other parents want it.
         """
-        parents = Counter(child for node in self.nodes for child in self.children(node))
         loose: set[str] = set()  # shared, or above something that is
         found: set[str] = set()
         for node in reversed(self.nodes):
@@ -43,7 +48,7 @@ class View:
                 loose.add(node.name)
                 if node.gate is not None and node.gate.ordered:
                     found.add(node.name)
-            if parents[node.name] > 1:
+            if node.name in self.shared:
                 loose.add(node.name)
         return frozenset(found)
 

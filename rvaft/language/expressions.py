@@ -90,7 +90,7 @@ class GuardStyle:
     literal: Callable[[Scalar], str]
     signs: Mapping[Operator, str]
     brackets: tuple[str, str] = ("(", ")")
-    fraction: Callable[[str, str], str] | None = None
+    fraction: Callable[[str, str], str | None] | None = None
     """A quotient with its operands one above the other, which need no brackets."""
     minus_level: int = _LEVEL[Operator.NEGATE]
     """How tightly a minus before an operand, or before a number, binds to what is outside."""
@@ -145,9 +145,8 @@ def _operation(operator: Operator, parts: list[tuple[str, int]], style: GuardSty
             return f"{sign}{least(_ATOM + 1 if number else level, parts[0])}", style.minus_level
         case Operator.AND | Operator.OR:
             return f" {sign} ".join(least(level + 1, part) for part in parts), level
-        case Operator.DIV if style.fraction is not None:
-            (above, _), (below, _) = parts
-            return style.fraction(above, below), SIGNED_LEVEL
+        case Operator.DIV if style.fraction and (stacked := style.fraction(parts[0][0], parts[1][0])) is not None:
+            return stacked, SIGNED_LEVEL
         case Operator.ADD | Operator.SUB | Operator.MUL | Operator.DIV:
             left, right = parts
             return f"{least(level, left)} {sign} {least(level + 1, right)}", level

@@ -58,5 +58,6 @@ def test_control_codes_stay_visible(tmp_path: Path) -> None:
 
 
 def test_wrong_options_are_refused() -> None:
+    failed(run("branches", PRUNED, "--width", "40"), "--width: not for the format text")
     failed(run("branches", PRUNED, "--format", "tex"), "'tex' is not one of 'text', 'unicode', 'latex'")
     failed(run("branches", PRUNED, "--format", "latex", "--width", "0"), "--width")

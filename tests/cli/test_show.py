@@ -101,6 +101,9 @@ def test_what_a_trace_detects_can_be_highlighted() -> None:
         (["--wrap", "2"], ["--wrap"]),
         (["--format", "json", "--depth", "1", "--legend"], ["--depth and --legend: not for the format json"]),
         (["--format", "tree", "--legend"], ["--legend: not for the format tree"]),
+        (["--no-names", "--wrap", "9"], ["--no-names and --wrap: not for the format tree"]),
+        (["--format", "json", "--no-events"], ["--no-events: not for the format json"]),
+        (["--highlight", "branch:1", "--highlight", "branch:2"], ["one branch or one trace: give it once"]),
         (["--format", "tikz", "--stagger"], ["--stagger: not for the format tikz"]),
         (["-o", "/nowhere/tree.dot"], ["/nowhere/tree.dot: cannot write: No such file or directory"]),
         (["-o", "/dev/null/tree.gv"], ["/dev/null/tree.gv: cannot write"]),
@@ -108,6 +111,12 @@ def test_what_a_trace_detects_can_be_highlighted() -> None:
 )
 def test_what_a_drawing_cannot_be_is_one_line(words: list[str], parts: list[str]) -> None:
     failed(run("show", FULL, *words), *parts)
+
+
+def test_a_trace_that_detects_nothing_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "one.jsonl").write_text('{"event": "a"}\n')
+    result = run("show", SAND, "--highlight", tmp_path / "one.jsonl")
+    failed(result, "nothing is detected (the verdict is unknown after 1 event)")
 
 
 def test_a_folder_that_cannot_be_written_stays_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,6 +143,19 @@ def test_an_automaton_is_drawn() -> None:
     failed(run("emit", SAND, "--to", "dot", "--branch", "1", "--kind", "fault"), "exclude each other")
 
 
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["dto"], ["known: ", ", dot; did you mean dot?"]),
+        (["pdf"], ["pdf is no language: --to dot -o FILE.pdf draws the automaton"]),
+        (["automaton", "-o", "a.pdf"], ["automaton is written as text", "--to dot -o a.pdf draws the automaton"]),
+        (["rml", "-o", "a.gv"], ["rml is written as text", "--to dot -o a.gv draws the automaton"]),
+    ],
+)
+def test_who_takes_a_drawing_for_a_language_is_told(words: list[str], parts: list[str]) -> None:
+    failed(run("emit", SAND, "--to", *words), *parts)
+
+
 @pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 @pytest.mark.parametrize(
     ("suffix", "magic"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG"), ("gv", b"digraph")]
@@ -147,7 +169,8 @@ def test_the_suffix_says_how_an_automaton_is_drawn(suffix: str, magic: bytes, tm
 def test_without_graphviz_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     for words in (["show", SAND], ["emit", SAND, "--to", "dot"]):
-        failed(run(*words, "-o", tmp_path / "a.svg"), "dot is not installed: install Graphviz")
+        result = run(*words, "-o", tmp_path / "a.svg")
+        failed(result, "dot is not installed: install Graphviz (apt-get install graphviz), or write a .dot file")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -18,7 +18,16 @@ from rvaft.verdict import Semantics
 
 def endless() -> None:
     while True:
+        pass
+
+
+def waiting() -> None:
+    while True:
         time.sleep(1)
+
+
+def greedy() -> None:
+    bytearray(2**40)
 
 
 def killed() -> None:
@@ -37,9 +46,11 @@ class Odd(Backend):
     suffix: ClassVar[str] = ".odd"
     default_limit: ClassVar[int] = 1
 
-    def __init__(self, *, translating: Callable[[], None] | None = None, reading: Callable[[], None] | None = None):
+    def __init__(
+        self, *, translating: Callable[[], None] | None = None, reader: Callable[[str], Monitor] | None = None
+    ) -> None:
         self.translating = translating
-        self.reading = reading
+        self.reader = reader
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:  # noqa: ARG002
         if self.translating is not None:
@@ -47,9 +58,18 @@ class Odd(Backend):
         return Specification("text", "odd", Metrics(symbols=7), self.read)
 
     def read(self, text: str, *, atoms: object = None) -> Monitor:  # noqa: ARG002
-        assert self.reading is not None
-        self.reading()
+        assert self.reader is not None
+        return self.reader(text)
+
+
+def reading(does: Callable[[], None]) -> Odd:
+    """Does that instead of reading."""
+
+    def read(_text: str) -> Monitor:
+        does()
         raise AssertionError("it returned")
+
+    return Odd(reader=read)
 
 
 def plant(monkeypatch: pytest.MonkeyPatch, odd: Odd) -> None:

@@ -28,6 +28,8 @@ ROW: Final = Row(
     timeout=60.0,
     digest="0123456789ab",
     version="0.1.0",
+    first_events=40,
+    memory=4096,
 )
 
 UNABLE: Final = (Outcome.NOT_EXPRESSIBLE, Outcome.TOO_LARGE, Outcome.TIMEOUT)
@@ -36,7 +38,13 @@ UNABLE: Final = (Outcome.NOT_EXPRESSIBLE, Outcome.TOO_LARGE, Outcome.TIMEOUT)
 def unable(outcome: Outcome, language: str = "rml") -> Row:
     """A row without numbers."""
     nothing = {"symbols": None, "characters": None, "seconds": None, "run": None, "read_seconds": None, "events": None}
-    speeds = {"events_per_second": None, "again_per_second": None, "walks": None, "differing": None}
+    speeds = {
+        "events_per_second": None,
+        "again_per_second": None,
+        "walks": None,
+        "differing": None,
+        "first_events": None,
+    }
     return replace(ROW, language=language, result=outcome, reason="why", **nothing, **speeds)  # type: ignore[arg-type]
 
 

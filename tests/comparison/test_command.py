@@ -12,12 +12,21 @@ from pathlib import Path
 import pytest
 
 from rvaft.cli import compare
-from rvaft.comparison import Cell, Outcome, Row, Settings, measured
+from rvaft.cli.kept_rows import KeptRows
+from rvaft.comparison import Cell, Outcome, Row, Settings, measured, measuring
 from rvaft.comparison.table_file import COLUMNS, read_rows
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
+from tests.comparison.rows import ROW
 
 VOT = TREES / "gates" / "vot.rvaft"
 RML = ("--languages", "rml")
+
+
+@pytest.fixture(autouse=True)
+def _few_readers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How exact the times are is no question here."""
+    monkeypatch.setattr(measuring, "READERS", 1)
+    monkeypatch.setattr(measuring, "PATIENCE", 0.01)
 
 
 def kept(path: Path) -> list[Row]:
@@ -52,8 +61,10 @@ def test_trees_of_the_user_alone_or_with_gates(tmp_path: Path) -> None:
 
 
 def test_the_text_says_which_traces_go_wrong() -> None:
-    assert "of 33 traces get other verdicts" not in run("compare", PRUNED, *RML).stdout
-    assert "traces get other verdicts" in run("compare", PRUNED, "--languages", "rml-paper").stdout
+    lines = run("compare", PRUNED, "--languages", "rml,rml-paper").stdout.splitlines()
+    assert lines[1].endswith(" ok")
+    assert lines[2].endswith("traces get other verdicts")
+    assert lines[3] == "2 measurements: 1 ok, 1 with other verdicts"
 
 
 def test_the_three_words() -> None:
@@ -154,7 +165,7 @@ def test_latex_and_plots(tmp_path: Path) -> None:
     folder, table = tmp_path / "a" / "b", tmp_path / "x.tex"
     words = ("--latex", table, "--plots", folder, "--width", "column")
     assert run("compare", VOT, "--gates", "and", "--max-arity", 2, *RML, *words).exit_code == 0
-    assert r"\end{longtable}" in table.read_text()
+    assert r"\toprule" in table.read_text()
     assert {path.name for path in folder.iterdir()} >= {"gates-symbols-projected.pdf", "trees-symbols.png"}
 
 
@@ -169,16 +180,52 @@ def test_wrong_input(tmp_path: Path) -> None:
     failed(run("compare", "--timeout", "nan"), "nan is no time")
     failed(run("compare", "--resume"), "--csv")
     failed(run("compare", "--resume", "--csv", "-"), "--csv")
-    failed(run("compare", "--csv", "x", "--latex", "x"), "two reports go to one file")
+    for same in ("x", "./x"):
+        failed(run("compare", "--csv", "x", "--latex", same), "two reports go to one file")
+    failed(run("compare", "--width", "column"), "--width is that of tables and figures")
     failed(run("compare", tmp_path / "none.rvaft"), "none.rvaft")
     failed(run("compare", VOT, "--csv", tmp_path / "none" / "x.csv"), "cannot write")
     failed(run("compare", VOT, "--latex", tmp_path / "none" / "x.tex"), "cannot write")
+    for option in ("--latex", "--csv"):
+        failed(run("compare", VOT, option, tmp_path), "cannot write: it is a folder")
     (tmp_path / "file").touch()
-    failed(run("compare", VOT, "--plots", tmp_path / "file"), "file")
+    failed(run("compare", VOT, "--plots", tmp_path / "file"), "file: cannot write: ")
     (tmp_path / "x.json").write_text(json.dumps({"no": "comparison"}) + "\n")
-    result = run("compare", VOT, "--csv", tmp_path / "x.json", "--resume")
-    failed(result, "x.json:1:1: no comparison of languages")
-    assert (tmp_path / "x.json").read_text() == '{"no": "comparison"}\n'
+
+
+@pytest.mark.parametrize("text", ['{"no": "comparison"}\n', "one line"])
+@pytest.mark.parametrize("resume", [(), ("--resume",)])
+def test_nothing_is_written_over_something_else(tmp_path: Path, text: str, resume: tuple[str, ...]) -> None:
+    precious = tmp_path / "x.json"
+    precious.write_text(text)
+    failed(run("compare", VOT, "--csv", precious, *resume), "x.json:1:1: no comparison of languages")
+    assert precious.read_text() == text
+
+
+def test_a_tree_is_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copy(VOT, tmp_path / "t.rvaft")
+    monkeypatch.chdir(tmp_path)
+    for option in ("--csv", "--latex"):
+        failed(run("compare", "t.rvaft", option, tmp_path / "t.rvaft"), "it is one of the trees")
+    assert (tmp_path / "t.rvaft").read_text() == VOT.read_text()
+
+
+def test_two_runs_do_not_share_a_file(tmp_path: Path) -> None:
+    table = tmp_path / "x.csv"
+    with KeptRows(str(table)) as kept_rows:
+        failed(run("compare", VOT, *RML, "--csv", table), "x.csv: cannot write: another run is writing to it")
+        kept_rows.add(ROW)
+        failed(run("compare", VOT, *RML, "--csv", table, "--resume"), "another run is writing to it")
+    assert kept(table) == [ROW]
+
+
+def test_no_figures(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    nothing = ("--semantics", "scattered", "--languages", "rml-paper", "--plots", tmp_path / "p")
+    result = run("compare", "--gates", "and", "--max-arity", 1, *nothing)
+    failed(result, "no figures: ")
+    assert "1 measurement: 1 not expressible" in result.stdout
+    assert not (tmp_path / "p").exists()
 
 
 def test_a_tree_that_cannot_be_read_does_not_stop_the_others(tmp_path: Path) -> None:

@@ -1,23 +1,37 @@
 """What is measured: sizes against what is known of them, traces, speeds."""
 
+from collections import Counter
 from math import comb
+from time import thread_time
+from typing import ClassVar
 
 import pytest
 
 import rvaft
+from backends.rml.reading.parser import parse
+from backends.rml.reading.reader import RmlMonitor, Rules
+from rvaft.backend import backend
 from rvaft.comparison import Cell, Outcome, Row, Settings, Subject
-from rvaft.comparison.measuring import stages
+from rvaft.comparison.measuring import READERS, stages
 from rvaft.comparison.plan import gate_subject
 from rvaft.comparison.walks import EVENTS, LONGEST, walks
 from rvaft.engine import engine
 from rvaft.model import Gate
+from rvaft.monitors import Monitor
+from rvaft.values import Json
 from rvaft.verdict import Semantics, Verdict
 from tests.cli.runs import PRUNED
+from tests.comparison.backends_of_others import Odd, plant
 
 
 def sized(gate: Gate, children: int, semantics: Semantics, language: str, threshold: int | None = None) -> Row:
     """The first that is known: no text is read, so no reader is needed."""
-    return next(stages(Cell(gate_subject(gate, children, threshold), semantics, language), Settings()))
+    return next(stages(Cell(gate_subject(gate, children, threshold), semantics, language), Settings(), ()))
+
+
+def whole(subject: Subject, semantics: Semantics, language: str, seed: int = 0) -> list[Row]:
+    found = walks(subject.tree, semantics, seed)
+    return list(stages(Cell(subject, semantics, language), Settings(seed=seed), found))
 
 
 @pytest.mark.parametrize("children", range(2, 7))
@@ -48,13 +62,14 @@ def test_the_symbols_of_sand() -> None:
 @pytest.mark.spot
 @pytest.mark.parametrize("language", ["automaton", "ltlf", "rml", "rml-paper"])
 def test_a_whole_measurement(language: str) -> None:
-    cell = Cell(gate_subject(Gate.VOT, 3, 2), Semantics.PROJECTED, language)
-    first, second, last = stages(cell, Settings(seed=3))
+    first, second, last = whole(gate_subject(Gate.VOT, 3, 2), Semantics.PROJECTED, language, seed=3)
     assert (first.result, first.run, first.over) == (Outcome.OK, None, False)
     assert (last.result, last.run, last.over) == (Outcome.OK, Outcome.OK, True)
     assert first.symbols == second.symbols == last.symbols
     assert (last.tree, last.gate, last.children, last.threshold) == ("vot 2/3", Gate.VOT, 3, 2)
     assert (last.events, last.differing, last.seed) == (EVENTS, 0, 3)
+    assert last.first_events is not None
+    assert 1 <= last.first_events <= EVENTS
     for number in (last.seconds, last.read_seconds, last.events_per_second, last.again_per_second):
         assert number is not None
         assert 0 < number < float("inf")
@@ -64,8 +79,7 @@ def test_the_papers_translation_is_caught() -> None:
     """Its union of branches commits to the first, and misses what the others would detect."""
     tree = rvaft.load(PRUNED)
     wrong, right = (
-        list(stages(Cell(Subject("pruned", tree), Semantics.PROJECTED, language), Settings()))[-1]
-        for language in ("rml-paper", "rml")
+        whole(Subject("pruned", tree), Semantics.PROJECTED, language)[-1] for language in ("rml-paper", "rml")
     )
     assert wrong.differing
     assert right.differing == 0
@@ -89,7 +103,66 @@ def test_walks(semantics: Semantics) -> None:
 
 @pytest.mark.parametrize("gate", Gate)
 @pytest.mark.parametrize("semantics", Semantics)
-def test_walks_through_gates_detect(gate: Gate, semantics: Semantics) -> None:
+def test_walks_through_gates_detect_or_lose_all_hope(gate: Gate, semantics: Semantics) -> None:
     tree = gate_subject(gate, 5, 3 if gate is Gate.VOT else None).tree
-    found = walks(tree, semantics, 0)
-    assert sum(walk.verdicts[-1] is Verdict.TRUE for walk in found) >= len(found) - 1
+    ends = Counter(walk.verdicts[-1] for walk in walks(tree, semantics, 0))
+    assert ends[Verdict.UNKNOWN] <= 1  # the last, which ends where the events do
+    hopeless = semantics is Semantics.STRICT or (semantics is Semantics.PROJECTED and gate is not Gate.OR)
+    assert (ends[Verdict.FALSE] >= len(list(ends.elements())) // 4 - 1) if hopeless else ends[Verdict.FALSE] == 0
+    assert ends[Verdict.TRUE] >= ends.total() // 2
+
+
+def test_walks_end_in_time() -> None:
+    tree = gate_subject(Gate.AND, 5).tree
+    assert walks(tree, Semantics.STRICT, 0, seconds=0) == ()
+    assert 0 < len(walks(tree, Semantics.STRICT, 0, seconds=0.002)) < len(walks(tree, Semantics.STRICT, 0))
+
+
+class Slow(Monitor):
+    """A reader that is slow with what the process has not met before."""
+
+    met: ClassVar[set[str]] = set()
+
+    def _advance(self, event: Json) -> Verdict:
+        end = thread_time() + (0.002 if str(event) not in self.met else 0)
+        while thread_time() < end:
+            pass
+        self.met.add(str(event))
+        return Verdict.TRUE
+
+    @property
+    def state(self) -> Verdict:
+        """Nothing else is remembered of a trace."""
+        return self.verdict
+
+
+class Deaf(RmlMonitor):
+    """Never says that no hope is left."""
+
+    def _advance(self, event: Json) -> Verdict:
+        verdict = super()._advance(event) if self._term is not None else Verdict.FALSE
+        return verdict if verdict is Verdict.TRUE else Verdict.UNKNOWN
+
+
+def test_the_first_time_is_that_of_readers_that_have_met_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under OR each trace is one event, nearly always one of five: one reader for all of them would have met it."""
+    plant(monkeypatch, Odd(reader=lambda _text: Slow()))
+    row = whole(gate_subject(Gate.OR, 5), Semantics.STRICT, "odd")[-1]
+    assert row.first_events == READERS
+    assert row.events_per_second is not None
+    assert row.again_per_second is not None
+    assert row.events_per_second <= 500
+    assert row.again_per_second > 5000
+
+
+@pytest.mark.parametrize("semantics", [Semantics.STRICT, Semantics.PROJECTED])
+def test_a_text_that_never_says_that_hope_is_lost_is_found(
+    monkeypatch: pytest.MonkeyPatch, semantics: Semantics
+) -> None:
+    subject = gate_subject(Gate.SAND, 4)
+    text = backend("rml").translate(subject.tree, semantics).text
+    plant(monkeypatch, Odd(reader=lambda _text: Deaf(Rules(parse(text)))))
+    row = whole(subject, semantics, "odd")[-1]
+    assert row.walks is not None
+    assert row.differing is not None
+    assert 0 < row.differing < row.walks

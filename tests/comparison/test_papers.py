@@ -48,7 +48,7 @@ def test_a_small_one(tmp_path: Path, rows: list[Row], capsys: pytest.CaptureFixt
     said = capsys.readouterr()
     assert said.out == "132 measurements: 121 ok, 11 not expressible\n"
     assert all(line.startswith("papers.languages: not confirmed: ") for line in said.err.splitlines())
-    assert any("from eight children up" in line for line in said.err.splitlines())
+    assert any("3n + k + 10 symbols" in line for line in said.err.splitlines())
     committed = {_cell(row): _sizes(row) for row in rows}
     fresh = list(read_rows((tmp_path / "languages.csv").read_text(encoding="utf-8")))
     assert {_cell(row): _sizes(row) for row in fresh} == {_cell(row): committed[_cell(row)] for row in fresh}

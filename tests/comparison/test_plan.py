@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from rvaft.comparison import cells_of, default_languages, gate_subjects
+from rvaft.comparison import Subject, cells_of, default_languages, gate_subjects
 from rvaft.comparison.plan import gate_subject
 from rvaft.errors import OptionError
 from rvaft.model import Gate
@@ -49,6 +49,12 @@ def test_cells_are_in_order() -> None:
 def test_a_comparison_of_nothing_is_refused(subjects: list, semantics: list, languages: list) -> None:  # type: ignore[type-arg]
     with pytest.raises(OptionError, match="nothing to compare"):
         cells_of(subjects, semantics, languages)
+
+
+def test_trees_that_would_be_called_the_same_are_refused() -> None:
+    gate = gate_subject(Gate.AND, 2)
+    with pytest.raises(OptionError, match=r"2 trees are called and 2: .* as \./and 2"):
+        cells_of([gate, Subject("and 2", gate.tree)], [Semantics.STRICT], ["rml"])
 
 
 def test_the_languages_of_a_comparison() -> None:

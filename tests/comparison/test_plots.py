@@ -4,15 +4,18 @@ import io
 import sys
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 
 import pytest
 
 from rvaft.comparison import Outcome
+from rvaft.comparison.drawing import LAYOUTS
 from rvaft.comparison.panels import figures
-from rvaft.comparison.plots import Width, plots
+from rvaft.comparison.plots import pages, plots, write_plots
+from rvaft.comparison.width import Width
 from rvaft.errors import ToolMissing
 from rvaft.verdict import Semantics
-from tests.comparison.rows import ROW, growing
+from tests.comparison.rows import ROW, growing, unable
 
 ROWS = [*growing("rml"), *growing("automaton")]
 TREES = [
@@ -31,6 +34,11 @@ def test_panels() -> None:
     assert [point.outcome for point in points][3:] == [Outcome.NOT_EXPRESSIBLE, Outcome.TOO_LARGE, Outcome.TIMEOUT]
     assert [point.x for point in half.series["automaton"]] == [1, 2, 3, 4, 5, 6]
     assert [point.x for point in most.series["automaton"]] == [1, 2, 3, 4, 5, 6]
+
+
+def test_a_value_of_a_text_with_other_verdicts_is_marked() -> None:
+    figure = next(iter(figures([ROW, replace(ROW, children=4, differing=2)])))
+    assert [point.differing for point in figure.points("rml")] == [False, True]
 
 
 def test_which_figures() -> None:
@@ -57,20 +65,27 @@ def test_pictures(width: Width) -> None:
         else:
             pixels = image.imread(io.BytesIO(data), format="png")
             assert abs(pixels.shape[1] - centimetres / 2.54 * 300) <= 1
-            assert 400 < pixels.shape[0] < 3_400
+            assert 400 < pixels.shape[0] < 15.5 / 2.54 * 300
             assert 0.005 < (pixels[:, :, :3].min(axis=2) < 0.5).mean() < 0.2
 
 
 def test_the_same_bytes_every_time() -> None:
     pytest.importorskip("matplotlib")
-    assert [*islice(plots(growing("rml", 4)), 2)] == [*islice(plots(growing("rml", 4)), 2)]
+    assert [*islice(plots([ROW]), 2)] == [*islice(plots([ROW]), 2)]
 
 
 def test_many_trees_are_several_pages() -> None:
-    pytest.importorskip("matplotlib")
     rows = [replace(ROW, tree=str(number), gate=None) for number in range(14)]
-    names = [name for name, _ in islice(plots(rows), 4)]
-    assert names == [f"trees-symbols-{part}.{form}" for part in (1, 2) for form in ("pdf", "png")]
+    assert [(page.name, len(page.panels)) for page in islice(pages(rows, LAYOUTS[Width.PAGE]), 2)] == [
+        ("trees-symbols-1", 9),
+        ("trees-symbols-2", 5),
+    ]
+
+
+def test_nothing_to_draw_makes_no_folder(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    assert write_plots([unable(Outcome.TOO_LARGE)], tmp_path / "new") == []
+    assert not (tmp_path / "new").exists()
 
 
 def test_without_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:

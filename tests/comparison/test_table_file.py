@@ -24,7 +24,10 @@ numbers = st.none() | st.floats(0, 1e12).map(lambda number: float(f"{number:.4g}
 def rows(draw: st.DrawFn) -> Row:
     some: dict[str, Any] = {
         **{name: draw(counts) for name in ("children", "threshold", "symbols", "subformulas", "states", "edges")},
-        **{name: draw(counts) for name in ("characters", "events", "walks", "differing", "limit")},
+        **{
+            name: draw(counts)
+            for name in ("characters", "events", "first_events", "walks", "differing", "limit", "memory")
+        },
         **{name: draw(numbers) for name in ("seconds", "read_seconds", "events_per_second", "again_per_second")},
         **{name: draw(words) for name in ("reason", "run_reason", "digest", "version")},
         **{name: draw(texts) for name in ("tree", "language")},
@@ -58,6 +61,16 @@ def test_a_line_that_was_only_begun_is_left_out() -> None:
         assert list(read_rows(text[:cut])) == [ROW]
     assert list(read_rows("")) == []
     assert list(read_rows("tree,ga")) == []
+    with pytest.raises(LanguageError, match="no comparison of languages"):
+        list(read_rows("precious"))
+
+
+def test_columns_that_are_not_there_are_empty() -> None:
+    lines = [line.split(",") for line in csv_text([ROW]).splitlines()]
+    few = "".join(",".join(line[:3] + line[4:-2]) + "\n" for line in lines)
+    (row,) = read_rows(few)
+    assert row == replace(ROW, threshold=None, first_events=None, memory=None)
+    assert not row.serves(replace(ROW, result=None, run=None))
 
 
 @pytest.mark.parametrize(
@@ -86,4 +99,10 @@ def test_which_rows_answer_for_which() -> None:
     late = replace(ROW, result=Outcome.TIMEOUT, run=None, timeout=5.0)
     assert late.serves(replace(wanted, timeout=5.0))
     assert not late.serves(replace(wanted, timeout=6.0))
-    assert ROW.serves(replace(wanted, timeout=999.0))
+    assert ROW.serves(replace(wanted, timeout=999.0, memory=9999))
+    large = replace(ROW, run=Outcome.TOO_LARGE)
+    assert large.serves(wanted)
+    assert not large.serves(replace(wanted, memory=8192))
+    for missing in (Outcome.TOOL_MISSING, Outcome.FAILED):
+        assert not replace(ROW, result=missing).serves(wanted)
+        assert not replace(ROW, run=missing).serves(wanted)

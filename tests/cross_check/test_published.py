@@ -143,6 +143,7 @@ def test_exceptions_belong_to_their_trace(checkout: Path) -> None:
     assert [result.verdicts is None for result in found] == [bool(error) for error in errors]
 
 
+@pytest.mark.slow
 @needs_swipl
 def test_what_takes_all_memory_or_all_time(checkout: Path) -> None:
     (checkout / "trace_expressions_semantics.pl").write_text(ODD)

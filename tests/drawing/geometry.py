@@ -70,6 +70,13 @@ def _place(text: minidom.Element) -> Box:
     return Box(left, left + width, y - 0.6 * size, y)
 
 
+def pdf_width(pdf: bytes) -> float:
+    """The width of the page, in points."""
+    found = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", pdf)
+    assert found is not None
+    return float(found[1])
+
+
 def overlaps(picture: Picture) -> list[tuple[str, str]]:
     """The pairs of frames, and of texts, that lie one upon the other."""
     named = [*picture.frames.items()], picture.texts

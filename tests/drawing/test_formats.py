@@ -6,17 +6,18 @@ import re
 import shutil
 import stat
 import zlib
+from itertools import product
 from pathlib import Path
 from xml.dom import minidom
 
 import pytest
 
-from rvaft import OptionError, ToolFailed, ToolMissing, loads
+from rvaft import RVAFT, Gate, Node, OptionError, ToolFailed, ToolMissing, loads
 from rvaft.drawing import Format, draw, format_of, losses, picture
-from rvaft.drawing.captions import wrapped
 from rvaft.drawing.look import WIDTH
 from rvaft.drawing.tikz import escaped
 from rvaft.drawing.tree import MAX_LEVELS
+from rvaft.drawing.wrapping import wrapped
 from tests.drawing.trees import AWKWARD, awkward, chain, every_part
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
@@ -95,6 +96,26 @@ def test_svg_shows_every_text_as_it_is() -> None:
 
 
 @needs_dot
+@pytest.mark.parametrize("name", ["a &nbsp; b", "a &lt; b", "back\\slash\\", 'say "x"', "<b>]]>", "&#92;"])
+def test_the_title_of_an_svg_is_the_name_of_the_root(name: str) -> None:
+    document = minidom.parseString(draw(RVAFT(name, [Node(name)]), Format.SVG))
+    title = document.getElementsByTagName("title")[0].firstChild
+    assert title is not None
+    assert title.nodeValue == name
+
+
+@needs_dot
+def test_no_short_text_confuses_graphviz() -> None:
+    """All texts of up to three characters that mean something to it, as lines of labels."""
+    texts = ["".join(letters) for length in (1, 2, 3) for letters in product("]>[<& \\x", repeat=length)]
+    leaves = [Node(f"leaf {place}", label="\n".join(texts[place::9])) for place in range(9)]
+    tree = RVAFT("top", [Node("top", Gate.OR, tuple(leaf.name for leaf in leaves)), *leaves])
+    shown = minidom.parseString(draw(tree, Format.SVG)).getElementsByTagName("text")
+    found = {(text.firstChild.nodeValue or "").replace("\xa0", " ").strip() for text in shown if text.firstChild}
+    assert found >= {text.strip() for text in texts}
+
+
+@needs_dot
 @pytest.mark.parametrize(("form", "magic"), [(Format.PNG, b"\x89PNG"), (Format.PDF, b"%PDF"), (Format.SVG, b"<?xml")])
 def test_pictures_are_what_they_say(form: Format, magic: bytes) -> None:
     data = draw(every_part(), form)
@@ -159,7 +180,7 @@ def test_tikz_nests_every_node_and_refers_to_shared_ones() -> None:
     assert body.count("[") == body.count("]")
     assert body.count(", again]") == 4
     assert body.count(r"{shared}, box") == 1
-    assert r"SAND $\leftarrow$" in body
+    assert r"SAND \ensuremath{\leftarrow}" in body
     assert "VOT 2/3" in body
 
 

@@ -9,10 +9,11 @@ import pytest
 
 from rvaft import RVAFT, Gate, Node, OptionError, TreeError, load, loads
 from rvaft.drawing import Format, Look, draw, picture
-from rvaft.drawing.captions import wrapped, wrapped_code
 from rvaft.drawing.look import looking
-from tests.drawing.geometry import measured, overlaps
+from rvaft.drawing.wrapping import wrapped, wrapped_code
+from tests.drawing.geometry import measured, overlaps, pdf_width
 from tests.drawing.trees import AWKWARD, awkward, chain, every_part
+from tests.tex import document, needs_tex
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 TREES = Path(__file__).parents[2] / "trees"
@@ -48,6 +49,17 @@ def test_names_can_be_left_to_nodes_without_a_label(form: Format) -> None:
     assert "moving" not in text
     assert "outcome" in text
     assert "moving" in drawn(FULL, form)
+    if form is Format.TIKZ:
+        assert r"[{Inspection\\actions}, again]" in text
+
+
+@pytest.mark.parametrize("form", [Format.DOT, Format.TIKZ])
+def test_a_leaf_that_states_no_event_has_that_of_its_name(form: Format) -> None:
+    tree = loads('event seen(v) = { v: v }; top sand a g d "two words"; g and c; c on seen(V); d when 1 < 2;')
+    text = drawn(tree, form, events=True)
+    assert "event: &quot;a&quot;" in text or form is Format.TIKZ
+    assert text.count("event:") == 2, "neither gates nor conditions, nor leaves with an event"
+    assert "event:" not in drawn(tree, form)
 
 
 def test_lines_are_wrapped_at_the_width_that_is_chosen() -> None:
@@ -59,15 +71,41 @@ def test_lines_are_wrapped_at_the_width_that_is_chosen() -> None:
 
 def test_wrapping_keeps_words_and_breaks_what_is_much_too_wide() -> None:
     assert wrapped("to the decontamination waypoint", 12) == ["to the", "decontamination", "waypoint"]
-    assert wrapped("x" * 20, 8) == ["x" * 8, "x" * 12]
+    assert wrapped("x" * 20, 8) == ["x" * 8, "x" * 8, "x" * 4]
+    assert wrapped("/radiation_sensor_plugin/sensor_0", 14) == ["/radiation_", "sensor_plugin/", "sensor_0"]
     assert wrapped("日本語のラベル", 8) == ["日本語の", "ラベル"]
     assert wrapped("one\ntwo\r\n\nthree", 20) == ["one", "two", "", "three"]
-    assert wrapped_code('result(Waypoint, "success")', 14) == ["result(", "Waypoint,", '"success")']
     for text in AWKWARD:
         for width in (4, 11, 26):
             for lines in (wrapped(text, width), wrapped_code(text, width)):
                 assert all(len(line) <= width + width // 2 for line in lines)
                 assert all(line.isprintable() for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "width", "lines"),
+    [
+        ('result(Waypoint, "success")', 17, ["result(Waypoint,", '"success")']),
+        ('result(Waypoint, "success")', 10, ["result(", "Waypoint,", '"success")']),
+        ('valve("closed", T3)', 17, ['valve("closed",', "T3)"]),
+        ("when V2 >= V1 + 20", 17, ["when V2", ">= V1 + 20"]),
+        ("when A >= 1 and (B < 2 or C > 3)", 24, ["when A >= 1", "and (B < 2 or C > 3)"]),
+        ("[Value >= 250; not (T2 >= T1 + 10)]", 24, ["[Value >= 250;", "not (T2 >= T1 + 10)]"]),
+        ("[not (T3 >= 10 + 20 * 3)]", 24, ["[not (T3", ">= 10 + 20 * 3)]"]),
+        ('temp(V1, T1), temp("NaN", _), not s3', 22, ["temp(V1, T1),", 'temp("NaN", _), not s3']),
+        ('say("a  b, (c) and d", X)', 22, ['say("a  b, (c) and d",', "X)"]),
+        ('say("two  blanks stay", X)', 13, ['say("two  ', 'blanks stay",', "X)"]),
+    ],
+)
+def test_events_and_guards_break_where_their_parts_end(text: str, width: int, lines: list[str]) -> None:
+    assert wrapped_code(text, width) == lines
+
+
+def test_wrapping_takes_any_length() -> None:
+    text = "x" * 60_000 + " word" * 8_000 + " " * 60_000
+    for wrap in (wrapped, wrapped_code):
+        for width in (14, 100_000):
+            assert "".join(wrap(text, width)).replace(" ", "") == text.replace(" ", "")
 
 
 def test_collapsing_leaves_out_what_is_below_and_counts_it() -> None:
@@ -139,7 +177,7 @@ def test_tikz_marks_a_branch_too() -> None:
     assert re.search(r"\\textbf\{ev8\}.*, fault, condition, unmarked, edge=\{draw=black!30\}\]", body)
     assert re.search(r"\\textbf\{ev9\}.*, attack, marked, edge=\{very thick\}", body)
     assert r"{branch 3: attack};" in body
-    assert body.count(", again, edge={draw=black!30}]") == 1
+    assert body.count(", again, unmarked, edge={draw=black!30}]") == 1
 
 
 @pytest.mark.parametrize("form", [Format.DOT, Format.TIKZ])
@@ -155,6 +193,9 @@ def test_the_legend_says_what_is_in_the_drawing_and_no_more(form: Format) -> Non
         assert meaning in text
     for meaning in ("caused by an attack", "from right to left"):
         assert meaning not in text
+    assert "drawn elsewhere" not in text
+    assert "drawn elsewhere" in drawn(loads("top or x s; x and s; s or c;"), form, legend=True, collapse=["x"])
+    assert ("drawn in full elsewhere" in drawn(FULL, form, legend=True)) == (form is Format.TIKZ)
     gates = drawn(load(TREES / "gates" / "sand_rl.rvaft"), form, legend=True)
     assert "from right to left" in gates
     assert "caused by" not in gates
@@ -162,6 +203,9 @@ def test_the_legend_says_what_is_in_the_drawing_and_no_more(form: Format) -> Non
 
 def test_each_gate_has_an_outline_of_its_own() -> None:
     dot = every_part().to_dot()
+    assert "one of them (pointed roof)" in every_part().to_dot(legend=True)
+    for style in ("or gate", "and gate", "sand gate", "sand rl gate", "vot gate"):
+        assert rf"\node[{style}, anchor=base]" in drawn(every_part(), Format.TIKZ, legend=True)
     outlines = dict(re.findall(r"label=<([^<>]*)>, (shape=\w+(?:, orientation=\d+)?)", dot))
     assert set(outlines) == {"OR", "AND", "SAND →", "SAND ←", "VOT 2/3"}
     assert len(set(outlines.values())) == 5
@@ -247,9 +291,11 @@ def test_where_sharing_may_break_the_order_of_a_sand_the_children_are_numbered()
 def test_a_figure_is_readable_in_one_column(tree: str, options: dict[str, object]) -> None:
     """8.5 cm: at least 7 points, no box and no text upon another."""
     shipped = load(TREES / f"{tree}.rvaft")
-    found = measured(picture(shipped.to_dot(**options), "svg"))  # type: ignore[arg-type]
+    dot = shipped.to_dot(**options)  # type: ignore[arg-type]
+    found = measured(picture(dot, "svg"))
     assert found.size_in(8.5) >= 7
     assert overlaps(found) == []
+    assert abs(pdf_width(picture(dot, "pdf")) - found.width) <= 1, "a printed page has no other margin"
 
 
 @needs_dot
@@ -270,10 +316,10 @@ def test_no_text_leaves_its_place_under_any_look() -> None:
     branch = looking(tree, branch=1, legend=True, wrap=4, collapse=[leaf], stagger=True, depth=1)
     found = measured(draw(tree, Format.SVG, branch))
     assert len(found.frames) == len(tree.order) + 1
-    text = draw(tree, Format.TIKZ, branch).decode()
+    text = draw(tree, Format.TIKZ, branch).decode().partition(r"\begin{document}")[2]
     assert text.count(r"\end{forest}") == text.count(r"\begin{forest}") == 1
-    assert re.search(r"(?<!\\)%(?! Other)", text) is None
-    assert re.search(r"(?<!\\)[$]", re.sub(r"[$]\\(left|right)arrow[$]", "", text)) is None
+    assert re.search(r"(?<!\\)%", text) is None
+    assert re.search(r"(?<!\\)[$]", text) is None
     assert re.search(r"\\\\[\[*]", text) is None, "a bracket or a star after a line end is an argument of it"
 
 
@@ -282,19 +328,14 @@ def test_looks_are_values() -> None:
     assert looking(PRUNED, collapse="ev3").collapse == ("ev3",)
 
 
-TEX = shutil.which("pdflatex")
+def _latin(text: str) -> bool:
+    """Whether pdfTeX has all letters of it."""
+    return not any(letter.isalpha() and letter > "\u0250" and not "\u0370" < letter < "\u0400" for letter in text)
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(TEX is None, reason="needs pdflatex with the packages forest and standalone")
-@pytest.mark.parametrize("tree", [PRUNED, FULL, every_part()])
+@needs_tex
+@pytest.mark.parametrize("tree", [PRUNED, FULL, every_part(), awkward([text for text in AWKWARD if _latin(text)])])
 def test_tex_compiles_the_drawing(tree: RVAFT, tmp_path: Path) -> None:
-    import subprocess
-
     look = looking(tree, events=True, legend=True, branch=1, collapse=[tree.order[-2]])
-    (tmp_path / "tree.tex").write_bytes(draw(tree, Format.TIKZ, look))
-    assert TEX is not None
-    command = [TEX, "-interaction=nonstopmode", "-halt-on-error", "tree.tex"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stdout[-2000:]
-    assert (tmp_path / "tree.pdf").stat().st_size > 2000
+    document(draw(tree, Format.TIKZ, look).decode(), tmp_path)
+    assert (tmp_path / "test.pdf").stat().st_size > 2000

@@ -1,5 +1,7 @@
 """Trees to draw."""
 
+from collections.abc import Sequence
+
 from rvaft import RVAFT, EventType, Gate, Kind, Node, On
 from rvaft.guards import Operation, Operator
 from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
@@ -20,15 +22,19 @@ AWKWARD = (
     '"];}',
     "}]\\end{forest}",
     "</td></tr></table>",
+    "list [ decontaminations ]",
+    "]]",
+    "a &nbsp; b &lt; c",
+    "Größe ≥ 5 °C → µΩ “½” –",
 )
 """Labels that try to leave their place."""
 
 
-def awkward() -> RVAFT:
-    """Every awkward text as a label, and as the name of a node."""
-    leaves = [Node(f"leaf {number}", label=text) for number, text in enumerate(AWKWARD)]
-    named = [Node(text) for text in AWKWARD if text.strip()]
-    top = Node('top "<\\', Gate.SAND_RL, tuple(node.name for node in leaves + named))
+def awkward(texts: Sequence[str] = AWKWARD) -> RVAFT:
+    """Every text as a label, and as the name of a node."""
+    leaves = [Node(f"leaf {number}", label=text) for number, text in enumerate(texts)]
+    named = [Node(text) for text in texts if text.strip()]
+    top = Node('top "<&nbsp;\\', Gate.SAND_RL, tuple(node.name for node in leaves + named))
     return RVAFT(top.name, [top, *leaves, *named])
 
 

@@ -54,7 +54,7 @@ FORMULAS = [
         't and ev1; ev1 on q_1(_, "a\\"b");',
         'q_1(_, "a\\"b")',
         'q_1(_, "a\\"b")',
-        r"\mathit{q\_1}(\_, \text{``a{\char34}b''})",
+        r"\mathit{q\_1}(\_, \text{``a\texttt{\char34}b''})",
     ),
     (
         "t and a; a on p(X) when X >= 250;",
@@ -63,7 +63,7 @@ FORMULAS = [
         r"\mathit{p}(\mathit{X}) \cdot [\mathit{X} \geq 250]",
     ),
     ("causality bottom_up; t and a b; a and c on p(1);", "((c ; p(1)) & b)", "(c · p(1)) ∧ b", None),
-    ('t and "50% $_x" "é";', '("50% $_x" & "é")', '"50% $_x" ∧ "é"', r"\textit{50\% \$\_x} \wedge \textit{é}"),
+    ('t and "50% $_x" "é";', '("50% $_x" & "é")', '"50% $_x" ∧ "é"', r"\textit{``50\% \$\_x''} \wedge \textit{``é''}"),
     # What the alternatives share, because they are of the same nodes, stands once.
     ("t or g h; g sand a s; h sand b s; s sand c d;", "(a | b) ; c ; d", "(a ∨ b) · c · d", None),
     ("t or g h; g sand s a; h sand s b;", "s ; (a | b)", "s · (a ∨ b)", rf"\mathit{{s}} \cdot ({A} \vee {B})"),
@@ -85,7 +85,7 @@ GUARDS = [
         "X − (−1) > (−Y) × Z",
         r"\mathit{X} - \left(-1\right) > \left(-\mathit{Y}\right) \times \mathit{Z}",
     ),
-    ("X / Y / 2 < 1e-07", "X / Y / 2 < 1e-07", r"\frac{\frac{\mathit{X}}{\mathit{Y}}}{2} < 1 \times 10^{-7}"),
+    ("X / Y / 2 < 1e-07", "X / Y / 2 < 1e-07", r"\frac{\mathit{X}}{\mathit{Y}} / 2 < 1 \times 10^{-7}"),
     ("Gamma == null", "Gamma = null", r"\mathit{Gamma} = \mathrm{null}"),
     ("X == 2.5e+300", "X = 2.5e+300", r"\mathit{X} = 2.5 \times 10^{300}"),
     ("X == 0.30000000000000004", "X = 0.30000000000000004", r"\mathit{X} = 0.30000000000000004"),
@@ -206,10 +206,20 @@ def test_different_names_look_different(one: str, other: str) -> None:
 
 @needs_tex
 def test_formulas_compile(tmp_path: Path) -> None:
-    odd = "".join(f't{n} and "{name}";' for n, name in enumerate(("a_%$\\\\{}^~#&<>|'`--", "x  y", "é", "[")))
+    odd = "".join(
+        f't{n} and "{name}";' for n, name in enumerate(("a_%$\\\\{}^~#&<>|'`--", "x  y", "é ≥ 5 °C → µ Ω “½” –", "["))
+    )
     trees = [load(PRUNED), loads(EVENTS + "toplevel t; t sand t0 t1 t2 t3;" + odd)]
     trees += [loads(f"{EVENTS} toplevel t; {row[0]}") for row in FORMULAS]
     conditions = [Node(f"g{number}", when=parse_guard(row[0])) for number, row in enumerate(GUARDS)]
     trees.append(RVAFT("t", [Node("t", Gate.AND, tuple(node.name for node in conditions)), *conditions]))
     rows = align_latex([*trees[0].branches(), *trees])
     compiled("\n".join(rows), tmp_path, "amsmath", "textcomp")
+
+
+@needs_tex
+def test_formulas_go_on_on_the_next_page(tmp_path: Path) -> None:
+    many = loads(f"toplevel t; t or {' '.join(f'e{number}' for number in range(200))};")
+    said = compiled("\n".join(align_latex(many.branches())), tmp_path, "amsmath", "textcomp")
+    assert r"Overfull \vbox" not in said
+    assert "[3]" in said  # pages are told as they are made

@@ -1,14 +1,13 @@
 """A run that keeps checkpoints and is killed again and again.
 
 As a program of its own it may fork: `python -m tests.monitoring.killing FOLDER TRACE SEMANTICS KILLS SEED`. Each fork watches the trace from
-the last checkpoint and is killed after a random time; a run that comes to its end before is followed by a new one.
+the last checkpoint and is killed a random moment after a random event; a run that comes to its end before is followed by a new one.
 """
 
 import json
 import os
 import signal
 import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from random import Random
@@ -55,8 +54,13 @@ def explained(robots: Mapping[int, Monitor]) -> list[Any]:
     ]
 
 
-def watch(folder: Path, trace: Path, semantics: Semantics, *, checkpoints: bool = True) -> None:
-    """Watch the trace, from the last checkpoint on, and tell every verdict and at the end what there is to tell."""
+def watch(
+    folder: Path, trace: Path, semantics: Semantics, *, checkpoints: bool = True, deadly: int = 0, delay: float = 0.0
+) -> None:
+    """Watch the trace, from the last checkpoint on, and tell every verdict and at the end what there is to tell.
+
+    It is killed so many seconds after it has read that many events.
+    """
     tree = rvaft.loads(TEXT)
     kept = folder / "kept"
     found = None
@@ -82,6 +86,9 @@ def watch(folder: Path, trace: Path, semantics: Semantics, *, checkpoints: bool 
         out.write(f"from {number}\n")
         for event in read(cast("BinaryIO", stream), name=str(trace)):
             number += 1
+            deadly -= 1
+            if deadly == 0:
+                signal.setitimer(signal.ITIMER_REAL, delay)  # nobody handles its signal
             given = ordering.add(number, event)
             if given is not None:
                 step(*given)
@@ -99,23 +106,20 @@ def watch(folder: Path, trace: Path, semantics: Semantics, *, checkpoints: bool 
 def main(folder: Path, trace: Path, semantics: Semantics, kills: int, random: Random) -> None:
     """Kill that often; then the last run is left as it is."""
     rvaft.monitor(rvaft.loads(TEXT), semantics=semantics)  # what is imported now is there in every fork
-    patience = 0.12
     for run in range(kills):
         (folder / str(run)).mkdir()
         while True:
+            deadly, delay = random.randrange(1, 60), random.uniform(1e-6, 0.01)
             child = os.fork()
             if child == 0:
-                watch(folder / str(run), trace, semantics)
+                watch(folder / str(run), trace, semantics, deadly=deadly, delay=delay)
                 os._exit(0)
-            time.sleep(random.uniform(0, patience))
-            os.kill(child, signal.SIGKILL)
             _, status = os.waitpid(child, 0)
             if not os.WIFSIGNALED(status):
                 if status:
                     sys.exit(f"the run ended with status {status}")
                 break  # it was faster
             kills -= 1
-            patience *= 1.02  # a slow machine comes to its end, too
             if kills == 0:
                 return
 

@@ -9,7 +9,8 @@ import pytest
 
 import rvaft
 from papers.fmas2022.figures import FIGURES, figures
-from papers.fmas2022.making import PRINTED, TREES
+from papers.fmas2022.making import PRINTED
+from papers.fmas2022.places import TREES
 from rvaft.drawing import Format, draw
 from rvaft.errors import ToolMissing
 
@@ -85,13 +86,31 @@ def _inflated(stream: bytes) -> bytes:
 
 
 @pytest.mark.parametrize(("name", "width"), [(name, width) for name, width, _ in PRINTED if name in FIGURES])
-def test_text_can_be_read_at_the_width_of_the_document(name: str, width: float) -> None:
+def test_text_can_be_read_at_the_width_of_the_document(files: dict[str, bytes], name: str, width: float) -> None:
     drawn = svg(name).documentElement
     assert drawn is not None
     natural = float(drawn.getAttribute("width").removesuffix("pt"))
-    scale = min(width * POINTS_PER_CM / natural, 1.0)
+    printed = media_width(files[f"{name}.pdf"])
+    assert printed == pytest.approx(natural, abs=2), "the PDF is what is printed, and has no margin of its own"
+    scale = min(width * POINTS_PER_CM / printed, 1.0)
     sizes = {float(text.getAttribute("font-size")) for text in drawn.getElementsByTagName("text")}
     assert min(sizes) * scale >= SMALLEST
+
+
+def media_width(pdf: bytes) -> float:
+    """Points from the left to the right edge of the page."""
+    found = re.search(rb"/MediaBox\s*\[\s*([\d.]+)\s+[\d.]+\s+([\d.]+)", pdf)
+    assert found is not None
+    return float(found[2]) - float(found[1])
+
+
+def test_a_pdf_has_the_same_bytes_whenever_it_is_drawn(
+    files: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1000000000")  # as if drawn on another day, where a program heeds that
+    file, look = FIGURES["figure4b"]
+    assert draw(rvaft.load(TREES / file), Format.PDF, look) == files["figure4b.pdf"]
+    assert b"/CreationDate (D:19700101000000" in files["figure4b.pdf"]
 
 
 def test_without_graphviz_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:

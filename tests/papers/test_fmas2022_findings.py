@@ -9,10 +9,11 @@ import pytest
 from papers.fmas2022 import findings as page
 from papers.fmas2022 import making
 from papers.fmas2022.__main__ import main
-from papers.fmas2022.findings import findings
+from papers.fmas2022.findings import State, findings
 from papers.fmas2022.found import FINDINGS, Finding, Step
 from papers.fmas2022.overhead import Overhead
-from papers.fmas2022.shell import ROOT, Need, run
+from papers.fmas2022.places import ROOT
+from papers.fmas2022.shell import Need, run
 from rvaft.errors import ToolFailed, ToolMissing
 from tests.backends.rml.published.runner import needs_published
 
@@ -34,7 +35,7 @@ def test_commands_run_in_the_project_and_share_a_folder() -> None:
     assert body(Step("ls README.md > $OUT/here"), Step("cat $OUT/here", "README.md"), Step("echo $OUT", "$OUT")) == (
         "```sh\n$ ls README.md > $OUT/here\n$ cat $OUT/here\nREADME.md\n$ echo $OUT\n$OUT\n```\n"
     )
-    assert findings([finding(written)]).unconfirmed == ("a title",)
+    assert findings([finding(written)]).having(State.UNCONFIRMED) == ("a title",)
 
 
 def test_the_exit_status_is_shown_where_it_is_not_0_and_errors_are_output() -> None:
@@ -48,7 +49,7 @@ def test_paths_of_the_machine_are_not_shown() -> None:
 @pytest.mark.parametrize(("command", "shows"), [("echo yes", "no"), ("echo yes", ""), ("exit 1", "")])
 def test_a_finding_that_its_commands_do_not_show_is_not_confirmed(command: str, shows: str) -> None:
     made = findings([finding(Step(command, shows))])
-    assert made.unconfirmed == ("a title",)
+    assert made.states == [("a title", State.UNCONFIRMED)]
     assert "## 1. a title\n\n**Not confirmed**" in made.text
 
 
@@ -63,11 +64,29 @@ def test_what_lacks_a_tool_is_not_run_and_says_what_to_do() -> None:
             )
         ]
     )
-    assert made.unconfirmed == ()
+    assert made.states == [("a title", State.PARTLY)]
+    assert "\nOf 1 findings: 1 not run in full (1).\n\n## 1. a title\n\n**Not run in full**" in made.text
     assert made.text.endswith(
         "```sh\n$ echo here\nhere\n```\n\nThen:\n\n```sh\n$ echo one\n$ echo two\nnot run: install no-such-program\n"
         "$ echo three\nnot run: install no-such-program, and set NOWHERE to a place\n```\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("step", "state"),
+    [
+        (Step("echo x", "x"), State.CONFIRMED),
+        (Step("echo x", "x", (NO_PROGRAM,)), State.PARTLY),
+        (Step("echo x; echo not run: y", "x"), State.PARTLY),
+        (Step("echo not run: y", "x"), State.UNCONFIRMED),
+    ],
+)
+def test_what_hangs_on_a_command_that_was_not_run_is_not_asserted(step: Step, state: State) -> None:
+    made = findings([Finding("It is so", "A text.", (step,), asked="Whether it is so", seen="It was seen.")])
+    title = "Whether it is so" if state is State.PARTLY else "It is so"
+    assert made.states == [(title, state)]
+    assert f"## 1. {title}\n" in made.text
+    assert ("It was seen." in made.text) is (state is State.CONFIRMED)
 
 
 def test_a_variable_that_names_no_such_place_counts_as_absent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -119,9 +138,17 @@ def test_without_the_published_tools_all_findings_hold_and_say_what_was_not_run(
     monkeypatch.delenv("RML_COMPILER", raising=False)
     monkeypatch.delenv("RML_MONITOR", raising=False)
     made = findings()
-    assert made.unconfirmed == ()
+    assert made.having(State.UNCONFIRMED) == ()
+    assert len(made.having(State.CONFIRMED)) >= 4
     assert made.text.count("not run: ") >= 6
     assert "set RML_COMPILER to the jar" in made.text
+    for claim in (
+        "The published compiler rejects",
+        "stops at the first variable",
+        "is a false alarm\n",
+        "without a word",
+    ):
+        assert claim not in made.text.replace("Whether a goal 1.0 after a command to waypoint 1 is a false alarm\n", "")
 
 
 @pytest.mark.slow
@@ -130,7 +157,7 @@ def test_without_the_published_tools_all_findings_hold_and_say_what_was_not_run(
 @needs_published
 def test_with_all_tools_the_page_is_as_stored() -> None:
     made = findings()
-    assert made.unconfirmed == ()
+    assert {state for _, state in made.states} == {State.CONFIRMED}
     assert made.text == EXPECTED.read_text(encoding="utf-8")
 
 
@@ -164,7 +191,7 @@ def test_what_lacks_a_tool_is_left_out_and_the_rest_is_written(
 
     monkeypatch.setattr(making, "overhead", missing)
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(making, "findings", lambda: page.Page("# Nothing\n", ()))
+    monkeypatch.setattr(making, "findings", lambda: page.Page("# Nothing\n", []))
     assert main(["--out", str(tmp_path)]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert [line.partition(": not run: ")[2][:24] for line in lines] == [
@@ -185,6 +212,15 @@ def test_a_finding_that_no_longer_holds_ends_with_1(
     monkeypatch.setattr(making, "findings", lambda: findings([finding(Step("echo yes", "no"))]))
     assert main(["--texts", "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "papers.fmas2022: not confirmed: a title\n"
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_finding_that_could_not_be_run_in_full_is_told_and_ends_with_0(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(making, "findings", lambda: findings([finding(Step("echo yes", "yes", (NO_PROGRAM,)))]))
+    assert main(["--texts", "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().err == "papers.fmas2022: not run in full: a title\n"
 
 
 @pytest.mark.parametrize("below", ["", "deeper"])

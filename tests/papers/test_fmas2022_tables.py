@@ -3,9 +3,9 @@
 import json
 import re
 import shutil
-import subprocess
 from collections.abc import Sequence
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +13,21 @@ import pytest
 
 import rvaft
 from backends.rml.reading.reader import read
-from papers.fmas2022 import tex, verdicts
+from cross_check.participants import Absent
+from papers.fmas2022 import tex, verdict_tex, verdicts
 from papers.fmas2022.formulas_tex import formulas_tex
 from papers.fmas2022.listing import listing_rml
-from papers.fmas2022.making import TREES, latex_texts
+from papers.fmas2022.making import latex_texts
 from papers.fmas2022.notes import Notes, difference
+from papers.fmas2022.places import GATES, TREES
+from papers.fmas2022.transitions import transitions
 from papers.fmas2022.verdict_tex import verdict_tables
-from papers.fmas2022.verdicts import Disagreement, monitors, symbols, traces
+from papers.fmas2022.verdicts import Disagreement, Enlisted, enlist, monitors, symbols, traces
 from rvaft import Verdict, loads
+from rvaft.errors import ToolMissing
 from rvaft.tree import RVAFT
 from tests.backends.rml.published.runner import compiled, needs_published
+from tests.tex import document, needs_tex
 
 EXPECTED = Path(verdicts.__file__).parent / "expected"
 TRACES = TREES / "pruned.traces"
@@ -34,6 +39,11 @@ NEEDS_SPOT = [pytest.mark.spot, pytest.mark.skipif(find_spec("spot") is None, re
 @pytest.fixture(scope="module")
 def pruned() -> RVAFT:
     return rvaft.load(TREES / "pruned.rvaft")
+
+
+@pytest.fixture(scope="module")
+def enlisted(pruned: RVAFT) -> Enlisted:
+    return enlist(pruned)
 
 
 @pytest.fixture(scope="module")
@@ -64,12 +74,12 @@ def test_the_stored_texts_are_all_of_them(texts: dict[str, str]) -> None:
 # -- Tables 2 and 3 --------------------------------------------------------------------------------------------------
 
 
-def test_the_print_differs_in_two_cells(pruned: RVAFT) -> None:
+def test_the_print_differs_in_two_cells(pruned: RVAFT, enlisted: Enlisted) -> None:
     """φ after the fourth event of the first two traces of Table 3: φ₃, φ₄ may still come."""
     signs = monitors(pruned)
     differing = {
         (trace.table, trace.number, sign, place): (printed.symbol, verdict.symbol)
-        for trace in traces(pruned, TRACES)
+        for trace in traces(enlisted, TRACES)
         for sign, branch in signs.items()
         for place, verdict in enumerate(trace.verdicts[sign], 1)
         if (printed := trace.printed(branch, place)) not in (None, verdict)
@@ -77,19 +87,19 @@ def test_the_print_differs_in_two_cells(pruned: RVAFT) -> None:
     assert differing == {(3, 1, "φ", 4): ("⊥", "?"), (3, 2, "φ", 4): ("⊥", "?")}
 
 
-def test_as_printed_the_third_and_fourth_trace_detect_nothing(pruned: RVAFT) -> None:
+def test_as_printed_the_third_and_fourth_trace_detect_nothing(enlisted: Enlisted) -> None:
     found = {
         (trace.table, trace.number): symbols(trace.as_printed["φ"]) if trace.as_printed else None
-        for trace in traces(pruned, TRACES)
+        for trace in traces(enlisted, TRACES)
     }
     assert found == {(t, n): None if n < 3 else "???⊥" for t in (2, 3) for n in (1, 2, 3, 4)}
 
 
-def test_every_printed_cell_is_there(pruned: RVAFT) -> None:
+def test_every_printed_cell_is_there(pruned: RVAFT, enlisted: Enlisted) -> None:
     """Two columns of four cells in each of eight traces."""
     cells = [
         trace.printed(branch, place)
-        for trace in traces(pruned, TRACES)
+        for trace in traces(enlisted, TRACES)
         for branch in monitors(pruned).values()
         for place in range(1, len(trace.events) + 1)
     ]
@@ -113,11 +123,31 @@ def test_a_threshold_in_the_tree_changes_the_tables(tmp_path: Path, old: str, ne
     text = file.read_text(encoding="utf-8")
     assert old in text
     file.write_text(text.replace(old, new), encoding="utf-8")
-    tables = verdict_tables(rvaft.load(file), folder / "pruned.traces")
+    tree = rvaft.load(file)
+    tables = verdict_tables(tree, folder / "pruned.traces")
     assert {number: len(MARK.findall(table)) for number, table in tables.items()} == marked
     for table in tables.values():
         letters = set(MARK.findall(table))
         assert letters == set(re.findall(r"^\\textsuperscript\{([a-z]+)\}\\,The print has", table, re.MULTILINE))
+        assert "describe" not in table, "nothing is said of the traces that another threshold makes false"
+    assert new.removeprefix("Value ").removeprefix("T2 >= T1 + ") in listing_rml(tree)
+
+
+def test_the_tables_name_who_gives_the_same_verdicts_and_who_was_not_asked(
+    pruned: RVAFT, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without_rml(tree: RVAFT) -> Enlisted:
+        absent = Absent("rml", ToolMissing("a_tool", remedy="install it"))
+        mine = ("engine", "reference")
+        return {
+            sign: {**{name: one for name, one in everybody.items() if name in mine}, "rml": absent}
+            for sign, everybody in enlist(tree).items()
+        }
+
+    monkeypatch.setattr(verdict_tex, "enlist", without_rml)
+    for table in verdict_tables(pruned, TRACES).values():
+        assert r"in every cell, give \texttt{reference}.\par" in table
+        assert r"Not run: \texttt{rml} (a\_tool is not installed: install it).\par" in table
 
 
 LATE = (
@@ -146,7 +176,9 @@ def test_notes_have_letters_in_order_and_an_equal_note_keeps_its_own() -> None:
     assert notes.letter("note 1") == "b"
 
 
-def test_a_participant_that_says_something_else_is_no_footnote(pruned: RVAFT, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_participant_that_says_something_else_is_no_footnote(
+    enlisted: Enlisted, monkeypatch: pytest.MonkeyPatch
+) -> None:
     real = verdicts.said
 
     def lying(one: Any, events: Sequence[Any]) -> Any:
@@ -155,7 +187,7 @@ def test_a_participant_that_says_something_else_is_no_footnote(pruned: RVAFT, mo
 
     monkeypatch.setattr(verdicts, "said", lying)
     with pytest.raises(Disagreement, match=r"engine says .*, rml says .*⊤"):
-        list(traces(pruned, TRACES))
+        list(traces(enlisted, TRACES))
 
 
 # -- formulas and the Listing ----------------------------------------------------------------------------------------
@@ -182,15 +214,44 @@ def test_the_formulas_are_those_of_the_paper(pruned: RVAFT) -> None:
 @pytest.mark.parametrize("trace", sorted(TRACES.glob("table*.jsonl")), ids=lambda path: path.stem)
 def test_the_listing_says_what_the_tree_says(pruned: RVAFT, trace: Path) -> None:
     events = [json.loads(line) for line in trace.read_text(encoding="utf-8").splitlines()]
-    said = list(read(listing_rml()).run(events))
+    said = list(read(listing_rml(pruned)).run(events))
     assert said == list(rvaft.monitor(pruned, semantics="strict").run(events))
 
 
 @pytest.mark.published
 @needs_published
-def test_the_published_compiler_takes_the_listing(tmp_path: Path) -> None:
-    (found,) = compiled([listing_rml()], tmp_path)
+def test_the_published_compiler_takes_the_listing(pruned: RVAFT, tmp_path: Path) -> None:
+    (found,) = compiled([listing_rml(pruned)], tmp_path)
     assert isinstance(found, Path), found
+
+
+@pytest.mark.parametrize("gate", ["or", "vot", "and", "sand", "sand_rl"])
+def test_the_transitions_of_a_gate_detect_what_the_gate_detects(gate: str) -> None:
+    tree = rvaft.load(GATES / f"{gate}.rvaft")
+    states = transitions(rvaft.translate(tree, "automaton", semantics="strict").text)
+    edges = {
+        (state, event): target
+        for state, leaving in (part.split(": ") for part in states)
+        for events, target in re.findall(r"((?:\w, )*\w) → ([\d⊤]+)", leaving)
+        for event in events.split(", ")
+    }
+    for word in product("abc", repeat=3):
+        state = "0"
+        for event, verdict in zip(
+            word, rvaft.monitor(tree, semantics="strict").run({"event": one} for one in word), strict=True
+        ):
+            state = state if state in "⊤⊥" else edges.get((state, event), "⊥")
+            assert verdict.symbol == (state if state in "⊤⊥" else "?")
+
+
+def test_what_is_not_as_in_the_print_is_said_below_table_1(texts: dict[str, str]) -> None:
+    below = texts["table1.tex"].partition(r"\end{tabular}")[2]
+    for name in (r"movebase\_result", "MoveBaseGoal", "move(Waypoint)"):
+        assert name in below
+
+
+def test_the_listing_has_a_caption(texts: dict[str, str]) -> None:
+    assert r"\lstset{caption={$\varphi$ in RML" in texts["listing.tex"]
 
 
 # -- LaTeX -----------------------------------------------------------------------------------------------------------
@@ -204,16 +265,11 @@ def test_braces_and_environments_are_closed(texts: dict[str, str]) -> None:
             assert text.count(r"\begin{") == text.count(r"\end{"), name
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex (apt install texlive-latex-extra lmodern)")
+@needs_tex
 def test_pdflatex_compiles_the_tables(tmp_path: Path, texts: dict[str, str]) -> None:
     for name, text in texts.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     parts = [rf"\input{{{Path(name).stem}}}" for name in texts if name.endswith(".tex")]
-    (tmp_path / "all.tex").write_text(tex.document(parts), encoding="utf-8")
-    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
-    done = subprocess.run(
-        command, cwd=tmp_path, capture_output=True, text=True, errors="replace", check=False, timeout=120
-    )
-    assert done.returncode == 0, done.stdout[-2000:]
-    assert "Overfull" not in done.stdout
-    assert (tmp_path / "all.pdf").stat().st_size > 20_000
+    said = document(tex.document(parts), tmp_path)
+    assert "Overfull" not in said
+    assert (tmp_path / "test.pdf").stat().st_size > 20_000

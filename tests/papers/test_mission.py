@@ -18,19 +18,19 @@ from papers.fmas2022.overhead_cells import Cell, Spread, cells, growth
 from papers.fmas2022.overhead_figure import draw
 from papers.fmas2022.overhead_runs import NONE, SETUPS, Run, runs
 from papers.fmas2022.overhead_statement import statement
-from papers.fmas2022.overhead_tables import COLUMNS, latex
+from papers.fmas2022.overhead_tables import COLUMNS, detected_tex, nominal_tex
+from papers.fmas2022.places import PRUNED, ROOT
 from rvaft import Verdict
 from rvaft.errors import OptionError
 from rvaft.tree import RVAFT
 
-ROOT = Path(__file__).parents[2]
 SIZES = (2, 5, 9)
 SEEDS = range(1, 6)
 
 
 @pytest.fixture(scope="module")
 def tree() -> RVAFT:
-    return rvaft.load(measuring.TREE)
+    return rvaft.load(PRUNED)
 
 
 def verdicts(tree: RVAFT, events: Iterable[Event], semantics: str) -> dict[str, str]:
@@ -172,6 +172,12 @@ def test_a_mission_can_be_piped_into_a_monitor(capsys: pytest.CaptureFixture[str
     assert [json.loads(line) for line in lines] == list(Mission(3, Mode.ATTACK).events())
 
 
+def test_a_reader_of_a_mission_that_has_enough_is_no_error() -> None:
+    command = f"{sys.executable} -m papers.fmas2022.mission --waypoints 200 | head -n 1"
+    done = subprocess.run(["/bin/sh", "-c", command], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert (done.stdout.count("\n"), done.stderr) == (1, "")
+
+
 # -- the overhead ----------------------------------------------------------------------------------------------------
 
 
@@ -189,30 +195,50 @@ def test_every_cell_is_measured(quick: measuring.Overhead) -> None:
     with written(quick, "overhead.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert tuple(rows[0]) == COLUMNS
-    assert [(row["waypoints"], row["setup"]) for row in rows] == [(size, one) for size in ("5", "10") for one in SETUPS]
-    assert [row["monitors"] for row in rows] == ["0", "1", "2", "4"] * 2
+    assert [(row["mode"], row["waypoints"], row["setup"]) for row in rows] == [
+        (mode, size, one) for mode in Mode for size in ("2", "4") for one in SETUPS
+    ]
+    assert [row["monitors"] for row in rows] == ["0", "1", "2", "4"] * 6
     for row in rows:
-        assert row["verdicts"] == "?" * int(row["monitors"]), "each monitor has read the whole mission"
-        for name in ("made_ms", "cpu_ms", "wall_ms", "ratio", "us_per_event"):
+        monitored, mission = row["setup"] != NONE, Mission(int(row["waypoints"]), Mode(row["mode"]))
+        events = list(mission.events())
+        if row["mode"] == Mode.NOMINAL:
+            assert row["verdicts"] == "?" * int(row["monitors"]), "each monitor has read the whole mission"
+            assert row["detected"] == "0"
+        elif monitored:
+            assert row["verdicts"].count("⊤") == (2 if row["setup"] == "branch" else 1)
+            last = "/command" if row["mode"] == Mode.FAULT else "/move_base/goal"
+            assert events[int(row["detected"]) - 1]["topic"] == last
+        if monitored:
+            topic = events[int(row["dearest_event"]) - 1]["topic"]
+            assert row["dearest_on"].split()[0] == topic
+            mean = float(row["us_per_event_median"])
+            assert 1e3 * float(row["dearest_ms_median"]) > mean, "an event costs as much as the dearest at most"
+        for name in ("made_ms", "cpu_ms", "wall_ms", "ratio", "us_per_event", "dearest_ms"):
             assert float(row[f"{name}_q1"]) <= float(row[f"{name}_median"]) <= float(row[f"{name}_q3"])
         assert float(row["cpu_ms_median"]) > 0
-        assert (float(row["ratio_median"]) > 1) is (row["setup"] != NONE)
-        assert int(row["events"]) == len(list(Mission(int(row["waypoints"])).events()))
+        assert (float(row["ratio_median"]) > 1) is monitored
+        assert int(row["events"]) == len(events)
 
 
 def test_every_run_is_kept(quick: measuring.Overhead) -> None:
     with written(quick, "overhead_runs.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
-    keys = {(row["waypoints"], row["setup"], row["repetition"]) for row in rows}
-    assert len(rows) == len(keys) == 2 * len(SETUPS) * 3
+    keys = {(row["mode"], row["waypoints"], row["setup"], row["repetition"]) for row in rows}
+    assert len(rows) == len(keys) == len(Mode) * 2 * len(SETUPS) * 2
 
 
-def test_the_table_has_a_row_for_each_cell(quick: measuring.Overhead) -> None:
-    text = written(quick, "overhead.tex").read_text(encoding="utf-8")
-    rows = [line for line in text.splitlines() if line.endswith(r"\\")]
-    assert len(rows) == 1 + len(quick.cells)
-    assert {row.replace(r"\&", "").count("&") for row in rows} == {7}
-    assert text.isascii()
+def test_the_tables_have_a_row_for_each_cell(quick: measuring.Overhead) -> None:
+    rows = {}
+    for name in ("overhead", "overhead_detected"):
+        text = written(quick, f"{name}.tex").read_text(encoding="utf-8")
+        assert text.isascii()
+        assert r"\hline" not in text
+        rows[name] = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
+    assert len(rows["overhead"]) == 1 + len(quick.cells) // 3
+    assert {row.count("&") for row in rows["overhead"]} == {6}
+    assert len(rows["overhead_detected"]) == 1 + 2 * 2 * 3
+    assert {row.count("&") for row in rows["overhead_detected"]} == {7}
 
 
 def test_the_figure_is_one_column_wide_and_not_blank(quick: measuring.Overhead) -> None:
@@ -232,6 +258,8 @@ def test_the_statement_says_what_is_measured_and_what_is_not(quick: measuring.Ov
     assert "processor's time" in quick.statement
     assert "neither reproduced nor repeated" in quick.statement
     assert "each has read all of it" in quick.statement
+    assert quick.statement.count(": every setup detects it at every size.") == 2
+    assert quick.statement.count(" ms at 2 and 4 waypoints; ") == 3 * 3, "the dearest event of each mode and setup"
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -251,7 +279,7 @@ def test_without_matplotlib_the_extra_is_named_and_nothing_is_measured(tmp_path:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 2
-    assert done.stderr == "overhead: matplotlib is not installed: pip install 'rvaft[papers]'\n"
+    assert done.stderr == "overhead: error: matplotlib is not installed: pip install 'rvaft[papers]'\n"
     assert not list(tmp_path.iterdir())
 
 
@@ -268,10 +296,28 @@ def invented(*, stopped: bool = False) -> tuple[Cell, ...]:
                 base = 1e-6 * events + 1e-3 * repetition
                 cpu = base + monitors * (2e-6 * events + 3e-3) + (1e-5 * repetition if monitors else 0)
                 signs = "⊥" if stopped and monitors == 1 else "?" * monitors
-                made.append(
-                    Run(waypoints, setup, repetition, monitors, events, 90.0 * waypoints, 1e-4, cpu, cpu, signs)
-                )
+                made.append(invented_run(waypoints, setup, repetition, monitors=monitors, cpu=cpu, signs=signs))
     return cells(made)
+
+
+def invented_run(waypoints: int, setup: str, repetition: int, *, monitors: int, cpu: float, signs: str) -> Run:
+    return Run(
+        mode=Mode.NOMINAL,
+        waypoints=waypoints,
+        setup=setup,
+        repetition=repetition,
+        monitors=monitors,
+        events=100 * waypoints,
+        mission=90.0 * waypoints,
+        made=1e-4,
+        cpu=cpu,
+        wall=cpu,
+        verdicts=signs,
+        dearest=1e-3 * waypoints if monitors else 0.0,
+        dearest_event=1,
+        dearest_on="/command move",
+        detected=0,
+    )
 
 
 def test_what_is_added_is_compared_within_a_repetition() -> None:
@@ -300,7 +346,14 @@ def test_equal_numbers_are_equal_bytes(tmp_path: Path) -> None:
         one, two = ((tmp_path / name / f"overhead.{form}").read_bytes() for name in ("one", "two"))
         assert one == two
     assert b"CreationDate" not in (tmp_path / "one" / "overhead.pdf").read_bytes()
-    assert latex(invented()) == latex(invented())
+    assert nominal_tex(invented()) == nominal_tex(invented())
+    assert detected_tex(invented()) == detected_tex(invented())
+
+
+def test_what_the_dearest_event_costs_is_told_for_every_size() -> None:
+    assert (
+        statement(invented()).count("The dearest event takes 5.00, 10.00 and 20.00 ms at 5, 10 and 20 waypoints") == 3
+    )
 
 
 def test_setups_take_turns_at_being_first(tree: RVAFT) -> None:

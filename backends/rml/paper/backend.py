@@ -18,7 +18,8 @@ class RmlPaperBackend(Backend):
     """The paper's own translation: gates as printed, VOT unrolled, a union of the branches in their order, `all` behind.
 
     Not faithful: RML's union commits to its left operand, so a union of branches with a common start misses the later ones, and
-    the unrolled VOT means exactly K and loses interleavings of compound children. `limit` counts the terms written.
+    the unrolled VOT means exactly K and loses interleavings of compound children. `limit` counts the terms written,
+    ten symbols of the unrolled VOT gates being allowed for each.
     """
 
     name: ClassVar[str] = "rml-paper"
@@ -37,8 +38,8 @@ class RmlPaperBackend(Backend):
         if semantics not in self.semantics:
             raise NotExpressible("the paper does not say how", backend=self.name, semantics=semantics)
         start = perf_counter()
-        text, symbols = specification(tree, semantics, self.default_limit if limit is None else limit)
-        metrics = Metrics(symbols=symbols, seconds=perf_counter() - start)
+        text, symbols, equations = specification(tree, semantics, self.default_limit if limit is None else limit)
+        metrics = Metrics(symbols=symbols, states=equations, seconds=perf_counter() - start)
         return Specification(text, self.language, metrics, self.read)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002

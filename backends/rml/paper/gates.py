@@ -6,9 +6,11 @@ AND  a | b | c
 SAND a b c, or c b a
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import combinations, product
+from math import comb
+from typing import Final
 
 from rvaft.errors import TooLarge
 from rvaft.model import Causality, Gate, Node
@@ -16,6 +18,10 @@ from rvaft.tree import RVAFT
 
 OR = " \\/ "
 Choices = dict[str, str]
+SYMBOLS: Final = 10
+"""How many symbols of unrolled VOT gates the limit allows for each term it allows: few terms may have very many options."""
+_AROUND: Final = 4
+"""The symbols of an option `(a T_bc) \\/` beside those of its child."""
 
 
 @dataclass
@@ -25,12 +31,16 @@ class Writer:
     limit: int
     equations: dict[str, str] = field(default_factory=dict)
     written: int = 0
+    symbols: int = 0
 
-    def count(self) -> None:
-        """One more term; raises `TooLarge` beyond the limit."""
-        self.written += 1
+    def count(self, terms: int = 1, *, symbols: int = 0) -> None:
+        """That many more terms, and symbols of VOT gates; raises `TooLarge` beyond the limit."""
+        self.written += terms
+        self.symbols += symbols
         if self.written > self.limit:
             raise TooLarge("terms of the paper's translation", limit=self.limit)
+        if self.symbols > SYMBOLS * self.limit:
+            raise TooLarge(f"symbols of the paper's VOT, {SYMBOLS} allowed for each term", limit=self.limit)
 
     def branch(self, tree: RVAFT, choices: Choices, occurrence: Callable[[str], str | None], prefix: str) -> str:
         """The term of a branch; the empty text for one without occurrences."""
@@ -63,21 +73,23 @@ class Writer:
                 return OR.join(parts)
 
     def _unrolled(self, parts: list[str], k: int, name: str) -> str:
-        """The hierarchy of terms that counts down from k; equations are written for the smaller sets first."""
+        """The hierarchy of terms that counts down from k: an equation for each set of children that is left, larger sets first."""
         if k == 0:
             return ""
-        start = frozenset(range(len(parts)))
-        todo = [(start, k)]
-        names: dict[tuple[frozenset[int], int], str] = {}
-        for left, needed in todo:
-            if (left, needed) not in names:
-                self.count()
-                names[left, needed] = f"{name}_{'_'.join(map(str, sorted(left)))}"
-                todo.extend((left - {i}, needed - 1) for i in sorted(left) if needed > 1)
-        for (left, needed), equation in names.items():
-            options = [f"({parts[i]}{' ' + names[left - {i}, needed - 1] if needed > 1 else ''})" for i in sorted(left)]
-            self.equations[equation] = OR.join(options)
-        return names[start, k]
+        once = sum(_AROUND + len(part.split()) for part in parts)
+        for gone in range(k):
+            self.count(comb(len(parts), gone), symbols=comb(len(parts) - 1, gone) * once)
+
+        def named(left: Sequence[int]) -> str:
+            return f"{name}_{'_'.join(map(str, left))}"
+
+        everything = range(len(parts))
+        for gone in range(k):
+            for removed in combinations(everything, gone):
+                left = [i for i in everything if i not in removed]
+                rest = {i: f" {named([j for j in left if j != i])}" if gone < k - 1 else "" for i in left}
+                self.equations[named(left)] = OR.join(f"({parts[i]}{rest[i]})" for i in left)
+        return named(everything)
 
 
 def _sequence(parts: Iterable[str]) -> str:

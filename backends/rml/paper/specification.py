@@ -14,8 +14,8 @@ from rvaft.verdict import Semantics
 _TOKEN = re.compile(r"\w+|/\\|\\/|>>|[^\s\w]")
 
 
-def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int]:
-    """The text and the number of tokens of its equations."""
+def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
+    """The text, the number of tokens of its equations, and how many these are."""
     types = Declarations(semantics.value)
     writer = Writer(limit)
     terms = []
@@ -38,7 +38,7 @@ def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, i
     equations = [f"{name} = {body};" for name, body in writer.equations.items()]
     body = [f"Main = {main};", *equations]
     symbols = sum(len(_TOKEN.findall(line)) for line in body)
-    return "\n".join([f"// {semantics}, as the paper translates it", *types.lines, *body, ""]), symbols
+    return "\n".join([f"// {semantics}, as the paper translates it", *types.lines, *body, ""]), symbols, len(body)
 
 
 def _loose(term: str) -> bool:

@@ -23,7 +23,15 @@ class RmlPrologBackend(Backend):
     name: ClassVar[str] = "rml-prolog"
     language: ClassVar[str] = "rml-prolog"
     suffix: ClassVar[str] = ".pl"
-    highlighting: ClassVar[Highlighting] = Highlighting("Prolog")
+    highlighting: ClassVar[Highlighting] = Highlighting(
+        "RMLProlog",
+        # Terms without any space are as long as lines can get.
+        r"""
+\lstdefinelanguage{RMLProlog}[]{Prolog}{
+  breakatwhitespace=false,
+}
+""",
+    )
     form_of: ClassVar[str] = RmlBackend.name
     default_limit: ClassVar[int] = RmlBackend.default_limit
 

@@ -1,7 +1,7 @@
 r"""The translation gate by gate, for plain trees: a term of the size of the tree.
 
-strict, projected: `or` is `\/`, `and` is `|`, `sand` is juxtaposition; VOT is a shuffle of optional parts, of which at least K must begin:
-`(a? | b? | c?) /\ (any{2} any*)`.
+strict, projected: `or` is `\/`, `and` is `|`, `sand` is juxtaposition; VOT is a shuffle of optional parts, of which at least K must be taken:
+`(a? | b? | c?) /\ (any any any*)`, or `/\ (any any)` where nothing can follow. (The monitor in ROSMonitoring does not know `any{2}`.)
 scattered: an event is awaited with `not_a* a` and followed by the rest; `and` awaits each child on its own and joins with `/\`.
 """
 
@@ -27,7 +27,6 @@ from backends.rml.translation.terms import (
     shuffle,
     star,
     then,
-    times,
 )
 from rvaft.model import Causality, Gate, Node
 
@@ -79,13 +78,15 @@ class Composition:
                 return self._sequence(parts)
 
     def _enough(self, node: Node) -> Term:
-        """At least K parts begin: of single events any may be counted, else the first ones are."""
-        enough = then(times(ANY, node.threshold or 0), star(ANY))
-        children = self.plain.children(node)
-        if all(self.plain.part[child].bit_count() == 1 for child in children):
+        """At least K parts are taken: of single events any may be counted, else one of each part is. Exactly K where that is the end."""
+        least = then(*[ANY] * (node.threshold or 0))
+        if self.plain.decided(node):
+            return least
+        enough = then(least, star(ANY))
+        if self.plain.single_events(node):
             return enough
-        firsts = [self.types[i] for child in children for i in bits(self.plain.first[child])]
-        return filtered(self.letters.types.union(firsts, f"{node.name}_begins"), enough)
+        marks = [self.types[i] for child in self.plain.children(node) for i in bits(self.plain.marks[child])]
+        return filtered(self.letters.types.union(marks, f"{node.name}_counted"), enough)
 
     # -- scattered ----------------------------------------------------------------------------------------------------
 

@@ -5,14 +5,18 @@ A tree is *plain* where its parts can be told apart by the events alone:
 - a part has an event in each of its scenarios, or has none at all and is left out (under a choice it may not be left out).
 Then a gate can be written by its operator under these conditions, `overlap` meaning that one event might match both patterns:
 - under `strict` and `projected`: `or`, no first events of two children overlap; `and` and VOT, no events of two children overlap;
-  VOT, no event of it overlaps with one that may come next after it, nor a first event of a child with a later one of the same child;
+  VOT, no event of it overlaps with one that may come next after it, and its children can be counted: each has *marks*, events of which
+  every scenario of it has exactly one, and no mark overlaps with another event of the same child;
 - under `scattered`: `or` over parts that are one event in each scenario; `and`, no events of two children overlap; VOT is like `or` for K = 1 and like
   `and` for K = n, otherwise not.
+Where K children end the whole match at once (*decided*), `strict` and `projected` have exactly K of them too.
 RML commits to the left operand that can take an event; under these conditions no other one could have.
 """
 
 from collections.abc import Iterable
+from functools import reduce
 from itertools import pairwise
+from operator import or_
 
 from backends.rml.translation.letters import Letter, Letters
 from backends.rml.translation.observations import pattern
@@ -33,10 +37,14 @@ class Plain:
         self.index = {name: i for i, name in enumerate(tree.occurrences)}
         self.part: dict[str, int] = {}
         self.first: dict[str, int] = {}
+        self.marks: dict[str, int] = {}
         self.follow: dict[str, int] = {}
         self._single: dict[str, bool] = {}
+        self._last: set[str] = set()
+        """The nodes whose children end the whole match: nothing may come after these or beside them."""
         self._touched: dict[str, int] = {}
         self._touched_first: dict[str, int] = {}
+        self._touched_marks: dict[str, int] = {}
         self._scattered = semantics is Semantics.SCATTERED
         self.possible = self._prepared(letters) and all(self._gate_fits(node) for node in tree.top_down())
 
@@ -44,6 +52,14 @@ class Plain:
         """The children with events, in the order of time where the gate gives one."""
         kept = tuple(child for child in node.children if self.part[child])
         return kept[::-1] if node.gate is Gate.SAND_RL else kept
+
+    def single_events(self, node: Node) -> bool:
+        """Whether each child is one event in each scenario, so that events are counted where children are."""
+        return all(self._single[child] for child in self.children(node))
+
+    def decided(self, node: Node) -> bool:
+        """Whether the match ends with the event that makes enough children of the gate: one more can never be needed."""
+        return node.name in self._last and self.single_events(node)
 
     def _prepared(self, letters: Letters) -> bool:
         if letters.observations.remembered or self.tree.shared:
@@ -74,7 +90,7 @@ class Plain:
         for child in children[:1] if node.gate is not None and node.gate.ordered else children:
             firsts |= self.first[child]
         choice = len(children) == 1 or self.joined(node) is Gate.OR
-        self._single[node.name] = not children if own else choice and all(self._single[child] for child in children)
+        self._single[node.name] = not children if own else choice and self.single_events(node)
         top_down = self.tree.causality is Causality.TOP_DOWN
         self.first[node.name] = own if own and (top_down or not firsts) else firsts
         # what overlaps with a part or its first events; kept per node, for a set of bits is slow to walk
@@ -87,21 +103,44 @@ class Plain:
         for child in children:
             touched |= self._touched[child]
         self._touched[node.name] = touched
+        marks, touched_marks = (own, self._overlap[self.index[node.name]]) if own else self._marked(node)
+        self.marks[node.name], self._touched_marks[node.name] = marks, touched_marks
+
+    def _marked(self, node: Node) -> tuple[int, int]:
+        """The marks of a gate without an event, none where there are none, and what they overlap with."""
+        marked = [(self.marks[c], self._touched_marks[c]) for c in self.children(node)]
+        match self.joined(node):
+            case Gate.OR if all(marks for marks, _ in marked):
+                return reduce(or_, (marks for marks, _ in marked)), reduce(or_, (touched for _, touched in marked))
+            case Gate.OR | Gate.VOT:
+                return 0, 0
+            case _:
+                return next((pair for pair in marked if pair[0]), (0, 0))
 
     def _look_behind(self) -> None:
-        """Which events may come right after a part."""
+        """Which events may come right after a part, and which parts are the last."""
         self.follow[self.tree.root] = 0
+        self._last.add(self.tree.root)
         for node in self.tree.top_down():
             bottom_up = self.tree.causality is Causality.BOTTOM_UP
             after = self.follow[node.name]
             if bottom_up and node.name in self.index:
                 after = 1 << self.index[node.name]
+                self._last.discard(node.name)
             children = self.children(node)
             ordered = node.gate is not None and node.gate.ordered
             self.follow.update(dict.fromkeys(node.children, after))
             for child, following in pairwise(children):
                 if ordered:
                     self.follow[child] = self.first[following]
+            if node.name in self._last:
+                match self.joined(node):
+                    case Gate.OR:
+                        self._last.update(children)
+                    case Gate.AND | Gate.VOT:
+                        pass  # any child may be the last one
+                    case _:
+                        self._last.update(children[-1:])
 
     def _gate_fits(self, node: Node) -> bool:
         children = self.children(node)
@@ -109,7 +148,7 @@ class Plain:
             return False
         match self.joined(node):
             case Gate.OR if self._scattered:
-                return all(self._single[child] for child in children)
+                return self.single_events(node)
             case Gate.OR:
                 return _apart((self._touched_first[child], self.first[child]) for child in children)
             case Gate.AND:
@@ -118,8 +157,9 @@ class Plain:
                 return (
                     not self._scattered
                     and _apart((self._touched[child], self.part[child]) for child in children)
-                    and not self._touched[node.name] & self.follow[node.name]
-                    and not any(self._touched_first[c] & self.part[c] & ~self.first[c] for c in children)
+                    and not any(self._touched[c] & self.follow[c] for c in children)
+                    and all(self.marks[c] for c in children)
+                    and not any(self._touched_marks[c] & self.part[c] & ~self.marks[c] for c in children)
                 )
             case _:
                 return True
@@ -131,7 +171,7 @@ class Plain:
             return None
         if node.gate is Gate.VOT and node.threshold == count:
             return Gate.AND
-        if node.gate is Gate.VOT and node.threshold == 1 and self._scattered:
+        if node.gate is Gate.VOT and node.threshold == 1 and (self._scattered or self.decided(node)):
             return Gate.OR
         return node.gate
 

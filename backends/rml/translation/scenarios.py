@@ -4,7 +4,7 @@ A set of occurrences or of scenarios is an integer, bit i standing for the i-th.
 gate is met once. Under `scattered` a VOT keeps exactly K children: one more never helps, since any position may be skipped.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -16,6 +16,8 @@ from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
 
 Kept = Mapping[str, tuple[str, ...]]
+Chosen = tuple[tuple[str, ...], ...]
+"""The children kept of each choice so far, none of one that is not reached."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,24 +71,33 @@ def _resolutions(tree: RVAFT, semantics: Semantics, limit: int) -> Iterator[Kept
     order = tree.order
     position = {name: index for index, name in enumerate(order)}
     surely = _surely(tree, position)
-    out = sum(1 << position[node.name] for node in tree.top_down() if impossible(node))
+    possible = _possible(tree)
+    if tree.root not in possible:
+        return
     gates = [name for name in order if tree.nodes[name].gate in (Gate.OR, Gate.VOT)]
-    agenda: list[tuple[int, int, tuple[tuple[str, ...], ...]]] = [(0, surely[tree.root], ())]
+
+    def further(reached: int, chosen: Chosen) -> Iterator[tuple[int, Chosen]]:
+        name = gates[len(chosen)]
+        if not reached >> position[name] & 1:
+            yield reached, (*chosen, ())
+            return
+        for children in _options(tree.nodes[name], possible, semantics):
+            more = reached
+            for child in children:
+                more |= surely[child]
+            yield more, (*chosen, children)
+
+    start: tuple[int, Chosen] = (surely[tree.root], ())
+    agenda: list[Iterator[tuple[int, Chosen]]] = [iter([start])]  # not of ways: a VOT may have more than fit anywhere
     count = 0
     while agenda:
-        done, reached, chosen = agenda.pop()
-        if reached & out:
+        step = next(agenda[-1], None)
+        if step is None:
+            agenda.pop()
             continue
-        if done < len(gates):
-            name = gates[done]
-            if not reached >> position[name] & 1:
-                agenda.append((done + 1, reached, (*chosen, ())))
-                continue
-            for children in reversed(list(_options(tree.nodes[name], semantics))):
-                more = reached
-                for child in children:
-                    more |= surely[child]
-                agenda.append((done + 1, more, (*chosen, children)))
+        reached, chosen = step
+        if len(chosen) < len(gates):
+            agenda.append(further(reached, chosen))
             continue
         count += 1
         if count > limit:
@@ -95,12 +106,24 @@ def _resolutions(tree: RVAFT, semantics: Semantics, limit: int) -> Iterator[Kept
         yield {order[i]: choice.get(order[i], tree.nodes[order[i]].children) for i in bits(reached)}
 
 
-def _options(node: Node, semantics: Semantics) -> Iterable[tuple[str, ...]]:
+def _possible(tree: RVAFT) -> set[str]:
+    """The nodes that some resolution of the choices below them keeps without an impossible node."""
+    found: set[str] = set()
+    for node in tree.bottom_up():
+        some = sum(child in found for child in node.children)
+        needed = 1 if node.gate is Gate.OR else node.threshold or len(node.children)
+        if some >= needed and not impossible(node):
+            found.add(node.name)
+    return found
+
+
+def _options(node: Node, possible: Container[str], semantics: Semantics) -> Iterable[tuple[str, ...]]:
+    children = [child for child in node.children if child in possible]
     if node.gate is Gate.OR:
-        return [(child,) for child in node.children]
+        return [(child,) for child in children]
     least = node.threshold or 0
-    most = least if semantics is Semantics.SCATTERED else len(node.children)
-    return (chosen for size in range(least, most + 1) for chosen in combinations(node.children, size))
+    most = least if semantics is Semantics.SCATTERED else len(children)
+    return (chosen for size in range(least, most + 1) for chosen in combinations(children, size))
 
 
 def _surely(tree: RVAFT, position: Mapping[str, int]) -> dict[str, int]:

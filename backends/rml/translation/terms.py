@@ -42,7 +42,7 @@ class Join:
 
 @dataclass(frozen=True, slots=True)
 class Postfix:
-    """A part repeated: `*`, `?` or `{n}`."""
+    """A part repeated: `*` or `?`."""
 
     part: "Term"
     sign: str
@@ -118,11 +118,6 @@ def star(part: Term) -> Term:
 def optional(part: Term) -> Term:
     """Once or not at all."""
     return Postfix(part, "?", part.depth + 1)
-
-
-def times(part: Term, number: int) -> Term:
-    """That many times."""
-    return part if number == 1 else Postfix(part, f"{{{number}}}", part.depth + 1)
 
 
 def filtered(event: str, body: Term) -> Term:

@@ -1,5 +1,6 @@
 """From a tree to an RML text: gate by gate where that is safe, else determinised into equations."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,8 +22,8 @@ from rvaft.tree import RVAFT
 from rvaft.verdict import Semantics
 
 _SMALL: Final = 120
-"""A tree with a VOT is written as equations up to that many alternatives, which read better; and detection shows at once."""
-
+"""A tree with a VOT is written as equations if these have so few alternatives: the published monitors then say `true` at the
+event that completes a detection, and not one event later, as with optional children beside a count. No limit decides which it is."""
 
 SYMBOLS: Final = 10
 """How many symbols of the text the limit allows for each alternative it allows: a text has to be read in reasonable time."""
@@ -30,18 +31,11 @@ SYMBOLS: Final = 10
 
 @dataclass(frozen=True, slots=True)
 class Translation:
-    """A text and its sizes; `states` is None where it was made gate by gate."""
+    """A text, its symbols, and how many equations it has, that of `Main` included."""
 
     text: str
     symbols: int
-    states: int | None
-
-
-@dataclass(frozen=True, slots=True)
-class _Property:
-    main: Term
-    equations: list[tuple[str, Term]]
-    states: int | None = None
+    equations: int
 
 
 def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> Translation:
@@ -58,37 +52,38 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> Translation:
     types = Types(tree)
     letters = Letters(observations, types)
     try:
-        made = _property(tree, semantics, letters, limit)
-        main = filtered(relevant(tree, types), made.main) if semantics is Semantics.PROJECTED else made.main
+        main, made = _property(tree, semantics, letters, limit)
+        main = filtered(relevant(tree, types), main) if semantics is Semantics.PROJECTED else main
     except GuardRefused as refused:
         raise NotExpressible(refused.reason, backend="rml", semantics=semantics, nodes=[refused.node]) from None
-    body = "\n".join(f"{name} = {written(term)};" for name, term in [("Main", main), *made.equations])
+    body = "\n".join(f"{name} = {written(term)};" for name, term in [("Main", main), *made])
     header = f"// The attack-fault tree {' '.join(tree.root.split())} under the semantics {semantics}."
     text = "\n".join([header, "", *types.lines, "", body, ""])
     size = symbols(body)
     if size + sum(map(symbols, types.lines)) > SYMBOLS * limit:
         raise TooLarge(f"symbols of the RML text, {SYMBOLS} allowed for each alternative", limit=limit)
-    return Translation(text, size, made.states)
+    return Translation(text, size, 1 + len(made))
 
 
-def _property(tree: RVAFT, semantics: Semantics, letters: Letters, limit: int) -> _Property:
+def _property(tree: RVAFT, semantics: Semantics, letters: Letters, limit: int) -> tuple[Term, list[tuple[str, Term]]]:
+    """The term of the whole, and the equations that it needs."""
     plain = Plain(tree, letters, semantics)
     if not plain.possible:
         return _determinised(tree, semantics, letters, limit)
     if any(plain.joined(node) is Gate.VOT for node in tree.top_down()):
-        try:
-            return _determinised(tree, semantics, letters, min(limit, _SMALL))
-        except TooLarge:
-            pass
+        with suppress(TooLarge):
+            return _determinised(tree, semantics, letters, _SMALL)
     composition = Composition(plain, letters)
     main = composition.scattered() if semantics is Semantics.SCATTERED else composition.contiguous()
-    return _Property(main, composition.equations.made)
+    return main, composition.equations.made
 
 
-def _determinised(tree: RVAFT, semantics: Semantics, letters: Letters, limit: int) -> _Property:
+def _determinised(
+    tree: RVAFT, semantics: Semantics, letters: Letters, limit: int
+) -> tuple[Term, list[tuple[str, Term]]]:
     scenarios = feasible_scenarios(tree, semantics, limit=limit)
     registers = Registers(letters.observations)
     automaton = Automaton(scenarios, letters, registers, semantics, limit=limit)
     classes = minimised(automaton.alternatives)
     main, made = equations(classes, letters)
-    return _Property(let(tuple(registers.used), main), made, len(classes))
+    return let(tuple(registers.used), main), made

@@ -15,6 +15,7 @@ from backends.automaton.labels import Cube
 from rvaft import NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
 from rvaft.backend import all_backends, backend
 from rvaft.drawing import picture
+from rvaft.restrict import restrict
 from tests.cli.runs import PRUNED, TREES
 from tests.drawing.geometry import measured, overlaps
 from tests.drawing.trees import awkward
@@ -28,10 +29,10 @@ def drawn(text: str, semantics: str = "projected", limit: int | None = None) -> 
 
 
 def edges(dot: str) -> dict[tuple[str, str], list[str]]:
-    """For each edge the lines of its label, one per alternative."""
+    """For each edge the alternatives of its label."""
     found = {}
     for source, target, label in EDGE.findall(dot):
-        rows = re.findall(r"<td>(.*?)</td>", label)
+        rows = re.findall(r"<td [^>]*>(.*?)</td>", label)
         found[source, target] = [" ".join(unescape(re.sub(r"<.*?>", " ", row)).split()) for row in rows]
     return found
 
@@ -57,7 +58,8 @@ def test_events_and_guards_stand_for_propositions() -> None:
     ]
     assert 'result(Waypoint, "success")' in lines
     assert "goal(MBGoal) [NewWp != MBGoal]" in lines
-    assert any(line.startswith("radiation(Value, T1) [Value >= 250; not (") for line in lines)
+    assert 'move(NewWp, T2) [NewWp != "entrance"; not (T2 >= T1 + 10)]' in lines
+    assert "radiation(Value, T1) [Value >= 250]" in lines, "T2 has no value yet, so nothing is asked of it"
     assert not any("guard_" in line or "alive" in line for line in lines)
 
 
@@ -149,6 +151,24 @@ def test_other_languages_have_nothing_to_draw() -> None:
                 backend(name).diagram(tree, Semantics.STRICT)
 
 
+def test_lines_that_go_on_are_indented_and_alternatives_are_not() -> None:
+    dot = AutomatonBackend().diagram(load(PRUNED), Semantics.PROJECTED)
+    one, other = re.findall(r"<td [^>]*>(.*?)</td>", re.findall(r"s0 -> s2 \[label=<(.*)>\];", dot)[0])
+    assert one == 'move(Waypoint, _)<br align="left"/>'
+    assert other == 'result(Waypoint,<br align="left"/>&#160;&#160;&quot;success&quot;)<br align="left"/>'
+
+
+@pytest.mark.parametrize("branch", [None, 3])
+@pytest.mark.parametrize("kind", [None, "attack"])
+def test_the_title_says_which_part_of_the_tree_it_is(branch: int | None, kind: str | None) -> None:
+    part = restrict(load(PRUNED), branch=branch, kind=kind)
+    words = ["damaged", *(["branch 3"] if branch else []), *(["attack"] if kind else []), "projected"]
+    dot = AutomatonBackend().diagram(part, Semantics.PROJECTED)
+    assert dot.startswith(f'digraph "{", ".join(words)}" {{')
+    assert f"<td>{', '.join(words)}</td>" in dot
+    assert f'name: "{", ".join(words)}"' in AutomatonBackend().translate(part, Semantics.PROJECTED).text
+
+
 @needs_dot
 def test_no_name_leaves_its_place() -> None:
     tree = awkward()
@@ -158,6 +178,7 @@ def test_no_name_leaves_its_place() -> None:
     assert len(states) == len(re.findall(r"^  s\d+ \[label", dot, re.MULTILINE))
     assert not document.getElementsByTagName("b")
     texts = [text.firstChild.nodeValue or "" for text in document.getElementsByTagName("text") if text.firstChild]
+    texts = [text.replace("\xa0", " ") for text in texts]
     for name in ("<b>bold</b>", "кириллица", "</td></tr></table>", "日本語"):
         assert any(name in text for text in texts)
     assert all(text.isprintable() for text in texts)

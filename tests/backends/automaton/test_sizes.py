@@ -43,7 +43,9 @@ OVERLAPPING = f"{' '.join(f'event f{i}() = {{ f{i}: 1 }};' for i in range(6))} t
 )
 
 
-@pytest.mark.parametrize(("semantics", "states"), [(Semantics.STRICT, 3764), (Semantics.SCATTERED, 3763)])
+@pytest.mark.parametrize(
+    ("semantics", "states"), [pytest.param(Semantics.STRICT, 3764, marks=pytest.mark.slow), (Semantics.SCATTERED, 3763)]
+)
 def test_overlapping_events_within_the_default_limit(semantics: Semantics, states: int) -> None:
     """Every event may be any of 64 letters; what bites is the number of edges, not how long it takes to find them."""
     assert AutomatonBackend().translate(loads(OVERLAPPING), semantics).metrics.states == states

@@ -31,8 +31,8 @@ def test_sand_is_linear(size: int) -> None:
 
 
 def test_vot_scattered() -> None:
-    assert subformulas(flat(Gate.VOT, 12, 6), Semantics.SCATTERED) == 95
-    assert subformulas(flat(Gate.VOT, 20, 10), Semantics.SCATTERED) == 239
+    for k, n in ((2, 3), (6, 12), (11, 12), (10, 20)):
+        assert subformulas(flat(Gate.VOT, n, k), Semantics.SCATTERED) == k * (2 * (n - k) + 3)
 
 
 @pytest.mark.parametrize("gate", [Gate.AND, Gate.VOT])

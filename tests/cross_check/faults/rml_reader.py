@@ -48,11 +48,11 @@ FAULTS: Final = (
         "(*before, after, part, *behind)",
     ),
     _fault(
-        "`{n}` counts one event too few",
-        "A vote that is counted is satisfied by fewer than K children.",
+        "`?` again and again",
+        "A child of a vote that is counted may come twice, and counts as two.",
         "transitions:_Step._repeated",
-        "if number > 1 else",
-        "if number > 2 else",
+        "return ways",
+        "return [(self.forms.then(after, term), bound) for after, bound in ways]",
     ),
     _fault(
         "an event outside a filter is refused",

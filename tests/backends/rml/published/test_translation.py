@@ -3,6 +3,7 @@
 Left out are only the pairs of text and trace that the table of deviations names.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 from random import Random
 
@@ -12,7 +13,7 @@ from backends.conformance import strings_ordered
 from backends.rml import RmlBackend
 from backends.rml.reading.deviations import touching
 from rvaft.errors import NotExpressible, TooLarge
-from rvaft.language import dumps
+from rvaft.language import dumps, loads
 from rvaft.random_traces import random_trace
 from rvaft.random_trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft.semantics import Reference
@@ -22,6 +23,8 @@ from tests.backends.rml.published.runner import compiled, needs_published, verdi
 
 pytestmark = [pytest.mark.published, needs_published]
 
+VOT_WITHIN = ("sand n d", "sand d n", "or n d", "and n d", "sand d n e")
+VOT_AROUND = ("or a b", "and a b", "sand a b", "sand_rl a b", "or m c; m and a b", "2of3 a b c")
 LETTERS = {"true": "T", "false": "F", "unknown": "?"}
 SHAPES = {
     "plain": PLAIN,
@@ -41,9 +44,20 @@ def _may_be_refused(name: str, tree: RVAFT, semantics: Semantics, error: NotExpr
 @pytest.mark.parametrize("name", SHAPES)
 def test_random_trees(name: str, tmp_path: Path) -> None:
     random = Random(f"published {name}")
+    _compare(name, (random_tree(random, SHAPES[name]) for _ in range(40)), random, tmp_path)
+
+
+def test_vot(tmp_path: Path) -> None:
+    leaves = "abcdef"
+    alone = [f"top {k}of{n} {' '.join(leaves[:n])};" for n in (3, 4, 6) for k in range(1, n)]
+    within = [f"top {whole}; n {k}of3 a b c;" for k in (1, 2) for whole in VOT_WITHIN]
+    around = [f"top {k}of3 n e f; n {child};" for k in (1, 2) for child in VOT_AROUND]
+    _compare("vot", (loads(text) for text in (*alone, *within, *around)), Random("published vot"), tmp_path)
+
+
+def _compare(name: str, trees: Iterable[RVAFT], random: Random, tmp_path: Path) -> None:
     found = []
-    for _ in range(40):
-        tree = random_tree(random, SHAPES[name])
+    for tree in trees:
         for semantics in Semantics:
             try:
                 text = RmlBackend().translate(tree, semantics, limit=3_000).text

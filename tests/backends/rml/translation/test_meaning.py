@@ -6,7 +6,6 @@ from time import process_time
 import pytest
 
 from backends.rml import RmlBackend
-from backends.rml.translation import translating
 from rvaft.errors import NotExpressible, TooLarge, TreeError
 from rvaft.language import dumps, loads
 from rvaft.model import Causality, Gate, Node
@@ -21,6 +20,7 @@ from tests.trees.shipped import load, names
 
 RML = RmlBackend()
 LIMIT = 5_000
+SIGNS = {"true": "T", "false": "F", "unknown": "?"}
 SINGLE = Shape(sharing=0, typed_events=0.1, variables=0, guards=0.1, ignores=0.1, max_nodes=11)
 VARIABLES = Shape(variables=1, guards=0.4, max_nodes=6)
 
@@ -43,8 +43,7 @@ def test_hand_written_cases(case: Case) -> None:
     except NotExpressible as error:
         assert "order strings" in error.reason or (tree.variables and semantics is Semantics.SCATTERED)  # noqa: PT017
         return
-    signs = {"true": "T", "false": "F", "unknown": "?"}
-    assert "".join(signs[verdict.value] for verdict in made.monitor().run(case.events)) == case.verdicts
+    assert "".join(SIGNS[verdict.value] for verdict in made.monitor().run(case.events)) == case.verdicts
 
 
 @pytest.mark.parametrize("shape", [PLAIN, VARIABLE_FREE, SINGLE], ids=["plain", "variable-free", "read-once"])
@@ -90,12 +89,62 @@ def test_a_part_is_refused_where_a_guard_outside_it_orders_strings() -> None:
 
 
 @pytest.mark.parametrize("semantics", list(Semantics))
-def test_gate_by_gate(semantics: Semantics, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also for trees that are small enough to be determinised."""
-    monkeypatch.setattr(translating, "_SMALL", 0)
+def test_trees_that_are_written_gate_by_gate(semantics: Semantics) -> None:
     random = Random(5)
     for _ in range(40):
         compare(random_tree(random, SINGLE), semantics, random, 4)
+
+
+VOTES = [
+    ("of an AND one event is counted", "top 2of3 n c d; n and a b;", "a b c", "??T"),
+    ("of an OR one event of each child", "top 2of3 n c d; n or m e; m and a b;", "b a c", "??T"),
+    ("of a SAND one event", "top 2of3 n c d; n sand a b;", "a c b", "??T"),
+    ("a VOT in a VOT", "top 2of3 n e f; n 2of3 a b c;", "a b e", "??T"),
+    ("more than K: one more may be needed in between", "top 2of3 n e f; n sand a b;", "a e b", "??T"),
+    ("a VOT beside others is not over with K events", "top and n d; n 1of2 a b;", "a b d", "??T"),
+    ("nor one behind which something follows", "top sand n d; n 1of2 a b;", "a b d", "??T"),
+    ("exactly K at the end", "top 2of3 a b c;", "a b b", "?TT"),
+    ("exactly K at the end of a SAND", "top sand d n; n 2of3 a b c;", "d a a", "??F"),
+    (
+        "an event of a child that is that of the gate too",
+        "causality bottom_up; event x(p) = { x: p }; event y(p) = { y: p }; top 1of2 a b on x(1); a; b on y(1);",
+        [{"event": "a"}, {"x": 1, "y": 1}],
+        "?T",
+    ),
+]
+
+
+@pytest.mark.parametrize(("why", "text", "trace", "expected"), VOTES, ids=[row[0] for row in VOTES])
+def test_vot(why: str, text: str, trace: object, expected: str) -> None:
+    tree = loads(text)
+    events = [{"event": word} for word in trace.split()] if isinstance(trace, str) else trace
+    assert isinstance(events, list)
+    for monitor in (RML.translate(tree, Semantics.STRICT).monitor(), Reference(tree, Semantics.STRICT)):
+        assert "".join(SIGNS[verdict.value] for verdict in monitor.run(events)) == expected
+    for semantics in Semantics:
+        compare(tree, semantics, Random(4), 30)
+
+
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_a_large_vot_is_translated_or_refused_at_once(semantics: Semantics) -> None:
+    tree = loads(f"top 20of40 {' '.join(f'e{i}' for i in range(40))};")
+    start = process_time()
+    if semantics is Semantics.SCATTERED:
+        with pytest.raises(TooLarge, match="scenarios"):
+            RML.translate(tree, semantics, limit=2_000)
+    else:
+        assert RML.translate(tree, semantics).metrics.symbols < 160
+    assert process_time() - start < 1
+
+
+def test_what_no_scenario_can_keep_is_not_tried() -> None:
+    """There are 2^30 ways to resolve the gate, and four that keep possible children alone."""
+    leaves = [f"e{i}" for i in range(30)]
+    guarded = " ".join(f"{leaf} on x(_) when 1 < 0;" for leaf in leaves[3:])
+    tree = loads(f"event x(p) = {{ x: p }}; top and v v2; v 2of30 {' '.join(leaves)}; v2 or v; {guarded}")
+    for semantics in Semantics:
+        found = RML.translate(tree, semantics, limit=20).monitor().run([{"event": "e2"}, {"event": "e0"}])
+        assert [SIGNS[verdict.value] for verdict in found] == ["?", "T"]
 
 
 @pytest.mark.parametrize("semantics", [Semantics.STRICT, Semantics.PROJECTED])
@@ -181,7 +230,7 @@ def test_too_large_is_said_before_it_is_built() -> None:
 
 def test_the_length_of_the_text_is_limited_too() -> None:
     tree = loads("top and " + " ".join(f"a{i}" for i in range(1_000)) + ";")
-    assert RML.translate(tree, Semantics.STRICT, limit=1_200).metrics.states is None
+    assert RML.translate(tree, Semantics.STRICT, limit=1_200).metrics.symbols > 2_000
     with pytest.raises(TooLarge, match="symbols of the RML text, 10 allowed for each alternative") as caught:
         RML.translate(tree, Semantics.STRICT, limit=1_000)
     assert caught.value.limit == 1_000

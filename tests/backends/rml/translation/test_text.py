@@ -74,14 +74,14 @@ def test_the_whole_text() -> None:
 def test_vot_over_many_leaves_is_a_counted_shuffle() -> None:
     leaves = [f"a{i}" for i in range(12)]
     found = equations(f"top sand v z; v 6of12 {' '.join(leaves)};", "strict")
-    assert found == f"Main = (({' | '.join(f'{leaf}?' for leaf in leaves)}) /\\ (any{{6}} any*)) z all;"
+    assert found == f"Main = (({' | '.join(f'{leaf}?' for leaf in leaves)}) /\\ ({'any ' * 6}any*)) z all;"
 
 
-def test_vot_over_compound_children_counts_those_that_began() -> None:
+def test_vot_over_compound_children_counts_one_event_of_each() -> None:
     leaves = [f"a{i}" for i in range(12)]
     text_ = text(f"top 6of13 s {' '.join(leaves)}; s sand x y;", "strict")
-    assert "(top_begins >> (any{6} any*))" in text_
-    assert f"top_begins matches x | {' | '.join(leaves)};" in text_
+    assert f"(top_counted >> ({'any ' * 6}any*))" in text_
+    assert f"top_counted matches x | {' | '.join(leaves)};" in text_
     assert "((x y)? | a0?" in text_
 
 
@@ -166,6 +166,25 @@ def test_any_name_gives_a_legal_one(name: str) -> None:
 
 
 def test_metrics() -> None:
-    metrics = RmlBackend().translate(loads("top and a b c;"), Semantics.STRICT).metrics
-    assert (metrics.symbols, metrics.states) == (11, None)
-    assert RmlBackend().translate(loads("top 2of3 a b c;"), Semantics.STRICT).metrics.states == 4
+    """Of the text: `states` are its equations, `Main` included."""
+    for tree, semantics, symbols, equations_ in [
+        ("top and a b c;", "strict", 11, 1),
+        ("top 2of3 a b c;", "projected", 36, 1),
+        ("top 2of3 a b c;", "scattered", 74, 5),
+        ("top sand a x; x and b c;", "strict", 12, 2),
+    ]:
+        metrics = RmlBackend().translate(loads(tree), Semantics(semantics)).metrics
+        assert (metrics.symbols, metrics.states) == (symbols, equations_)
+        assert equations(tree, semantics).count(" = ") == equations_
+
+
+def test_the_limit_does_not_choose_the_form() -> None:
+    tree = loads("top 3of6 a b c d e f;")
+    texts = {RmlBackend().translate(tree, Semantics.STRICT, limit=limit).text for limit in (60, 120, 20_000)}
+    assert texts == {text("top 3of6 a b c d e f;", "strict")}
+
+
+def test_no_text_needs_what_the_monitor_in_rosmonitoring_lacks() -> None:
+    found = equations("top 70of90 " + " ".join(f"e{i}" for i in range(90)) + ";", "strict")
+    assert found.count("any") == 70
+    assert "{" not in found

@@ -1,0 +1,56 @@
+"""What a drawing leaves out never happens: without it the automaton gives the same verdicts."""
+
+from random import Random
+
+import pytest
+
+from backends.automaton import AutomatonBackend
+from backends.automaton.backend import _built
+from backends.automaton.hoa import in_order, write
+from backends.automaton.possible import possible
+from rvaft import RVAFT, Semantics, load, loads
+from rvaft.random_traces import random_trace
+from rvaft.random_trees import Shape, random_tree
+from tests.cli.runs import PRUNED
+
+SHAPE = Shape(max_nodes=7, sharing=0.3, variables=1, guards=0.6, typed_events=0.9)
+
+
+def both(tree: RVAFT, semantics: Semantics) -> tuple[str, str]:
+    """The text of the whole automaton, and that of what is possible in it."""
+    built = _built(tree, semantics, 10_000)
+    found = (built.automaton, possible(built.automaton, built.parts))
+    whole, rest = (
+        write(automaton, built.parts, built.letters, name="", relevance=built.relevance).text for automaton in found
+    )
+    return whole, rest
+
+
+@pytest.mark.spot
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:
+    pytest.importorskip("spot")
+    random = Random("possible")
+    different = 0
+    for _ in range(30):
+        tree = random_tree(random, SHAPE)
+        whole, rest = both(tree, semantics)
+        different += whole != rest
+        if whole != rest:
+            for trace in (random_trace(random, tree) for _ in range(5)):
+                one, other = (AutomatonBackend().read(text) for text in (whole, rest))
+                assert list(one.run(trace)) == list(other.run(trace))
+    assert different >= 5
+
+
+def test_states_behind_guards_that_cannot_fail_yet_are_left_out() -> None:
+    """`T2` has its value from the event that comes after."""
+    built = _built(load(PRUNED), Semantics.PROJECTED, 1000)
+    rest = possible(built.automaton, built.parts)
+    assert len(in_order(built.automaton)) == 8
+    assert len(in_order(rest)) == 7
+
+
+def test_without_guards_nothing_is_left_out() -> None:
+    built = _built(loads("top 2of3 a b c;"), Semantics.STRICT, 1000)
+    assert possible(built.automaton, built.parts) == built.automaton

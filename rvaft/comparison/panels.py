@@ -33,7 +33,7 @@ def _of_run(row: Row) -> Outcome | None:
 
 MEASURES: Final = (
     Measure("symbols", "symbols", lambda row: row.symbols, _of_translation),
-    Measure("parts", "subformulas or states", _size, _of_translation),
+    Measure("parts", "subformulas, states or equations", _size, _of_translation),
     Measure("seconds", "seconds to translate", lambda row: row.seconds, _of_translation),
     Measure("speed", "events per second", lambda row: row.events_per_second, _of_run),
     Measure("speed-again", "known events per second", lambda row: row.again_per_second, _of_run),

@@ -177,8 +177,7 @@ def test_the_summary_has_a_row_for_each_trace(tmp_path: Path) -> None:
 # -- processes --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("form", ["text", "jsonl", "table"])
-@pytest.mark.parametrize("per", ["tree", "branch"])
+@pytest.mark.parametrize(("form", "per"), [("text", "tree"), ("jsonl", "branch"), ("table", "branch")])
 def test_several_processes_print_what_one_prints(form: str, per: str, tmp_path: Path) -> None:
     torn = tmp_path / "torn.jsonl"
     torn.write_text('{"topic": "command", "name": "inspect", "waypoint": 1}\n{')
@@ -188,6 +187,9 @@ def test_several_processes_print_what_one_prints(form: str, per: str, tmp_path: 
     assert together.stderr == alone.stderr
     assert len(alone.stderr.splitlines()) >= 2
     assert together.returncode == alone.returncode == 2
+
+
+def test_several_processes_tell_what_was_found() -> None:
     assert process("monitor", PRUNED, LOGS / "*.jsonl", "--jobs", 2).returncode == 1
     assert process("monitor", PRUNED, LOGS / "table3*.jsonl", "--jobs", 2).returncode == 0
 

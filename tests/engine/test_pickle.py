@@ -67,7 +67,7 @@ def test_a_monitor_goes_on(shape: str, semantics: Semantics) -> None:
     def made() -> RVAFT:
         return dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
 
-    for tree in islice(small_valid_trees(made), 12):
+    for tree in islice(small_valid_trees(made), 8):
         for part in parts(random, tree):
             trace = living_trace(random, tree, shape, semantics) if shape in SHAPES else random_trace(random, tree)
             straight, halting = Engine(part, semantics), Engine(part, semantics)

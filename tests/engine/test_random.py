@@ -102,7 +102,7 @@ def test_equal_states_have_equal_futures(shape: str, semantics: str) -> None:
     """Held against the reference too: the state must not forget what the meaning depends on."""
     random = Random(f"states {shape}")
     compared = 0
-    for _ in range(25):
+    for _ in range(14):
         tree = dense_tree(random, SHAPES[shape])
         if small_and_valid(tree):
             compared += _compare_futures(random, tree, shape, semantics)

@@ -100,7 +100,7 @@ def test_shipped_trees(name: str, per: Per, semantics: Semantics) -> None:
     tree = shipped.load(name)
     random = Random(f"{name} {per} {semantics}")
     stored = [events for _, events in shipped.traces(name)]
-    for number in range(12):
+    for number in range(6):
         trace = random.choice(stored) if number % 2 else random_trace(random, tree, max_length=24)
         data = log_of(trace, random)
         if random.random() < 0.2:

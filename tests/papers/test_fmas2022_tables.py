@@ -58,9 +58,7 @@ def texts() -> dict[str, str]:
         "formulas.tex",
         "listing.rml",
         "listing.tex",
-        "table2.tex",
-        "table3.tex",
-        pytest.param("gates.tex", marks=NEEDS_SPOT),
+        *(pytest.param(name, marks=NEEDS_SPOT) for name in ("table2.tex", "table3.tex", "gates.tex")),
     ],
 )
 def test_every_text_is_as_stored(texts: dict[str, str], name: str) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from backends.conformance import strings_ordered
 from backends.rml import RmlBackend
+from backends.rml.translation import translating
 from backends.rml.reading.deviations import touching
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.language import dumps, loads
@@ -47,7 +48,11 @@ def test_random_trees(name: str, tmp_path: Path) -> None:
     _compare(name, (random_tree(random, SHAPES[name]) for _ in range(40)), random, tmp_path)
 
 
-def test_vot(tmp_path: Path) -> None:
+@pytest.mark.parametrize("counted", [False, True])
+def test_vot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, counted: bool) -> None:
+    """Small votes as they are, and counted like large ones."""
+    if counted:
+        monkeypatch.setattr(translating, "_SMALL", 0)
     leaves = "abcdef"
     alone = [f"top {k}of{n} {' '.join(leaves[:n])};" for n in (3, 4, 6) for k in range(1, n)]
     within = [f"top {whole}; n {k}of3 a b c;" for k in (1, 2) for whole in VOT_WITHIN]

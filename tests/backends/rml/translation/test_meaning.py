@@ -6,6 +6,7 @@ from time import process_time
 import pytest
 
 from backends.rml import RmlBackend
+from backends.rml.translation import translating
 from rvaft.errors import NotExpressible, TooLarge, TreeError
 from rvaft.language import dumps, loads
 from rvaft.model import Causality, Gate, Node
@@ -25,6 +26,13 @@ SINGLE = Shape(sharing=0, typed_events=0.1, variables=0, guards=0.1, ignores=0.1
 VARIABLES = Shape(variables=1, guards=0.4, max_nodes=6)
 
 
+@pytest.fixture(params=[pytest.param(False, id="small"), pytest.param(True, id="counted")])
+def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small votes as they are, and counted like large ones."""
+    if request.param:
+        monkeypatch.setattr(translating, "_SMALL", 0)
+
+
 def compare(tree: RVAFT, semantics: Semantics, random: Random, traces: int) -> None:
     text = RML.translate(tree, semantics, limit=LIMIT).text
     for _ in range(traces):
@@ -34,6 +42,7 @@ def compare(tree: RVAFT, semantics: Semantics, random: Random, traces: int) -> N
         assert found == expected, f"{semantics}\n{dumps(tree)}\n{text}\n{trace}"
 
 
+@pytest.mark.usefixtures("form")
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_hand_written_cases(case: Case) -> None:
     tree = restrict(loads(case.tree), branch=case.branch, kind=case.kind)
@@ -88,6 +97,7 @@ def test_a_part_is_refused_where_a_guard_outside_it_orders_strings() -> None:
     compare(part, Semantics.STRICT, Random(3), 10)
 
 
+@pytest.mark.usefixtures("form")
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_trees_that_are_written_gate_by_gate(semantics: Semantics) -> None:
     random = Random(5)
@@ -95,6 +105,8 @@ def test_trees_that_are_written_gate_by_gate(semantics: Semantics) -> None:
         compare(random_tree(random, SINGLE), semantics, random, 4)
 
 
+SAME = 'event x() = { event: "e", x: 1 }; event y() = { event: "e", y: 1 };'
+"""Two types that one event may have, and none of the others."""
 VOTES = [
     ("of an AND one event is counted", "top 2of3 n c d; n and a b;", "a b c", "??T"),
     ("of an OR one event of each child", "top 2of3 n c d; n or m e; m and a b;", "b a c", "??T"),
@@ -111,9 +123,22 @@ VOTES = [
         [{"event": "a"}, {"x": 1, "y": 1}],
         "?T",
     ),
+    (
+        "an event of a child that is that of what follows too",
+        f"{SAME} top sand v d; v 1of3 a b c; c on x(); d on y();",
+        [{"event": "a"}, {"event": "e", "x": 1, "y": 1}],
+        "?T",
+    ),
+    (
+        "an event of a child that is another of the same child too",
+        f"{SAME} top 2of3 n c d; n sand a b; a on x(); b on y();",
+        [{"event": "e", "x": 1}, {"event": "e", "x": 1, "y": 1}, {"event": "c"}],
+        "??T",
+    ),
 ]
 
 
+@pytest.mark.usefixtures("form")
 @pytest.mark.parametrize(("why", "text", "trace", "expected"), VOTES, ids=[row[0] for row in VOTES])
 def test_vot(why: str, text: str, trace: object, expected: str) -> None:
     tree = loads(text)

@@ -11,8 +11,8 @@ import pytest
 
 from backends.conformance import strings_ordered
 from backends.rml import RmlBackend
-from backends.rml.translation import translating
 from backends.rml.reading.deviations import touching
+from backends.rml.translation import translating
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.language import dumps, loads
 from rvaft.random_traces import random_trace

@@ -2,13 +2,13 @@
 
 import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter, process_time, process_time_ns
 from typing import Final, TypedDict
 
 from papers.fmas2022.mission import Event, Mission, Mode
 from rvaft.api import monitor
+from rvaft.comparison.collecting import no_collection
 from rvaft.monitoring.columns import Per, columns, parts
 from rvaft.monitors import Monitor
 from rvaft.tree import RVAFT
@@ -57,7 +57,7 @@ def runs(
     the first is thrown away. The collector of cyclic garbage rests meanwhile, as in `timeit`.
     """
     watched = {setup: _watched(tree, setup) for setup in SETUPS}
-    with _no_collection():
+    with no_collection():
         for repetition in range(repetitions + 1):
             first = repetition % len(SETUPS)
             for number in waypoints:
@@ -144,14 +144,3 @@ def _topic(message: Event) -> str:
 
 def _signs(monitors: Iterable[Monitor]) -> str:
     return "".join(one.verdict.symbol for one in monitors)
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()

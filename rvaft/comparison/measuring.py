@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 from rvaft.backend import Specification, backend
 from rvaft.comparison.apart import apart
 from rvaft.comparison.bounds import free_memory
+from rvaft.comparison.collecting import no_collection
 from rvaft.comparison.plan import Cell, Settings
 from rvaft.comparison.rows import Outcome, Row, empty_row, outcome_of
 from rvaft.comparison.walks import Walk
@@ -165,12 +166,13 @@ def _ran(specification: Specification, trodden: Sequence[Walk]) -> Ran:
     reading, runs, differing = thread_time() - start, [], 0
     for walk in trodden:
         monitor, got = reader.fork(), []
-        start = thread_time()
-        for event in walk.events:
-            got.append(monitor.step(event))
-            if monitor.verdict.final:  # what follows costs nothing and says nothing
-                break
-        runs.append((len(got), thread_time() - start))
+        with no_collection():
+            start = thread_time()
+            for event in walk.events:
+                got.append(monitor.step(event))
+                if monitor.verdict.final:  # what follows costs nothing and says nothing
+                    break
+            runs.append((len(got), thread_time() - start))
         differing += tuple(got) != walk.verdicts
     return Ran(reading, tuple(runs), differing)
 

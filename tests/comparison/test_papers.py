@@ -7,7 +7,8 @@ import pytest
 from papers.languages.__main__ import FOLDER, main
 from papers.languages.findings import FINDINGS, missed
 from papers.languages.note import note, short
-from rvaft.comparison import Outcome, Row
+from rvaft import NotExpressible, translate
+from rvaft.comparison import Outcome, Row, gate_subjects
 from rvaft.comparison.latex import latex_text
 from rvaft.comparison.table_file import read_rows
 
@@ -40,6 +41,24 @@ def test_the_pages_are_those_of_the_measurements(rows: list[Row]) -> None:
     assert (FOLDER / "languages.tex").read_text(encoding="utf-8") == latex_text(rows)
 
 
+@pytest.mark.spot
+def test_committed_sizes_are_those_of_the_texts(rows: list[Row]) -> None:
+    pytest.importorskip("spot")
+    trees = {subject.name: subject.tree for subject in gate_subjects(max_arity=5)}
+    small = [row for row in rows if row.tree in trees]
+    assert len(small) == (4 * 5 + 15) * 3 * 4
+    for row in small:
+        try:
+            made = translate(trees[row.tree], row.language, semantics=row.semantics)
+        except NotExpressible:
+            assert row.result is Outcome.NOT_EXPRESSIBLE
+            continue
+        found = made.metrics
+        expected = (row.symbols, row.subformulas, row.states, row.edges, row.characters)
+        assert (found.symbols, found.subformulas, found.states, found.edges, len(made.text)) == expected, row.tree
+
+
+@pytest.mark.slow
 @pytest.mark.spot
 def test_a_small_one(tmp_path: Path, rows: list[Row], capsys: pytest.CaptureFixture[str]) -> None:
     """The sizes are those that are committed; a finding about larger gates has nothing to stand on here."""

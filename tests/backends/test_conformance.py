@@ -50,7 +50,7 @@ def faithful() -> list[object]:
 
 @pytest.mark.parametrize("name", faithful())
 def test_backend_conforms(name: str) -> None:
-    report = conformance.run(backend(name), oracle, required=REQUIRED[name], trees=EXAMPLES, words=8)
+    report = conformance.run(backend(name), oracle, required=REQUIRED[name], trees=EXAMPLES, words=6)
     assert report.passed, report
 
 

@@ -359,7 +359,7 @@ def test_an_interrupted_run_ends_at_once_and_reports_what_it_has(tmp_path: Path,
         text=True,
         start_new_session=True,
     )
-    time.sleep(6)
+    time.sleep(4)
     started = time.monotonic()
     os.killpg(running.pid, signal.SIGINT)
     output, errors = running.communicate(timeout=60)

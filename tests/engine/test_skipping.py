@@ -19,7 +19,7 @@ TYPES = "event e(n, v) = { n: n, v: v }; "
 def test_memory_changes_nothing(shape: str, memory: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A copy starts with none, and another loses it all the time."""
     random = Random(f"memory {shape}")
-    for tree in islice(small_valid_trees(lambda: dense_tree(random, SHAPES[shape])), 15):
+    for tree in islice(small_valid_trees(lambda: dense_tree(random, SHAPES[shape])), 8):
         straight = Engine(tree, "scattered")
         monkeypatch.setattr(stages, "MEMORY", memory)
         other = Engine(tree, "scattered")

@@ -11,9 +11,8 @@ from functools import cache
 from typing import Final
 
 from rvaft.guards import Guard, Operator
-from rvaft.language.expressions import SIGNED_LEVEL, SUM_LEVEL, GuardStyle, guard_text, literal_text
+from rvaft.language.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text
 from rvaft.model import On
-from rvaft.patterns import Literal, Variable
 from rvaft.printable import visible
 from rvaft.values import Scalar
 
@@ -95,17 +94,7 @@ def constant(value: Scalar) -> str:
 
 def event(on: On) -> str:
     """An event type applied to arguments, in mathematics."""
-    return f"{name(on.event)}({', '.join(map(_argument, on.arguments))})"
-
-
-def _argument(argument: object) -> str:
-    match argument:
-        case Variable(word):
-            return name(word)
-        case Literal(value):
-            return constant(value)
-        case _:
-            return r"\_"
+    return on_text(on, _STYLE)
 
 
 def _fraction(above: str, below: str) -> str | None:
@@ -118,9 +107,11 @@ def guard(condition: Guard) -> str:
     return guard_text(condition, _STYLE)
 
 
-_STYLE: Final = GuardStyle(
+_STYLE: Final = Style(
+    name,
     name,
     constant,
+    r"\_",
     {
         Operator.EQ: "=",
         Operator.NE: r"\neq",

@@ -8,9 +8,8 @@ from typing import Final
 from rvaft import latex
 from rvaft.formulas import Join, Notation
 from rvaft.guards import Guard, Operator
-from rvaft.language.expressions import SIGNED_LEVEL, SUM_LEVEL, GuardStyle, guard_text, literal_text, quoted
-from rvaft.model import Argument, Node, On
-from rvaft.patterns import Anything, Literal, Variable
+from rvaft.language.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text, quoted
+from rvaft.model import Node, On
 from rvaft.values import Scalar
 
 _SUBSCRIPTS: Final = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
@@ -38,27 +37,19 @@ def constant_unicode(value: Scalar) -> str:
 
 def event_unicode(on: On) -> str:
     """An event type applied to arguments."""
-    return f"{name_unicode(on.event)}({', '.join(map(_argument, on.arguments))})"
-
-
-def _argument(argument: Argument) -> str:
-    match argument:
-        case Variable(name):
-            return name_unicode(name)
-        case Literal(value):
-            return constant_unicode(value)
-        case Anything():
-            return "_"
+    return on_text(on, _STYLE)
 
 
 def guard_unicode(guard: Guard) -> str:
     """A guard as it is written: nothing is simplified or reordered."""
-    return guard_text(guard, _GUARDS)
+    return guard_text(guard, _STYLE)
 
 
-_GUARDS: Final = GuardStyle(
+_STYLE: Final = Style(
+    name_unicode,
     name_unicode,
     constant_unicode,
+    "_",
     {
         Operator.EQ: "=",
         Operator.NE: "≠",

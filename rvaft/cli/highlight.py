@@ -5,7 +5,7 @@ import re
 from rvaft.api import monitor
 from rvaft.drawing.marks import Marks, branch_marks, marks
 from rvaft.errors import OptionError
-from rvaft.monitoring.told import matched_events
+from rvaft.monitoring.told import counted, matched_events
 from rvaft.reads import TreeReads
 from rvaft.traces import read
 from rvaft.tree import RVAFT
@@ -32,6 +32,6 @@ def highlighted(tree: RVAFT, what: str, semantics: str) -> Marks:
     explanation = watching.explanation
     if explanation is None:
         raise OptionError(
-            f"{what}: nothing is detected (the verdict is {watching.verdict} after {len(events)} event{'s' * (len(events) != 1)})"
+            f"{what}: nothing is detected (the verdict is {watching.verdict} after {counted(len(events))})"
         )
     return marks(tree, explanation, {number: events[number] for number in matched_events([explanation])})

@@ -32,12 +32,16 @@ class KeptRows:
         path = None if file is None or file == "-" else Path(file)
         self._path = None if path is not None and path.exists() and not stat.S_ISREG(path.stat().st_mode) else path
         self._before: list[Row] = []
+        self._of: dict[tuple[object, ...], list[Row]] = {}
+        """Those from before by their keys."""
 
     def __enter__(self) -> Self:
         if self._path is not None:
             with _locked(self._path) as stream:
                 found = list(read_rows(stream.read(), str(self._path)))
                 self._before = found if self._resume else []
+                for row in self._before:
+                    self._of.setdefault(row.key, []).append(row)
                 write_whole(self._path, _encoded(self._before))  # without a last line that was only begun
                 self._appended = _locked(self._path)  # which is another file now, of the same name
         return self
@@ -50,7 +54,7 @@ class KeptRows:
 
     def known(self, wanted: Row) -> Row | None:
         """The row from before that answers for one, if there is one; the last where there are several."""
-        return next((row for row in reversed(self._before) if row.serves(wanted)), None)
+        return next((row for row in reversed(self._of.get(wanted.key, ())) if row.serves(wanted)), None)
 
     def add(self, row: Row) -> None:
         """Keep a row, whatever happens next."""

@@ -6,13 +6,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import Final, NoReturn, TypeVar
+from typing import NoReturn, TypeVar
 
-from rvaft.comparison.bounds import bound_time, time_left, time_spent
+from rvaft.comparison.bounds import SLACK, bound_time, time_left, time_spent
 
 T = TypeVar("T")
-_SLACK: Final = 10
-"""How much longer than of the processor it may take by the clock."""
 
 
 class Died(Exception):
@@ -28,7 +26,7 @@ def apart(work: Callable[[], T], *, seconds: float | None = None) -> T:
 
     It may use so many seconds of the processor, or those that are left to this process, of which they are taken. Raises `Died`.
     """
-    left, clock = time_left() if seconds is None else (seconds, _SLACK * seconds)
+    left, clock = time_left() if seconds is None else (seconds, SLACK * seconds)
     heard, said = Pipe(duplex=False)
     process = os.fork()
     if not process:

@@ -10,6 +10,8 @@ from typing import Final
 
 LATE: Final = signal.SIGPROF
 STUCK: Final = signal.SIGALRM
+SLACK: Final = 10
+"""How much longer than of the processor something may take by the clock, for each of the processes that share the machine."""
 _MEGABYTE: Final = 2**20
 _SOON: Final = 1e-6
 """Seconds; none at all would stop the timer."""

@@ -17,7 +17,7 @@ from multiprocessing.context import ForkProcess
 from typing import Final, NoReturn
 
 from rvaft.comparison.apart import Died, apart
-from rvaft.comparison.bounds import LATE, STUCK, bound_memory, bound_time, end_if_late
+from rvaft.comparison.bounds import LATE, SLACK, STUCK, bound_memory, bound_time, end_if_late
 from rvaft.comparison.measuring import ended_by, stages
 from rvaft.comparison.plan import Cell, Settings
 from rvaft.comparison.rows import Outcome, Row, empty_row
@@ -25,10 +25,8 @@ from rvaft.comparison.walks import Walk, walks
 from rvaft.comparison.warming import prepare
 from rvaft.verdict import Semantics
 
-SLACK: Final = 10
-"""How much longer than of the processor a cell may take by the clock, for each of the processes that share the machine."""
 GRACE: Final = 5.0
-"""Seconds by the clock that it may take beside."""
+"""Seconds by the clock that a cell may take beside."""
 WALKING: Final = 30.0
 """Seconds for finding the events of a tree; they are the engine's, and no language pays for them."""
 

@@ -9,7 +9,7 @@ from typing import Final
 from rvaft.errors import LanguageError
 from rvaft.guards import MAX_DEPTH, Guard, Operation, Operator
 from rvaft.language.words import WORD, bare_name
-from rvaft.model import On
+from rvaft.model import Argument, On
 from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.values import Scalar
 
@@ -53,11 +53,6 @@ def literal_text(value: Scalar) -> str:
         raise LanguageError("a number that is not finite, or has too many digits, cannot be written") from None
 
 
-def on_text(on: On) -> str:
-    """An event type applied to arguments: `move(Waypoint, _)`."""
-    return f"{word_text(on.event)}({', '.join(pattern_text(argument) for argument in on.arguments)})"
-
-
 def pattern_text(pattern: Pattern) -> str:
     """A pattern; `parse_pattern` reads it back equal. Raises `LanguageError` when nested deeper than 100."""
     return _pattern(pattern, 0)
@@ -83,11 +78,15 @@ def _pattern(pattern: Pattern, depth: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class GuardStyle:
-    """How a guard is written; `signs` of the operators without the spaces around them, those before an operand with theirs."""
+class Style:
+    """How guards and events are written; `signs` of the operators without the spaces around them, those before an operand with theirs."""
 
+    event: Callable[[str], str]
+    """The name of an event type."""
     variable: Callable[[str], str]
     literal: Callable[[Scalar], str]
+    anything: str
+    """The argument that may have any value."""
     signs: Mapping[Operator, str]
     brackets: tuple[str, str] = ("(", ")")
     fraction: Callable[[str, str], str | None] | None = None
@@ -100,14 +99,31 @@ class GuardStyle:
 
 SUM_LEVEL: Final = _LEVEL[Operator.ADD]
 SIGNED_LEVEL: Final = _LEVEL[Operator.NEGATE]
-_PLAIN: Final = GuardStyle(
+_PLAIN: Final = Style(
+    word_text,
     str,
     literal_text,
+    "_",
     {operator: operator.value for operator in Operator} | {Operator.NOT: "not ", Operator.NEGATE: "-"},
 )
 
 
-def guard_text(guard: Guard, style: GuardStyle = _PLAIN) -> str:
+def on_text(on: On, style: Style = _PLAIN) -> str:
+    """An event type applied to arguments: `move(Waypoint, _)`."""
+    return f"{style.event(on.event)}({', '.join(_argument(argument, style) for argument in on.arguments)})"
+
+
+def _argument(argument: Argument, style: Style) -> str:
+    match argument:
+        case Variable(name):
+            return style.variable(name)
+        case Literal(value):
+            return style.literal(value)
+        case Anything():
+            return style.anything
+
+
+def guard_text(guard: Guard, style: Style = _PLAIN) -> str:
     """A guard, with no more brackets than needed; in the plain style `parse_guard` reads it back equal.
 
     Raises `LanguageError` when nested deeper than 100.
@@ -115,7 +131,7 @@ def guard_text(guard: Guard, style: GuardStyle = _PLAIN) -> str:
     return _guard(guard, style, 0)[0]
 
 
-def _guard(guard: Guard, style: GuardStyle, depth: int) -> tuple[str, int]:
+def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
     """The text, and how tightly its outermost operator binds."""
     if depth > MAX_DEPTH:
         raise LanguageError(f"a guard nested deeper than {MAX_DEPTH} cannot be written")
@@ -129,7 +145,7 @@ def _guard(guard: Guard, style: GuardStyle, depth: int) -> tuple[str, int]:
             return _operation(operator, [_guard(operand, style, depth + 1) for operand in operands], style)
 
 
-def _operation(operator: Operator, parts: list[tuple[str, int]], style: GuardStyle) -> tuple[str, int]:
+def _operation(operator: Operator, parts: list[tuple[str, int]], style: Style) -> tuple[str, int]:
     level, sign = _LEVEL[operator], style.signs[operator]
 
     def least(needed: int, part: tuple[str, int]) -> str:

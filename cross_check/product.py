@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from cross_check.participants import Participant
+from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-from rvaft.values import Json
-from rvaft.verdict import Verdict
 
 GONE = -1
 """Stands for the state of a participant that is compared no more."""

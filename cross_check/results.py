@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from rvaft.model import Kind
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
+from rvaft.model.nodes import Kind
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 
 
 class Status(StrEnum):

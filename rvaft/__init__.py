@@ -8,9 +8,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from rvaft.api import monitor, translate
+    from rvaft.api import load, loads, monitor, translate
+    from rvaft.asynchronous import on_detection, watch
     from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends
-    from rvaft.branches import Branch
     from rvaft.errors import (
         CheckpointError,
         LanguageError,
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
         TreeError,
         WrongType,
     )
-    from rvaft.findings import Finding, Severity
-    from rvaft.language import dumps, load, loads
-    from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
+    from rvaft.language.printer import dumps
+    from rvaft.model.branches import Branch
+    from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
+    from rvaft.model.tree import RVAFT
+    from rvaft.model.verdict import Semantics, Verdict
     from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending
-    from rvaft.tree import RVAFT
-    from rvaft.verdict import Semantics, Verdict
-    from rvaft.watching import on_detection, watch
+    from rvaft.rules.rule import Finding, Severity
 
     __version__: str
 
@@ -81,9 +81,9 @@ __all__ = [
 ]
 
 _NAMES: Final = {
-    "rvaft.api": ("monitor", "translate"),
+    "rvaft.api": ("load", "loads", "monitor", "translate"),
     "rvaft.backend": ("Backend", "Metrics", "Specification", "UnknownBackend", "all_backends"),
-    "rvaft.branches": ("Branch",),
+    "rvaft.model.branches": ("Branch",),
     "rvaft.errors": (
         "LanguageError",
         "NotExpressible",
@@ -97,13 +97,13 @@ _NAMES: Final = {
         "TreeError",
         "WrongType",
     ),
-    "rvaft.findings": ("Finding", "Severity"),
-    "rvaft.language": ("dumps", "load", "loads"),
-    "rvaft.model": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On", "Topic"),
+    "rvaft.rules.rule": ("Finding", "Severity"),
+    "rvaft.language.printer": ("dumps",),
+    "rvaft.model.nodes": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On", "Topic"),
     "rvaft.monitors": ("Awaited", "Ended", "Explanation", "Monitor", "Pending"),
-    "rvaft.tree": ("RVAFT",),
-    "rvaft.verdict": ("Semantics", "Verdict"),
-    "rvaft.watching": ("on_detection", "watch"),
+    "rvaft.model.tree": ("RVAFT",),
+    "rvaft.model.verdict": ("Semantics", "Verdict"),
+    "rvaft.asynchronous": ("on_detection", "watch"),
 }
 _MODULE_OF: Final = {name: module for module, names in _NAMES.items() for name in names}
 

@@ -3,6 +3,8 @@
 `branch` and `kind` narrow a tree to one branch, or to the branches that have a kind.
 """
 
+import os
+from collections.abc import Iterable
 from enum import StrEnum
 from types import UnionType
 from typing import Final, TypeVar
@@ -10,12 +12,15 @@ from typing import Final, TypeVar
 from rvaft.backend import Specification, backend
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import OptionError, TreeError, WrongType
-from rvaft.model import Kind
+from rvaft.language.draft import Draft
+from rvaft.language.reader import parse, parse_file
+from rvaft.model.nodes import Kind
+from rvaft.model.restrict import restrict
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
-from rvaft.restrict import restrict
 from rvaft.rules import require_valid
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.rules.rule import Finding, Severity
 
 _TREE: Final = "an RVAFT, as rvaft.load returns it"
 
@@ -96,3 +101,42 @@ def one_of(choices: type[Choice], value: Choice | str) -> Choice:
     except ValueError:
         known = ", ".join(choice.value for choice in choices)
         raise OptionError(f"unknown {choices.__name__.lower()} {value!r}; known: {known}") from None
+
+
+# From text or file to the tree, with all rules checked.
+
+
+def loads(text: str, file: str = "<text>") -> RVAFT:
+    """The tree that a text stands for; imports are relative to the folder of `file`.
+
+    Raises `LanguageError` for what is not in the language and `TreeError` for the first rule that the tree breaks.
+    """
+    if not isinstance(text, str):
+        raise WrongType("the text of a tree", text, "a str")
+    return _checked(parse(text, file))
+
+
+def load(path: os.PathLike[str] | str) -> RVAFT:
+    """The tree in a file, Galileo's static part included; raises as `loads` does, and `OSError` where it cannot be read."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise WrongType("the path of a tree", path, "a str or a path")
+    return _checked(parse_file(path))
+
+
+def _checked(draft: Draft) -> RVAFT:
+    from rvaft.rules import check_draft, check_tree, require_valid  # noqa: PLC0415 - the rules look at drafts
+
+    _raise_first_error(check_draft(draft))
+    tree = draft.build()
+    try:
+        require_valid(tree)  # errors only, and remembered for whoever asks next
+    except TreeError:
+        _raise_first_error(check_tree(tree))  # the same error, with its place
+        raise
+    return tree
+
+
+def _raise_first_error(findings: Iterable[Finding]) -> None:
+    for finding in findings:
+        if finding.severity is Severity.ERROR:
+            raise TreeError(f"{finding.place}: {finding.message}", rule=finding.code, nodes=finding.nodes)

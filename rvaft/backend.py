@@ -14,12 +14,12 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import ClassVar
 
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed
-from rvaft.guards import Guard
+from rvaft.model.guards import Guard
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
-from rvaft.patterns import Pattern
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics
 
 GROUP = "rvaft.backends"
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Final, Self
 
 from rvaft.errors import TraceError
-from rvaft.model import Kind
-from rvaft.values import Json
-from rvaft.verdict import Verdict
+from rvaft.model.nodes import Kind
+from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True)

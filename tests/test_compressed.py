@@ -7,7 +7,7 @@ import pytest
 import zstandard
 
 from rvaft.errors import ToolMissing, TraceError
-from rvaft.traces import MAX_LINE, read
+from rvaft.monitoring.reader import MAX_LINE, read
 from tests.cli.runs import TREES, failed, run
 
 LINES = b"".join(b'{"event": "%c"}\n' % letter for letter in b"cab") * 500

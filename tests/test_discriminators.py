@@ -5,8 +5,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rvaft.discriminators import Discriminators
-from rvaft.patterns import Literal, ObjectPattern, Pattern, Variable, match
+from rvaft.analysis.pattern_index import Discriminators
+from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable, match
 
 fields = st.sampled_from(["topic", "name", "kind"])
 parts: st.SearchStrategy[Pattern] = st.sampled_from([Literal("t"), Literal("u"), Literal(1), Variable("V")])

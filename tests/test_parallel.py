@@ -7,7 +7,7 @@ from contextlib import closing
 
 import pytest
 
-from rvaft.parallel import Killed, in_processes
+from rvaft.support.processes import Killed, in_processes
 
 
 def test_results_come_in_the_order_of_the_things() -> None:

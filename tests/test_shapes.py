@@ -7,11 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvaft import Verdict, loads, monitor
-from rvaft.guards import Guard, Operation, Operator, holds
-from rvaft.letters import Letter, reader
-from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
-from rvaft.predicates import predicate
-from rvaft.shapes import MEMORY, WIDEST, Shapes
+from rvaft.analysis.pattern_index import MEMORY, WIDEST, Letter, Shapes, reader
+from rvaft.model.guards import Guard, Operation, Operator, holds, predicate
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 
 fields = st.sampled_from(["topic", "name", "value", "x"])
 scalars = st.sampled_from([None, True, False, 0, 1, 1.0, -0.0, 2, 2.5, 10**20, 1e20, "", "t", "u", "1"])

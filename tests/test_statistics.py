@@ -4,7 +4,7 @@ import pickle
 
 from rvaft import loads
 from rvaft.api import narrowed
-from rvaft.statistics import LOOKED_AT, MOST, Statistics
+from rvaft.monitoring.near_misses import LOOKED_AT, MOST, Statistics
 
 TREE = loads(
     'event a(v, w) = { topic: "/a", value: v, other: w }; event b(v) = { topic: "/b", level: v };'

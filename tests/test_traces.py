@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError, loads
-from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
-from rvaft.reads import Reads, Scope, TreeReads, reads_of
-from rvaft.traces import MAX_DEPTH, MAX_DIGITS, MAX_LINE, decode, read
+from rvaft.analysis.pattern_index import Reads, Scope, TreeReads, reads_of
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
+from rvaft.monitoring.reader import MAX_DEPTH, MAX_DIGITS, MAX_LINE, decode, read
 
 
 def events(data: bytes, reads: Scope | None = None) -> list[dict[str, Any]]:

@@ -5,22 +5,19 @@ from functools import partial
 from time import perf_counter
 from typing import ClassVar, NamedTuple
 
-from backends.automaton.choices import decided
 from backends.automaton.configurations import Moves
+from backends.automaton.determinise import HOPELESS, Automaton, Subsets
 from backends.automaton.diagram import BEFORE, READABLE, diagram
-from backends.automaton.hoa import Relevance, Text, write
+from backends.automaton.hoa_writer import Relevance, Text, title_of, write
 from backends.automaton.letters import Alphabet, Letters
 from backends.automaton.minimise import minimised
-from backends.automaton.names import title_of
-from backends.automaton.plan import Plan, plan
-from backends.automaton.structure import Structure, structure
-from backends.automaton.subsets import HOPELESS, Automaton, Subsets
+from backends.automaton.structure import Plan, Structure, decided, plan, structure
 from rvaft.backend import Backend, Metrics, Observed, Specification
 from rvaft.errors import TooLarge
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
-from rvaft.patterns import Pattern
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
 
 
 class AutomatonBackend(Backend):

@@ -10,19 +10,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final
 
-from backends.automaton.hoa import in_order
-from backends.automaton.labels import Cube, cubes
+from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, Row
+from backends.automaton.hoa_reader import possible
+from backends.automaton.hoa_writer import Cube, cubes, in_order, title_of
 from backends.automaton.letters import Letters, bits
-from backends.automaton.names import title_of
-from backends.automaton.possible import possible
 from backends.automaton.structure import Structure
-from backends.automaton.subsets import DETECTED, HOPELESS, Automaton, Row
-from rvaft.drawing.markup import html, html_lines, table, title
-from rvaft.drawing.wrapping import wrapped_code
 from rvaft.errors import TooLarge
-from rvaft.language import guard_text, name_text, on_text
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.export.dot import html, html_lines, table, title
+from rvaft.export.line_breaks import wrapped_code
+from rvaft.model.expressions import guard_text, name_text, on_text
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 
 READABLE: Final = 100
 """The most states that are drawn unless more are asked for; with more than that nobody follows an edge."""

@@ -8,8 +8,8 @@ Two states may see different atoms; they are compared on the letters over both.
 from collections.abc import Iterator
 from typing import Final, TypeAlias
 
+from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, Letter, Row
 from backends.automaton.letters import Letters, bits
-from backends.automaton.subsets import DETECTED, HOPELESS, Automaton, Letter, Row
 
 SELF: Final = -1
 """Stands for the class of the state that an edge leaves."""

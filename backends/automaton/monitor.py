@@ -11,18 +11,62 @@ from functools import lru_cache
 from itertools import combinations
 from typing import Final, TypeAlias
 
-from backends.automaton.header import Meaning, error_at, meaning
-from backends.automaton.names import ALIVE
-from backends.automaton.observed import questions
-from backends.automaton.table import Table, table
+from backends.automaton.hoa_reader import Fit, Meaning, Table, error_at, meaning, table
+from backends.automaton.hoa_writer import ALIVE
+from backends.automaton.letters import apart
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
-from rvaft.guards import holds
-from rvaft.guards import variables as guard_variables
+from rvaft.model.guards import Guard, Operation, holds
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.patterns import (
+    Binding,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    Variable,
+    match,
+    rigid,
+    rigid_variables,
+    variables,
+)
+from rvaft.model.values import Json, key
+from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-from rvaft.patterns import Binding, Literal, ObjectPattern, Pattern, match, rigid
-from rvaft.values import Json, key
-from rvaft.verdict import Verdict
+
+# What a HOA text asks of events: the patterns of its propositions, and the lines that say what is relevant.
+
+
+def questions(said: Meaning, events: Mapping[int, Pattern]) -> tuple[Observed, ...]:
+    """The questions of a text that says this, its propositions standing for these events."""
+    return tuple(dict.fromkeys(_questions(said, events)))
+
+
+def _questions(said: Meaning, events: Mapping[int, Pattern]) -> Iterator[Observed]:
+    for pattern in events.values():
+        yield Observed(pattern)
+        shared = set(rigid_variables(pattern))
+        for guard in said.guards.values():  # a proposition of its own, about values that an event gives variables
+            if shared & set(guard_variables(guard)):
+                yield Observed(pattern, guard)
+    if said.relevant:
+        yield from map(_apart, (*said.alphabet, *said.ignored))
+
+
+def _apart(fit: Fit) -> Observed:
+    """With variables of its own: some values will do."""
+    own = {name for name in variables(fit.pattern) if not name.startswith("_")}
+    return Observed(apart(fit.pattern), None if fit.guard is None else _renamed(fit.guard, own))
+
+
+def _renamed(guard: Guard, own: set[str]) -> Guard:
+    match guard:
+        case Variable(name):
+            return Variable(f"_{name}") if name in own else guard
+        case Operation(operator, operands):
+            return Operation(operator, tuple(_renamed(operand, own) for operand in operands))
+        case _:
+            return guard
+
 
 SLICES: Final = 100_000
 """The most slices that a monitor keeps before it gives up with `TooLarge`."""

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from rvaft.backend import Backend, Metrics, Observed, Specification
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
-from rvaft.patterns import Pattern
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
 
 __all__ = ["LtlfBackend"]
 
@@ -41,14 +41,13 @@ class LtlfBackend(Backend):
 
         Raises `LanguageError`, and `ToolMissing` where Spot is not installed.
         """
-        from backends.ltlf.monitor import LtlfMonitor  # noqa: PLC0415 -- needs Spot
-        from backends.ltlf.program import program  # noqa: PLC0415 -- needs Spot
+        from backends.ltlf.monitor import LtlfMonitor, program  # noqa: PLC0415 (Spot takes long to import)
 
         return LtlfMonitor(program(text, {} if atoms is None else atoms))
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...]:
         """What the atoms of the formula ask of events; raises `LanguageError` and `ToolMissing` as `read` does."""
-        from backends.ltlf.observed import observed  # noqa: PLC0415 -- needs Spot
+        from backends.ltlf.monitor import observed  # noqa: PLC0415 -- needs Spot
 
         return observed(text, {} if atoms is None else atoms)
 
@@ -60,6 +59,6 @@ class LtlfBackend(Backend):
         """
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
-        from backends.ltlf.mona.monitor import read  # noqa: PLC0415 -- needs Spot, ltlf2dfa and MONA
+        from backends.ltlf.mona import read  # noqa: PLC0415 -- needs Spot, ltlf2dfa and MONA
 
         return read(text, {} if atoms is None else atoms)

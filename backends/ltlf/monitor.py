@@ -5,15 +5,141 @@ true; then the letter is all atoms true under its assignment. ⊤ if in some sli
 continuation; ⊥ if there is none where it can still hold. A slice in which it cannot is dropped.
 """
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Mapping
+from functools import lru_cache
 from typing import Final, NamedTuple
 
-from backends.ltlf.program import Program
-from rvaft.errors import TooLarge
+from backends.ltlf.formulas import Formulas, Op
+from backends.ltlf.progression import Atom, Residuals, atoms_of, candidates_of
+from backends.ltlf.reader import Header, Observation, parse, split
+from backends.ltlf.satisfiability import Liveness
+from rvaft.backend import Observed
+from rvaft.errors import LanguageError, TooLarge
+from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.patterns import (
+    Binding,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    Variable,
+    rigid_variables,
+    substitute,
+    variables,
+)
+from rvaft.model.values import Json, key
+from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-from rvaft.patterns import Binding
-from rvaft.values import Json, key
-from rvaft.verdict import Verdict
+
+# A text made ready to run; monitors of one text share it, so that their states can be compared.
+
+
+class Program:
+    """The formula of a text, its atoms, and everything that was found out about its residuals so far."""
+
+    def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
+        header, rest = split(text)
+        formulas = Formulas()
+        root = root_of(header, rest, formulas)
+        names = [row.name for row in formulas.rows if row.op is Op.ATOM]
+        self.atoms: dict[str, Atom] = atoms_of(header, names, given)
+        self.candidates = candidates_of(self.atoms)
+        self.residuals = Residuals(formulas, {name: atom.mentions for name, atom in self.atoms.items()})
+        self.liveness = Liveness(formulas, self.residuals.diagrams)
+        self.initial = self.residuals.of(root)
+
+
+def root_of(header: Header, rest: str, formulas: Formulas) -> int:
+    """The formula behind a header, among `formulas`; raises `LanguageError` and `ToolMissing`."""
+    known: dict[str, int] = {}
+
+    def atom(name: str) -> int:
+        if name in header.definitions and name not in known:
+            unknown = next(one for one in header.definitions if one not in known)  # the one that is being read
+            line, column = header.places[unknown]
+            raise LanguageError(f"{name} is used before it is defined", file="<ltlf>", line=line, column=column)
+        return known[name] if name in known else formulas.atom(name)
+
+    for name in header.definitions:
+        line, column = header.places[name]
+        known[name] = parse(header.definitions[name], formulas, atom, line=line, column=column)
+    skipped = len(rest) - len(rest.lstrip())
+    before = rest[:skipped]
+    line = 1 + before.count("\n")
+    column = len(before) - before.rfind("\n")
+    if not rest.strip():
+        message = "there is no formula after the comment" if skipped else "there is no formula"
+        raise LanguageError(message, file="<ltlf>", line=line, column=column)
+    return parse(rest[skipped:].rstrip(), formulas, atom, line=line, column=column)
+
+
+@lru_cache(maxsize=32)
+def _cached(text: str, given: tuple[tuple[str, Pattern], ...]) -> Program:
+    return Program(text, dict(given))
+
+
+def program(text: str, given: Mapping[str, Pattern]) -> Program:
+    """The program of a text; the same one again while it is remembered. Raises `LanguageError` and `ToolMissing`."""
+    return _cached(text, tuple(sorted(given.items(), key=lambda item: item[0])))
+
+
+# What a formula asks of events: the patterns and guards of its atoms, and what its header says of relevance.
+
+
+def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...]:
+    """The questions; `given` has the patterns of atoms that the text does not define. Raises `LanguageError`, `ToolMissing`."""
+    header, rest = split(text)
+    formulas = Formulas()
+    root_of(header, rest, formulas)
+    names = [row.name for row in formulas.rows if row.op is Op.ATOM]
+    return tuple(dict.fromkeys(question for name in names for question in _questions(header, name, given)))
+
+
+def _questions(header: Header, name: str, given: Mapping[str, Pattern]) -> Iterator[Observed]:
+    if name in header.relevant or name in header.ignored:
+        for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
+            if all(set(guard_variables(guard)) <= set(variables(one.pattern)) for guard in one.guards):
+                yield _apart(one)
+    elif name in header.atoms:
+        atom = header.atoms[name]
+        # a guard on a variable that the atom cannot share with others never has its value, and counts as true
+        guards = [g for g in atom.guards if not any(variable.startswith("_") for variable in guard_variables(g))]
+        yield Observed(atom.pattern, _all(guards))
+    else:
+        yield Observed(given.get(name, ObjectPattern((("event", Literal(name)),))))
+
+
+def _apart(observation: Observation) -> Observed:
+    """With variables of its own: some values will do."""
+    taken = variables(observation.pattern)
+    by: dict[str, Pattern] = {}
+    for name in rigid_variables(observation.pattern):
+        own = f"_{name}"
+        while own in taken:
+            own = f"_{own}"
+        by[name] = Variable(own)
+    guards = [_renamed(guard, by) for guard in observation.guards]
+    return Observed(substitute(observation.pattern, by), _all(guards))
+
+
+def _renamed(guard: Guard, by: Mapping[str, Pattern]) -> Guard:
+    match guard:
+        case Variable(name):
+            renamed = by.get(name, guard)
+            assert isinstance(renamed, Variable)
+            return renamed
+        case Operation(operator, operands):
+            return Operation(operator, tuple(_renamed(operand, by) for operand in operands))
+        case _:
+            return guard
+
+
+def _all(guards: list[Guard]) -> Guard | None:
+    """One guard that holds when all do."""
+    if len(guards) > 1:
+        return Operation(Operator.AND, tuple(guards))
+    return guards[0] if guards else None
+
 
 SLICE_LIMIT: Final = 100_000
 

@@ -3,22 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from backends.ltlf.compose import Composer
-from backends.ltlf.counting import subformulas
-from backends.ltlf.formulas import FALSE, Formulas
-from backends.ltlf.guarding import settle
-from backends.ltlf.header import Header, Observation
-from backends.ltlf.names import Names
-from backends.ltlf.parts import Parts, parts_of
-from backends.ltlf.positions import Positions
-from backends.ltlf.shape import shape_of
-from backends.ltlf.simplifying import simplified
-from backends.ltlf.writing import symbols, write
+from backends.ltlf.composition import Composer, settle, shape_of
+from backends.ltlf.derivatives import Positions
+from backends.ltlf.formulas import FALSE, Formulas, subformulas
+from backends.ltlf.parts import Parts, parts_of, simplified
+from backends.ltlf.reader import Header, Observation
+from backends.ltlf.writer import Names, symbols, write
 from rvaft.errors import TreeError
-from rvaft.guards import Guard
-from rvaft.patterns import Pattern
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.model.guards import Guard
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,15 +2,38 @@
 
 from collections.abc import Mapping, Sequence
 from time import perf_counter
-from typing import ClassVar
+from typing import ClassVar, Final
 
-from backends.rml.listing import HIGHLIGHTING
+from backends.rml.writer.names import FUNCTIONS, KEYWORDS, TYPES, VALUES
 from rvaft.backend import Backend, Highlighting, Metrics, Observed, Specification
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
-from rvaft.patterns import Pattern
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics
+
+# RML for the package `listings` of LaTeX: words, comments and strings, in styles that survive print without colour.
+
+
+def _words(words: frozenset[str]) -> str:
+    return f"{{{','.join(sorted(words))}}}"
+
+
+HIGHLIGHTING: Final = Highlighting(
+    "RML",
+    rf"""
+\lstdefinelanguage{{RML}}{{
+  morekeywords={_words(KEYWORDS | TYPES)},
+  morekeywords=[2]{_words(FUNCTIONS | VALUES)},
+  keywordstyle=\bfseries,
+  keywordstyle=[2]\itshape,
+  sensitive=true,
+  morecomment=[l]{{//}},
+  commentstyle=\itshape,
+  morestring=[b]',
+}}
+""",
+)
 
 
 class RmlBackend(Backend):
@@ -30,7 +53,7 @@ class RmlBackend(Backend):
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as an RML text; raises `NotExpressible` and `TooLarge`."""
-        from backends.rml.translation import translate  # noqa: PLC0415 -- imported on use
+        from backends.rml.writer import translate  # noqa: PLC0415 -- imported on use
 
         start = perf_counter()
         made = translate(tree, Semantics(semantics), limit=self.default_limit if limit is None else limit)
@@ -39,18 +62,18 @@ class RmlBackend(Backend):
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs an RML text, whoever wrote it; its texts define their events, so `atoms` is not looked at."""
-        from backends.rml.reading.reader import read  # noqa: PLC0415 -- imported on use
+        from backends.rml.reader.monitor import read  # noqa: PLC0415 -- imported on use
 
         return read(text)
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
         """What the event types that an RML text uses ask of events; None where patterns with guards cannot say it."""
-        from backends.rml.reading.observed import observed  # noqa: PLC0415 -- imported on use
+        from backends.rml.reader.observations import observed  # noqa: PLC0415 -- imported on use
 
         return observed(text)
 
     def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:
         """The titles of the rows in the table of deviations that the text touches on the trace."""
-        from backends.rml.reading.deviations import touching  # noqa: PLC0415 -- imported on use
+        from backends.rml.reader.deviations import touching  # noqa: PLC0415 -- imported on use
 
         return tuple(deviation.title for deviation in touching(text, trace))

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 import rvaft
-from rvaft.drawing import Format, Look, draw
+from rvaft.export import Format, Look, draw
 
 FIGURES: Final[Mapping[str, tuple[str, Look]]] = {
     "figure4a": ("full.rvaft", Look(names=False, wrap=12, stagger=True)),

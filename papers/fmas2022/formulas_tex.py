@@ -1,7 +1,7 @@
 """φ₁ to φ₄ and φ of section 4.2, extracted from the tree, as LaTeX."""
 
-from rvaft.properties import align_latex
-from rvaft.tree import RVAFT
+from rvaft.export.property_text import align_latex
+from rvaft.model.tree import RVAFT
 
 
 def formulas_tex(tree: RVAFT) -> str:

@@ -9,7 +9,7 @@ import rvaft
 from papers.fmas2022 import tex
 from papers.fmas2022.transitions import transitions
 from rvaft.backend import Specification
-from rvaft.latex import escaped
+from rvaft.export.latex import escaped
 
 GATES: Final = {
     "or": r"\textsc{or}",

@@ -5,8 +5,8 @@ from typing import Final
 import rvaft
 from papers.fmas2022 import tex
 from rvaft.backend import backend
-from rvaft.listings import listing
-from rvaft.tree import RVAFT
+from rvaft.export.latex import listing
+from rvaft.model.tree import RVAFT
 
 _CAPTION: Final = r"$\varphi$ in RML, from the tree: what the Listing of the paper is to express."
 

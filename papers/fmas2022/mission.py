@@ -23,7 +23,7 @@ from typing import Final
 
 from papers.fmas2022.command import ended
 from rvaft.errors import OptionError
-from rvaft.values import Json
+from rvaft.model.values import Json
 
 ENTRANCE: Final = "entrance"
 """Where the rover starts and is decontaminated; the tree knows it by this name."""

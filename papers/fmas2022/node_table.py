@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from typing import Final
 
 from papers.fmas2022 import tex
-from rvaft import latex
-from rvaft.latex import escaped
-from rvaft.model import Node
-from rvaft.patterns import Literal
-from rvaft.topics import topic_of
-from rvaft.tree import RVAFT
+from rvaft.export import latex
+from rvaft.export.latex import escaped
+from rvaft.model.nodes import Node
+from rvaft.model.patterns import Literal
+from rvaft.model.topics import topic_of
+from rvaft.model.tree import RVAFT
 
 _NOTES: Final = (
     r"The print has \textit{movebase\_result} for $\mathit{result}$, and \textit{MoveBaseGoal} for $\mathit{goal}$; it writes strings without quotation marks.",

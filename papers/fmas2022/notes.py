@@ -6,11 +6,11 @@ from string import ascii_lowercase
 
 import rvaft
 from papers.fmas2022 import tex
-from rvaft.latex import escaped
+from rvaft.export.latex import escaped
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor, Pending
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Verdict
 
 
 @dataclass

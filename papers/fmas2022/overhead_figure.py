@@ -8,7 +8,7 @@ from papers import plots
 from papers.fmas2022.mission import Mode
 from papers.fmas2022.overhead_cells import Cell, Spread
 from papers.fmas2022.overhead_runs import NONE, SETUPS
-from rvaft.monitoring.columns import Per
+from rvaft.monitoring.monitor_set import Per
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,11 +8,11 @@ from typing import Final, TypedDict
 
 from papers.fmas2022.mission import Event, Mission, Mode
 from rvaft.api import monitor
-from rvaft.comparison.collecting import no_collection
-from rvaft.monitoring.columns import Per, columns, parts
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.monitor_set import Per, columns, parts
 from rvaft.monitors import Monitor
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics, Verdict
+from rvaft.support.processes import no_collection
 
 SEMANTICS: Final = Semantics.SCATTERED
 """A mission is full of events between those of a match: under `strict` and `projected` all is lost with the second one."""

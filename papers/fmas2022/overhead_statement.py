@@ -8,7 +8,7 @@ from papers.fmas2022.overhead_cells import Cell, growth
 from papers.fmas2022.overhead_figure import TITLES
 from papers.fmas2022.overhead_runs import NONE, SEMANTICS, SETUPS
 from papers.fmas2022.verdicts import listed
-from rvaft.verdict import Verdict
+from rvaft.model.verdict import Verdict
 
 
 def statement(cells: Sequence[Cell]) -> str:

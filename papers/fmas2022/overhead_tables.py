@@ -10,7 +10,7 @@ from papers.fmas2022 import tex
 from papers.fmas2022.mission import Mode
 from papers.fmas2022.overhead_cells import Cell, Spread
 from papers.fmas2022.overhead_runs import NONE, Run
-from rvaft.verdict import Verdict
+from rvaft.model.verdict import Verdict
 
 COLUMNS: Final = (
     *("mode", "waypoints", "setup", "monitors", "repetitions", "events", "mission_s", "verdicts"),

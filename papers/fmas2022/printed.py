@@ -7,7 +7,7 @@ other cells are empty.
 from collections.abc import Mapping
 from typing import Final
 
-from rvaft.verdict import Verdict
+from rvaft.model.verdict import Verdict
 
 LAST: Final[Mapping[int, Verdict]] = {2: Verdict.TRUE, 3: Verdict.FALSE}
 """Table -> the verdict that each of its traces ends with."""

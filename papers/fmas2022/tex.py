@@ -6,8 +6,8 @@ Every file that comes out can be taken by `\input`; `document` puts them togethe
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from rvaft.latex import escaped
-from rvaft.verdict import Verdict
+from rvaft.export.latex import escaped
+from rvaft.model.verdict import Verdict
 
 SIGNS: Final = {Verdict.TRUE: r"\top", Verdict.FALSE: r"\bot", Verdict.UNKNOWN: "?"}
 PACKAGES: Final = ("amsmath", "array", "booktabs", "graphicx", "listings", "textcomp", "xcolor")

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping, Set
 from typing import Final
 
-from backends.automaton.names import ALIVE
+from backends.automaton.hoa_writer import ALIVE
 
 _ALIAS: Final = re.compile(r"^Alias: (@\w+) (.*)$", re.MULTILINE)
 _NAMES: Final = re.compile(r"^AP: \d+ (.*)$", re.MULTILINE)

@@ -16,7 +16,7 @@ from cross_check.participants import Absent, Outside, Participant
 from papers.fmas2022.command import ended
 from papers.fmas2022.places import PRUNED
 from papers.fmas2022.verdicts import Enlisted, absent, enlist, listed, present, said, symbols
-from rvaft.values import Json
+from rvaft.model.values import Json
 
 
 def rows(enlisted: Enlisted, folder: Path) -> Iterator[tuple[str, str, dict[str, str]]]:

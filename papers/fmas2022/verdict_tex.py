@@ -9,9 +9,9 @@ from cross_check.participants import ENGINE
 from papers.fmas2022 import printed, tex
 from papers.fmas2022.notes import Notes, difference
 from papers.fmas2022.verdicts import Enlisted, Monitors, Trace, absent, enlist, listed, monitors, present, traces
-from rvaft.latex import escaped
-from rvaft.tree import RVAFT
-from rvaft.values import Json
+from rvaft.export.latex import escaped
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
 
 _BLANK: Final = r"\textcolor{black!55}"
 _GREY: Final = rf"{_BLANK}{{Grey}}: the cell is empty in the print, or its event is not there."

@@ -8,14 +8,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cross_check.comparison import Roster
 from cross_check.participants import ENGINE, Absent, Outside, Participant
 from cross_check.results import Job
-from cross_check.roster import Roster
 from papers.fmas2022 import printed
 from rvaft.errors import RvaftError
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 
 Monitors = Mapping[str, int | None]
 """Sign of a monitor -> the number of its branch, None for the whole tree."""

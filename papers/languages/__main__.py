@@ -12,11 +12,10 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Final
 
+from cross_check.benchmark.tables import latex_text, read_rows
 from papers.languages.findings import missed
 from papers.languages.note import note, short
 from rvaft.cli import main as rvaft
-from rvaft.comparison.latex import latex_text
-from rvaft.comparison.table_file import read_rows
 
 FOLDER: Final = Path(__file__).parent
 TIMEOUT: Final = 30

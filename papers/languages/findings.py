@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from math import comb
 from typing import Final
 
-from rvaft.comparison.rows import Outcome, Row
-from rvaft.model import Gate
-from rvaft.verdict import Semantics
+from cross_check.benchmark.measurement import Outcome, Row
+from rvaft.model.nodes import Gate
+from rvaft.model.verdict import Semantics
 
 STRICT: Final = Semantics.STRICT
 PROJECTED: Final = Semantics.PROJECTED

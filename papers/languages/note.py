@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from cross_check.benchmark.measurement import Outcome, Row
+from cross_check.benchmark.tables import milliseconds
 from papers.languages.findings import FINDINGS, Finding
-from rvaft.comparison.rows import Outcome, Row
-from rvaft.comparison.text import milliseconds
-from rvaft.model import Gate
-from rvaft.verdict import Semantics
+from rvaft.model.nodes import Gate
+from rvaft.model.verdict import Semantics
 
 SHORT: Final = (2, 3, 6, 9, 12)
 """The numbers of children in the short table; VOT with half of them."""

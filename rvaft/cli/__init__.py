@@ -29,7 +29,8 @@ _COMMANDS: Final = {
     "backends": "List the specification languages.",
     "explain": "Explain what a finding means.",
 }
-"""The commands and what they do; the module of each has the command's name and in it a function `command`."""
+"""The commands and what they do; each is a function, `check_command` for `check`, in the module of its name or in the one named here."""
+_MODULES: Final = {"backends": "information", "explain": "information", "rosmonitoring": "ros", "serve": "ros"}
 
 
 class Commands(click.Group):
@@ -43,7 +44,9 @@ class Commands(click.Group):
         """The command of that name, imported now."""
         if cmd_name not in _COMMANDS:
             return None
-        found: click.Command = import_module(f"rvaft.cli.{cmd_name.replace('-', '_')}").command
+        name = cmd_name.replace("-", "_")
+        module = import_module(f"rvaft.cli.{_MODULES.get(name, name)}")
+        found: click.Command = getattr(module, f"{name}_command")
         return found
 
     def resolve_command(

@@ -6,12 +6,12 @@ from enum import StrEnum
 
 import click
 
-from rvaft.branches import Branch, branches
+from rvaft.api import load
 from rvaft.cli.options import tree_argument
-from rvaft.language import load
-from rvaft.printable import visible
-from rvaft.properties import WIDTH, align_latex, kinds_of, property_sign, property_text, property_unicode
-from rvaft.tree import RVAFT
+from rvaft.export.property_text import WIDTH, align_latex, kinds_of, property_sign, property_text, property_unicode
+from rvaft.model.branches import Branch, branches
+from rvaft.model.tree import RVAFT
+from rvaft.support.terminal import visible
 
 
 class Form(StrEnum):
@@ -39,7 +39,7 @@ class Form(StrEnum):
     metavar="N",
     help=f"With latex: break formulas that are wider than N characters.  [default: {WIDTH}]",
 )
-def command(*, tree: str, form: str, whole: bool, width: int | None) -> int:
+def branches_command(*, tree: str, form: str, whole: bool, width: int | None) -> int:
     """List the branches of a tree, one line each: number, kinds (- for none), property."""
     if width is not None and form != Form.LATEX:
         raise click.UsageError(f"--width: not for the format {form}; with it, each property is one line")

@@ -7,15 +7,13 @@ import click
 from rvaft.cli.failure import FAILED, FOUND, report
 from rvaft.cli.options import standard_input
 from rvaft.errors import LanguageError, RvaftError
-from rvaft.findings import Finding, Severity
-from rvaft.language import parse_file
 from rvaft.language.draft import Draft
-from rvaft.language.reader import parse_bytes
-from rvaft.model import Place
-from rvaft.printable import visible
+from rvaft.language.reader import parse_bytes, parse_file
+from rvaft.model.nodes import Place
+from rvaft.model.values import Json
 from rvaft.rules import check
-from rvaft.rules.codes import SYNTAX
-from rvaft.values import Json
+from rvaft.rules.rule import SYNTAX, Finding, Severity
+from rvaft.support.terminal import visible
 
 
 @click.command("check")
@@ -24,7 +22,7 @@ from rvaft.values import Json
 @click.option(
     "--format", "form", type=click.Choice(["text", "json"]), default="text", show_default=True, help="What to print."
 )
-def command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
+def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
     """Report what is wrong or doubtful in trees, one finding per line; `rvaft explain CODE` says more.
 
     The TREE - is standard input.

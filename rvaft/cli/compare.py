@@ -1,23 +1,20 @@
 """`rvaft compare`: sizes and speeds of the same trees in every specification language."""
 
-from collections.abc import Sequence
-from contextlib import closing
+import fcntl
+import os
+import stat
+from collections.abc import Iterable, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from errno import EACCES, EISDIR, ENOTDIR, EWOULDBLOCK
 from pathlib import Path
+from types import TracebackType
+from typing import Self, TextIO
 
 import click
 
-from rvaft.api import narrowed
-from rvaft.backend import backend
-from rvaft.cli.compare_outputs import Outputs
-from rvaft.cli.comparing import Failures
-from rvaft.cli.failure import FAILED, FOUND, INTERRUPTED, Stopped, report
-from rvaft.cli.kept_rows import KeptRows
-from rvaft.cli.lists import finite, some_backends, some_gates, some_semantics
-from rvaft.cli.output import deliver
-from rvaft.cli.reports import Watched
-from rvaft.comparison.latex import latex_text
-from rvaft.comparison.panels import figures
-from rvaft.comparison.plan import (
+from cross_check.benchmark.measurement import Row, empty_row, measured
+from cross_check.benchmark.plan import (
     MAX_ARITY,
     MEMORY,
     TIMEOUT,
@@ -28,15 +25,144 @@ from rvaft.comparison.plan import (
     default_languages,
     gate_subjects,
 )
-from rvaft.comparison.plots import write_plots
-from rvaft.comparison.rows import Row, empty_row
-from rvaft.comparison.running import measured
-from rvaft.comparison.text import headline, text_lines
-from rvaft.comparison.width import Width
+from cross_check.benchmark.plots import figures, library, write_plots
+from cross_check.benchmark.tables import Width, csv_text, headline, latex_text, read_rows, text_lines
+from rvaft.api import load, narrowed
+from rvaft.backend import backend
+from rvaft.cli.cross_check import Failures, Watched
+from rvaft.cli.failure import FAILED, FOUND, INTERRUPTED, Stopped, report
+from rvaft.cli.options import finite, some_backends, some_gates, some_semantics
 from rvaft.errors import OptionError
-from rvaft.language import load
-from rvaft.model import Gate
-from rvaft.verdict import Semantics
+from rvaft.model.nodes import Gate
+from rvaft.model.verdict import Semantics
+from rvaft.support.files import deliver, write_whole
+
+# Where the reports of a comparison go: what cannot be written at the end, or would cost what is there, is refused before anything runs.
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """The files and the folder that were asked for; `-` is standard output."""
+
+    csv: str | None
+    latex: str | None
+    plots: str | None
+
+    @property
+    def files(self) -> list[str]:
+        """Those that are no standard output."""
+        return [file for file in (self.csv, self.latex) if file not in (None, "-")]
+
+    def check(self, trees: Iterable[str]) -> None:
+        """Raise `OptionError` for two reports in one place or one over a tree, `OSError` for what cannot be written, `ToolMissing`."""
+        taken = {Path(tree).resolve() for tree in trees}
+        for file in self.files:
+            if (place := Path(file).resolve()) in taken:
+                raise OptionError(f"{file} would be written over, but it is one of the trees: name another file")
+            if Path(file).is_dir():
+                raise IsADirectoryError(EISDIR, "cannot write: it is a folder; name a file", file)
+            if place.is_file() or not Path(file).exists():  # a pipe or a device is written to where it is
+                _check_folder(place.parent, file)
+        if self.csv is not None and self.latex is not None and _same(self.csv, self.latex):
+            raise OptionError("two reports go to one file")
+        if self.plots is not None:
+            library()
+            folder = Path(self.plots).resolve()
+            _check_folder(next(there for there in (folder, *folder.parents) if there.exists()), self.plots)
+
+
+def _same(first: str, second: str) -> bool:
+    return first == second or ("-" not in (first, second) and Path(first).resolve() == Path(second).resolve())
+
+
+def _check_folder(folder: Path, output: str) -> None:
+    if not folder.is_dir():
+        raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", output)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(EACCES, f"cannot write: no permission for {folder}", output)
+
+
+# The CSV file of a comparison: every row is in it as soon as it is known, so that an interrupted run can go on.
+
+_ERRORS = "surrogateescape"
+"""Names of files need not be UTF-8."""
+
+
+class KeptRows:
+    """The rows that the file has from before, with `resume`, and those that are added; None is no file.
+
+    What is no regular file is only written to at the end. Entering it raises `OSError`, also where another run is writing to the file, and
+    `LanguageError` for a file with something else than a comparison in it, which nobody wants to lose.
+    """
+
+    def __init__(self, file: str | None, *, resume: bool = False) -> None:
+        self._file = file
+        self._resume = resume
+        self._appended: TextIO | None = None
+        path = None if file is None or file == "-" else Path(file)
+        self._path = None if path is not None and path.exists() and not stat.S_ISREG(path.stat().st_mode) else path
+        self._before: list[Row] = []
+        self._of: dict[tuple[object, ...], list[Row]] = {}
+        """Those from before by their keys."""
+
+    def __enter__(self) -> Self:
+        if self._path is not None:
+            with _locked(self._path) as stream:
+                found = list(read_rows(stream.read(), str(self._path)))
+                self._before = found if self._resume else []
+                for row in self._before:
+                    self._of.setdefault(row.key, []).append(row)
+                write_whole(self._path, _encoded(self._before))  # without a last line that was only begun
+                self._appended = _locked(self._path)  # which is another file now, of the same name
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        if self._appended is not None:
+            self._appended.close()
+
+    def known(self, wanted: Row) -> Row | None:
+        """The row from before that answers for one, if there is one; the last where there are several."""
+        return next((row for row in reversed(self._of.get(wanted.key, ())) if row.serves(wanted)), None)
+
+    def add(self, row: Row) -> None:
+        """Keep a row, whatever happens next."""
+        if self._appended is not None:
+            self._appended.write(csv_text([row], heading=False))
+            self._appended.flush()
+
+    def finish(self, rows: Iterable[Row]) -> None:
+        """Write these rows in this order, and behind them those from before that no other stands for."""
+        every = list(rows)
+        if self._path is not None:
+            fresh = {row.key for row in every}
+            write_whole(self._path, _encoded([*every, *(row for row in self._before if row.key not in fresh)]))
+        elif self._file is not None:
+            deliver(_encoded(every), self._file)
+
+
+def _encoded(rows: Iterable[Row]) -> bytes:
+    return csv_text(rows).encode(errors=_ERRORS)
+
+
+def _locked(path: Path) -> TextIO:
+    """The file, open to be read from its start and appended to, and locked until it is closed."""
+    try:
+        stream = path.open("a+", encoding="utf-8", errors=_ERRORS, newline="")
+    except OSError as error:
+        raise OSError(error.errno, f"cannot write: {error.strerror}", str(path)) from error
+    held = True
+    with suppress(OSError):  # a file system that knows no locks
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            held = False
+    if not held or not os.path.samestat(os.fstat(stream.fileno()), path.stat()):  # or it was replaced just now
+        stream.close()
+        raise BlockingIOError(EWOULDBLOCK, "cannot write: another run is writing to it; name another file", str(path))
+    stream.seek(0)
+    return stream
 
 
 @click.command("compare")
@@ -90,7 +216,7 @@ from rvaft.verdict import Semantics
     help="Processes at a time; more than one disturb each other's times.",
 )
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Of the events that are run.")
-def command(
+def compare_command(
     *,
     trees: tuple[str, ...],
     gates: tuple[Gate, ...] | None,

@@ -7,16 +7,15 @@ from collections.abc import Iterator
 
 import click
 
+from rvaft.analysis.pattern_index import reads_of
+from rvaft.api import load
 from rvaft.cli.failure import FAILED, FOUND, report
 from rvaft.cli.options import exclusive, part_options, semantics_option, standard_input, tree_argument
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import RvaftError
-from rvaft.language import load
-from rvaft.monitoring.sources import expanded
-from rvaft.reads import reads_of
-from rvaft.traces import read
-from rvaft.tree import RVAFT
+from rvaft.model.tree import RVAFT
+from rvaft.monitoring.reader import expanded, read
 
 _NARROWEST = 60
 """Columns below which the table is not made narrower."""
@@ -60,7 +59,7 @@ def _number(_context: click.Context, _parameter: click.Parameter, value: float |
 @click.option(
     "--format", "form", type=click.Choice(["text", "json"]), default="text", show_default=True, help="What to print."
 )
-def command(
+def coverage_command(
     *,
     tree: str,
     logs: tuple[str, ...],

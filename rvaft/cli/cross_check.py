@@ -1,30 +1,220 @@
 """`rvaft cross-check`: whether the specifications of a tree say the same thing."""
 
 import os
-from collections.abc import Iterable
-from dataclasses import replace
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from errno import ENOTDIR
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from cross_check.against import handwritten, is_specification
-from cross_check.campaign import MAX_NODES, campaign
-from cross_check.catalogue import EFFORT, Entry, catalogue
-from cross_check.effort import Effort
-from cross_check.results import Job, exit_status
-from cross_check.roster import PATIENCE, Roster
-from cross_check.runs import Task
-from rvaft.api import narrowed
-from rvaft.cli.comparing import Failures, Watching, replayed
-from rvaft.cli.failure import FAILED
-from rvaft.cli.lists import finite, some_backends, some_semantics
-from rvaft.cli.options import exclusive, part_options
-from rvaft.cli.reports import Reports, report_options
-from rvaft.language import load
-from rvaft.model import Kind
-from rvaft.verdict import Semantics
+from cross_check.campaign import EFFORT, MAX_NODES, Entry, Task, campaign, catalogue, run
+from cross_check.comparison import PATIENCE, Roster
+from cross_check.counterexamples import case_folders, keep, replay
+from cross_check.counterexamples import load as load_case
+from cross_check.participants import handwritten, is_specification
+from cross_check.reports import (
+    Totals,
+    csv_text,
+    difference_lines,
+    json_text,
+    junit_text,
+    markdown_text,
+    result_lines,
+    summary_lines,
+)
+from cross_check.results import Job, Result, Status, exit_status
+from cross_check.traces import Effort
+from rvaft.api import load, narrowed
+from rvaft.cli.failure import FAILED, INTERRUPTED, Stopped, report
+from rvaft.cli.options import exclusive, finite, part_options, some_backends, some_semantics
+from rvaft.errors import RvaftError
+from rvaft.model.nodes import Kind
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.support.files import deliver
+from rvaft.support.terminal import columns, visible
+
+# What `rvaft cross-check` prints while it runs and at the end, and the files it writes.
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_FORMATS: dict[str, Callable[[Iterable[Result], str], str]] = {
+    "json": json_text,
+    "csv": csv_text,
+    "junit": junit_text,
+    "markdown": markdown_text,
+}
+_SHOWN = 20
+"""Disagreements of which the trace is printed."""
+
+
+def report_options(function: F) -> F:
+    """`--json FILE` and the others; the files are written at the end, also of an interrupted run."""
+    for form in reversed(_FORMATS):
+        function = click.option(f"--{form}", metavar="FILE", help=f"Write the results as {form}.")(function)
+    return function
+
+
+@dataclass(slots=True)
+class Reports:
+    """Collects results; `every` says whether each is listed or only counted."""
+
+    files: dict[str, str]
+    every: bool
+    results: list[Result] = field(default_factory=list)
+    note: str = ""
+    """What the reader of a report has to know, such as that the run was interrupted."""
+
+    def add(self, results: list[Result]) -> None:
+        """Take the results of one comparison, and print what differs."""
+        self.results += results
+        for result in results:
+            if result.status is Status.DIFFERS and self._differing() <= _SHOWN:
+                difference = result.difference
+                baseline = "the others" if difference is None else difference.baseline
+                job = result.job
+                where = f"{result.participant} differs from {baseline}: {job.title} under {job.semantics}"
+                click.echo("\n".join([visible(where), *(f"  {line}" for line in difference_lines(result)), ""]))
+
+    def _differing(self) -> int:
+        return sum(result.status is Status.DIFFERS for result in self.results)
+
+    def check(self) -> None:
+        """Raise `OSError` now for a file that cannot be written at the end."""
+        for path in self.files.values():
+            if not (folder := Path(path).absolute().parent).is_dir():
+                raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", path)
+
+    def finish(self) -> None:
+        """Print the table and the totals, and write the files."""
+        totals = Totals.of(self.results)
+        if self.results:
+            click.echo("\n".join(result_lines(self.results) if self.every else summary_lines(totals)))
+        if not self.every:
+            for result in totals.unable[:_SHOWN]:
+                where = f"{result.participant} on {result.job.title} under {result.job.semantics}"
+                click.echo(visible(f"{where}: {result.text}"))
+            if len(totals.unable) > _SHOWN:
+                click.echo(f"and {len(totals.unable) - _SHOWN} more that were not compared")
+        click.echo("; ".join(filter(None, [totals.headline, self.note])))
+        self.write()
+
+    def write(self) -> None:
+        """Write the files, all that can be written; raises `OSError` for the first that cannot."""
+        failed: OSError | None = None
+        for form, path in self.files.items():
+            try:
+                deliver(_FORMATS[form](self.results, self.note).encode(errors="backslashreplace"), path)
+            except OSError as error:
+                failed = failed or error
+        if failed is not None:
+            raise failed
+
+
+class Watched:
+    """A progress bar on a terminal, and nothing elsewhere."""
+
+    def __init__(self, total: int) -> None:
+        shown = (TextColumn("comparing"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        console = Console(stderr=True)
+        self._progress = Progress(*shown, console=console, transient=True, disable=not sys.stderr.isatty())
+        self._task: TaskID = self._progress.add_task("", total=total)
+
+    def __enter__(self) -> "Watched":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self._progress.stop()
+
+    def advance(self) -> None:
+        """One more is done."""
+        self._progress.advance(self._task)
+
+
+# Comparisons while they run: what differs is shown and saved, what fails is reported, an interrupt leaves what there is.
+
+S = TypeVar("S")
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class Failures:
+    """Reports what fails, so that the rest still runs."""
+
+    met: bool = False
+
+    def collect(self, make: Callable[[S], T], given: Iterable[S]) -> Iterator[T]:
+        """What can be made of these."""
+        for one in given:
+            try:
+                yield make(one)
+            except (RvaftError, OSError) as error:
+                report(error)
+                self.met = True
+
+
+@dataclass(frozen=True, slots=True)
+class Watching:
+    """Where the results of a run go."""
+
+    reports: Reports
+    failures: Failures
+    stop_on_error: bool
+    bogus: Path | None
+
+    def run(self, tasks: Iterable[Task], count: int, jobs: int) -> None:
+        """Run so many comparisons, and report at the end; an interrupt ends the program after the report."""
+        done, interrupted = 0, False
+        with Watched(count) as watched, closing(run(tasks, jobs=jobs)) as running:
+            try:
+                for task, results in running:
+                    watched.advance()
+                    done += 1
+                    differing = self._take(task, results)
+                    if differing and self.stop_on_error:
+                        break
+            except KeyboardInterrupt:
+                interrupted = True
+        if interrupted:
+            self.reports.note = f"interrupted after {done} of {count} comparisons"
+        self.reports.finish()
+        if interrupted:
+            raise Stopped(INTERRUPTED)
+
+    def _take(self, task: Task, results: list[Result]) -> list[Result]:
+        """Report one comparison, and return those who differ in it."""
+        self.reports.add(results)
+        differing = [result for result in results if result.status is Status.DIFFERS]
+        if self.bogus is not None:
+            for case in self.failures.collect(partial(keep, task, folder=self.bogus), differing):
+                click.echo(f"saved {visible(str(case))}")
+        return differing
+
+
+def replayed(folder: Path, roster: Roster, reports: Reports) -> int:
+    """Run saved cases again, one table each."""
+    failures = Failures()
+    for case in failures.collect(load_case, case_folders(folder)):
+        click.echo(visible(f"{case.name}: {case.semantics}"))
+        rows = [("PARTICIPANT", "BEFORE", "NOW", "RESULT")]
+        for one in replay(case, roster):
+            reports.results.append(one.result)
+            rows.append((one.result.participant, _symbols(one.before), _symbols(one.now), one.result.text))
+        click.echo("\n".join(f"  {line}" for line in columns(rows)))
+    reports.write()
+    return FAILED if failures.met else exit_status(reports.results)
+
+
+def _symbols(verdicts: tuple[Verdict, ...] | None) -> str:
+    return "-" if verdicts is None else "".join(verdict.symbol for verdict in verdicts)
+
 
 SMALL_PROOF: Final = 300
 """Combinations of states of a proof in a random campaign, where many trees say more than one."""
@@ -84,7 +274,7 @@ SMALL_TEXT: Final = 5_000
 @click.option("--fail-on-not-expressible", is_flag=True, help="Exit with 2 where a language cannot say a tree.")
 @click.option("--fail-on-too-large", is_flag=True, help="Exit with 2 where something was larger than a limit.")
 @click.option("--fail-on-timeout", is_flag=True, help="Exit with 2 where the time was too short.")
-def command(
+def cross_check_command(
     *,
     trees: tuple[str, ...],
     against: tuple[str, ...],

@@ -5,17 +5,15 @@ from typing import Final
 
 import click
 
-from rvaft.api import narrowed, translate
+from rvaft.api import load, narrowed, translate
 from rvaft.backend import UnknownBackend, backend
-from rvaft.cli.languages import suggesting
-from rvaft.cli.options import exclusive, output_option, part_options, semantics_option, tree_argument
-from rvaft.cli.output import deliver
-from rvaft.drawing import Format, format_of, picture
+from rvaft.cli.options import exclusive, output_option, part_options, semantics_option, suggesting, tree_argument
 from rvaft.errors import OptionError, TooLarge
-from rvaft.language import load
-from rvaft.listings import listing
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.export import Format, format_of, picture
+from rvaft.export.latex import listing
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+from rvaft.support.files import deliver
 
 DRAWN: Final = "dot"
 """The word for a drawing, in place of a language."""
@@ -50,7 +48,7 @@ _PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
     help="The largest size, in the language's own unit; of a drawing, in states.",
 )
 @output_option
-def command(
+def emit_command(
     *,
     tree: str,
     language: str,

@@ -9,7 +9,7 @@ from typing import Final
 import click
 
 from rvaft.errors import LanguageError, RvaftError
-from rvaft.printable import visible
+from rvaft.support.terminal import visible
 
 FOUND: Final = 1
 FAILED: Final = 2

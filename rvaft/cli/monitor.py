@@ -1,44 +1,205 @@
 """`rvaft monitor`: watch events for a tree and give verdicts."""
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass
+from functools import partial, wraps
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 import click
 
-from rvaft.api import monitor, narrowed, translate
-from rvaft.cli.detections import TERMINAL, require_drawable
+from rvaft.analysis.pattern_index import TreeReads
+from rvaft.api import load, monitor, narrowed, translate
 from rvaft.cli.failure import report
-from rvaft.cli.fleet import run
-from rvaft.cli.languages import suggesting
-from rvaft.cli.monitor_options import DEFAULT_EVERY, MonitorCommand, Monitoring, monitoring_options
-from rvaft.cli.options import part_options, semantics_option, standard_input, tree_argument
-from rvaft.cli.sink import Sink, warning
-from rvaft.cli.verdict_text import Text
-from rvaft.cli.verdicts import JsonLines, Reporter, Shape
-from rvaft.cli.watching import Manner, Trace
+from rvaft.cli.monitor_output import JsonLines, Reporter, Shape, Sink, Text, warning
+from rvaft.cli.monitor_run import SUFFIXES, TERMINAL, Manner, Trace, require_drawable, run
+from rvaft.cli.options import exclusive, part_options, semantics_option, standard_input, suggesting, tree_argument
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge
-from rvaft.language import load, on_text
-from rvaft.model import Kind
-from rvaft.monitoring.bank import Bank
-from rvaft.monitoring.columns import columns
-from rvaft.monitoring.fields import Field
-from rvaft.monitoring.keys import MAX_KEYS
-from rvaft.monitoring.ordering import DEFAULT_WINDOW
+from rvaft.model.expressions import on_text
+from rvaft.model.nodes import Kind
+from rvaft.model.patterns import match
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+from rvaft.monitoring.monitor_set import MAX_KEYS, Bank, Per, columns
+from rvaft.monitoring.reader import LogFile, expanded
 from rvaft.monitoring.run import Plan
-from rvaft.monitoring.sources import LogFile, expanded
+from rvaft.monitoring.stream import DEFAULT_WINDOW, Field
 from rvaft.monitors import Monitor
-from rvaft.patterns import match
-from rvaft.reads import TreeReads
-from rvaft.rules.words import listing
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.rules.rule import listing
 
 if TYPE_CHECKING:
+    from rvaft.monitoring.checkpoint import Keeping
     from rvaft.monitoring.hooks import Hooks
-    from rvaft.monitoring.keeping import Keeping
+
+
+# The options of `rvaft monitor`, and which of them go together.
+
+F = TypeVar("F", bound=Callable[..., Any])
+DEFAULT_EVERY: Final = 10_000
+"""Events between two checkpoints."""
+
+
+@dataclass(frozen=True, slots=True)
+class Monitoring:
+    """The options of one call, beside the tree and what part of it is monitored under which semantics."""
+
+    trace: tuple[str, ...]
+    word: str | None
+    backend: str | None
+    per: Per
+    form: str
+    max_configurations: int | None
+    key: str | None
+    max_keys: int | None
+    order_by: str | None
+    window: int | None
+    follow: bool
+    jobs: int
+    explain: str | None
+    execute: str | None
+    execute_fault: str | None
+    execute_attack: str | None
+    checkpoint: str | None
+    checkpoint_every: int | None
+
+    def check(self, *, branch: int | None, kind: str | None) -> None:
+        """Raise `UsageError` for options that do not go together."""
+        exclusive(branch=branch, kind=kind, per=None if self.per is Per.TREE else self.per)
+        if self.word is not None and self.trace:
+            _refuse("--word and TRACE exclude each other")
+        if self.backend is not None:
+            self._check_backend()
+        for option, needed, given in (
+            ("--max-keys", "--key", self.key is None and self.max_keys is not None),
+            ("--window", "--order-by", self.order_by is None and self.window is not None),
+            ("--checkpoint-every", "--checkpoint", self.checkpoint is None and self.checkpoint_every is not None),
+        ):
+            if given:
+                _refuse(f"{option} needs {needed}")
+        if self.explain == TERMINAL and self.form == "jsonl":
+            _refuse("--explain draws among the text: name a FILE for it with --format jsonl")
+        if self.form == "table" and self.key is not None:
+            _refuse("--format table is for whole traces, not for --key")
+
+    def check_traces(self, count: int, *, streams: int) -> None:
+        """The same once it is known for how many traces the patterns stand, and how many are no files."""
+        for option, wanted in (("--follow", self.follow), ("--checkpoint", self.checkpoint is not None)):
+            if wanted and (count != 1 or streams or self.word is not None):
+                _refuse(f"{option} needs one TRACE, a file")
+        if self.jobs > 1 and streams:
+            _refuse("--jobs is for files: standard input is read by one process")
+
+    def _check_backend(self) -> None:
+        """What only the engine can do."""
+        for option, value in (
+            ("--explain", self.explain),
+            ("--checkpoint", self.checkpoint),
+            ("--max-configurations", self.max_configurations),
+            # A text knows no kinds: these would never run.
+            ("--exec-fault", self.execute_fault),
+            ("--exec-attack", self.execute_attack),
+        ):
+            if value is not None:
+                _refuse(f"{option} needs the engine: leave out --backend")
+
+
+def _refuse(why: str) -> None:
+    raise click.UsageError(why, click.get_current_context())
+
+
+class MonitorCommand(click.Command):
+    """`--explain` takes a FILE only where one follows that it can draw to: else the next word is a TRACE."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As click does it, with what `--explain` means without FILE written out."""
+        return super().parse_args(ctx, list(_with_file(args)))
+
+
+def _with_file(args: Sequence[str]) -> list[str]:
+    made: list[str] = []
+    for place, word in enumerate(args):
+        if word == "--":
+            return [*made, *args[place:]]
+        following = args[place + 1] if place + 1 < len(args) else ""
+        bare = word == "--explain" and PurePath(following).suffix.lower() not in SUFFIXES
+        made.append(f"--explain={TERMINAL}" if bare else word)
+    return made
+
+
+def _drawable(_context: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
+    if value is not None and value != TERMINAL and PurePath(value).suffix.lower() not in SUFFIXES:
+        raise click.BadParameter(f"{value!r} has none of the suffixes {', '.join(SUFFIXES)}")
+    return value
+
+
+_OPTIONS: Final = (
+    click.argument("trace", nargs=-1, metavar="[TRACE]..."),
+    click.option("--word", metavar='"b a c"', help="Watch the default events of these names instead of a trace."),
+    click.option("--backend", metavar="BACKEND", help="Run the specification of this backend instead of the engine."),
+    click.option(
+        "--per",
+        type=click.Choice([choice.value for choice in Per]),
+        default=Per.TREE.value,
+        show_default=True,
+        help="Monitor also each branch or each kind.",
+    ),
+    click.option(
+        "--format",
+        "form",
+        type=click.Choice(["text", "table", "jsonl"]),
+        default="text",
+        show_default=True,
+        help="What to print.",
+    ),
+    click.option("--explain", metavar="[FILE]", callback=_drawable, help="Draw a detection, in the text or to FILE."),
+    click.option("--key", metavar="FIELD", help="Monitor each value of this field by itself."),
+    click.option(
+        "--max-keys", type=click.IntRange(min=1), metavar="N", help=f"Values of --key.  [default: {MAX_KEYS}]"
+    ),
+    click.option("--order-by", metavar="FIELD", help="Put events in the order of this number first."),
+    click.option(
+        "--window",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help=f"Events held back by --order-by.  [default: {DEFAULT_WINDOW}]",
+    ),
+    click.option("--follow", is_flag=True, help="Go on as the file grows, until Ctrl-C."),
+    click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help="Processes."),
+    click.option("--exec", "execute", metavar="CMD", help="Run this command on detection."),
+    click.option("--exec-fault", "execute_fault", metavar="CMD", help="Run it on detection of a fault."),
+    click.option("--exec-attack", "execute_attack", metavar="CMD", help="Run it on detection of an attack."),
+    click.option("--checkpoint", metavar="FILE", help="Keep the state in FILE, and go on from it."),
+    click.option(
+        "--checkpoint-every",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help=f"Events between checkpoints.  [default: {DEFAULT_EVERY}]",
+    ),
+    click.option(
+        "--max-configurations",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help=f"Partial matches that are followed.  [default: {DEFAULT_LIMIT}]",
+    ),
+)
+
+
+def monitoring_options(function: F) -> F:
+    """All of them, handed over as one value, `options`."""
+    names = set(Monitoring.__dataclass_fields__)
+
+    @wraps(function)
+    def called(**given: Any) -> Any:
+        own = {name: given.pop(name) for name in names}
+        own["per"] = Per(own["per"])
+        return function(options=Monitoring(**own), **given)
+
+    made: Any = called
+    for option in reversed(_OPTIONS):
+        made = option(made)
+    return made  # type: ignore[no-any-return]
+
 
 Make: TypeAlias = Callable[[RVAFT], Monitor]
 
@@ -48,7 +209,7 @@ Make: TypeAlias = Callable[[RVAFT], Monitor]
 @semantics_option
 @part_options
 @monitoring_options
-def command(*, tree: str, semantics: str, branch: int | None, kind: str | None, options: Monitoring) -> int:
+def monitor_command(*, tree: str, semantics: str, branch: int | None, kind: str | None, options: Monitoring) -> int:
     """Watch the events of each TRACE (JSON Lines) for a tree and give verdicts.
 
     A TRACE may be a pattern such as 'logs/**/*.jsonl'. No TRACE, or -, reads standard input as it comes. The exit status is 1 when
@@ -113,7 +274,7 @@ def _reporter(options: Monitoring) -> Callable[[Shape, Sink], Reporter]:
         return JsonLines
     drawn = options.explain == TERMINAL
     if options.form == "table":
-        from rvaft.cli.verdict_table import Table  # noqa: PLC0415 -- imported on use
+        from rvaft.cli.monitor_output import Table  # noqa: PLC0415 -- imported on use
 
         return lambda shape, sink: Table(shape, sink, drawn=drawn)
     return lambda shape, sink: Text(shape, sink, drawn=drawn)
@@ -132,7 +293,7 @@ def _keeping(options: Monitoring, part: RVAFT, semantics: str, traces: Sequence[
     file = traces[0].file if traces else None
     if options.checkpoint is None or file is None:
         return None
-    from rvaft.monitoring.keeping import Keeping  # noqa: PLC0415 -- imported on use
+    from rvaft.monitoring.checkpoint import Keeping  # noqa: PLC0415 -- imported on use
 
     given = {"--key": options.key, "--order-by": options.order_by, "--window": options.window}
     return Keeping(

@@ -1,13 +1,18 @@
 """Options that several commands share."""
 
+import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
 from typing import Any, BinaryIO, TypeVar
 
 import click
 
-from rvaft.model import Kind
-from rvaft.verdict import Semantics
+from rvaft.backend import UnknownBackend, backend, speaking
+from rvaft.errors import OptionError, TooLarge
+from rvaft.model.nodes import Gate, Kind
+from rvaft.model.verdict import Semantics
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -42,3 +47,85 @@ def exclusive(**options: object) -> None:
     given = [f"--{name}" for name, value in options.items() if value is not None]
     if len(given) > 1:
         raise click.UsageError(f"{' and '.join(given)} exclude each other", click.get_current_context())
+
+
+# What the errors of backends tell a user of the command: which backend was meant, which option mends it.
+
+
+@contextmanager
+def suggesting() -> Iterator[None]:
+    """Add to the error about an unknown backend the name that was probably meant, and to that about a size the option."""
+    try:
+        yield
+    except UnknownBackend as error:
+        close = get_close_matches(error.name.lower().removeprefix("."), error.known, n=1)
+        meant = speaking(error.name) or next(iter(close), None)
+        if meant is None:
+            raise
+        raise OptionError(f"{error}; did you mean {meant}?") from error
+    except TooLarge as error:
+        if _raised_by_limit(error):
+            error.add_note("raise it with --limit N")
+        raise
+
+
+def _raised_by_limit(error: TooLarge) -> bool:
+    """Whether the command has the option `--limit` and that is the limit, not one of another computation."""
+    given = click.get_current_context().params
+    if not {"language", "limit"} <= given.keys():
+        return False
+    return error.limit == (given["limit"] or backend(given["language"]).default_limit)
+
+
+# Options of which the value is a list with commas, or a number of seconds.
+
+
+def some_semantics(
+    _context: click.Context, _parameter: click.Parameter, value: str | None
+) -> tuple[Semantics, ...] | None:
+    """The semantics that a list names, `all` being all; None without the option."""
+    if value is None:
+        return None
+    if value == "all":
+        return tuple(Semantics)
+    try:
+        return tuple(dict.fromkeys(Semantics(name.strip()) for name in value.split(",")))
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not `all` or some of {', '.join(Semantics)}, with commas") from None
+
+
+def some_gates(_context: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[Gate, ...] | None:
+    """The gates that a list names; None without the option."""
+    if value is None:
+        return None
+    found = []
+    for word in _words(value):
+        try:
+            found.append(Gate(word.lower()))
+        except ValueError:
+            close = get_close_matches(word.lower(), list(Gate), n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise click.BadParameter(f"unknown gate {word}; known: {', '.join(Gate)}{hint}") from None
+    return tuple(dict.fromkeys(found))
+
+
+def some_backends(named: str | None) -> tuple[str, ...] | None:
+    """The backends that a list names; raises `OptionError` for an unknown one. None without a list."""
+    if named is None:
+        return None
+    names = tuple(dict.fromkeys(_words(named)))
+    with suggesting():
+        for name in names:
+            backend(name)
+    return names
+
+
+def finite(_context: click.Context, _parameter: click.Parameter, value: float | None) -> float | None:
+    """Refuse NaN, which is in every range, since no comparison with it holds."""
+    if value is not None and math.isnan(value):
+        raise click.BadParameter("nan is no time")
+    return value
+
+
+def _words(value: str) -> list[str]:
+    return [word for part in value.split(",") if (word := part.strip())]

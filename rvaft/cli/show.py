@@ -1,17 +1,50 @@
 """`rvaft show`: draw a tree, or write it in another format."""
 
+import re
 from collections.abc import Mapping
 from pathlib import PurePath
 
 import click
 
-from rvaft.cli.highlight import highlighted
+from rvaft.analysis.pattern_index import TreeReads
+from rvaft.api import load, monitor
 from rvaft.cli.options import output_option, semantics_option, tree_argument
-from rvaft.cli.output import deliver
-from rvaft.drawing import SUFFIXES, Format, Look, draw, format_of, losses
-from rvaft.drawing.look import NARROWEST, WIDTH
-from rvaft.language import load
-from rvaft.verdict import Semantics
+from rvaft.errors import OptionError
+from rvaft.export import SUFFIXES, Format, Look, draw, format_of, losses
+from rvaft.export.layout import NARROWEST, WIDTH, Marks, branch_marks, marks
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+from rvaft.monitoring.explanation_json import counted, matched_events
+from rvaft.monitoring.reader import read
+from rvaft.support.files import deliver
+
+# What `show --highlight` marks: a branch, or what a trace detects.
+
+_BRANCH = re.compile(r"branch:(.*)", re.DOTALL)
+
+
+def highlighted(tree: RVAFT, what: str, semantics: str) -> Marks:
+    """The marks for `branch:N`, or for the trace of that name.
+
+    Raises `TreeError` where there is no such branch, `OptionError` for a number that is none and a trace that detects nothing,
+    `TraceError` and `OSError` for one that cannot be read.
+    """
+    if found := _BRANCH.fullmatch(what):
+        if not re.fullmatch(r"[0-9]{1,9}", found[1]):
+            raise OptionError(f"--highlight branch:N takes the number of a branch, not {found[1]!r}")
+        return branch_marks(tree, int(found[1]))
+    watching = monitor(tree, semantics=semantics)
+    events = {}
+    for number, event in enumerate(read(what, reads=TreeReads(tree)), 1):
+        events[number] = event
+        if watching.step(event).final:
+            break
+    explanation = watching.explanation
+    if explanation is None:
+        raise OptionError(
+            f"{what}: nothing is detected (the verdict is {watching.verdict} after {counted(len(events))})"
+        )
+    return marks(tree, explanation, {number: events[number] for number in matched_events([explanation])})
 
 
 @click.command("show")
@@ -46,7 +79,7 @@ from rvaft.verdict import Semantics
     help="Set every other leaf of a gate lower: a narrower tree (Graphviz only).",
 )
 @output_option
-def command(
+def show_command(
     *,
     tree: str,
     form: str | None,

@@ -8,15 +8,14 @@ from typing import Final
 
 import click
 
-from cross_check.guided import PLAIN, NoTraceFound, detecting, near_miss
-from rvaft.api import narrowed
+from cross_check.generate import PLAIN, NoTraceFound, detecting, near_miss
+from cross_check.generate.traces import random_trace
+from rvaft.api import load, narrowed
 from rvaft.cli.options import exclusive, part_options, semantics_option, tree_argument
-from rvaft.cli.output import deliver, write_whole
-from rvaft.language import load
-from rvaft.random_traces import random_trace
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
+from rvaft.support.files import deliver, write_whole
 
 DEFAULT_NUMBER: Final = 5
 """How many traces go into a folder; standard output takes one."""
@@ -51,7 +50,7 @@ def _random(random: Random, tree: RVAFT, semantics: Semantics, longest: int | No
 @click.option("--length", type=click.IntRange(min=1), metavar="L", help="At most L events in a trace.")
 @part_options
 @click.option("-o", "--output", metavar="DIR", help="Write DIR/detect-1.jsonl and so on instead of to standard output.")
-def command(
+def traces_command(
     *,
     tree: str,
     detect: bool,

@@ -7,6 +7,6 @@ largest number of its occurrences that were matched.
 """
 
 from rvaft.coverage.measure import DEFAULT_BRANCHES, BranchCoverage, Coverage, Report, Unseen
-from rvaft.coverage.reports import json_text, table_text
+from rvaft.coverage.report import json_text, table_text
 
 __all__ = ["DEFAULT_BRANCHES", "BranchCoverage", "Coverage", "Report", "Unseen", "json_text", "table_text"]

@@ -6,19 +6,19 @@ from itertools import islice
 from typing import Final
 
 from rvaft.api import narrowed
-from rvaft.branches import Branch, branch, branches
 from rvaft.coverage.reach import Follower, Reach, alone
-from rvaft.engine.letters import Letters
+from rvaft.engine.compiled_tree import plan_of
+from rvaft.engine.event_index import Letters
 from rvaft.engine.monitor import DEFAULT_LIMIT
-from rvaft.engine.plan import plan_of
 from rvaft.errors import TooLarge, TreeError
-from rvaft.language import name_text, on_text
-from rvaft.model import Kind
+from rvaft.model.branches import Branch, branch, branches
+from rvaft.model.expressions import name_text, on_text
+from rvaft.model.nodes import Kind
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Awaited
 from rvaft.rules import require_valid
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
 
 DEFAULT_BRANCHES: Final = 1_000
 """How many branches are monitored, one by one and all at once."""

@@ -3,19 +3,17 @@
 from collections.abc import Hashable
 from typing import Any, Final, Self
 
-from rvaft.engine.consuming import Consuming
-from rvaft.engine.earliest import Earliest
-from rvaft.engine.explain import explain
-from rvaft.engine.following import Following
-from rvaft.engine.letters import NOTHING, Letters, Reading
-from rvaft.engine.pending import pending
-from rvaft.engine.plan import plan_of
-from rvaft.engine.skipping import Skipping
-from rvaft.engine.suits import linear_starts
+from rvaft.engine.compiled_tree import plan_of
+from rvaft.engine.contiguous import Consuming, Following
+from rvaft.engine.event_index import NOTHING, Letters, Reading
+from rvaft.engine.expectation import pending
+from rvaft.engine.explanation import explain
+from rvaft.engine.scattered_general import Skipping
+from rvaft.engine.scattered_linear import Earliest, linear_starts
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
 
 DEFAULT_LIMIT = 100_000
 _UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event

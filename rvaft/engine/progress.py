@@ -12,9 +12,9 @@ A touched node that is neither DONE nor MORE is in no scenario, and neither is a
 of its children are numbers of flags, so one event costs a few additions per node on its path, however wide the gates are.
 """
 
+from rvaft.engine.compiled_tree import Plan
 from rvaft.engine.configuration import Configuration
-from rvaft.engine.plan import Plan
-from rvaft.model import Gate
+from rvaft.model.nodes import Gate
 
 TOUCHED, DONE, MORE, SURE = 1, 2, 4, 8
 POSSIBLE = DONE | MORE

@@ -8,12 +8,10 @@ from typing import Any, Final
 from lark import Lark
 from lark.exceptions import UnexpectedInput
 
-from rvaft.guards import Guard
-from rvaft.language.diagnosis import diagnose, error_at, error_in_line
-from rvaft.language.statements import Statement
-from rvaft.language.terms import Slip
-from rvaft.language.transform import Build
-from rvaft.patterns import Pattern
+from rvaft.language.builder import Build, Slip, Statement
+from rvaft.language.diagnostics import diagnose, error_at, error_in_line
+from rvaft.model.guards import Guard
+from rvaft.model.patterns import Pattern
 
 _NO_TEXT: Final = re.compile("[\0\ud800-\udfff]")
 _REMEMBERED: Final = 1024

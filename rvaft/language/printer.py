@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from rvaft.language.expressions import guard_text, name_text, on_text, pattern_text, quoted, value_text, word_text
-from rvaft.model import Causality, EventType, Gate, Ignore, Node, Topic
-from rvaft.tree import RVAFT
+from rvaft.model.expressions import guard_text, name_text, on_text, pattern_text, quoted, value_text, word_text
+from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Node, Topic
+from rvaft.model.tree import RVAFT
 
 _WIDEST: Final = 40
 """A cell wider than this does not push the rest of its column to the right."""

@@ -7,11 +7,7 @@ from pathlib import Path
 from typing import Final, assert_never
 
 from rvaft.errors import LanguageError
-from rvaft.language.diagnosis import error_in_line
-from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Said
-from rvaft.language.parser import parse_statements
-from rvaft.language.pruning import carry_out_prunes
-from rvaft.language.statements import (
+from rvaft.language.builder import (
     At,
     AttributeClause,
     CausalityStatement,
@@ -30,8 +26,11 @@ from rvaft.language.statements import (
     ToplevelStatement,
     WhenClause,
 )
+from rvaft.language.diagnostics import error_in_line
+from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Said, carry_out_prunes
+from rvaft.language.parser import parse_statements
 from rvaft.language.words import shown
-from rvaft.model import EventType, Ignore, Place
+from rvaft.model.nodes import EventType, Ignore, Place
 
 MAX_FILE: Final = 16 * 1024 * 1024
 """The largest file, in bytes: a tree of ten thousand nodes takes less than one mebibyte."""

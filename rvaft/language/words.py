@@ -3,7 +3,7 @@
 import re
 from typing import Final
 
-from rvaft.printable import visible
+from rvaft.support.terminal import visible
 
 STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
 TOPIC: Final = "topic"

@@ -19,17 +19,71 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, Protocol
 
 import rvaft
-from rvaft.compressed import damage, opened
-from rvaft.errors import CheckpointError
-from rvaft.language import dumps
-from rvaft.monitoring.admitted import pickled, unpickled
-from rvaft.monitoring.identity import Identity, compressed, first, identity
-from rvaft.traces import unreadable
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.errors import CheckpointError, OptionError
+from rvaft.language.printer import dumps
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+from rvaft.monitoring.reader import unreadable
+from rvaft.monitoring.run import Run
+from rvaft.monitoring.safe_pickle import pickled, unpickled
+from rvaft.support.files import SUFFIXES, damage, opened
+
+# Whether a trace is the one that was read before.
+
+_EDGE: Final = 1 << 16
+"""Bytes at the start of a trace, and before the place that was reached, by which it is known again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """By what a trace is known again: digests of the first and of the last bytes among the first `length` of the file.
+
+    Neither the path nor the inode counts: a log that was moved, restored or synchronised is the same trace as long as it begins with the
+    same bytes. Of a compressed file these are the compressed bytes, all there are; more may follow in each case.
+    """
+
+    length: int
+    head: str
+    tail: str
+
+
+def identity(trace: Path | BinaryIO, offset: int) -> Identity:
+    """The identity of a trace that was read up to this offset; a stream is an uncompressed file, and is moved.
+
+    Raises `OSError` for what cannot be read, and `OptionError` for what is no regular file or ends before.
+    """
+    if not isinstance(trace, Path):
+        return first(trace, offset)
+    if not trace.is_file():
+        trace.stat()
+        raise OptionError(f"{trace}: a checkpoint needs a trace in a regular file")
+    with trace.open("rb") as stream:
+        return first(stream, trace.stat().st_size if compressed(trace) else offset)
+
+
+def first(stream: BinaryIO, length: int) -> Identity:
+    """The identity of the first `length` bytes of a file; raises `OptionError` if it has fewer."""
+    stream.seek(0)
+    head = stream.read(min(length, _EDGE))
+    start = max(0, length - _EDGE)
+    stream.seek(start)
+    tail = stream.read(length - start)
+    if len(tail) < length - start:
+        raise OptionError(f"the trace has fewer than {length} bytes")
+    return Identity(length, _sha(head), _sha(tail))
+
+
+def compressed(path: Path) -> bool:
+    """Whether a file is read through a decompressor."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def _sha(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
 
 __all__ = [
     "EVERY",
@@ -79,7 +133,7 @@ def digest(tree: RVAFT) -> str:
     """A digest of the canonical text of a tree, and of which part of it is monitored."""
     part = tree.part_of
     whole, branch, kind = (tree, None, None) if part is None else (part.tree, part.branch, part.kind)
-    return _sha(f"{dumps(whole)}\n{branch} {kind}".encode())
+    return _checkpoint_sha(f"{dumps(whole)}\n{branch} {kind}".encode())
 
 
 def save(path: Path, checkpoint: Checkpoint) -> None:
@@ -104,7 +158,7 @@ def save(path: Path, checkpoint: Checkpoint) -> None:
     )
     body = json.dumps(asdict(header)).encode() + b"\n" + payload
     try:
-        _replace(path, _MAGIC + _sha(body).encode() + b"\n" + body)
+        _replace(path, _MAGIC + _checkpoint_sha(body).encode() + b"\n" + body)
     except OSError as error:
         raise OSError(error.errno, f"cannot write: {error.strerror}", str(path)) from error
 
@@ -250,7 +304,7 @@ def _parted(path: Path, data: bytes) -> tuple[_Header, memoryview]:
         raise CheckpointError(path, "this is no checkpoint of rvaft, or the start of it is lost: name another file")
     start = len(_MAGIC) + 65
     body = memoryview(data)[start:]
-    if data[len(_MAGIC) : start] != f"{_sha(body)}\n".encode():
+    if data[len(_MAGIC) : start] != f"{_checkpoint_sha(body)}\n".encode():
         raise CheckpointError(path, f"the checkpoint is damaged or cut short: {_ANEW}")
     end = data.find(b"\n", start)
     try:
@@ -272,7 +326,7 @@ def _listed(labels: Sequence[str]) -> str:
     return ", ".join([*labels[:_SHOWN], *([f"{more} more"] if more > 0 else [])])
 
 
-def _sha(data: bytes | memoryview) -> str:
+def _checkpoint_sha(data: bytes | memoryview) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
@@ -303,3 +357,71 @@ def _skip(trace: Path, stream: BinaryIO, offset: int, line: int) -> None:
             left -= len(block)
     except damaged as error:
         raise unreadable(error, str(trace), line + 1) from error
+
+
+# Checkpoints of a run: written now and then, and gone on from.
+
+
+class Place(Protocol):
+    """How far a trace has been read: bytes after decompression, and lines."""
+
+    @property
+    def offset(self) -> int:
+        """In bytes."""
+
+    @property
+    def line(self) -> int:
+        """In lines."""
+
+
+@dataclass(frozen=True, slots=True)
+class Keeping:
+    """Where checkpoints of a run over a trace are kept, and how often: every so many events; `settings` are options that matter."""
+
+    file: Path
+    trace: Path
+    tree: RVAFT
+    semantics: Semantics
+    every: int = EVERY
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    def resume(self, run: Run) -> tuple[int, int, int]:
+        """Bring a run to where the last checkpoint left it; the events, bytes and lines before that place, 0 without one.
+
+        Raises `CheckpointError` for a checkpoint of anything else, and `OSError`.
+        """
+        labels = tuple(column.label for column in run.plan.bank.columns)
+        found = load(
+            self.file,
+            tree=self.tree,
+            semantics=self.semantics,
+            columns=labels,
+            trace=self.trace,
+            settings=self.settings,
+        )
+        if found is None:
+            return 0, 0, 0
+        run.restore(found.monitors, found.held, found.statistics)
+        return found.events, found.offset, found.line
+
+    def save(self, run: Run, events: int, place: Place, trace: BinaryIO | None = None) -> None:
+        """Write a checkpoint after so many events; `trace` is the file where the path may name another by now.
+
+        Raises `CheckpointError` and `OSError`.
+        """
+        save(
+            self.file,
+            Checkpoint(
+                tree=digest(self.tree),
+                semantics=self.semantics,
+                columns=tuple(column.label for column in run.plan.bank.columns),
+                trace=identity(trace or self.trace, place.offset),
+                offset=place.offset,
+                line=place.line,
+                events=events,
+                monitors=run.state,
+                statistics=run.statistics,
+                held=run.ordering,
+                settings=self.settings,
+            ),
+        )

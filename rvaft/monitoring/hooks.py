@@ -16,11 +16,11 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from rvaft.errors import OptionError
-from rvaft.model import Kind
-from rvaft.monitoring.told import explained, matched_events
+from rvaft.model.nodes import Kind
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.monitoring.explanation_json import explained, matched_events
 from rvaft.monitors import Explanation
-from rvaft.tree import RVAFT
-from rvaft.values import Json
 
 DEFAULT_TIMEOUT: Final = 30.0
 """How long a command may take unless told otherwise, in seconds."""

@@ -6,22 +6,21 @@ reads a file faster calls `Run.told` for the events that change a verdict and co
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from io import IOBase
+from io import BufferedIOBase, IOBase
 from typing import Any, BinaryIO, Final, cast
 
+from rvaft.analysis.pattern_index import Scope, TreeReads
+from rvaft.engine.monitor import Engine
 from rvaft.errors import RvaftError
-from rvaft.monitoring.bank import Bank
-from rvaft.monitoring.fields import Field
-from rvaft.monitoring.keys import MAX_KEYS, Keyed
-from rvaft.monitoring.ordering import DEFAULT_WINDOW, Backwards, Numbered, Ordering
-from rvaft.monitoring.recall import Recall
-from rvaft.monitoring.told import counted
-from rvaft.monitoring.watch import Listener, Watch
-from rvaft.reads import Scope
-from rvaft.statistics import Statistics
-from rvaft.traces import read
-from rvaft.values import Json
-from rvaft.verdict import Verdict
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.event_buffer import Recall
+from rvaft.monitoring.explanation_json import counted
+from rvaft.monitoring.fast_reader import Batches
+from rvaft.monitoring.monitor_set import MAX_KEYS, Bank, Keyed, Listener, Watch
+from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.reader import read
+from rvaft.monitoring.stream import DEFAULT_WINDOW, Backwards, Field, Numbered, Ordering
 
 TIME: Final = "time"
 """The field that is watched for going back, in the events that concern the tree."""
@@ -215,3 +214,61 @@ def _in_order(run: Run, events: Iterable[Json], ordering: Ordering) -> Iterator[
         yield event
     if failure is not None:
         raise failure
+
+
+# A log file read many lines at a time: events that fit no pattern are counted, and meet no monitor.
+#
+# What is told and counted is the same as by `rvaft.monitoring.run.events`; only events in between are not told of.
+
+TOPIC: Final = "topic"
+"""What is told of the events of a match, beside the time."""
+_NO_EVENT: Final[dict[str, Json]] = {}
+"""Stands for any event that fits no pattern: where there are such, no pattern is without a literal."""
+
+
+def batches_for(run: Run) -> Batches | None:
+    """What reads the file of a run quickly, or None where the run has to see every event as it stands."""
+    reads = run.plan.reads
+    engine = isinstance(run.watch.bank.monitors[0], Engine)
+    if not (engine and run.plan.plain and isinstance(reads, TreeReads)) or run.every or run.statistics is None:
+        return None
+    return Batches.of(reads, (TIME, TOPIC))
+
+
+def advance(run: Run, batches: Batches, stream: BufferedIOBase, name: str, statistics: Statistics) -> Iterator[None]:
+    """Give a run all events of a stream, and pause after every batch; raises what `rvaft.traces.read` raises."""
+    watch, bank, clock, prefix = run.watch, run.watch.bank, run.clock, run.prefix
+    strict, projected = (bank.semantics is one for one in (Semantics.STRICT, Semantics.PROJECTED))
+    for batch in batches.read(stream, name, statistics.wants):
+        number = before = run.number
+        try:
+            for place, event in batch.events:
+                number = before + place + 1
+                if strict:
+                    _fill(run, number)
+                    run.number = number
+                if not statistics.add(event, number, prefix) and projected:
+                    continue
+                # What `Run.watched` does, here for very many events.
+                changed = bank.step(event, number)
+                if clock is not None and bank.concerned:
+                    clock.see(number, event)
+                if bank.serves:
+                    watch.recall.remember(number, event)
+                if changed:
+                    run.told(watch, number, event, changed)
+        except RvaftError:
+            run.number = number
+            raise
+        for values, count in batch.others:
+            statistics.pass_over(values, count)
+        if strict:
+            _fill(run, before + batch.count + 1)
+        run.number = watch.events = before + batch.count
+        yield
+
+
+def _fill(run: Run, number: int) -> None:
+    """Under `strict` an event that fits nothing ends a match."""
+    while run.watch.bank.live and run.number + 1 < number:
+        run.watched(run.number + 1, _NO_EVENT)

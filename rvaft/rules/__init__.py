@@ -1,6 +1,6 @@
 """The rules of `rvaft check`: one function and one code per rule."""
 
-from rvaft.rules.checking import check, check_draft, check_tree, require_valid
+from rvaft.rules.checks import check, check_draft, check_tree, require_valid
 from rvaft.rules.registry import RULES, UnknownRule, explain
 from rvaft.rules.rule import Rule
 

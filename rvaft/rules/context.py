@@ -9,12 +9,11 @@ from functools import cached_property
 
 import networkx as nx
 
-from rvaft.guards import holds
-from rvaft.guards import variables as guard_variables
-from rvaft.precedence import Edge, Kept, cycle, edges_along, path, precedence
-from rvaft.rules.rule import DEFAULT_LIMIT, Budget
-from rvaft.rules.space import Space
-from rvaft.tree import RVAFT
+from rvaft.analysis.scenarios import Edge, Kept, Space, cycle, edges_along, path, precedence
+from rvaft.model.guards import holds
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.tree import RVAFT
+from rvaft.support.budget import DEFAULT_LIMIT, Budget
 
 _SPACE, _GRAPH = 4, 15
 """What a space and a precedence cost per node, in steps."""

@@ -6,33 +6,31 @@ from difflib import get_close_matches
 from typing import Final
 
 from rvaft.errors import RvaftError
-from rvaft.findings import Severity
-from rvaft.rules import contradiction, declarations, detection, leftovers, sharing, structure, topics, variables
-from rvaft.rules.codes import CODES
+from rvaft.rules import guards, scenarios, structure, usage
 from rvaft.rules.context import Context
-from rvaft.rules.rule import Report, Rule
+from rvaft.rules.rule import CODES, Report, Rule, Severity
 
-DRAFT_RULES: Final = (*structure.RULES, *declarations.RULES, *topics.RULES)
+DRAFT_RULES: Final = (*structure.RULES, *structure.DECLARATIONS_RULES, *structure.TOPICS_RULES)
 """The rules that a draft must keep to be a tree."""
 
 
 def _foreign_in_ignores(context: Context) -> Iterable[Report]:
-    return declarations.foreign_variables(context.tree.ignores)
+    return structure.foreign_variables(context.tree.ignores)
 
 
 _OF_BOTH: Final = tuple(
-    replace(rule, check=_foreign_in_ignores) for rule in DRAFT_RULES if rule.check is declarations.ignore_variable
+    replace(rule, check=_foreign_in_ignores) for rule in DRAFT_RULES if rule.check is structure.ignore_variable
 )
 """The constructor of a tree does not ask this, so a tree built in code is asked again."""
 
 TREE_RULES: Final = (
     *_OF_BOTH,
-    *detection.RULES,
-    *variables.RULES,
-    *sharing.RULES,
-    *contradiction.RULES,
-    *leftovers.RULES,
-    topics.UNUSED,
+    *scenarios.RULES,
+    *guards.RULES,
+    *scenarios.SHARING_RULES,
+    *guards.CONTRADICTION_RULES,
+    *usage.RULES,
+    structure.UNUSED,
 )
 """The rules about trees and their scenarios."""
 
@@ -88,3 +86,42 @@ def explain(code: str) -> str:
 
 def _indented(text: str) -> str:
     return "\n".join(f"    {line}" for line in text.rstrip("\n").split("\n"))
+
+
+# The reference page of the rules; `python -m rvaft.rules.page > docs/rules.md` writes it.
+
+_HEADER = """# What `rvaft check` looks for
+
+Every finding ends with the code of its rule, as in `robot.rvaft:7:6: error: unknown event type radiaton; did you mean
+radiation? [unknown-event]`. `rvaft explain CODE` prints what is written here. An error makes a tree unusable, a warning does not.
+The rules about scenarios are asked only where the structure has no error. None of them enumerates branches.
+
+| code | severity | finding |
+| --- | --- | --- |
+"""
+
+_FOOTER = """
+## Other codes
+
+These are the codes of errors that stop the work; no finding on a tree has them.
+
+"""
+
+
+def page() -> str:
+    """The page in Markdown: a table of all rules, each with a tree that breaks it and the tree mended, then the other codes."""
+    rows = "".join(f"| [`{rule.code}`](#{rule.code}) | {rule.severity} | {rule.title} |\n" for rule in RULES.values())
+    others = "".join(f"- `{code.code}`: {code.title}. {code.explanation}\n" for code in CODES.values())
+    return _HEADER + rows + "".join(_section(rule) for rule in RULES.values()) + _FOOTER + others
+
+
+def _section(rule: Rule) -> str:
+    language = "python" if rule.python else "rvaft"
+    return (
+        f"\n## {rule.code}\n\n*{rule.severity}: {rule.title}.* {rule.explanation}\n\n"
+        f"Not so:\n\n```{language}\n{rule.bad.strip()}\n```\n\nBut so:\n\n```{language}\n{rule.mended.strip()}\n```\n"
+    )
+
+
+if __name__ == "__main__":
+    print(page(), end="")

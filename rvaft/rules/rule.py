@@ -1,15 +1,37 @@
 """What a rule is: a code, a severity, a function that reports, and the words that explain it."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from enum import StrEnum
 from typing import Any, Final
 
-from rvaft.errors import RvaftError
-from rvaft.findings import Finding, Severity
-from rvaft.model import Place
+from rvaft.analysis.scenarios import Kept
+from rvaft.model.nodes import Gate, Place
+from rvaft.model.tree import RVAFT
 
-DEFAULT_LIMIT: Final = 500_000
-"""Elementary steps that one rule may spend on questions that are hard in general."""
+# What `rvaft check` reports: one finding per line.
+
+
+class Severity(StrEnum):
+    """An error makes the tree unusable; a warning does not."""
+
+    ERROR = "error"
+    WARNING = "warning"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One finding; `code` is what `rvaft explain` knows, `nodes` the culprits."""
+
+    place: Place
+    severity: Severity
+    code: str
+    message: str
+    nodes: tuple[str, ...] = field(default=())
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.severity}: {self.message} [{self.code}]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,23 +45,6 @@ class Report:
     message: str
     nodes: tuple[str, ...] = ()
     undecided: bool = False
-
-
-class Undecided(RvaftError):
-    """A question about the scenarios was not decided within the limit."""
-
-
-@dataclass(slots=True)
-class Budget:
-    """Steps that are left; `spend` raises `Undecided` when there are none."""
-
-    left: int = DEFAULT_LIMIT
-
-    def spend(self, steps: int) -> None:
-        """Take steps from the budget."""
-        self.left -= steps
-        if self.left < 0:
-            raise Undecided("the limit of steps is reached")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,3 +67,75 @@ class Rule:
     def finding(self, report: Report) -> Finding:
         """A report under this rule's code."""
         return Finding(report.place, self.severity, self.code, report.message, report.nodes)
+
+
+# Codes of errors that are no findings on a tree: no rule reports them, and no tree shows them.
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """A code, and the words that explain it."""
+
+    code: str
+    title: str
+    explanation: str
+
+
+SYNTAX: Final = "syntax"
+"""The code under which `check --format json` reports a text that is no tree."""
+
+CODES: Final[dict[str, Code]] = {
+    code.code: code
+    for code in (
+        Code(
+            SYNTAX,
+            "the text is not in the language",
+            "The file cannot be read, or its text is not in the language of trees. The message says what was expected at that "
+            "place; no rule was looked at.",
+        ),
+        Code(
+            "no-branch",
+            "no such branch",
+            "The tree has no branch of the number asked for, or no branch of the kind, or the branch asked for does not have the "
+            "kind. `rvaft branches TREE` lists all branches with their numbers, from 1, and their kinds.",
+        ),
+    )
+}
+
+# How the rules speak of things: a branch by its choices, a list, the name that was probably meant.
+
+_SHOWN = 8
+_COMPARED = 2_000
+
+
+def listing(names: Sequence[str], conjunction: str = "and") -> str:
+    """`a`, `a and b`, `a, b and c`; long lists are cut."""
+    if len(names) > _SHOWN:
+        return f"{', '.join(names[:_SHOWN])} {conjunction} {len(names) - _SHOWN} more"
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} {conjunction} {names[-1]}"
+
+
+def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
+    """`; did you mean NAME?`, or nothing where no known name is close; capitals and small letters count as equal."""
+    candidates = [other for other in known if abs(len(other) - len(name)) <= 2][:_COMPARED]
+    folded = {other.casefold(): other for other in reversed(candidates)}
+    close = get_close_matches(name.casefold(), folded, n=1, cutoff=cutoff)
+    return f"; did you mean {folded[close[0]]}?" if close else ""
+
+
+def branch_of(tree: RVAFT, kept: Kept) -> str:
+    """The branch of a scenario, named by what it chooses at each `or`, and under `KofN` by the children chosen."""
+    choices = [
+        f"{children[0]} at {name}"
+        for name, children in kept.items()
+        if tree.nodes[name].gate is Gate.OR and len(tree.nodes[name].children) > 1
+    ]
+    votes = [
+        f"{name} keeps {' '.join(children)}"
+        for name, children in kept.items()
+        if tree.nodes[name].gate is Gate.VOT and len(tree.nodes[name].children) > 1
+    ]
+    branch = f"the branch that chooses {listing(choices)}" if choices else "the only branch"
+    return f"{branch}, when {listing(votes)}" if votes else branch

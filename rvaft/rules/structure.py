@@ -1,15 +1,19 @@
 """Rules about what makes a text a tree at all, on drafts."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Final
 
 import networkx as nx
 
-from rvaft.findings import Severity
-from rvaft.language.draft import BrokenPrune, Draft, PruneFault
-from rvaft.model import Gate, Place
-from rvaft.rules.rule import Report, Rule
-from rvaft.rules.words import did_you_mean, listing
+from rvaft.language.draft import BrokenPrune, Draft, DraftTopic, PruneFault
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.nodes import EventType, Gate, Ignore, On, Place
+from rvaft.model.patterns import Literal, Pattern, Variable
+from rvaft.model.patterns import variables as pattern_variables
+from rvaft.model.topics import absolute, topic_of, wrong_name, wrong_type
+from rvaft.rules.context import Context
+from rvaft.rules.rule import Report, Rule, Severity, did_you_mean, listing
 
 
 def duplicate_setting(draft: Draft) -> Iterator[Report]:
@@ -217,4 +221,214 @@ RULES = (
         "top and v d;\nv 2of3 a b c;\na;\nb;\nc;\nd;\nprune c;\n",
         "top and v d;\nv 2of3 a b c;\na;\nb;\nc;\nd;\nprune v;\n",
     ),
+)
+
+# Rules about event types and their use, on drafts.
+
+
+def duplicate_event(draft: Draft) -> Iterator[Report]:
+    """An event type is declared once, in whichever file."""
+    first: dict[str, EventType] = {}
+    for event in draft.events:
+        if first.setdefault(event.name, event) is not event:
+            before = first[event.name].place
+            yield Report(event.place, f"event type {event.name} is declared twice, first at {before}; remove one")
+
+
+def unused_parameter(draft: Draft) -> Iterator[Report]:
+    """Every parameter occurs in the pattern."""
+    for event in draft.events:
+        used = set(pattern_variables(event.pattern))
+        for parameter in event.parameters:
+            if parameter not in used:
+                message = f"parameter {parameter} of event {event.name} is not in its pattern; use it there or drop it"
+                yield Report(event.place, message)
+
+
+def unknown_event(draft: Draft) -> Iterator[Report]:
+    """Every event type that is applied is declared."""
+    known = {event.name for event in draft.events}
+    for on, place, nodes in _calls(draft):
+        if on.event not in known:
+            guess = did_you_mean(on.event, known) or f"; declare it with `event {on.event}(...) = {{ ... }};`"
+            yield Report(place, f"unknown event type {on.event}{guess}", nodes)
+
+
+def event_arity(draft: Draft) -> Iterator[Report]:
+    """An event type is applied to as many arguments as it has parameters."""
+    known: dict[str, EventType] = {}
+    for event in draft.events:
+        known.setdefault(event.name, event)
+    for on, place, nodes in _calls(draft):
+        if on.event in known and len(on.arguments) != len(known[on.event].parameters):
+            parameters = known[on.event].parameters
+            count = f"{len(parameters)} argument{'s' * (len(parameters) != 1)}, not {len(on.arguments)}"
+            message = (
+                f"event {on.event} takes {count}; write {on.event}({', '.join(parameters)}) with `_` for any value"
+            )
+            yield Report(place, message, nodes)
+
+
+def ignore_variable(draft: Draft) -> Iterable[Report]:
+    """The guard of an `ignore` speaks of the event that is ignored, and of nothing else."""
+    return foreign_variables(draft.ignores)
+
+
+def foreign_variables(ignores: Iterable[Ignore]) -> Iterator[Report]:
+    """The `ignore` declarations whose guard uses a variable that their event does not bind."""
+    for ignore in ignores:
+        own = {argument.name for argument in ignore.on.arguments if isinstance(argument, Variable)}
+        missing = [] if ignore.when is None else [name for name in guard_variables(ignore.when) if name not in own]
+        if missing:
+            message = (
+                f"the guard of this `ignore` uses {listing(missing)}, which {ignore.on.event}(...) does not bind; "
+                "the variables of an `ignore` are its own"
+            )
+            yield Report(ignore.place, message)
+
+
+def _calls(draft: Draft) -> Iterator[tuple[On, Place, tuple[str, ...]]]:
+    for node in draft.nodes.values():
+        for said in node.ons:
+            yield said.value, said.place, (node.name,)
+    for ignore in draft.ignores:
+        yield ignore.on, ignore.place, ()
+
+
+DECLARATIONS_RULES = (
+    Rule(
+        "duplicate-event",
+        Severity.ERROR,
+        "event type declared twice",
+        duplicate_event,
+        "An event type has one declaration in all files of a tree. The message names both places.",
+        "event go(x) = { goal: x };\nevent go(x) = { target: x };\ntop and a b;\na on go(1);\nb;\n",
+        "event go(x) = { goal: x };\nevent aim(x) = { target: x };\ntop sand a b;\na on go(1);\nb on aim(1);\n",
+    ),
+    Rule(
+        "unused-parameter",
+        Severity.ERROR,
+        "parameter not in the pattern",
+        unused_parameter,
+        "A parameter that its pattern does not contain would never get a value from an event.",
+        "event go(x, y) = { goal: x };\ntop and a b;\na on go(1, 2);\nb;\n",
+        "event go(x, y) = { goal: x, from: y };\ntop sand a b;\na on go(1, 2);\nb;\n",
+    ),
+    Rule(
+        "unknown-event",
+        Severity.ERROR,
+        "unknown event type",
+        unknown_event,
+        "What stands after `on` and `ignore` is a declared event type. A similar name is suggested.",
+        "event radiation(v) = { value: v };\ntop and a b;\na on radiation(1);\nb on radiaton(2);\n",
+        "event radiation(v) = { value: v };\ntop and a b;\na on radiation(1);\nb on radiation(2);\n",
+    ),
+    Rule(
+        "event-arity",
+        Severity.ERROR,
+        "wrong number of arguments",
+        event_arity,
+        "An event type takes one argument for each of its parameters; `_` is an argument that any value will do for.",
+        "event radiation(v, t) = { value: v, time: t };\ntop and a b;\na on radiation(1);\nb;\n",
+        "event radiation(v, t) = { value: v, time: t };\ntop sand a b;\na on radiation(1, _);\nb;\n",
+    ),
+    Rule(
+        "ignore-variable",
+        Severity.ERROR,
+        "guard of an ignore uses a foreign variable",
+        ignore_variable,
+        "Whether an event is ignored depends on that event alone: every variable in the guard of an `ignore` is an argument of the "
+        "event type it applies.",
+        "event radiation(v) = { value: v };\nignore radiation(V) when W < 250;\ntop and a b;\na;\nb;\n",
+        "event radiation(v) = { value: v };\nignore radiation(V) when V < 250;\ntop and a b;\na;\nb;\n",
+    ),
+)
+
+# Rules about `topic` declarations: of drafts, and, for those that are of no use, of trees.
+
+
+def duplicate_topic(draft: Draft) -> Iterator[Report]:
+    """All declarations of a topic give it one message type, in whichever files."""
+    first: dict[str, DraftTopic] = {}
+    for topic in draft.topics:
+        name, type_ = topic.name.value, topic.type.value
+        before = first.setdefault(absolute(name), topic)
+        if before.type.value != type_:
+            message = f"topic {name} has the message type {type_} here and {before.type.value} at {before.type.place}; remove one"
+            yield Report(topic.type.place, message)
+
+
+def malformed_topic(draft: Draft) -> Iterator[Report]:
+    """Topics, publishers and message types are called as ROS calls them."""
+    for topic in draft.topics:
+        for said in (topic.name, *topic.publishers):
+            if wrong := wrong_name(said.value):
+                yield Report(said.place, wrong)
+        if wrong := wrong_type(topic.type.value):
+            yield Report(topic.type.place, wrong)
+
+
+def unused_topic(context: Context) -> Iterator[Report]:
+    """A topic over which no event type comes."""
+    tree = context.tree
+    calls = [node.on for node in tree.nodes.values() if node.on is not None] + [ignore.on for ignore in tree.ignores]
+    used: set[str] = set()
+    for event in tree.events.values():
+        for asked in _topics(event, calls):
+            if not isinstance(asked, Literal):
+                return  # any topic will do
+            used.add(absolute(str(asked.value)))
+    for name, topic in tree.topics.items():
+        if name not in used:
+            guess = did_you_mean(name, used)
+            message = f"no event type has the topic {topic.name}; remove its declaration, or use it in a pattern{guess}"
+            yield Report(topic.place, message)
+
+
+def _topics(event: EventType, calls: list[On]) -> list[Pattern]:
+    """What an event type asks of the topic: itself, or where that is a parameter, each of its calls."""
+    asked = topic_of(event.pattern)
+    if isinstance(asked, Variable):
+        index = event.parameters.index(asked.name)
+        return [call.arguments[index] for call in calls if call.event == event.name]
+    return [] if asked is None else [asked]
+
+
+_EVENT: Final = 'event move(wp) = { topic: "/command", waypoint: wp };\n'
+_NODES: Final = "top sand a b;\na on move(1);\nb;\n"
+_MENDED: Final = f'{_EVENT}topic "/command" type "robot_msgs.msg.Command";\n{_NODES}'
+
+TOPICS_RULES = (
+    Rule(
+        "duplicate-topic",
+        Severity.ERROR,
+        "topic with two message types",
+        duplicate_topic,
+        "A topic has one message type in all files of a tree; `/command` and `command` are one topic in ROS. The same declaration may "
+        "stand twice, and publishers add up. The message names both places.",
+        f'{_EVENT}topic "/command" type "robot_msgs.msg.Command";\ntopic "command" type "std_msgs.msg.String";\n{_NODES}',
+        _MENDED,
+    ),
+    Rule(
+        "malformed-topic",
+        Severity.ERROR,
+        "topic, publisher or message type that ROS cannot have",
+        malformed_topic,
+        "The message type of a topic is written as Python imports it, `package.msg.Name`. A topic, like a node that publishes it, is "
+        'called by words of letters, digits and `_` with `/` between them, as in `"/move_base/goal"`.',
+        f'{_EVENT}topic "/command" type "robot_msgs/Command";\n{_NODES}',
+        _MENDED,
+    ),
+)
+"""What makes the declarations of a draft wrong."""
+
+UNUSED: Final = Rule(
+    "unused-topic",
+    Severity.WARNING,
+    "unused topic",
+    unused_topic,
+    "A declared topic that stands in the pattern of no event type, in the field `topic`, gets into no configuration of "
+    "ROSMonitoring. Perhaps one of the two is misspelt.",
+    f'{_EVENT}topic "/comand" type "robot_msgs.msg.Command";\n{_NODES}',
+    _MENDED,
 )

@@ -4,10 +4,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from rvaft.guards import Guard, Operation
-from rvaft.model import Node, On
-from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.tree import RVAFT
+from rvaft.model.guards import Guard, Operation
+from rvaft.model.nodes import Node, On
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.tree import RVAFT
 
 Binding = Mapping[str, Any]
 

@@ -4,12 +4,12 @@ from collections.abc import Hashable, Iterator
 from typing import Any, NamedTuple
 
 from rvaft.errors import TreeError
-from rvaft.model import Kind, Relevant
+from rvaft.model.nodes import Kind, Relevant
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 from rvaft.semantics.events import Binding, arguments, bound_by, holds, matches, names, observe
 from rvaft.semantics.scenarios import Resolution, Scenario, branches, feasible_scenarios, of_branch
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics, Verdict
 
 
 class Partial(NamedTuple):

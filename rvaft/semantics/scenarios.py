@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
-from rvaft.model import Causality, Gate, Node
+from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.tree import RVAFT
 from rvaft.semantics.events import bound_by, holds, names
-from rvaft.tree import RVAFT
 
 Resolution = Mapping[str, tuple[str, ...]]
 

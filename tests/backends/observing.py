@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Sequence
 
 from rvaft.backend import Observed
-from rvaft.guards import holds
-from rvaft.guards import variables as guard_variables
+from rvaft.model.guards import holds
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.patterns import match, variables
+from rvaft.model.values import Json
 from rvaft.monitors import Monitor
-from rvaft.patterns import match, variables
-from rvaft.values import Json
 
 
 def answer(question: Observed, event: Json) -> object:

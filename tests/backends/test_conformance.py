@@ -6,16 +6,15 @@ from importlib.util import find_spec
 import pytest
 
 from backends import conformance
-from backends.conformance import Required
-from backends.conformance_trees import examples
+from backends.conformance import Required, examples
 from rvaft.backend import Backend, Metrics, Specification, all_backends, backend
 from rvaft.errors import LanguageError, NotExpressible
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
-from rvaft.patterns import Pattern
 from rvaft.semantics import Reference
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
 
 REQUIRED: dict[str, Required] = {
     "automaton": conformance.everything,

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backends.rml.words import RESERVED
+from backends.rml.writer.names import RESERVED
 from rvaft import NotExpressible, load, loads, translate
 from rvaft.backend import all_backends, backend
-from rvaft.language import dumps
-from rvaft.listings import listing
-from rvaft.model import EventType, Gate, Node, On
-from rvaft.patterns import Literal, ObjectPattern
-from rvaft.tree import RVAFT
+from rvaft.export.latex import listing
+from rvaft.language.printer import dumps
+from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.model.patterns import Literal, ObjectPattern
+from rvaft.model.tree import RVAFT
 from tests.cli.runs import PRUNED, failed, run
 from tests.tex import compiled, needs_tex
 

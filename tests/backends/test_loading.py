@@ -5,12 +5,12 @@ from importlib.metadata import EntryPoint
 import pytest
 
 import rvaft
+from cross_check.comparison import Roster
 from cross_check.participants import Absent, faithful_backends
 from cross_check.results import Job
-from cross_check.roster import Roster
 from rvaft import backend as backends
 from rvaft.errors import ToolFailed
-from rvaft.verdict import Semantics
+from rvaft.model.verdict import Semantics
 from tests.cli.runs import TREES, failed, run
 
 TREE = TREES / "gates" / "and.rvaft"

@@ -6,18 +6,18 @@ from random import Random
 import pytest
 
 from backends import conformance
-from backends.conformance_trees import examples
+from backends.conformance import examples
 from backends.rml import RmlBackend
+from cross_check.generate.traces import fitting, interesting_values, random_event
+from cross_check.generate.trees import VARIABLE_FREE, Shape, random_tree
 from cross_check.letters import VARIABLES, answers, letters
 from rvaft.backend import Observed, backend
 from rvaft.errors import NotExpressible, TooLarge, TreeError
-from rvaft.patterns import Pattern, variables
-from rvaft.random_traces import fitting, interesting_values, random_event
-from rvaft.random_trees import VARIABLE_FREE, Shape, random_tree
+from rvaft.model.patterns import Pattern, variables
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics
 from tests.backends.observing import differing
 
 SHAPE = Shape(max_nodes=7, variables=0, typed_events=0.8, guards=0.4, ignores=0.6)

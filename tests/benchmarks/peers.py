@@ -18,10 +18,10 @@ from typing import Any, Final
 
 import orjson
 
+from rvaft.api import load
 from rvaft.backend import backend
 from rvaft.errors import NotExpressible
-from rvaft.language import load
-from rvaft.verdict import Semantics
+from rvaft.model.verdict import Semantics
 from tests.benchmarks.logs import BOUND, Log
 
 

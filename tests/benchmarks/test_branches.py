@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from rvaft.branches import branch, branches
+from rvaft.model.branches import branch, branches
 from tests.benchmarks.trees import chain
 
 

@@ -19,8 +19,8 @@ from typing import Final
 import pytest
 
 from rvaft.cli import main
-from rvaft.statistics import LOOKED_AT
-from rvaft.verdict import Semantics
+from rvaft.model.verdict import Semantics
+from rvaft.monitoring.near_misses import LOOKED_AT
 from tests.benchmarks.logs import ENDING, TREE, Log, ignoring_tree, inspections, telemetry
 from tests.benchmarks.peers import JSON, ORJSON, NotRun, Timing, reelay, rml, timed
 

@@ -16,7 +16,7 @@ import pytest
 from rvaft import dumps
 from rvaft.cli import main
 from rvaft.engine import Engine
-from rvaft.model import Gate
+from rvaft.model.nodes import Gate
 from tests.benchmarks.trees import flat
 
 SIZES = (10, 100, 1_000, 10_000)

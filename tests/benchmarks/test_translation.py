@@ -8,12 +8,12 @@ import time
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from rvaft.api import loads
 from rvaft.backend import backend
 from rvaft.errors import NotExpressible, TooLarge
-from rvaft.language import loads
-from rvaft.model import Gate
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.model.nodes import Gate
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from tests.benchmarks.trees import flat, text_of_size
 
 TREES = {

@@ -1,7 +1,7 @@
 """The trees that benchmarks speak of."""
 
-from rvaft.model import Gate, Node
-from rvaft.tree import RVAFT
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.tree import RVAFT
 
 
 def flat(gate: Gate, size: int, threshold: int | None = None) -> RVAFT:

@@ -341,7 +341,7 @@ def test_a_drawing_that_cannot_be_written_stops_nothing(jobs: int, tmp_path: Pat
 
 
 def test_events_of_a_stream_that_are_forgotten_are_not_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    from rvaft.monitoring.recall import Recall
+    from rvaft.monitoring.event_buffer import Recall
 
     monkeypatch.setattr(Recall.__init__, "__kwdefaults__", {"reads": None, "bound": 2})
     data = ROW1.read_text(encoding="utf-8")

@@ -8,9 +8,9 @@ import pytest
 
 from rvaft import load, loads, translate
 from rvaft.backend import all_backends, backend
-from rvaft.drawing import Format, draw
 from rvaft.errors import ToolMissing
-from rvaft.verdict import Semantics
+from rvaft.export import Format, draw
+from rvaft.model.verdict import Semantics
 from tests.cli.runs import PRUNED, TREES, failed, run
 
 SAND = TREES / "gates" / "sand.rvaft"
@@ -126,7 +126,7 @@ def test_a_folder_that_cannot_be_written_stays_as_it_is(tmp_path: Path, monkeypa
         raise PermissionError(13, "Permission denied", str(tmp_path))
 
     (tmp_path / "tree.dot").write_text("old")
-    monkeypatch.setattr("rvaft.cli.output.tempfile.mkstemp", refused)
+    monkeypatch.setattr("rvaft.support.files.tempfile.mkstemp", refused)
     for words in (["show", SAND], ["emit", SAND, "--to", "dot"]):
         failed(run(*words, "-o", tmp_path / "tree.dot"), "tree.dot: cannot write: Permission denied")
     assert [path.name for path in tmp_path.iterdir()] == ["tree.dot"]
@@ -188,7 +188,7 @@ def test_branches_come_one_by_one() -> None:
     """A tree of 2^60 branches: the first lines are there although the last never will be."""
     import itertools
 
-    from rvaft.branches import branches
+    from rvaft.model.branches import branches
 
     text = "top and " + " ".join(f"o{n}" for n in range(60)) + ";"
     text += "".join(f"o{n} or a{n} b{n}; a{n}; b{n};" for n in range(60))

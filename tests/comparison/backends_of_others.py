@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import pytest
 
+from cross_check.benchmark import measurement
 from rvaft import backend as registry
 from rvaft.backend import Backend, Metrics, Specification
-from rvaft.comparison import measuring
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
 
 
 def endless() -> None:
@@ -75,4 +75,4 @@ def reading(does: Callable[[], None]) -> Odd:
 def plant(monkeypatch: pytest.MonkeyPatch, odd: Odd) -> None:
     """Let `odd` be measured; processes are forked, so they have it too. Nothing warms it up."""
     real = registry.backend
-    monkeypatch.setattr(measuring, "backend", lambda name: odd if name == "odd" else real(name))
+    monkeypatch.setattr(measurement, "backend", lambda name: odd if name == "odd" else real(name))

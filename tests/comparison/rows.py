@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import Final
 
-from rvaft.comparison import Outcome, Row
-from rvaft.model import Gate
-from rvaft.verdict import Semantics
+from cross_check.benchmark import Outcome, Row
+from rvaft.model.nodes import Gate
+from rvaft.model.verdict import Semantics
 
 ROW: Final = Row(
     tree="and 3",

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from cross_check.benchmark import Cell, Outcome, Row, Settings, measured, measurement
+from cross_check.benchmark.tables import COLUMNS, read_rows
 from rvaft.cli import compare
-from rvaft.cli.kept_rows import KeptRows
-from rvaft.comparison import Cell, Outcome, Row, Settings, measured, measuring
-from rvaft.comparison.table_file import COLUMNS, read_rows
+from rvaft.cli.compare import KeptRows
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
 from tests.comparison.rows import ROW
 
@@ -25,8 +25,8 @@ RML = ("--languages", "rml")
 @pytest.fixture(autouse=True)
 def _few_readers(monkeypatch: pytest.MonkeyPatch) -> None:
     """How exact the times are is no question here."""
-    monkeypatch.setattr(measuring, "READERS", 1)
-    monkeypatch.setattr(measuring, "PATIENCE", 0.01)
+    monkeypatch.setattr(measurement, "READERS", 1)
+    monkeypatch.setattr(measurement, "PATIENCE", 0.01)
 
 
 def kept(path: Path) -> list[Row]:

@@ -5,11 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from rvaft.comparison import Outcome, Row
-from rvaft.comparison.drawing import LAYOUTS, drawn
-from rvaft.comparison.looks import MARKS, look
-from rvaft.comparison.panels import figures
-from rvaft.comparison.width import Width
+from cross_check.benchmark import Outcome, Row
+from cross_check.benchmark.plots import LAYOUTS, MARKS, drawn, figures, look
+from cross_check.benchmark.tables import Width
 from tests.comparison.rows import ROW, growing, unable
 
 pytest.importorskip("matplotlib")

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rvaft.comparison import Outcome, Row
-from rvaft.comparison.latex import latex_text
-from rvaft.comparison.width import Width
-from rvaft.model import Gate
-from rvaft.verdict import Semantics
+from cross_check.benchmark import Outcome, Row
+from cross_check.benchmark.tables import Width, latex_text
+from rvaft.model.nodes import Gate
+from rvaft.model.verdict import Semantics
 from tests.comparison.rows import ROW, UNABLE, growing, unable
 from tests.tex import document, needs_tex, unsound
 

@@ -8,18 +8,17 @@ from typing import ClassVar
 import pytest
 
 import rvaft
-from backends.rml.reading.parser import parse
-from backends.rml.reading.reader import RmlMonitor, Rules
+from backends.rml.reader.monitor import RmlMonitor, Rules
+from backends.rml.reader.parser import parse
+from cross_check.benchmark import Cell, Outcome, Row, Settings, Subject
+from cross_check.benchmark.measurement import READERS, stages
+from cross_check.benchmark.plan import EVENTS, LONGEST, gate_subject, walks
 from rvaft.backend import backend
-from rvaft.comparison import Cell, Outcome, Row, Settings, Subject
-from rvaft.comparison.measuring import READERS, stages
-from rvaft.comparison.plan import gate_subject
-from rvaft.comparison.walks import EVENTS, LONGEST, walks
 from rvaft.engine import engine
-from rvaft.model import Gate
+from rvaft.model.nodes import Gate
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
 from tests.cli.runs import PRUNED
 from tests.comparison.backends_of_others import Odd, plant
 

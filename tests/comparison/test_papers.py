@@ -4,13 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from cross_check.benchmark import Outcome, Row, gate_subjects
+from cross_check.benchmark.tables import latex_text, read_rows
 from papers.languages.__main__ import FOLDER, main
 from papers.languages.findings import FINDINGS, missed
 from papers.languages.note import note, short
 from rvaft import NotExpressible, translate
-from rvaft.comparison import Outcome, Row, gate_subjects
-from rvaft.comparison.latex import latex_text
-from rvaft.comparison.table_file import read_rows
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,12 @@ from collections import Counter
 
 import pytest
 
-from rvaft.comparison import Subject, cells_of, default_languages, gate_subjects
-from rvaft.comparison.plan import gate_subject
+from cross_check.benchmark import Subject, cells_of, default_languages, gate_subjects
+from cross_check.benchmark.plan import gate_subject
 from rvaft.errors import OptionError
-from rvaft.model import Gate
+from rvaft.model.nodes import Gate
+from rvaft.model.verdict import Semantics
 from rvaft.rules import require_valid
-from rvaft.verdict import Semantics
 
 
 def test_every_gate_with_every_number_of_children_and_every_threshold() -> None:

@@ -8,13 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from rvaft.comparison import Outcome
-from rvaft.comparison.drawing import LAYOUTS
-from rvaft.comparison.panels import figures
-from rvaft.comparison.plots import pages, plots, write_plots
-from rvaft.comparison.width import Width
+from cross_check.benchmark import Outcome
+from cross_check.benchmark.plots import LAYOUTS, figures, pages, plots, write_plots
+from cross_check.benchmark.tables import Width
 from rvaft.errors import ToolMissing
-from rvaft.verdict import Semantics
+from rvaft.model.verdict import Semantics
 from tests.comparison.rows import ROW, growing, unable
 
 ROWS = [*growing("rml"), *growing("automaton")]

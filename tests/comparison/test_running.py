@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 
-from rvaft.comparison import Cell, Outcome, Row, Settings, measured, running
-from rvaft.comparison.plan import gate_subject
-from rvaft.comparison.walks import walks
-from rvaft.model import Gate
-from rvaft.verdict import Semantics
+from cross_check.benchmark import Cell, Outcome, Row, Settings, measured, measurement
+from cross_check.benchmark.plan import gate_subject, walks
+from rvaft.model.nodes import Gate
+from rvaft.model.verdict import Semantics
 from tests.comparison.backends_of_others import Odd, broken, endless, greedy, killed, plant, reading, waiting
 
 
@@ -56,7 +55,7 @@ def test_a_reader_that_takes_too_long_does_not_cost_the_sizes(monkeypatch: pytes
 def test_time_is_that_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever only waits is ended by the clock, a good while later."""
     plant(monkeypatch, Odd(translating=waiting))
-    monkeypatch.setattr(running, "GRACE", 0)
+    monkeypatch.setattr(measurement, "GRACE", 0)
     start = time.monotonic()
     row = one(odd_cell(), Settings(timeout=0.02))
     assert 0.2 <= time.monotonic() - start < 5
@@ -86,14 +85,14 @@ def test_events_are_not_found_at_the_expense_of_a_language(monkeypatch: pytest.M
             pass
         return walks(*arguments, **options)
 
-    monkeypatch.setattr(running, "walks", slow)
+    monkeypatch.setattr(measurement, "walks", slow)
     row = one(Cell(gate_subject(Gate.AND, 1), Semantics.STRICT, "rml"), Settings(timeout=0.5))
     assert (row.run, row.events) == (Outcome.OK, 240)
 
 
 def test_a_tree_that_is_too_much_for_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(running, "walks", lambda *_arguments, **_options: endless())
-    monkeypatch.setattr(running, "WALKING", 0.05)
+    monkeypatch.setattr(measurement, "walks", lambda *_arguments, **_options: endless())
+    monkeypatch.setattr(measurement, "WALKING", 0.05)
     row = one(Cell(gate_subject(Gate.AND, 1), Semantics.STRICT, "rml"))
     assert (row.run, row.walks, row.events, row.events_per_second) == (Outcome.OK, 0, 0, None)
     assert row.run_reason.startswith("no events: ")

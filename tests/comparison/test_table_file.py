@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rvaft.comparison import Outcome, Row
-from rvaft.comparison.table_file import COLUMNS, csv_text, read_rows
+from cross_check.benchmark import Outcome, Row
+from cross_check.benchmark.tables import COLUMNS, csv_text, read_rows
 from rvaft.errors import LanguageError
-from rvaft.model import Gate
-from rvaft.verdict import Semantics
+from rvaft.model.nodes import Gate
+from rvaft.model.verdict import Semantics
 from tests.comparison.rows import ROW
 
 texts = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1)

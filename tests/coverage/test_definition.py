@@ -7,15 +7,15 @@ from typing import Any
 
 import pytest
 
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
 from rvaft.coverage import BranchCoverage, Coverage
 from rvaft.errors import TreeError
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import Shape, random_tree
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Verdict
 from rvaft.semantics import Reference, branches
 from rvaft.semantics.events import observe
 from rvaft.semantics.reference import Partial, relevant
-from rvaft.tree import RVAFT
-from rvaft.verdict import Verdict
 from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 from tests.engine.living import living_trace

@@ -6,9 +6,9 @@ import pytest
 
 from rvaft import loads
 from rvaft.coverage import Coverage
-from rvaft.engine.letters import Letters
-from rvaft.engine.plan import Plan
-from rvaft.tree import RVAFT
+from rvaft.engine.compiled_tree import Plan
+from rvaft.engine.event_index import Letters
+from rvaft.model.tree import RVAFT
 
 BRANCHES = 20
 TREE = (

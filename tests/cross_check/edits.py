@@ -2,10 +2,10 @@
 
 import json
 
-from cross_check.guided import Disturbance
+from cross_check.generate import Disturbance
 from rvaft import RVAFT
+from rvaft.model.values import Json, equal, is_number
 from rvaft.semantics.reference import relevant
-from rvaft.values import Json, equal, is_number
 
 
 def written(trace: list[Json]) -> list[str]:

@@ -4,9 +4,9 @@ from random import Random
 from typing import Final
 
 from rvaft.backend import Observed
-from rvaft.guards import Guard, Operation, Operator
-from rvaft.language import parse_guard, parse_pattern
-from rvaft.patterns import (
+from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.patterns import (
     Anything,
     ListPattern,
     Literal,
@@ -17,7 +17,7 @@ from rvaft.patterns import (
     substitute,
     variables,
 )
-from rvaft.values import Json, Scalar
+from rvaft.model.values import Json, Scalar
 
 FIELDS: Final = ("x", "y", "z")
 LITERALS: Final[tuple[Scalar, ...]] = (0, 1, 2, "a", "b", True, None, 1.5)

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator
 from random import Random
 from typing import Any, Final, ParamSpec, TypeVar
 
-from cross_check.guided import NoTraceFound
+from cross_check.generate import NoTraceFound
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft import RVAFT, Semantics, Verdict
-from rvaft.random_trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.model.values import Json
 from rvaft.semantics import Reference
-from rvaft.values import Json
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
 from tests.engine.dense import dense_tree

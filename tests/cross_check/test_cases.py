@@ -12,12 +12,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cross_check import cases
-from cross_check.cases import Case, CaseError, Text, case_folders, case_name, load, load_all, save
+from cross_check import counterexamples
+from cross_check.counterexamples import Case, CaseError, Text, case_folders, case_name, load, load_all, save
+from cross_check.generate.strategies import trees_with_traces
 from rvaft import Kind, RvaftError, Semantics, Verdict, dumps, loads
 from rvaft.errors import TraceError
-from rvaft.restrict import restrict
-from rvaft.strategies import trees_with_traces
+from rvaft.model.restrict import restrict
 
 UNKNOWN, TRUE, FALSE = Verdict.UNKNOWN, Verdict.TRUE, Verdict.FALSE
 TREE = """event x(p) = { x: p, "näme": "ü\\n" };
@@ -231,7 +231,7 @@ def test_nothing_is_left_after_an_interrupt(tmp_path: Path, monkeypatch: pytest.
         assert temporary.is_dir()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cases, "_check_reads_back", interrupted)
+    monkeypatch.setattr(counterexamples, "_check_reads_back", interrupted)
     with pytest.raises(KeyboardInterrupt):
         save(CASE, tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -262,7 +262,7 @@ CANNOT_BE_SAVED: dict[str, Callable[[], Case]] = {
 
 def _silent() -> Any:
     from rvaft import RVAFT, Gate, Node
-    from rvaft.patterns import Literal
+    from rvaft.model.patterns import Literal
 
     return RVAFT("a", [Node("a", Gate.OR, ("b",)), Node("b", when=Literal(True))])
 

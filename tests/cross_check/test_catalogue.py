@@ -2,8 +2,8 @@
 
 from itertools import product
 
-from cross_check.catalogue import catalogue
-from rvaft.model import Causality, Gate
+from cross_check.campaign import catalogue
+from rvaft.model.nodes import Causality, Gate
 from rvaft.rules import require_valid
 
 ENTRIES = list(catalogue())

@@ -4,20 +4,18 @@ from collections.abc import Callable, Hashable, Sequence
 
 import pytest
 
-from cross_check.against import Handwritten
-from cross_check.comparison import Comparison, Enlist
-from cross_check.effort import Effort
-from cross_check.participants import Absent, Answer, Outside, Participant, observed_by, reference_of
+from cross_check.comparison import Comparison, Enlist, Roster
+from cross_check.participants import Absent, Answer, Handwritten, Outside, Participant, observed_by, reference_of
 from cross_check.results import Job, Result, Status, exit_status
-from cross_check.roster import Roster
+from cross_check.traces import Effort
 from rvaft import loads
 from rvaft.backend import Metrics, Observed, Specification
 from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
+from rvaft.model.patterns import Literal, ObjectPattern, Variable
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
-from rvaft.patterns import Literal, ObjectPattern, Variable
 from rvaft.semantics import Reference
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
 
 TREE = loads("toplevel r; r sand a b; a; b;")
 EFFORT = Effort()

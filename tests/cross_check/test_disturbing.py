@@ -9,9 +9,9 @@ from typing import Final
 
 import pytest
 
-from cross_check.guided import Disturbance, disturbed, disturbed_by, near_miss
+from cross_check.generate import Disturbance, disturbed, disturbed_by, near_miss
 from rvaft import Semantics, Verdict, loads
-from rvaft.values import Json, equal
+from rvaft.model.values import Json, equal
 from tests.cross_check.edits import is_edit, written
 from tests.cross_check.small_trees import found, small_trees, verdicts
 

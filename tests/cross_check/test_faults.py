@@ -6,13 +6,11 @@ from importlib.util import find_spec
 
 import pytest
 
-from cross_check.catalogue import EFFORT, catalogue
-from cross_check.comparison import Comparison
+from cross_check.campaign import EFFORT, Task, catalogue
+from cross_check.comparison import Comparison, Roster
 from cross_check.participants import ENGINE, REFERENCE
 from cross_check.results import Job, Result, Status
-from cross_check.roster import Roster
-from cross_check.runs import Task
-from rvaft.verdict import Semantics, Verdict
+from rvaft.model.verdict import Semantics, Verdict
 from tests.cross_check.faults import FAULTS
 from tests.cross_check.faults.planting import clear_caches, import_all
 

@@ -4,12 +4,12 @@ from random import Random
 
 import pytest
 
+from cross_check.comparison import Roster
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import random_tree
 from cross_check.participants import Absent, Participant
 from cross_check.results import Job
-from cross_check.roster import Roster
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import random_tree
-from rvaft.verdict import Semantics
+from rvaft.model.verdict import Semantics
 
 
 @pytest.mark.parametrize("seed", range(25))

@@ -11,20 +11,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cross_check import strategies
-from cross_check.guided import PLAIN, WILD, Manner, NoTraceFound, detecting, disturbed, guided, near_miss
-from cross_check.guided.events import noise
-from cross_check.guided.orders import Cyclic, random_order
-from cross_check.guided.scenarios import Scenarios
+from cross_check.generate import PLAIN, WILD, Manner, NoTraceFound, detecting, disturbed, guided, near_miss, strategies
+from cross_check.generate.detections import Cyclic, Scenarios, noise, random_order
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Gate, Node, Semantics, Verdict, loads, monitor
+from rvaft.analysis.guard_solver import witness
 from rvaft.engine import engine
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import random_tree
-from rvaft.restrict import restrict
-from rvaft.rules.satisfy import witness
+from rvaft.model.restrict import restrict
+from rvaft.model.values import Json
 from rvaft.semantics import feasible_scenarios
 from rvaft.semantics.reference import relevant
-from rvaft.values import Json
 from tests.cross_check.small_trees import SHAPES, found, small_trees, verdicts
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
@@ -48,7 +45,7 @@ def test_the_reference_detects_at_the_last_event_and_not_before(shape: str) -> N
 
 @pytest.mark.parametrize("shape", ["everything", "guarded", "heavily shared"])
 def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cross_check.guided.detection.engine", None)
+    monkeypatch.setattr("cross_check.generate.detections.engine", None)
     for random, tree in small_trees(shape, 12):
         for semantics in Semantics:
             trace = found(guided, random, tree, semantics)
@@ -76,7 +73,7 @@ def test_a_branch_and_a_kind(part: dict[str, Any]) -> None:
 def test_a_monitor_that_does_not_detect_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     tree = loads("top sand a b;")
     other = loads("top sand b a; a; b;")
-    monkeypatch.setattr("cross_check.guided.detection.engine", lambda _, semantics: engine(other, semantics))
+    monkeypatch.setattr("cross_check.generate.detections.engine", lambda _, semantics: engine(other, semantics))
     with pytest.raises(AssertionError, match="does not detect top under strict"):
         detecting(Random(0), tree, Semantics.STRICT)
 

@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import pytest
 
-from cross_check.bogus import shrunk, verdicts
-from cross_check.effort import Effort
+from cross_check.campaign import Task
+from cross_check.comparison import Roster
+from cross_check.counterexamples import shrunk, verdicts
 from cross_check.results import Job, Status
-from cross_check.roster import Roster
-from cross_check.runs import Task
+from cross_check.traces import Effort
 from rvaft import loads
-from rvaft.language import dumps
-from rvaft.values import Json
-from rvaft.verdict import Semantics
+from rvaft.language.printer import dumps
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
 
 PAPER = Roster(backends=("rml-paper",))
 

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from cross_check.letters import UNBOUND, VARIABLES, Letters, answers, letters
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
-from rvaft.guards import Operation, Operator
-from rvaft.language import parse_guard, parse_pattern
-from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.values import Json
+from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.model.values import Json
 from tests.cross_check.questions import question, random_event, random_question
 
 ABSENT = object()

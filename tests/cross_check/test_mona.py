@@ -10,16 +10,15 @@ from random import Random
 import pytest
 
 from backends import conformance
-from backends.conformance_trees import examples
-from cross_check.mona import NAME, mona_of
-from cross_check.participants import Absent, Participant
+from backends.conformance import examples
+from cross_check.participants import NAME, Absent, Participant, mona_of
+from rvaft.api import loads
 from rvaft.backend import backend
 from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolFailed, ToolMissing
-from rvaft.language import loads
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 from rvaft.semantics import Reference
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
 
 pytestmark = [
     pytest.mark.spot,
@@ -196,6 +195,6 @@ def test_a_mona_that_comes_to_no_end(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     (tmp_path / "mona").write_text("#!/bin/sh\nexec sleep 60\n")
     (tmp_path / "mona").chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    monkeypatch.setattr("backends.ltlf.mona.automaton.SECONDS", 1)
+    monkeypatch.setattr("backends.ltlf.mona.SECONDS", 1)
     with pytest.raises(TooLarge, match="more seconds"):
         by_mona("a & endless")

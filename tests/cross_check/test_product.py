@@ -7,9 +7,9 @@ import pytest
 from cross_check.participants import Participant
 from cross_check.product import explore
 from rvaft.errors import TooLarge
+from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-from rvaft.values import Json
-from rvaft.verdict import Verdict
 
 LETTERS: tuple[Json, ...] = ({}, {"event": "a"})
 

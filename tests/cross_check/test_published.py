@@ -11,17 +11,17 @@ from random import Random
 
 import pytest
 
-from backends.conformance_trees import examples
+from backends.conformance import examples
+from cross_check.generate.traces import random_trace
 from cross_check.participants import Answer
-from cross_check.published import run
+from cross_check.published_monitor import run
+from rvaft.api import load, loads
 from rvaft.backend import backend
 from rvaft.errors import LanguageError, NotExpressible, ToolFailed, ToolMissing
-from rvaft.language import load, loads
-from rvaft.random_traces import random_trace
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.reader import read
 from rvaft.semantics import Reference
-from rvaft.traces import read
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
 
 TREES = Path(__file__).parents[2] / "trees"
 T, F, Q = Verdict.TRUE, Verdict.FALSE, Verdict.UNKNOWN

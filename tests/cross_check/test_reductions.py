@@ -4,17 +4,27 @@ from collections.abc import Callable
 
 import pytest
 
-from cross_check.reductions import Pair, Reduction
-from cross_check.reductions.annotations import without_events, without_guards, without_unused
-from cross_check.reductions.events import shorter_trace, smaller_events
-from cross_check.reductions.names import plain_names
-from cross_check.reductions.structure import fewer_children, unshared_leaves
-from cross_check.reductions.terms import constant_variables, simpler_literals, simpler_patterns, smaller_arguments
-from cross_check.shrinking import shrink
+from cross_check.reductions import (
+    Pair,
+    Reduction,
+    constant_variables,
+    fewer_children,
+    plain_names,
+    shorter_trace,
+    simpler_literals,
+    simpler_patterns,
+    smaller_arguments,
+    smaller_events,
+    unshared_leaves,
+    without_events,
+    without_guards,
+    without_unused,
+)
+from cross_check.shrink import shrink
 from rvaft import RVAFT, Gate, Node, Verdict, dumps, loads
 from rvaft.engine import Engine
-from rvaft.guards import Operation, Operator
-from rvaft.values import Json
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.values import Json
 
 Trace = list[Json]
 Stays = Callable[[RVAFT, Trace], bool]

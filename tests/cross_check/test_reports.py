@@ -17,7 +17,7 @@ from cross_check.reports import (
     summary_lines,
 )
 from cross_check.results import Difference, Job, Result, Status
-from rvaft.verdict import Semantics, Verdict
+from rvaft.model.verdict import Semantics, Verdict
 
 HOSTILE = 'a|b <b>&"\'`*_[x](y)\n\x1b[31m\x00,;"'
 DIFFERENCE = Difference(({"event": "a\n<x>"},), "reference", (Verdict.TRUE,), (Verdict.FALSE,))

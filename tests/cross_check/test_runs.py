@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from cross_check.campaign import campaign
-from cross_check.catalogue import catalogue
-from cross_check.deadline import Expired, within
-from cross_check.effort import Effort
+from cross_check.campaign import Task, campaign, catalogue, run
+from cross_check.comparison import Roster
 from cross_check.results import Job, Result, Status
-from cross_check.roster import Roster
-from cross_check.runs import Task, run
-from cross_check.sizes import most_scenarios
+from cross_check.traces import Effort
 from rvaft import loads
-from rvaft.language import dumps
+from rvaft.analysis.scenarios import most_scenarios
+from rvaft.language.printer import dumps
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import scenarios
-from rvaft.verdict import Semantics
+from rvaft.support.budget import Expired, within
 
 ROSTER = Roster(backends=("rml",))
 

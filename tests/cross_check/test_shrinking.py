@@ -13,17 +13,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
 from cross_check.reductions import Pair
-from cross_check.shrinking import NotReproduced, shrink
+from cross_check.shrink import NotReproduced, shrink
 from rvaft import RVAFT, Causality, Gate, Node, NotExpressible, OptionError, TreeError, Verdict, dumps, loads
 from rvaft.engine import Engine
-from rvaft.guards import Operation, Operator
-from rvaft.patterns import Literal
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import Shape, random_tree
-from rvaft.restrict import restrict
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.patterns import Literal
+from rvaft.model.restrict import restrict
+from rvaft.model.values import Json
 from rvaft.rules import require_valid
-from rvaft.values import Json
 
 Trace = list[Json]
 Change = Callable[[RVAFT], RVAFT]

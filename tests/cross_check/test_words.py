@@ -4,7 +4,7 @@ from itertools import islice
 
 import pytest
 
-from cross_check.words import words
+from cross_check.traces import words
 
 A, B, C = {"event": "a"}, {"event": "b"}, {"x": 1}
 

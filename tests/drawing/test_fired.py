@@ -10,16 +10,16 @@ import pytest
 
 import rvaft
 from rvaft import RVAFT, Explanation, Gate, Kind, Node, loads
-from rvaft.drawing import fired_dot, fired_text, picture
-from rvaft.drawing.marks import LONGEST
-from rvaft.drawing.tree import MARK, MAX_LEVELS
 from rvaft.engine import Engine
-from rvaft.model import EventType, On
-from rvaft.patterns import ObjectPattern, Variable
-from rvaft.restrict import restrict
+from rvaft.export import fired_dot, fired_text, picture
+from rvaft.export.layout import LONGEST
+from rvaft.export.text import MARK, MAX_LEVELS
+from rvaft.model.nodes import EventType, On
+from rvaft.model.patterns import ObjectPattern, Variable
+from rvaft.model.restrict import restrict
+from rvaft.model.verdict import Verdict
 from rvaft.semantics import Reference, branches, feasible_scenarios
 from rvaft.semantics.scenarios import of_branch
-from rvaft.verdict import Verdict
 from tests.drawing.geometry import measured, overlaps
 from tests.drawing.trees import AWKWARD, awkward, chain
 from tests.engine.checking import small_and_valid

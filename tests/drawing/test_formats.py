@@ -13,11 +13,11 @@ from xml.dom import minidom
 import pytest
 
 from rvaft import RVAFT, Gate, Node, OptionError, ToolFailed, ToolMissing, loads
-from rvaft.drawing import Format, draw, format_of, losses, picture
-from rvaft.drawing.look import WIDTH
-from rvaft.drawing.tikz import escaped
-from rvaft.drawing.tree import MAX_LEVELS
-from rvaft.drawing.wrapping import wrapped
+from rvaft.export import Format, draw, format_of, losses, picture
+from rvaft.export.layout import WIDTH
+from rvaft.export.line_breaks import wrapped
+from rvaft.export.text import MAX_LEVELS
+from rvaft.export.tikz import escaped
 from tests.drawing.trees import AWKWARD, awkward, chain, every_part
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")

@@ -8,9 +8,9 @@ from random import Random
 import pytest
 
 from rvaft import RVAFT, Gate, Node, OptionError, TreeError, load, loads
-from rvaft.drawing import Format, Look, draw, picture
-from rvaft.drawing.look import looking
-from rvaft.drawing.wrapping import wrapped, wrapped_code
+from rvaft.export import Format, Look, draw, picture
+from rvaft.export.layout import looking
+from rvaft.export.line_breaks import wrapped, wrapped_code
 from tests.drawing.geometry import measured, overlaps, pdf_width
 from tests.drawing.trees import AWKWARD, awkward, chain, every_part
 from tests.tex import document, needs_tex

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from rvaft import RVAFT, EventType, Gate, Kind, Node, On
-from rvaft.guards import Operation, Operator
-from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 
 AWKWARD = (
     'a "quoted" word',

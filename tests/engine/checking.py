@@ -6,15 +6,15 @@ from typing import Any
 
 from rvaft.engine import Engine
 from rvaft.errors import TreeError
-from rvaft.model import Kind
+from rvaft.model.nodes import Kind
+from rvaft.model.restrict import restrict
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
-from rvaft.restrict import restrict
 from rvaft.semantics import Reference, Scenario, branches, feasible_scenarios
 from rvaft.semantics.events import holds, observe
 from rvaft.semantics.reference import relevant
 from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics, Verdict
 
 Trace = Sequence[dict[str, Any]]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any, Final
 
-from rvaft.guards import Guard, Operation, Operator
-from rvaft.model import Causality, EventType, Gate, Kind, Node, On
-from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.tree import RVAFT
+from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.nodes import Causality, EventType, Gate, Kind, Node, On
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.model.tree import RVAFT
 
 EVENTS: Final = (
     EventType("letter", ("l",), ObjectPattern((("l", Variable("l")),))),

@@ -4,8 +4,8 @@ from random import Random
 from typing import Any
 
 from rvaft.engine import Engine
-from rvaft.tree import RVAFT
-from rvaft.verdict import Verdict
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Verdict
 from tests.engine.dense import SHAPES, dense_trace
 
 

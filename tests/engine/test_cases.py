@@ -2,11 +2,11 @@
 
 import pytest
 
-from rvaft import language
+import rvaft
 from rvaft.engine import Engine, engine
-from rvaft.restrict import restrict
+from rvaft.model.restrict import restrict
+from rvaft.model.verdict import Verdict
 from rvaft.semantics import Reference
-from rvaft.verdict import Verdict
 from tests.engine.checking import compare
 from tests.semantics.cases import CASES, Case, v
 
@@ -48,7 +48,7 @@ OWN = [
 
 def test_an_event_after_a_gate_and_a_silent_child_is_kept_for_the_explanation() -> None:
     """An `a` before the gate's own event must not stand for the one after it."""
-    tree = language.loads(E + 'top or g z; g sand h a d on e("b"); h when 1 < 2; a; d; z;')
+    tree = rvaft.loads(E + 'top or g z; g sand h a d on e("b"); h when 1 < 2; a; d; z;')
     trace = [{"event": word} for word in ["a", "b", "a", "d"]]
     compare(tree, trace, "scattered")
     compare(tree, trace, "scattered", branch=1)
@@ -56,7 +56,7 @@ def test_an_event_after_a_gate_and_a_silent_child_is_kept_for_the_explanation() 
 
 @pytest.mark.parametrize("case", [*CASES, *OWN], ids=lambda case: case.name)
 def test_case(case: Case) -> None:
-    tree = language.loads(case.tree)
+    tree = rvaft.loads(case.tree)
     monitor = engine(restrict(tree, branch=case.branch, kind=case.kind), case.semantics)
     assert monitor.verdict is Verdict.UNKNOWN
     assert "".join(SIGNS[verdict.value] for verdict in monitor.run(case.events)) == case.verdicts
@@ -64,14 +64,14 @@ def test_case(case: Case) -> None:
 
 @pytest.mark.parametrize("case", OWN, ids=lambda case: case.name)
 def test_the_reference_agrees(case: Case) -> None:
-    verdicts = Reference(language.loads(case.tree), case.semantics).run(case.events)
+    verdicts = Reference(rvaft.loads(case.tree), case.semantics).run(case.events)
     assert "".join(SIGNS[verdict.value] for verdict in verdicts) == case.verdicts
 
 
 @pytest.mark.parametrize("case", [*CASES, *OWN], ids=lambda case: case.name)
 @pytest.mark.parametrize("semantics", ["strict", "projected", "scattered"])
 def test_every_semantics_and_every_explanation(case: Case, semantics: str) -> None:
-    compare(language.loads(case.tree), case.events, semantics, branch=case.branch, kind=case.kind)
+    compare(rvaft.loads(case.tree), case.events, semantics, branch=case.branch, kind=case.kind)
 
 
 LOWEST = [
@@ -94,7 +94,7 @@ LOWEST = [
 
 @pytest.mark.parametrize(("tree", "word", "branch", "matched"), LOWEST)
 def test_the_explanation_is_of_the_lowest_branch(tree: str, word: str, branch: int, matched: dict[str, int]) -> None:
-    loaded = language.loads(tree)
+    loaded = rvaft.loads(tree)
     trace = [{"event": letter} for letter in word.split()]
     monitor = compare(loaded, trace, "scattered")
     assert monitor is not None
@@ -105,7 +105,7 @@ def test_the_explanation_is_of_the_lowest_branch(tree: str, word: str, branch: i
 
 
 def test_nothing_is_explained_before_detection() -> None:
-    monitor = Engine(language.loads("top sand a b;"))
+    monitor = Engine(rvaft.loads("top sand a b;"))
     assert monitor.explanation is None
     monitor.step({"event": "a"})
     assert monitor.explanation is None
@@ -115,12 +115,12 @@ def test_nothing_is_explained_before_detection() -> None:
 
 
 def test_states_remember_broken_orders_and_failed_guards() -> None:
-    picks, again = Engine(language.loads(PICK), "strict"), Engine(language.loads(PICK), "strict")
+    picks, again = Engine(rvaft.loads(PICK), "strict"), Engine(rvaft.loads(PICK), "strict")
     for one, other in zip("sa", "as", strict=True):
         picks.step({"event": one})
         again.step({"event": other})
     assert picks.state != again.state
-    tree = language.loads(N + "top sand a b; a on n(X); b or c d; c on w(1) when X > 5; d on w(2);")
+    tree = rvaft.loads(N + "top sand a b; a on n(X); b or c d; c on w(1) when X > 5; d on w(2);")
     low, high = Engine(tree), Engine(tree)
     assert low.state == high.state
     low.step({"v": 3})

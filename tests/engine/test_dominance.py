@@ -6,16 +6,16 @@ from typing import Any, Final
 
 import pytest
 
-from rvaft import language
+import rvaft
 from rvaft.engine import Engine
-from rvaft.engine.dominance import Directions, scale, tendency
-from rvaft.engine.skipping import Skipping
+from rvaft.engine.scattered_general import Skipping
+from rvaft.engine.subsumption import Directions, scale, tendency
 from rvaft.errors import TreeError
-from rvaft.guards import Guard, Operation, Operator, holds, variables
-from rvaft.language import parse_guard
-from rvaft.patterns import Literal, Variable
-from rvaft.tree import RVAFT
-from rvaft.verdict import Verdict
+from rvaft.language.parser import parse_guard
+from rvaft.model.guards import Guard, Operation, Operator, holds, variables
+from rvaft.model.patterns import Literal, Variable
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Verdict
 from tests.engine.checking import compare, small_and_valid
 
 NUMBERS: Final = (
@@ -179,7 +179,7 @@ def trees(random: Random, count: int) -> Iterator[RVAFT]:
     """Valid trees."""
     while count:
         try:
-            tree = language.loads(random_text(random))
+            tree = rvaft.loads(random_text(random))
         except TreeError:
             continue  # a guard's variable is not bound in every branch
         if small_and_valid(tree):
@@ -222,7 +222,7 @@ def test_nothing_is_lost(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_ever_later_times_are_not_all_kept() -> None:
-    tree = language.loads(TYPES + 'top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 10;')
+    tree = rvaft.loads(TYPES + 'top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 10;')
     monitor = Engine(tree, "scattered", limit=5)
     for time in range(1000):
         assert monitor.step({"n": "a", "v": time}) is Verdict.UNKNOWN
@@ -233,7 +233,7 @@ def test_ever_later_times_are_not_all_kept() -> None:
 
 
 def test_an_earlier_time_that_comes_later_takes_over() -> None:
-    tree = language.loads(TYPES + 'top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 10;')
+    tree = rvaft.loads(TYPES + 'top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 10;')
     monitor = Engine(tree, "scattered", limit=5)
     for time in range(1000, 0, -1):
         assert monitor.step({"n": "a", "v": time}) is Verdict.UNKNOWN
@@ -249,7 +249,7 @@ def test_an_earlier_time_that_comes_later_takes_over() -> None:
 def test_values_of_two_types_stay_side_by_side() -> None:
     """2**53 and 2.0**53 are equal, but what is added to them is rounded for one of them only."""
     guard = "T2 >= T1 + 11"
-    tree = language.loads(TYPES + f'top sand a b late; a on e("a", T1); b on e("b", T2); late when {guard};')
+    tree = rvaft.loads(TYPES + f'top sand a b late; a on e("a", T1); b on e("b", T2); late when {guard};')
     for first, second in ((2**53, 2.0**53), (2.0**53, 2**53)):
         monitor = Engine(tree, "scattered")
         monitor.step({"n": "a", "v": first})
@@ -261,7 +261,7 @@ def test_guards_in_two_directions_leave_both_values() -> None:
     text = 'top sand a b c g h; a on e("a", T1); b on e("b", T2); c on e("c", T3); g when T2 > T1; h when T3 < T1;'
     for first, second in ((1, 5), (5, 1)):
         for low, high in ((0, 2), (4, 6)):
-            monitor = Engine(language.loads(TYPES + text), "scattered")
+            monitor = Engine(rvaft.loads(TYPES + text), "scattered")
             for letter, value in (("a", first), ("a", second), ("b", high)):
                 assert monitor.step({"n": letter, "v": value}) is Verdict.UNKNOWN
             assert monitor.step({"n": "c", "v": low}) is Verdict.TRUE

@@ -9,7 +9,7 @@ PROGRAM = """
 import sys
 from itertools import islice
 import rvaft
-from rvaft import language
+import rvaft
 from rvaft.verdict import Verdict
 
 TREE = '''
@@ -43,7 +43,7 @@ def resident():
         return int(status.read().split()[1]) * 4096 / 1e6
 
 few, many = int(sys.argv[1]), int(sys.argv[2])
-monitor = rvaft.monitor(language.loads(TREE), semantics=sys.argv[3])
+monitor = rvaft.monitor(rvaft.loads(TREE), semantics=sys.argv[3])
 stream = events()
 for event in islice(stream, few):
     monitor.step(event)

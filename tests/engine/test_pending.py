@@ -8,19 +8,18 @@ from typing import Any
 import pytest
 
 import rvaft
-from rvaft import language
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
 from rvaft.engine import Engine
 from rvaft.errors import TreeError
-from rvaft.model import Kind
+from rvaft.model.nodes import Kind
+from rvaft.model.restrict import restrict
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Verdict
 from rvaft.monitors import Awaited, Ended, Pending
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import Shape, random_tree
-from rvaft.restrict import restrict
 from rvaft.semantics import Reference, branches
 from rvaft.semantics.events import names, observe
 from rvaft.semantics.reference import Partial
-from rvaft.tree import RVAFT
-from rvaft.verdict import Verdict
 from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 from tests.engine.living import living_trace
@@ -198,7 +197,7 @@ def test_one_branch_alone() -> None:
 
 
 def test_the_text_of_events_and_the_values_so_far() -> None:
-    tree = language.loads(
+    tree = rvaft.loads(
         "event e(n, v) = { n: n, v: v }; top or x y; x sand a b; y sand a2 c; "
         'a on e("a", V); b on e("b", V); a2 on e("a", _); c;'
     )
@@ -219,10 +218,10 @@ def test_the_text_of_events_and_the_values_so_far() -> None:
 
 
 def test_what_is_complete_is_not_waited_for_under_scattered() -> None:
-    engine = Engine(language.loads("top sand v d; v 1of2 a b;"), "scattered")
+    engine = Engine(rvaft.loads("top sand v d; v 1of2 a b;"), "scattered")
     engine.step({"event": "a"})
     assert by_branch(engine.pending()) == {1: {"d"}}
-    engine = Engine(language.loads("top sand v d; v or a b;"), "scattered")
+    engine = Engine(rvaft.loads("top sand v d; v or a b;"), "scattered")
     engine.step({"event": "a"})
     assert by_branch(engine.pending()) == {1: {"d"}, 2: {"b"}}
 
@@ -230,13 +229,13 @@ def test_what_is_complete_is_not_waited_for_under_scattered() -> None:
 @pytest.mark.parametrize("choice", ["or", "1of2"])
 def test_an_order_that_is_broken_stays_broken(choice: str) -> None:
     """After `t` alone `p` is out of the question, and `s` is in nothing else."""
-    engine = Engine(language.loads(f"top {choice} p q; p sand s t; q and t r;"), "strict")
+    engine = Engine(rvaft.loads(f"top {choice} p q; p sand s t; q and t r;"), "strict")
     engine.step({"event": "t"})
     assert by_branch(engine.pending(limit=0)) == {None: {"r"}}
 
 
 def test_a_guard_that_waits_for_the_last_event_does_not_hide_it() -> None:
-    tree = language.loads(
+    tree = rvaft.loads(
         "event n(v) = { n: v }; event w(v) = { w: v }; "
         "top and p q g; p and a s; q and s b; a on n(X); b on w(Y); g when X != Y; s;"
     )
@@ -247,7 +246,7 @@ def test_a_guard_that_waits_for_the_last_event_does_not_hide_it() -> None:
 
 
 def test_below_a_gate_that_waits_for_its_own_event_nothing_is_left() -> None:
-    tree = language.loads('causality bottom_up; event e(n) = { event: n }; top and v z; v 1of2 a b on e("v");')
+    tree = rvaft.loads('causality bottom_up; event e(n) = { event: n }; top and v z; v 1of2 a b on e("v");')
     engine = Engine(tree, "scattered")
     engine.step({"event": "a"})
     assert by_branch(engine.pending()) == {1: {"v", "z"}}
@@ -255,7 +254,7 @@ def test_below_a_gate_that_waits_for_its_own_event_nothing_is_left() -> None:
 
 def test_many_branches_are_taken_together() -> None:
     gates = " ".join(f"g{n} or a{n} b{n};" for n in range(20))
-    tree = language.loads(f"top and {' '.join(f'g{n}' for n in range(20))}; {gates}")
+    tree = rvaft.loads(f"top and {' '.join(f'g{n}' for n in range(20))}; {gates}")
     for semantics in ("strict", "scattered"):
         engine = Engine(tree, semantics)
         engine.step({"event": "a3"})
@@ -276,13 +275,13 @@ def test_looking_changes_nothing() -> None:
 
 
 def test_every_monitor_can_be_asked() -> None:
-    monitor = rvaft.translate(language.loads("top and a b;"), "rml").monitor()
+    monitor = rvaft.translate(rvaft.loads("top and a b;"), "rml").monitor()
     assert monitor.pending() == ()
     assert monitor.ended is None
 
 
 def test_names_of_guards_are_not_waited_for() -> None:
-    tree = language.loads("event n(v) = { v: v }; top sand a g b; a on n(X); g when X > 1; b;")
+    tree = rvaft.loads("event n(v) = { v: v }; top sand a g b; a on n(X); g when X > 1; b;")
     assert names(tree.nodes["g"].when) == {"X"}  # type: ignore[arg-type]
     engine = Engine(tree, "strict")
     engine.step({"v": 2})
@@ -291,7 +290,7 @@ def test_names_of_guards_are_not_waited_for() -> None:
 
 def test_an_order_broken_in_one_match_is_not_broken_in_another() -> None:
     """Both have taken the same occurrences, but one of them in an order that `p` does not allow."""
-    tree = language.loads(
+    tree = rvaft.loads(
         "event e(v) = { e: v }; event f(v, w) = { f: v, g: w }; top and x y t; x 1of2 p q; p and p1 p2; p1 sand a s; "
         "q and a s q2; y and s r; a on e(X); s on e(Y); t on f(X, Y); p2; q2; r;"
     )

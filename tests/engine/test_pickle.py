@@ -11,14 +11,13 @@ from typing import Any
 import pytest
 
 import rvaft
-from rvaft import language
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
 from rvaft.engine import Engine
-from rvaft.model import Gate, Kind, Node
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import Shape, random_tree
-from rvaft.restrict import restrict
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics, Verdict
+from rvaft.model.nodes import Gate, Kind, Node
+from rvaft.model.restrict import restrict
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
 from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_tree
 from tests.engine.living import living_trace
@@ -84,7 +83,7 @@ def test_a_monitor_goes_on(shape: str, semantics: Semantics) -> None:
 
 
 def test_an_end_is_kept() -> None:
-    engine = Engine(language.loads("top or x y; x sand a b; y sand c d;"), "strict")
+    engine = Engine(rvaft.loads("top or x y; x sand a b; y sand c d;"), "strict")
     engine.step({"event": "a"})
     expected = engine.pending()
     engine.step({"event": "c"})
@@ -112,7 +111,7 @@ def test_long_matches_and_small_pickles(semantics: Semantics) -> None:
 def test_partial_matches_share_what_they_have_in_common() -> None:
     """A thousand values after thirty common events are not a thousand times thirty events."""
     names = [f"n{number}" for number in range(30)]
-    tree = language.loads(
+    tree = rvaft.loads(
         f"event e(v) = {{ v: v }}; event f(v) = {{ f: v }}; top sand {' '.join(names)} x y; x on e(V); y on f(V);"
     )
     engine = Engine(tree, "scattered")
@@ -134,7 +133,7 @@ def test_partial_matches_share_what_they_have_in_common() -> None:
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_asking_first_changes_nothing(semantics: Semantics) -> None:
     """What was computed on demand is written or made anew, but never wrong afterwards."""
-    engine = Engine(language.loads("top 2of3 a b c;"), semantics)
+    engine = Engine(rvaft.loads("top 2of3 a b c;"), semantics)
     assert engine.explanation is None
     engine.step({"event": "a"})
     twin = again(engine)
@@ -149,7 +148,7 @@ def test_asking_first_changes_nothing(semantics: Semantics) -> None:
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, Engine.fork])
 def test_copies_are_independent(copied: Any, semantics: Semantics) -> None:
     for text in ("top sand x y; x or a b; y and c d;", "top sand a b;"):
-        engine = Engine(language.loads(text), semantics)
+        engine = Engine(rvaft.loads(text), semantics)
         engine.step({"event": "a"})
         before = engine.state
         twin = copied(engine)
@@ -158,7 +157,7 @@ def test_copies_are_independent(copied: Any, semantics: Semantics) -> None:
         twin.step({"event": "b"})
         assert engine.state == before
         for name in "bcd":
-            fresh = Engine(language.loads(text), semantics)
+            fresh = Engine(rvaft.loads(text), semantics)
             fresh.step({"event": "a"})
             assert engine.fork().step({"event": name}) == fresh.step({"event": name})
 
@@ -173,7 +172,7 @@ print(monitor.verdict, monitor.explanation.matched, monitor.explanation.variable
 
 def test_another_process_goes_on() -> None:
     """Where strings hash differently."""
-    tree = language.loads("event e(v) = { v: v }; event f(v) = { f: v }; top sand x y; x on e(V); y on f(V);")
+    tree = rvaft.loads("event e(v) = { v: v }; event f(v) = { f: v }; top sand x y; x on e(V); y on f(V);")
     monitor = rvaft.monitor(tree, semantics="scattered")
     for value in (1, 2, 3):
         monitor.step({"v": value})

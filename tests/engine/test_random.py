@@ -8,13 +8,13 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from cross_check.generate.strategies import trees_with_traces
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
 from rvaft.engine import Engine
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import Shape, random_tree
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from rvaft.strategies import trees_with_traces
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
 from tests.engine.checking import compare, small_and_valid, small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 

@@ -4,15 +4,15 @@ from random import Random
 
 import pytest
 
-from rvaft import language
-from rvaft.branches import branches
+import rvaft
 from rvaft.engine import Engine
-from rvaft.engine.earliest import Earliest
-from rvaft.engine.numbers import lowest_number
+from rvaft.engine.explanation import lowest_number
+from rvaft.engine.scattered_linear import Earliest
 from rvaft.errors import TooLarge
-from rvaft.model import Gate, Node
-from rvaft.tree import RVAFT
-from rvaft.verdict import Verdict
+from rvaft.model.branches import branches
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Verdict
 from tests.engine.dense import SHAPES, dense_tree
 
 MANY = 5_000
@@ -78,7 +78,7 @@ def test_large_and_falls() -> None:
 def test_a_scattered_log_does_not_grow() -> None:
     """What is kept for the explanation depends on the tree alone."""
     monitor = Engine(
-        language.loads(
+        rvaft.loads(
             'event n(x) = { event: x }; top sand x y z; x or a b; y or c d again; again on n("a"); z or e f g;'
         ),
         "scattered",
@@ -97,7 +97,7 @@ def test_a_scattered_log_does_not_grow() -> None:
 
 
 def test_too_many_values_are_refused_by_name() -> None:
-    tree = language.loads("event p(v) = { p: v }; event q(v) = { q: v }; top sand a b; a on p(First); b on q(First);")
+    tree = rvaft.loads("event p(v) = { p: v }; event q(v) = { q: v }; top sand a b; a on p(First); b on q(First);")
     monitor = Engine(tree, "scattered", limit=100)
     with pytest.raises(TooLarge, match="First") as caught:
         list(monitor.run({"p": number} for number in range(101)))
@@ -105,7 +105,7 @@ def test_too_many_values_are_refused_by_name() -> None:
 
 
 def test_a_log_too_large_is_refused_by_name() -> None:
-    tree = language.loads("top sand x y z; x or a b; y or c d; z or e f;")
+    tree = rvaft.loads("top sand x y z; x or a b; y or c d; z or e f;")
     monitor = Engine(tree, "scattered", limit=2)
     with pytest.raises(TooLarge, match="most of them for") as caught:
         list(monitor.run({"event": word} for word in "acb"))
@@ -118,7 +118,7 @@ def test_too_many_ways_are_refused_by_name() -> None:
     types = "".join(f"event e{i}(x) = {{ f{i}: x }}; " for i in range(20))
     leaves = "".join(f" l{i} on e{i}(_);" for i in range(20))
     names = " ".join(f"l{i}" for i in range(20))
-    monitor = Engine(language.loads(f"{types} top and {names};{leaves}"), limit=1_000)
+    monitor = Engine(rvaft.loads(f"{types} top and {names};{leaves}"), limit=1_000)
     with pytest.raises(TooLarge, match="l0"):
         list(monitor.run([{f"f{i}": 1 for i in range(20)}] * 10))
 
@@ -126,7 +126,7 @@ def test_too_many_ways_are_refused_by_name() -> None:
 def test_scattered_keeps_few_partial_matches_where_only_some_events_compete() -> None:
     leaves = " ".join(f"l{i}" for i in range(40))
     types = "event p(x) = { x: x }; event q(y) = { y: y }; "
-    tree = language.loads(f"{types} top and {leaves} m n; m on p(1); n on q(1);")
+    tree = rvaft.loads(f"{types} top and {leaves} m n; m on p(1); n on q(1);")
     monitor = Engine(tree, "scattered", limit=10)
     events = [{"event": f"l{i}"} for i in range(40)]
     assert set(monitor.run([*events, {"x": 1, "y": 1}, *events])) == {Verdict.UNKNOWN}

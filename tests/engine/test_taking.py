@@ -5,10 +5,10 @@ from random import Random
 
 import pytest
 
-from rvaft import language
+import rvaft
 from rvaft.engine import Engine
 from rvaft.errors import TraceError
-from rvaft.verdict import Semantics, Verdict
+from rvaft.model.verdict import Semantics, Verdict
 from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 
@@ -39,7 +39,7 @@ def told(monitor: Engine, word: str) -> list[Verdict]:
 
 
 def test_the_first_skipped_event_ends_a_strict_match() -> None:
-    monitor = Engine(language.loads("top sand a b;"), "strict")
+    monitor = Engine(rvaft.loads("top sand a b;"), "strict")
     told(monitor, "a")
     assert monitor.skip(0) is Verdict.UNKNOWN
     assert monitor.skip(5) is Verdict.FALSE
@@ -51,7 +51,7 @@ def test_the_first_skipped_event_ends_a_strict_match() -> None:
 
 @pytest.mark.parametrize("semantics", ["projected", "scattered"])
 def test_skipped_events_are_counted(semantics: str) -> None:
-    monitor = Engine(language.loads("top sand a b;"), semantics)
+    monitor = Engine(rvaft.loads("top sand a b;"), semantics)
     monitor.skip(1_000_000)
     told(monitor, "a")
     monitor.skip(10)

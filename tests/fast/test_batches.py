@@ -11,13 +11,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, TraceError, loads
-from rvaft.fast import blocks, skeletons
-from rvaft.fast.batches import Batches
-from rvaft.fast.heads import fields_of
-from rvaft.patterns import match
-from rvaft.reads import TreeReads
-from rvaft.statistics import Statistics
-from rvaft.traces import MAX_DEPTH, MAX_DIGITS, read
+from rvaft.analysis.pattern_index import TreeReads
+from rvaft.model.patterns import match
+from rvaft.monitoring import fast_reader
+from rvaft.monitoring.fast_reader import Batches, fields_of
+from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.reader import MAX_DEPTH, MAX_DIGITS, read
 
 ONE = 'event a(v) = { topic: "t", value: v }; event b(v, w) = { topic: "u", value: v, other: w }; toplevel r; r and x y; x on a(V); y on b(V, W);'
 TWO = (
@@ -78,8 +77,8 @@ def many_at_a_time(tree: RVAFT, data: bytes, *, wanted: int, dense: bool) -> Hel
 def small(size: int) -> Iterator[None]:
     """Blocks of that many bytes; and skeletons are looked at whatever is new."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(blocks, "SIZE", size)
-        patch.setattr(skeletons, "_FEW", 0)
+        patch.setattr(fast_reader, "SIZE", size)
+        patch.setattr(fast_reader, "_FEW", 0)
         yield
 
 

@@ -9,17 +9,14 @@ from typing import Any, BinaryIO, cast
 
 import pytest
 
-from rvaft import loads, traces
-from rvaft.compressed import opened
+from rvaft import loads
+from rvaft.analysis.pattern_index import LONGEST, Shapes, TreeReads
 from rvaft.errors import TraceError
-from rvaft.fast import blocks, doubts, skeletons
-from rvaft.fast.batches import Batches
-from rvaft.fast.blocks import Block
-from rvaft.fast.skeletons import Skeletons
-from rvaft.reads import TreeReads
-from rvaft.shapes import LONGEST, Shapes
-from rvaft.statistics import Statistics
-from rvaft.traces import BOM, MAX_DIGITS, read
+from rvaft.monitoring import fast_reader, reader
+from rvaft.monitoring.fast_reader import Batches, Block, Skeletons
+from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.reader import BOM, MAX_DIGITS, read
+from rvaft.support.files import opened
 from tests.fast.test_batches import GOOD, TREES, Held, same
 
 
@@ -97,8 +94,8 @@ def test_a_file_that_fails_midway(end: bytes, *, dense: bool) -> None:
 
 
 def test_skeletons_without_end_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(skeletons, "MEMORY", 20)
-    monkeypatch.setattr(skeletons, "_FEW", 0)
+    monkeypatch.setattr(fast_reader, "MEMORY", 20)
+    monkeypatch.setattr(fast_reader, "_FEW", 0)
     known = Skeletons([b'"topic"'], lambda line: isinstance(json.loads(line), dict))
     for number in range(30):
         lines = [json.dumps({chr(97 + number % 26) * (number + 1): place, "x" * place: 1}) for place in range(10)]
@@ -107,7 +104,7 @@ def test_skeletons_without_end_are_forgotten(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_values_without_end_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvaft.fast.batches.MEMORY", 20)
+    monkeypatch.setattr("rvaft.monitoring.fast_reader.BATCHES_MEMORY", 20)
     batches = Batches.of(TreeReads(TREES["one"]))
     assert batches is not None
     text = b"\n".join(b'{"topic":"t%d"}' % (number % 70) for number in range(500))
@@ -120,7 +117,7 @@ def test_nothing_at_all() -> None:
 
 
 def test_the_longest_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (traces, blocks, doubts):
+    for module in (reader, fast_reader, fast_reader):
         monkeypatch.setattr(module, "MAX_LINE", 3000)
     for length, number in ((2999, None), (3000, None), (3001, 2), (9000, 2)):
         start = b'{"topic":"t","value":1,"x":"'
@@ -141,7 +138,7 @@ def test_a_field_that_lines_write_with_escapes() -> None:
 
 
 def test_a_line_of_blanks_can_be_too_long_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("rvaft.traces", "rvaft.fast.blocks", "rvaft.fast.doubts"):
+    for module in ("rvaft.monitoring.reader", "rvaft.monitoring.fast_reader", "rvaft.monitoring.fast_reader"):
         monkeypatch.setattr(f"{module}.MAX_LINE", 1000)
     good = b'{"topic":"t","value":1}\n'
     for blank in (b" " * 1001, b"\t" * 70_000, b" " * 200_000):

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from rvaft import loads
-from rvaft.monitoring.columns import Per
-from rvaft.monitoring.fields import Field
-from rvaft.monitoring.quick import batches_for
+from rvaft.monitoring.monitor_set import Per
+from rvaft.monitoring.run import batches_for
+from rvaft.monitoring.stream import Field
 from tests.monitoring.test_quick import Told, one_by_one, quickly, run_of
 
 TREE = loads('event a(v) = { kind: "k", value: v }; toplevel r; r and x y; x on a(1); y on a(2);')

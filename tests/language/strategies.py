@@ -4,10 +4,10 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from rvaft.guards import Guard, Operation, Operator
-from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
-from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.tree import RVAFT
+from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.tree import RVAFT
 
 WORDS = [
     "a",

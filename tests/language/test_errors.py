@@ -3,7 +3,8 @@
 import pytest
 
 from rvaft.errors import LanguageError
-from rvaft.language import parse, parse_guard, parse_pattern
+from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.language.reader import parse
 
 # text, line, column, a piece of the message
 SLIPS = [

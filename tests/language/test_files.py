@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from rvaft.errors import LanguageError
-from rvaft.language import parse_file
 from rvaft.language.draft import BrokenPrune, Draft, PruneFault
+from rvaft.language.reader import parse_file
 
 
 def write(folder: Path, **texts: str) -> Path:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from rvaft.api import load, loads
 from rvaft.errors import LanguageError
-from rvaft.language import dumps, load, loads
+from rvaft.language.printer import dumps
 
 CORPUS = Path(__file__).parents[3] / "shared" / "corpus" / "galileo"
 FILES = sorted(CORPUS.rglob("*.dft"))

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from rvaft.api import load, loads
 from rvaft.errors import TreeError, WrongType
-from rvaft.language import dumps, load, loads
-from rvaft.model import Gate
-from rvaft.tree import RVAFT
+from rvaft.language.printer import dumps
+from rvaft.model.nodes import Gate
+from rvaft.model.tree import RVAFT
 
 # text, rule, place, a culprit
 BROKEN = [

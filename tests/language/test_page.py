@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from rvaft.api import load, loads
 from rvaft.errors import LanguageError
-from rvaft.language import dumps, load, loads, parse
+from rvaft.language.printer import dumps
+from rvaft.language.reader import parse
 
 PAGE = (Path(__file__).parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
 BLOCKS: list[tuple[str, str]] = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

@@ -4,11 +4,14 @@ import pytest
 from hypothesis import given, settings
 
 from rvaft.errors import LanguageError
-from rvaft.guards import Guard, Operation, Operator
-from rvaft.language import dumps, guard_text, name_text, parse, parse_guard, parse_pattern, pattern_text
-from rvaft.model import Gate, Node
-from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.tree import RVAFT
+from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.language.printer import dumps
+from rvaft.language.reader import parse
+from rvaft.model.expressions import guard_text, name_text, pattern_text
+from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.tree import RVAFT
 from tests.language import strategies as some
 
 

@@ -2,11 +2,12 @@
 
 import pytest
 
-from rvaft.guards import Guard, Operation, Operator
-from rvaft.language import parse, parse_guard, parse_pattern
-from rvaft.model import Causality, EventType, Gate, Ignore, Kind, Node, On, Place
-from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.tree import RVAFT
+from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.language.reader import parse
+from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Place
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.tree import RVAFT
 
 X, Y, Z = Variable("X"), Variable("Y"), Variable("Z")
 ONE, TWO = Literal(1), Literal(2)

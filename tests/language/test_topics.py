@@ -10,11 +10,13 @@ import pytest
 from lark import Lark, logger
 
 from rvaft import monitor
+from rvaft.api import load, loads
 from rvaft.errors import LanguageError, TreeError
-from rvaft.language import dumps, load, loads, parse
-from rvaft.model import Node, Place, Topic
-from rvaft.restrict import restrict
-from rvaft.tree import RVAFT
+from rvaft.language.printer import dumps
+from rvaft.language.reader import parse
+from rvaft.model.nodes import Node, Place, Topic
+from rvaft.model.restrict import restrict
+from rvaft.model.tree import RVAFT
 from tests.cli.runs import run
 
 TREE = "top or a b;\na fault;\nb attack;\n"

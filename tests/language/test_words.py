@@ -6,8 +6,9 @@ from importlib.resources import files
 import pytest
 from lark import Lark
 
-from rvaft.language import name_text, parse
+from rvaft.language.reader import parse
 from rvaft.language.words import CLAUSES, DYNAMIC, GATES, OPERATORS, RESERVED, STATEMENTS, bare_name, expectation
+from rvaft.model.expressions import name_text
 
 GRAMMAR = files("rvaft.language").joinpath("grammar.lark").read_text(encoding="utf-8")
 TERMINALS = {t.name: t for t in Lark(GRAMMAR, parser="lalr", start="tree").terminals}

@@ -6,13 +6,13 @@ from random import Random
 
 import pytest
 
-from rvaft.branches import branch, branches, number_of
+from rvaft.api import loads
 from rvaft.errors import TreeError
-from rvaft.language import loads
-from rvaft.model import Gate, Kind, Node
-from rvaft.restrict import restrict
+from rvaft.model.branches import branch, branches, number_of
+from rvaft.model.nodes import Gate, Kind, Node
+from rvaft.model.restrict import restrict
+from rvaft.model.tree import RVAFT
 from rvaft.semantics import branches as listed
-from rvaft.tree import RVAFT
 from tests.benchmarks.trees import chain
 
 GATES = (Gate.OR, Gate.OR, Gate.OR, Gate.AND, Gate.VOT)

@@ -7,25 +7,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rvaft import TooLarge, latex
-from rvaft.branches import Branch, branch, branches
-from rvaft.guards import Operation, Operator
-from rvaft.language import load, loads, parse_guard
-from rvaft.language.expressions import guard_text
-from rvaft.model import Argument, EventType, Gate, Node, On
-from rvaft.notations import guard_unicode
-from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.properties import (
+from cross_check.generate.trees import random_tree
+from rvaft import TooLarge
+from rvaft.api import load, loads
+from rvaft.export import latex
+from rvaft.export.property_text import (
     align_latex,
     equation_latex,
+    guard_unicode,
     property_latex,
     property_sign,
     property_text,
     property_unicode,
 )
-from rvaft.random_trees import random_tree
-from rvaft.restrict import restrict
-from rvaft.tree import RVAFT
+from rvaft.language.parser import parse_guard
+from rvaft.model.branches import Branch, branch, branches
+from rvaft.model.expressions import guard_text
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.nodes import Argument, EventType, Gate, Node, On
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.model.restrict import restrict
+from rvaft.model.tree import RVAFT
 from tests.cli.runs import PRUNED, TREES
 from tests.tex import compiled, needs_tex, unsound
 

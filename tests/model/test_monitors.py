@@ -4,13 +4,13 @@ from typing import Any
 
 import pytest
 
+from rvaft.api import loads
 from rvaft.backend import all_backends, backend
 from rvaft.engine import engine
 from rvaft.errors import ToolMissing, TraceError
-from rvaft.language import loads
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 from rvaft.semantics import Reference
-from rvaft.verdict import Semantics, Verdict
 
 TREE = loads("top sand a b;")
 

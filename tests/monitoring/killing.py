@@ -14,12 +14,12 @@ from random import Random
 from typing import Any, BinaryIO, cast
 
 import rvaft
+from rvaft.model.verdict import Semantics
 from rvaft.monitoring.checkpoint import Checkpoint, digest, identity, load, reading, save
-from rvaft.monitoring.ordering import Ordering
+from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.reader import read
+from rvaft.monitoring.stream import Ordering
 from rvaft.monitors import Monitor
-from rvaft.statistics import Statistics
-from rvaft.traces import read
-from rvaft.verdict import Semantics
 
 TEXT = """
 event go(v) = { name: "go", v: v };

@@ -7,11 +7,10 @@ import pytest
 
 from rvaft import loads, monitor
 from rvaft.errors import TooLarge
-from rvaft.monitoring.bank import Bank
-from rvaft.monitoring.columns import MOST, Column, Per, columns
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.monitor_set import MOST, Bank, Column, Per, columns
 from rvaft.monitors import Monitor
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics, Verdict
 from tests.trees import shipped
 
 PRUNED = "remote_inspection/pruned"

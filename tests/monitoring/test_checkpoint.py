@@ -18,9 +18,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rvaft
+from rvaft.analysis.pattern_index import reads_of
 from rvaft.api import narrowed
 from rvaft.errors import OptionError, RvaftError, TraceError
-from rvaft.model import Node
+from rvaft.model.nodes import Node
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring import checkpoint as module
 from rvaft.monitoring.checkpoint import (
     Checkpoint,
@@ -34,12 +37,9 @@ from rvaft.monitoring.checkpoint import (
     save,
 )
 from rvaft.monitoring.hooks import Hooks
-from rvaft.monitoring.ordering import Ordering
-from rvaft.reads import reads_of
-from rvaft.statistics import Statistics
-from rvaft.traces import decode, read
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics, Verdict
+from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.reader import decode, read
+from rvaft.monitoring.stream import Ordering
 from tests.monitoring import killing
 
 TREE = rvaft.loads("top or ab bc; ab sand a b fault; bc sand b c;")
@@ -343,7 +343,7 @@ def harmful(victim: str) -> dict[str, bytes]:
         "the shell": pickle.dumps((Calls(os.system, f"mkdir {victim}"), None, None)),
         "code": pickle.dumps((Calls(eval, f"__import__('os').mkdir({victim!r})"), None, None)),
         "what a module of ours imports": called("rvaft.monitoring.hooks", "os.mkdir", victim),
-        "what a module with data imports": called("rvaft.monitoring.recall", "Path.mkdir", victim),
+        "what a module with data imports": called("rvaft.monitoring.event_buffer", "Path.mkdir", victim),
     }
 
 
@@ -351,10 +351,10 @@ def malicious(victim: str) -> dict[str, bytes]:
     """Pickles that reach for more than they should."""
     return {
         "getattr": pickle.dumps((Calls(getattr, Path, "mkdir"), None, None)),
-        "a function": called("rvaft.monitoring.recall", "_chunks", victim),
-        "a class that a module imports": called("rvaft.monitoring.recall", "Path", victim),
-        "below a class": called("rvaft.model", "Node.__init__.__globals__", victim),
-        "a value": called("rvaft.tree", "TYPE_CHECKING", victim),
+        "a function": called("rvaft.monitoring.event_buffer", "_chunks", victim),
+        "a class that a module imports": called("rvaft.monitoring.event_buffer", "Path", victim),
+        "below a class": called("rvaft.model.nodes", "Node.__init__.__globals__", victim),
+        "a value": called("rvaft.model.tree", "TYPE_CHECKING", victim),
         "a class with commands": patching("rvaft.monitoring.hooks", "Hooks", "always", "x"),
         "no module of ours": called("rvaft.engine_of_mine", "Engine", victim),
         "nothing that is a pickle": b"\x00",

@@ -12,10 +12,10 @@ import pytest
 
 import rvaft
 from rvaft.errors import OptionError
-from rvaft.model import Kind
+from rvaft.model.nodes import Kind
+from rvaft.model.tree import RVAFT
 from rvaft.monitoring import hooks
 from rvaft.monitoring.hooks import Failure, Hooks, detection
-from rvaft.tree import RVAFT
 
 TREE = rvaft.loads(
     "event e(v) = { v: v }; top or x y; x sand a b; a fault on e(V); b on e(W) when W > V; y attack on e(_);"

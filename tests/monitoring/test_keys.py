@@ -7,12 +7,9 @@ import pytest
 
 from rvaft import loads, monitor
 from rvaft.errors import OptionError, TooLarge
-from rvaft.monitoring.bank import Bank
-from rvaft.monitoring.columns import columns
-from rvaft.monitoring.fields import Field
-from rvaft.monitoring.keys import Keyed
-from rvaft.monitoring.watch import Watch
-from rvaft.verdict import Semantics
+from rvaft.model.verdict import Semantics
+from rvaft.monitoring.monitor_set import Bank, Keyed, Watch, columns
+from rvaft.monitoring.stream import Field
 from tests.trees import shipped
 
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft.errors import OptionError
-from rvaft.monitoring.ordering import Backwards, Late, Ordering, ordered
+from rvaft.monitoring.stream import Backwards, Late, Ordering, ordered
 
 numbers = st.integers(-20, 20) | st.floats(-20, 20)
 

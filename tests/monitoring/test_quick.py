@@ -8,18 +8,15 @@ from typing import Any
 
 import pytest
 
+from cross_check.generate.traces import random_trace
 from rvaft import RVAFT, Semantics, TraceError, monitor
-from rvaft.fast import blocks
-from rvaft.monitoring.bank import Bank
-from rvaft.monitoring.columns import Per, columns
-from rvaft.monitoring.quick import advance, batches_for
-from rvaft.monitoring.recall import Recall
-from rvaft.monitoring.run import Plan, Run, events
-from rvaft.monitoring.watch import Listener, Watch
-from rvaft.random_traces import random_trace
-from rvaft.reads import TreeReads
-from rvaft.statistics import Statistics
-from rvaft.values import Json
+from rvaft.analysis.pattern_index import TreeReads
+from rvaft.model.values import Json
+from rvaft.monitoring import fast_reader
+from rvaft.monitoring.event_buffer import Recall
+from rvaft.monitoring.monitor_set import Bank, Listener, Per, Watch, columns
+from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.run import Plan, Run, advance, batches_for, events
 from tests.trees import shipped
 
 
@@ -79,7 +76,7 @@ def quickly(tree: RVAFT, semantics: str, per: Per, data: bytes) -> Any:
 
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(blocks, "SIZE", 300)
+    monkeypatch.setattr(fast_reader, "SIZE", 300)
 
 
 def log_of(trace: Sequence[Json], random: Random) -> bytes:

@@ -7,9 +7,9 @@ from random import Random
 
 import pytest
 
-from rvaft.fast import blocks
-from rvaft.monitoring.recall import Recall
-from rvaft.traces import read
+from rvaft.monitoring import fast_reader
+from rvaft.monitoring.event_buffer import Recall
+from rvaft.monitoring.reader import read
 
 SPACES = ["", "\n", "\r\n", "  \n", "\t\r\n\n", "\n\n\n"]
 
@@ -37,7 +37,7 @@ def test_a_file_is_numbered_as_it_is_read(
     written(log, seed)
     expected = dict(enumerate(read(log), 1))
     for size in (16, 97, 1 << 20):
-        monkeypatch.setattr(blocks, "SIZE", size)
+        monkeypatch.setattr(fast_reader, "SIZE", size)
         assert Recall(log).events(range(1, len(expected) + 3)) == expected
         for number, event in expected.items():
             assert Recall(log).events([number]) == {number: event}

@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvaft.errors import OptionError, TraceError
-from rvaft.monitoring.tailing import Change, Followed, stopping
-from rvaft.traces import read
+from rvaft.monitoring.follow import Change, Followed, stopping
+from rvaft.monitoring.reader import read
 
 POLL = 0.0003
 LOOKS = 8

@@ -11,8 +11,8 @@ import rvaft
 from papers.fmas2022.figures import FIGURES, figures
 from papers.fmas2022.making import PRINTED
 from papers.fmas2022.places import TREES
-from rvaft.drawing import Format, draw
 from rvaft.errors import ToolMissing
+from rvaft.export import Format, draw
 
 pytestmark = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import rvaft
-from backends.rml.reading.reader import read
+from backends.rml.reader.monitor import read
 from cross_check.participants import Absent
 from papers.fmas2022 import tex, verdict_tex, verdicts
 from papers.fmas2022.formulas_tex import formulas_tex
@@ -25,7 +25,7 @@ from papers.fmas2022.verdict_tex import verdict_tables
 from papers.fmas2022.verdicts import Disagreement, Enlisted, enlist, monitors, symbols, traces
 from rvaft import Verdict, loads
 from rvaft.errors import ToolMissing
-from rvaft.tree import RVAFT
+from rvaft.model.tree import RVAFT
 from tests.backends.rml.published.runner import compiled, needs_published
 from tests.tex import document, needs_tex
 

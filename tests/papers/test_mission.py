@@ -22,7 +22,7 @@ from papers.fmas2022.overhead_tables import COLUMNS, detected_tex, nominal_tex
 from papers.fmas2022.places import PRUNED, ROOT
 from rvaft import Verdict
 from rvaft.errors import OptionError
-from rvaft.tree import RVAFT
+from rvaft.model.tree import RVAFT
 
 SIZES = (2, 5, 9)
 SEEDS = range(1, 6)

@@ -10,8 +10,8 @@ import yaml
 from rvaft import Verdict, load, monitor, translate
 from rvaft.api import narrowed
 from rvaft.cli import main
-from rvaft.rosmonitoring.planning import monitor_id
-from rvaft.serving.session import session
+from rvaft.ros.configuration import monitor_id
+from rvaft.ros.protocol import session
 from tests.cli.runs import TREES, run
 
 ROS = TREES / "remote_inspection" / "ros.rvaft"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rvaft.rosmonitoring.folder import place
+from rvaft.support.files import place
 from tests.cli.runs import TREES, failed, run
 
 ROS = TREES / "remote_inspection" / "ros.rvaft"

@@ -20,8 +20,8 @@ import pytest
 import yaml
 
 from rvaft import Verdict, load, monitor
-from rvaft.traces import read
-from rvaft.values import Json
+from rvaft.model.values import Json
+from rvaft.monitoring.reader import read
 from tests.cli.runs import PRUNED, TREES, run
 from tests.serving.test_command import serving
 

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from itertools import combinations, product
 
-from rvaft.guards import holds
-from rvaft.guards import variables as guard_variables
-from rvaft.model import Causality, Gate, Node
-from rvaft.tree import RVAFT
+from rvaft.model.guards import holds
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.tree import RVAFT
 
 Scenario = dict[str, tuple[str, ...]]
 

@@ -2,10 +2,10 @@
 
 from random import Random
 
-from rvaft.guards import Guard, Operation, Operator
-from rvaft.model import Argument, Causality, EventType, Gate, Node, On
-from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
-from rvaft.tree import RVAFT
+from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.nodes import Argument, Causality, EventType, Gate, Node, On
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
+from rvaft.model.tree import RVAFT
 
 _EVENTS = (
     EventType("one", ("x",), ObjectPattern((("kind", Literal("one")), ("value", Variable("x"))))),

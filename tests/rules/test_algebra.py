@@ -5,12 +5,11 @@ from random import Random
 
 import pytest
 
-from rvaft.algebra import contradictory, contradictory_over_reals, simplified, simplify_text
-from rvaft.guards import Guard, Operation, Operator, holds, variables
-from rvaft.language import parse_guard
-from rvaft.patterns import Literal, Variable
-from rvaft.rules.refute import refuted
-from rvaft.rules.satisfy import witness
+from rvaft.analysis.algebra import contradictory, contradictory_over_reals, simplified, simplify_text
+from rvaft.analysis.guard_solver import refuted, witness
+from rvaft.language.parser import parse_guard
+from rvaft.model.guards import Guard, Operation, Operator, holds, variables
+from rvaft.model.patterns import Literal, Variable
 
 
 def _guards(*texts: str) -> list[Guard]:

@@ -4,13 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from rvaft.api import loads
 from rvaft.errors import TreeError
-from rvaft.guards import Operation, Operator
-from rvaft.language import loads, parse, parse_file
-from rvaft.model import EventType, Gate, Ignore, Node, On
-from rvaft.patterns import Literal, ObjectPattern, Variable
+from rvaft.language.reader import parse, parse_file
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.nodes import EventType, Gate, Ignore, Node, On
+from rvaft.model.patterns import Literal, ObjectPattern, Variable
+from rvaft.model.tree import RVAFT
 from rvaft.rules import check, check_tree, require_valid
-from rvaft.tree import RVAFT
 
 READING = "event reading(v) = { value: v };\nevent alarm() = { alarm: true };\n"
 

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from rvaft import model, tree
 from rvaft.errors import RvaftError, TreeError
-from rvaft.findings import Severity
-from rvaft.language import parse
+from rvaft.language.reader import parse
+from rvaft.model import nodes, tree
 from rvaft.rules import RULES, UnknownRule, check, check_draft, explain
-from rvaft.rules.codes import CODES
-from rvaft.rules.page import page
+from rvaft.rules.registry import page
+from rvaft.rules.rule import CODES, Severity
 
 DOCS = Path(__file__).parents[2] / "docs" / "rules.md"
 
@@ -75,7 +74,7 @@ def test_the_mended_tree_of_a_rule_is_flawless(code: str) -> None:
 
 @pytest.mark.parametrize("code", [code for code, rule in RULES.items() if rule.python])
 def test_the_code_of_a_rule_that_no_text_breaks(code: str) -> None:
-    names = {"RVAFT": tree.RVAFT, "Node": model.Node, "Gate": model.Gate}
+    names = {"RVAFT": tree.RVAFT, "Node": nodes.Node, "Gate": nodes.Gate}
     with pytest.raises(TreeError) as caught:
         eval(RULES[code].bad, names)
     assert caught.value.rule == code

@@ -7,15 +7,15 @@ from random import Random
 
 import pytest
 
-from rvaft.findings import Finding
-from rvaft.guards import holds
-from rvaft.guards import variables as guard_variables
-from rvaft.patterns import Anything, match, rigid_variables
-from rvaft.precedence import cycle, path, precedence
+from rvaft.analysis.overlap import overlaps
+from rvaft.analysis.scenarios import cycle, path, precedence
+from rvaft.model.guards import holds
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.patterns import Anything, match, rigid_variables
+from rvaft.model.tree import RVAFT
 from rvaft.rules import check_tree
-from rvaft.rules.overlap import overlaps
+from rvaft.rules.rule import Finding
 from rvaft.semantics.scenarios import feasible_scenarios
-from rvaft.tree import RVAFT
 
 from . import brute_force
 from .random_trees import random_tree

@@ -2,11 +2,11 @@
 
 import pytest
 
-from rvaft.guards import Operation, Operator
-from rvaft.model import EventType, Gate, Node, On
-from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.model.tree import RVAFT
 from rvaft.rules import check_tree
-from rvaft.tree import RVAFT
 
 EVENT = EventType("at", ("k", "v"), ObjectPattern((("kind", Variable("k")), ("value", Variable("v")))))
 

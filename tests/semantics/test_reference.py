@@ -2,7 +2,7 @@
 
 import pytest
 
-from rvaft import language
+import rvaft
 from rvaft.semantics import Reference
 from tests.semantics.cases import CASES, Case
 
@@ -11,7 +11,7 @@ SIGNS = {"true": "T", "false": "F", "unknown": "?"}
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_case(case: Case) -> None:
-    tree = language.loads(case.tree)
+    tree = rvaft.loads(case.tree)
     monitor = Reference(tree, case.semantics, branch=case.branch, kind=case.kind)
     assert monitor.verdict.value == "unknown"
     assert "".join(SIGNS[verdict.value] for verdict in monitor.run(case.events)) == case.verdicts

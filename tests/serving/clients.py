@@ -9,11 +9,10 @@ from typing import Any, Final
 import pytest
 
 from rvaft import RVAFT, loads
-from rvaft.monitoring.columns import Per
-from rvaft.serving.protocol import Polarity, Vocabulary, protocol
-from rvaft.serving.server import Address, serve
-from rvaft.serving.session import session
-from rvaft.values import Json
+from rvaft.model.values import Json
+from rvaft.monitoring.monitor_set import Per
+from rvaft.ros.protocol import Polarity, Vocabulary, protocol, session
+from rvaft.ros.server import Address, serve
 
 websockets = pytest.importorskip("websockets", reason="needs rvaft[ros]")
 from websockets.asyncio.client import ClientConnection, connect  # noqa: E402 -- after the question whether it is there

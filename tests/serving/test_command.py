@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from rvaft.values import Json
+from rvaft.model.values import Json
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, process, run
 from tests.serving.clients import asked, connected
 
@@ -132,7 +132,7 @@ def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_other_commands_do_not_import_the_library() -> None:
-    code = "import sys, rvaft.cli.serve; print(any(name.startswith('websockets') for name in sys.modules))"
+    code = "import sys, rvaft.cli.ros; print(any(name.startswith('websockets') for name in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
 

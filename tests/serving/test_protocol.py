@@ -8,14 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import Verdict, load, loads, monitor
-from rvaft.monitoring.columns import Per, columns
-from rvaft.monitoring.recall import Recall
-from rvaft.reads import reads_of
-from rvaft.serving.protocol import Polarity, Protocol, Vocabulary, encoded, protocol
-from rvaft.serving.session import Session, session, watched
-from rvaft.traces import decode
-from rvaft.tree import RVAFT
-from rvaft.values import Json
+from rvaft.analysis.pattern_index import reads_of
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.monitoring.event_buffer import Recall
+from rvaft.monitoring.monitor_set import Per, columns
+from rvaft.monitoring.reader import decode
+from rvaft.ros.protocol import Polarity, Protocol, Session, Vocabulary, encoded, protocol, session, watched
 from tests.cli.runs import PRUNED
 from tests.serving.messages import BROKEN
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import pytest
 
 from rvaft import Verdict, load, monitor
-from rvaft.traces import read
+from rvaft.monitoring.reader import read
 from tests.cli.runs import PRUNED
 from tests.serving.test_command import serving
 

@@ -14,13 +14,12 @@ from hypothesis import strategies as st
 
 from rvaft import ToolMissing, Verdict, monitor
 from rvaft.errors import OptionError
-from rvaft.serving.hosts import host as host_of
-from rvaft.serving.origins import allowed
-from rvaft.serving.origins import origin as origin_of
-from rvaft.serving.protocol import Vocabulary, protocol
-from rvaft.serving.server import Address, serve
-from rvaft.serving.session import Session, session
-from rvaft.traces import decode
+from rvaft.monitoring.reader import decode
+from rvaft.ros.addresses import allowed
+from rvaft.ros.addresses import host as host_of
+from rvaft.ros.addresses import origin as origin_of
+from rvaft.ros.protocol import Session, Vocabulary, protocol, session
+from rvaft.ros.server import Address, serve
 from tests.serving.clients import SEQUENCE, A, B, asked, connected, served, websockets
 from tests.serving.messages import BROKEN
 
@@ -254,7 +253,7 @@ def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.LogCaptur
         await running
 
     asyncio.run(scenario())
-    said = [record.getMessage() for record in caplog.records if record.name == "rvaft.serving"]
+    said = [record.getMessage() for record in caplog.records if record.name == "rvaft.ros"]
     assert said == ["rvaft: error: a defect in rvaft ended a connection: ZeroDivisionError: no way with {'event': 'a'}"]
 
 

@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rvaft import language
-from rvaft.branches import branches
+import rvaft
+from rvaft.model.branches import branches
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
 
 TREES = Path(__file__).parents[2] / "trees"
 REFUSED = {"remote_inspection/listing"}
@@ -31,7 +31,7 @@ def names() -> list[str]:
 
 def load(name: str) -> RVAFT:
     """One tree."""
-    return language.load(TREES / f"{name}.rvaft")
+    return rvaft.load(TREES / f"{name}.rvaft")
 
 
 def traces(name: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:

@@ -13,11 +13,11 @@ import pytest
 import rvaft
 from rvaft import Ended, Pending, Verdict, loads
 from rvaft.coverage import Coverage
-from rvaft.drawing import fired_text
+from rvaft.export import fired_text
+from rvaft.model.tree import RVAFT
+from rvaft.monitoring.reader import read
 from rvaft.monitors import Awaited
 from rvaft.semantics import Reference
-from rvaft.traces import read
-from rvaft.tree import RVAFT
 from tests.cli.runs import PRUNED
 from tests.engine.checking import check_explanation
 

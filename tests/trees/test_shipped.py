@@ -2,12 +2,12 @@
 
 import pytest
 
+from cross_check.comparison import Roster
 from cross_check.participants import Absent, Participant
 from cross_check.results import Job
-from cross_check.roster import Roster
 from rvaft.errors import NotExpressible, ToolMissing
+from rvaft.model.verdict import Semantics
 from rvaft.rules import check_tree
-from rvaft.verdict import Semantics
 from tests.trees import shipped
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from backends.automaton.letters import Alphabet, Letters
-from rvaft.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match
 
 LEAVES: tuple[Pattern, ...] = (
     Literal(1),

@@ -7,16 +7,15 @@ from typing import Any
 import pytest
 
 from backends.automaton import AutomatonBackend
-from backends.automaton.header import meaning
+from backends.automaton.hoa_reader import meaning, table
 from backends.automaton.monitor import AutomatonMonitor
-from backends.automaton.table import table
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.api import loads
 from rvaft.errors import TooLarge
-from rvaft.language import loads
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import PLAIN, VARIABLE_FREE, Shape, random_tree
-from rvaft.restrict import restrict
+from rvaft.model.restrict import restrict
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from rvaft.verdict import Semantics
 from tests.semantics.cases import CASES, Case
 
 pytestmark = pytest.mark.spot

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from backends.automaton import AutomatonBackend
-from rvaft.language import loads
-from rvaft.random_trees import Shape, random_tree
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from cross_check.generate.trees import Shape, random_tree
+from rvaft.api import loads
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 
 pytestmark = pytest.mark.spot
 spot: Any = pytest.importorskip("spot")

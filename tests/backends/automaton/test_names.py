@@ -5,7 +5,7 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backends.automaton.names import ALIVE, RELEVANT, atom_name, guard_name
+from backends.automaton.hoa_writer import ALIVE, RELEVANT, atom_name, guard_name
 
 NAMES = st.one_of(
     st.text(),

@@ -5,9 +5,9 @@ import pytest
 from backends.automaton import AutomatonBackend
 from rvaft.backend import Observed
 from rvaft.errors import LanguageError
-from rvaft.guards import Operation, Operator
-from rvaft.language import parse_guard, parse_pattern
-from rvaft.patterns import Literal, ObjectPattern, Variable
+from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.patterns import Literal, ObjectPattern, Variable
 
 pytestmark = pytest.mark.spot
 pytest.importorskip("spot")

@@ -6,11 +6,11 @@ import pytest
 
 from backends.automaton import AutomatonBackend
 from backends.automaton.backend import _built
-from backends.automaton.hoa import in_order, write
-from backends.automaton.possible import possible
+from backends.automaton.hoa_reader import possible
+from backends.automaton.hoa_writer import in_order, write
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
 from rvaft import RVAFT, Semantics, load, loads
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import Shape, random_tree
 from tests.cli.runs import PRUNED
 
 SHAPE = Shape(max_nodes=7, sharing=0.3, variables=1, guards=0.6, typed_events=0.9)

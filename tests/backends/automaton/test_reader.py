@@ -12,8 +12,8 @@ import pytest
 from backends.automaton import AutomatonBackend
 from rvaft import loads
 from rvaft.errors import LanguageError, ToolMissing
-from rvaft.patterns import ObjectPattern, Variable
-from rvaft.verdict import Semantics
+from rvaft.model.patterns import ObjectPattern, Variable
+from rvaft.model.verdict import Semantics
 
 SIGNS = {"true": "T", "false": "F", "unknown": "?"}
 
@@ -158,8 +158,8 @@ State: 3 {0}
         assert verdicts(text, "a c b") == "??T"
 
     def test_other_tools_read_what_we_write(self, spot: Any) -> None:
-        from rvaft.language import loads
-        from rvaft.verdict import Semantics
+        from rvaft.api import loads
+        from rvaft.model.verdict import Semantics
 
         tree = loads("toplevel r; r and p q; p sand a b; q or c d;")
         for semantics in Semantics:

@@ -6,12 +6,12 @@ import sys
 import pytest
 
 from backends.automaton import AutomatonBackend
+from rvaft.api import loads
 from rvaft.errors import TooLarge
-from rvaft.language import loads
-from rvaft.model import Causality, EventType, Gate, Node, On
-from rvaft.patterns import Literal, ObjectPattern, Variable
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.model.nodes import Causality, EventType, Gate, Node, On
+from rvaft.model.patterns import Literal, ObjectPattern, Variable
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 
 EVENT = EventType("e", ("n",), ObjectPattern((("event", Variable("n")),)))
 

@@ -3,8 +3,8 @@
 import pytest
 
 from backends.automaton import AutomatonBackend
-from rvaft.language import loads
-from rvaft.verdict import Semantics
+from rvaft.api import loads
+from rvaft.model.verdict import Semantics
 
 HEADER = """HOA: v1
 name: "{name}"

@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import Any
 
-from backends.ltlf.spot_text import spot as spot_module
+from backends.ltlf.reader import spot as spot_module
 
 spot = spot_module()
 buddy = import_module("buddy")  # comes with Spot, and is found once Spot is loaded

@@ -5,11 +5,11 @@ from importlib.util import find_spec
 import pytest
 
 from backends.ltlf import LtlfBackend
-from rvaft.language import loads
-from rvaft.model import Gate, Node
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics
+from rvaft.api import loads
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
 
 BACKEND = LtlfBackend()
 

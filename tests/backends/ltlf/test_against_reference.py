@@ -5,13 +5,13 @@ from random import Random
 
 import pytest
 
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
 from rvaft.errors import TreeError
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import Shape, random_tree
-from rvaft.restrict import restrict
+from rvaft.model.restrict import restrict
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
 from tests.backends.ltlf.building import BACKEND, needs_spot
 
 pytestmark = needs_spot

@@ -5,16 +5,25 @@ from itertools import product
 
 import pytest
 
-from backends.ltlf.overlap import may_overlap, overlaps
-from backends.ltlf.parts import parts_of
-from backends.ltlf.shape import Shape, disjoint_events, entangled, rivals_apart, shape_of
-from backends.ltlf.sharing import always_feasible, same_continuation_or_start, separable
-from backends.ltlf.simplifying import simplified
-from rvaft.language import loads, parse_pattern
-from rvaft.patterns import Pattern
+from backends.ltlf.composition import (
+    Shape,
+    always_feasible,
+    disjoint_events,
+    entangled,
+    may_overlap,
+    overlaps,
+    rivals_apart,
+    same_continuation_or_start,
+    separable,
+    shape_of,
+)
+from backends.ltlf.parts import parts_of, simplified
+from rvaft.api import loads
+from rvaft.language.parser import parse_pattern
+from rvaft.model.patterns import Pattern
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from rvaft.values import Json
-from rvaft.verdict import Semantics
 from tests.backends.ltlf.building import BACKEND, body, events, needs_spot, text_of, verdicts
 
 E = "event e(p) = {e: p};"

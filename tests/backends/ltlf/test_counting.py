@@ -6,14 +6,14 @@ from typing import Any
 
 import pytest
 
-from backends.ltlf.header import split
-from backends.ltlf.spot_text import spot
+from backends.ltlf.reader import split, spot
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, random_tree
+from rvaft.api import loads
 from rvaft.errors import TooLarge, TreeError
-from rvaft.language import dumps, loads
-from rvaft.model import Gate
-from rvaft.random_trees import PLAIN, VARIABLE_FREE, random_tree
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.language.printer import dumps
+from rvaft.model.nodes import Gate
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from tests.backends.ltlf.building import BACKEND, flat, needs_spot
 
 BY_HAND = [

@@ -4,8 +4,8 @@ import pytest
 
 from backends.ltlf.formulas import Formulas
 from rvaft.errors import LanguageError
-from rvaft.patterns import Literal, ObjectPattern, Variable
-from rvaft.values import Json
+from rvaft.model.patterns import Literal, ObjectPattern, Variable
+from rvaft.model.values import Json
 from tests.backends.ltlf.building import BACKEND, events, needs_spot, verdicts
 
 pytestmark = needs_spot

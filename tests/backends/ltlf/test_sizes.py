@@ -4,11 +4,11 @@ import sys
 
 import pytest
 
+from rvaft.api import loads
 from rvaft.errors import TooLarge, ToolMissing
-from rvaft.language import loads
-from rvaft.model import Gate, Node
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from tests.backends.ltlf.building import BACKEND, events, flat, needs_spot
 
 

@@ -2,12 +2,12 @@
 
 import pytest
 
-from backends.ltlf.header import split
-from backends.ltlf.names import Names
+from backends.ltlf.reader import split
+from backends.ltlf.writer import Names
+from rvaft.api import loads
 from rvaft.errors import TreeError
-from rvaft.language import loads
-from rvaft.values import Json
-from rvaft.verdict import Semantics
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
 from tests.backends.ltlf.building import BACKEND, body, events, needs_spot, text_of, verdicts
 
 REMOTE = """
@@ -103,8 +103,8 @@ def test_gates_do_not_travel() -> None:
 
 
 def test_no_feasible_scenario() -> None:
-    from rvaft.model import Gate, Node
-    from rvaft.tree import RVAFT
+    from rvaft.model.nodes import Gate, Node
+    from rvaft.model.tree import RVAFT
 
     nodes = [Node("t", Gate.SAND, ("a", "b")), Node("a", Gate.AND, ("s",)), Node("b", Gate.AND, ("s",)), Node("s")]
     for semantics in Semantics:

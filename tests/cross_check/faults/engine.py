@@ -3,9 +3,8 @@
 from functools import partial
 from typing import Final
 
-from rvaft.guards import Guard
-from rvaft.predicates import Predicate
-from rvaft.values import Json
+from rvaft.model.guards import Guard, Predicate
+from rvaft.model.values import Json
 from tests.cross_check.faults.mistaken import (
     always_holds,
     confused,
@@ -87,7 +86,11 @@ FAULTS: Final = (
     ),
     _other("a guard over two events not looked at", "Every value passes.", put(f"{_AT}matching:predicate", always)),
     _other("`>=` for `>` over two events", "A value on a bound passes.", put(f"{_AT}matching:predicate", loosely)),
-    _other("`>=` for `>` on one event", "A value on a bound passes.", put("rvaft.letters:predicate", loosely)),
+    _other(
+        "`>=` for `>` on one event",
+        "A value on a bound passes.",
+        put("rvaft.analysis.pattern_index:predicate", loosely),
+    ),
     _fault(
         "a guard at the wrong binder",
         "A guard is asked when its first variable is bound, and never again.",
@@ -205,12 +208,18 @@ FAULTS: Final = (
         "key = (held & move.mask, outcomes)",
         "key = (0, outcomes)",
     ),
-    _other("1 is not 1.0 in a literal", "1.0 is not found where 1 is filed.", put("rvaft.shapes:key", repr)),
+    _other(
+        "1 is not 1.0 in a literal", "1.0 is not found where 1 is filed.", put("rvaft.analysis.pattern_index:key", repr)
+    ),
     _other("1 is not 1.0 in a variable", "A value is not found again.", put(f"{_AT}matching:equal", told_apart)),
     _other(
         "numbers and texts confused in a variable", "Two values pass for one.", put(f"{_AT}matching:equal", confused)
     ),
-    _other("numbers and texts confused in a literal", "Two values pass for one.", put("rvaft.shapes:key", str)),
-    _other("true is 1 in a literal", "Two values pass for one.", put("rvaft.shapes:key", unchanged)),
+    _other(
+        "numbers and texts confused in a literal",
+        "Two values pass for one.",
+        put("rvaft.analysis.pattern_index:key", str),
+    ),
+    _other("true is 1 in a literal", "Two values pass for one.", put("rvaft.analysis.pattern_index:key", unchanged)),
     _other("true is 1 in a variable", "Two values pass for one.", put(f"{_AT}matching:equal", python_equal)),
 )

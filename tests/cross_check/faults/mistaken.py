@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from rvaft.guards import Guard, Operation, Operator, holds
-from rvaft.language import guard_text
+from rvaft.model.expressions import guard_text
+from rvaft.model.guards import Guard, Operation, Operator, holds
+from rvaft.model.patterns import Binding, match
+from rvaft.model.values import Json, equal
+from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-from rvaft.patterns import Binding, match
-from rvaft.values import Json, equal
-from rvaft.verdict import Verdict
 from tests.cross_check.faults.planting import with_globals
 
 _LOOSE: Final = {Operator.GT: Operator.GE, Operator.LT: Operator.LE}

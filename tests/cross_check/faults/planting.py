@@ -24,9 +24,9 @@ PLACES: Final = (
     "backends.ltlf",
     "backends.automaton",
     "rvaft.engine",
-    "rvaft.letters",
-    "rvaft.predicates",
-    "rvaft.shapes",
+    "rvaft.analysis.pattern_index",
+    "rvaft.model.guards",
+    "rvaft.analysis.pattern_index",
 )
 """Where faults go: what no other participant, and least of all the reference, has in common with the faulty one."""
 

@@ -6,7 +6,7 @@ from typing import Final
 from tests.cross_check.faults.mistaken import confused, python_equal, told_apart
 from tests.cross_check.faults.planting import Fault, Plant, edit, entry, put
 
-_AT: Final = "backends.rml.reading."
+_AT: Final = "backends.rml.reader."
 
 
 def _other(name: str, why: str, plant: Plant) -> Fault:

@@ -2,10 +2,10 @@
 
 from typing import Final
 
-from rvaft.guards import Operator
+from rvaft.model.guards import Operator
 from tests.cross_check.faults.planting import Fault, edit, entry
 
-_AT: Final = "backends.rml.translation."
+_AT: Final = "backends.rml.writer."
 
 
 def _fault(name: str, why: str, where: str, old: str, new: str) -> Fault:

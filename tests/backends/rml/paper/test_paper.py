@@ -5,10 +5,10 @@ from time import process_time
 import pytest
 
 from backends.rml.paper import RmlPaperBackend
+from rvaft.api import loads
 from rvaft.errors import NotExpressible, TooLarge
-from rvaft.language import loads
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from rvaft.verdict import Semantics
 from tests.trees import shipped
 
 PINNED = [

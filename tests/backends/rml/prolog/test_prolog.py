@@ -5,19 +5,18 @@ from random import Random
 import pytest
 
 from backends import conformance
-from backends.conformance_trees import examples
+from backends.conformance import examples
 from backends.rml import RmlBackend
-from backends.rml.prolog import RmlPrologBackend
-from backends.rml.prolog.writing import HEADER, prolog
-from backends.rml.reading.reader import read
+from backends.rml.prolog import HEADER, RmlPrologBackend, prolog
+from backends.rml.reader.monitor import read
 from cross_check.participants import faithful_backends
+from rvaft.api import loads
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
-from rvaft.language import loads
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 from rvaft.semantics import Reference
-from rvaft.tree import RVAFT
-from rvaft.values import Json
-from rvaft.verdict import Semantics, Verdict
 from tests.backends.rml.reading.cases import CASES, events
 from tests.backends.rml.reading.programs import Programs, trace
 

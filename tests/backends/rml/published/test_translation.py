@@ -11,15 +11,16 @@ import pytest
 
 from backends.conformance import strings_ordered
 from backends.rml import RmlBackend
-from backends.rml.reading.deviations import touching
-from backends.rml.translation import translating
+from backends.rml.reader.deviations import touching
+from backends.rml.writer import translation
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.api import loads
 from rvaft.errors import NotExpressible, TooLarge
-from rvaft.language import dumps, loads
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.language.printer import dumps
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
 from tests.backends.rml.published.runner import compiled, needs_published, verdicts
 
 pytestmark = [pytest.mark.published, needs_published]
@@ -52,7 +53,7 @@ def test_random_trees(name: str, tmp_path: Path) -> None:
 def test_vot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, counted: bool) -> None:
     """Small votes as they are, and counted like large ones."""
     if counted:
-        monkeypatch.setattr(translating, "_SMALL", 0)
+        monkeypatch.setattr(translation, "_SMALL", 0)
     leaves = "abcdef"
     alone = [f"top {k}of{n} {' '.join(leaves[:n])};" for n in (3, 4, 6) for k in range(1, n)]
     within = [f"top {whole}; n {k}of3 a b c;" for k in (1, 2) for whole in VOT_WITHIN]

@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, Final
 
-from rvaft.values import Json
+from rvaft.model.values import Json
 
 LETTERS: Final = """\
 a matches {e:'a'};

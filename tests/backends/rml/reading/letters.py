@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable
 
-from backends.rml.reading.reader import read
-from rvaft.values import Json
+from backends.rml.reader.monitor import read
+from rvaft.model.values import Json
 
 
 def letters(text: str, events: Iterable[Json]) -> str:

@@ -5,9 +5,9 @@ from contextlib import contextmanager
 from random import Random
 from typing import Final
 
-from backends.rml.reading.reader import read
+from backends.rml.reader.monitor import read
 from rvaft.errors import TooLarge
-from rvaft.values import Json
+from rvaft.model.values import Json
 
 HEAD: Final = """\
 a matches {e:'a'};

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from backends.rml.prolog.writing import prolog
+from backends.rml.prolog import prolog
 from tests.backends.rml.published.runner import compiled, needs_published, verdicts
 from tests.backends.rml.reading.cases import CASES, Case, events
 from tests.backends.rml.reading.letters import letters

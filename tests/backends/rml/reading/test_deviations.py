@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from backends.rml.reading.deviations import DEVIATIONS, touching
-from rvaft.values import Json
+from backends.rml.reader.deviations import DEVIATIONS, touching
+from rvaft.model.values import Json
 from tests.backends.rml.published.runner import compiled, needs_published, verdicts
 from tests.backends.rml.reading.cases import CASES, events
 from tests.backends.rml.reading.letters import letters

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backends.rml.prolog.writing import prolog
-from backends.rml.reading.reader import read
+from backends.rml.prolog import prolog
+from backends.rml.reader.monitor import read
 from rvaft.errors import LanguageError, TooLarge
 
 A = "a matches {e:'a'};\n"

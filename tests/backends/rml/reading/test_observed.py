@@ -4,15 +4,15 @@ from random import Random
 
 import pytest
 
-from backends.rml.reading.observed import observed
-from backends.rml.reading.reader import read
+from backends.rml.reader.monitor import read
+from backends.rml.reader.observations import observed
 from cross_check.letters import VARIABLES, answers, letters
 from rvaft.backend import Observed
 from rvaft.errors import LanguageError, TooLarge
-from rvaft.guards import Operation, Operator
-from rvaft.language import guard_text, pattern_text
-from rvaft.patterns import ObjectPattern, Variable
-from rvaft.values import Json
+from rvaft.model.expressions import guard_text, pattern_text
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.patterns import ObjectPattern, Variable
+from rvaft.model.values import Json
 from tests.backends.observing import differing
 from tests.backends.rml.reading.programs import Programs, event
 

@@ -6,10 +6,10 @@ from random import Random
 
 import pytest
 
-from backends.rml.prolog.writing import prolog
-from backends.rml.reading.deviations import touching
+from backends.rml.prolog import prolog
+from backends.rml.reader.deviations import touching
 from rvaft.errors import TooLarge
-from rvaft.values import Json
+from rvaft.model.values import Json
 from tests.backends.rml.published.runner import compiled, needs_published, verdicts
 from tests.backends.rml.reading.letters import letters
 from tests.backends.rml.reading.programs import Programs, trace

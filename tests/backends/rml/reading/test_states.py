@@ -5,12 +5,12 @@ from types import ModuleType
 
 import pytest
 
-from backends.rml.reading import halting, transitions
-from backends.rml.reading.reader import read
+from backends.rml.reader import transitions
+from backends.rml.reader.monitor import read
 from rvaft.errors import TooLarge
+from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-from rvaft.values import Json
-from rvaft.verdict import Verdict
 from tests.backends.rml.reading.letters import letters
 from tests.backends.rml.reading.programs import Programs, event
 
@@ -167,7 +167,7 @@ def test_a_deep_value_is_bound() -> None:
     assert _run("Main = {let x; av(x) bv(x) all};", [{"e": "a", "v": value}, {"e": "b", "v": value}]) == "T"
 
 
-@pytest.mark.parametrize("module", [transitions, halting], ids=["step", "halt"])
+@pytest.mark.parametrize("module", [transitions], ids=["step"])
 def test_unfolding_without_an_event_has_a_limit(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "DEPTH_LIMIT", 1000)
     text = A + "Main = a G<0>;\nG<n> = (if (n >= 0) empty else a) G<n+1>;"

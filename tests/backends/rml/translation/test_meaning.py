@@ -6,16 +6,17 @@ from time import process_time
 import pytest
 
 from backends.rml import RmlBackend
-from backends.rml.translation import translating
+from backends.rml.writer import translation
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.api import loads
 from rvaft.errors import NotExpressible, TooLarge, TreeError
-from rvaft.language import dumps, loads
-from rvaft.model import Causality, Gate, Node
-from rvaft.random_traces import random_trace
-from rvaft.random_trees import PLAIN, VARIABLE_FREE, Shape, random_tree
-from rvaft.restrict import restrict
+from rvaft.language.printer import dumps
+from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.restrict import restrict
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from rvaft.tree import RVAFT
-from rvaft.verdict import Semantics
 from tests.semantics.cases import CASES, Case
 from tests.trees.shipped import load, names
 
@@ -30,7 +31,7 @@ VARIABLES = Shape(variables=1, guards=0.4, max_nodes=6)
 def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Small votes as they are, and counted like large ones."""
     if request.param:
-        monkeypatch.setattr(translating, "_SMALL", 0)
+        monkeypatch.setattr(translation, "_SMALL", 0)
 
 
 def compare(tree: RVAFT, semantics: Semantics, random: Random, traces: int) -> None:

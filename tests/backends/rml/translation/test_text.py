@@ -3,8 +3,8 @@
 import pytest
 
 from backends.rml import RmlBackend
-from rvaft.language import loads
-from rvaft.verdict import Semantics
+from rvaft.api import loads
+from rvaft.model.verdict import Semantics
 from tests.trees.shipped import TREES
 
 STRICT = {

@@ -1,0 +1,239 @@
+"""Formulas run by others: the package `ltlf2dfa` writes them as programs for MONA, and MONA makes an automaton.
+
+Of ltlf2dfa only its parser and its translation are used. Its `to_dfa` writes every program to one file inside the installed
+package, where two processes meet and where a read-only installation keeps an old program without a word, and it makes an
+automaton even of the output of a missing MONA.
+"""
+
+import re
+import resource
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Hashable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+from backends.ltlf.formulas import Formulas, Op, Row
+from backends.ltlf.monitor import root_of
+from backends.ltlf.progression import Atom, atoms_of
+from backends.ltlf.reader import split
+from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
+from rvaft.model.patterns import Pattern
+from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
+from rvaft.monitors import Monitor
+
+# A formula of the core as a program for MONA, by the package `ltlf2dfa`.
+
+OPERATORS: Final = 2_000
+"""The most operators, shared subformulas written out wherever they occur: ltlf2dfa knows no sharing, and works by recursion."""
+
+
+def program(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
+    """The program; `symbols` names each atom in a way that ltlf2dfa takes. Raises `ToolMissing`, `ToolFailed`, `TooLarge`."""
+    text = _text(formulas, root, symbols)
+    try:
+        from ltlf2dfa.base import MonaProgram  # noqa: PLC0415 -- not there on every machine
+        from ltlf2dfa.parser.ltlf import LTLfParser  # noqa: PLC0415 -- not there on every machine
+    except ImportError as error:
+        raise ToolMissing("ltlf2dfa", remedy="run `pip install 'rvaft[mona]'`") from error
+    try:
+        made: Any = MonaProgram(LTLfParser()(text)).mona_program()
+    except RecursionError:
+        raise TooLarge("the formula is nested too deep for ltlf2dfa", limit=OPERATORS) from None
+    except Exception as error:
+        raise ToolFailed("ltlf2dfa", reason=f"{type(error).__name__}: {error}".splitlines()[0]) from error
+    return str(made)
+
+
+def _text(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
+    """The formula in the syntax of ltlf2dfa, where `X` is the strong next; every operand in parentheses."""
+    sizes: dict[int, int] = {}
+    texts: dict[int, str] = {}
+    for number in formulas.reachable(root):
+        row = formulas.rows[number]
+        sizes[number] = 1 + sum(sizes[operand] for operand in row.operands)
+        if sizes[number] > OPERATORS:
+            raise TooLarge("the formula, written out for ltlf2dfa, has more operators", limit=OPERATORS)
+        texts[number] = _written(row, [texts[operand] for operand in row.operands], symbols)
+    return texts[root]
+
+
+def _written(row: Row, operands: list[str], symbols: Mapping[str, str]) -> str:
+    match row.op, operands:
+        case Op.TRUE, _:
+            return "true"
+        case Op.FALSE, _:
+            return "false"
+        case Op.ATOM, _:
+            return symbols[row.name]
+        case Op.NOT, [a]:
+            return f"!({a})"
+        case Op.NEXT, [a]:
+            return f"X({a})"
+        case Op.EVENTUALLY, [a]:
+            return f"F({a})"
+        case Op.UNTIL, [a, b]:
+            return f"(({a}) U ({b}))"
+        case Op.AND, _:
+            return f"({' & '.join(operands)})"
+        case Op.OR, _:
+            return f"({' | '.join(operands)})"
+        case _:
+            raise AssertionError(row)
+
+
+# Running MONA, and the automaton that it prints.
+#
+# MONA's first step reads the variables that stand for no position, of which there are none here: the automaton of the words starts
+# behind it. Output, for `-w`:
+#
+#     DFA for formula with free variables: P0 P1
+#     Initial state: 0
+#     Accepting states: 3
+#     ...
+#     State 0: XX -> state 1
+
+SECONDS: Final = 20
+MEMORY: Final = 1 << 30
+"""Bytes, where the system can bound them: some small formulas take all there are."""
+
+REMEDY: Final = "install the program mona (Debian and Ubuntu: `apt install mona`), and see that it is on the PATH"
+_NAMES: Final = re.compile(r"^DFA for formula with free variables: *(.*)$", re.MULTILINE)
+_INITIAL: Final = re.compile(r"^Initial state: (\d+)$", re.MULTILINE)
+_ACCEPTING: Final = re.compile(r"^Accepting states: *([\d ]*)$", re.MULTILINE)
+_EDGE: Final = re.compile(r"^State (\d+): ([01X]*) -> state (\d+)$", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Automaton:
+    """Deterministic and complete; a cube has `0`, `1` or `X` for each of `names`."""
+
+    names: tuple[str, ...]
+    start: int
+    accepting: frozenset[int]
+    edges: Mapping[int, tuple[tuple[str, int], ...]]
+    verdicts: Mapping[int, Verdict]
+    """Of each state, once something was read: ⊤ where it and all that it leads to accept, ⊥ where none does."""
+
+    def step(self, state: int, letter: frozenset[str]) -> int:
+        """The state after a letter, which is the set of names that are true."""
+        word = ["1" if name in letter else "0" for name in self.names]
+        fitting = (to for cube, to in self.edges[state] if all(c in ("X", w) for c, w in zip(cube, word, strict=True)))
+        return next(fitting)
+
+
+def automaton(program: str) -> Automaton:
+    """The automaton of a program; raises `ToolMissing`, `ToolFailed`, and `TooLarge` where MONA comes to no end in time."""
+    return _read(_output(program))
+
+
+def _output(program: str) -> str:
+    mona = shutil.which("mona")
+    if mona is None:
+        raise ToolMissing("mona", remedy=REMEDY)
+    with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
+        file = Path(folder) / "formula.mona"
+        file.write_text(program, encoding="utf-8")
+        command = [mona, "-q", "-u", "-w", str(file)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8") as process:  # noqa: S603
+            _bounded(process.pid)
+            try:
+                output, _ = process.communicate(timeout=SECONDS)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise TooLarge("mona needs more seconds for the formula", limit=SECONDS) from None
+    if process.returncode:
+        reason = next((line for line in output.splitlines() if line.strip()), f"exit status {process.returncode}")
+        raise ToolFailed("mona", reason=reason)
+    return output
+
+
+def _bounded(process: int) -> None:
+    if hasattr(resource, "prlimit"):  # Linux
+        with suppress(OSError):  # it may have come to its end already
+            resource.prlimit(process, resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+
+def _read(output: str) -> Automaton:
+    names, initial, accepting = (found.search(output) for found in (_NAMES, _INITIAL, _ACCEPTING))
+    edges: dict[int, list[tuple[str, int]]] = {}
+    for state, cube, target in _EDGE.findall(output):
+        edges.setdefault(int(state), []).append((cube, int(target)))
+    if names is None or initial is None or accepting is None or len(first := edges.get(int(initial[1]), [])) != 1:
+        raise ToolFailed("mona", reason="it printed no automaton")
+    accepts = frozenset(map(int, accepting[1].split()))
+    table = {state: tuple(found) for state, found in edges.items()}
+    verdicts = {state: _verdict(state, table, accepts) for state in table}
+    return Automaton(tuple(names[1].split()), first[0][1], accepts, table, verdicts)
+
+
+def _verdict(state: int, edges: Mapping[int, tuple[tuple[str, int], ...]], accepting: frozenset[int]) -> Verdict:
+    found = {reached in accepting for reached in _reached(state, edges)}
+    return Verdict.UNKNOWN if len(found) == 2 else Verdict.TRUE if found == {True} else Verdict.FALSE
+
+
+def _reached(state: int, edges: Mapping[int, tuple[tuple[str, int], ...]]) -> Iterator[int]:
+    """The state itself and all that it leads to."""
+    seen, todo = {state}, [state]
+    while todo:
+        yield (current := todo.pop())
+        fresh = {target for _, target in edges[current]} - seen
+        seen |= fresh
+        todo.extend(fresh)
+
+
+# A text of LTLf run by MONA's automaton instead of this project's own reading of formulas.
+#
+# Both use Spot's parser and the meaning of atoms at an event; what a formula demands of a word, they find out in different ways.
+
+ATOMS: Final = 8
+"""The most atoms: the automaton has a transition for every set of them in the worst case."""
+
+
+def read(text: str, given: Mapping[str, Pattern]) -> Monitor:
+    """A monitor of the text; raises as `Backend.read_with` says."""
+    return MonaMonitor(*_made(text, tuple(sorted(given.items(), key=lambda item: item[0]))))
+
+
+@lru_cache(maxsize=32)
+def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[Automaton, Mapping[str, Atom]]:
+    """The automaton, and the atoms by their names in it."""
+    header, rest = split(text)
+    formulas = Formulas()
+    root = root_of(header, rest, formulas)
+    rows = (formulas.rows[number] for number in formulas.reachable(root))
+    names = sorted(row.name for row in rows if row.op is Op.ATOM)
+    atoms = atoms_of(header, names, dict(given))
+    if variables := sorted(frozenset[str]().union(*(atom.mentions for atom in atoms.values()))):
+        reason = f"its automata have no variables ({', '.join(variables)})"
+        raise NotExpressible(reason, backend="ltlf-mona", semantics="any semantics")
+    if len(names) > ATOMS:
+        raise TooLarge(f"a formula with {len(names)} atoms for mona", limit=ATOMS)
+    symbols = {name: f"p{number}" for number, name in enumerate(names)}  # ltlf2dfa writes symbols in upper case
+    made = automaton(program(formulas, root, symbols))
+    return made, {symbol.upper(): atoms[name] for name, symbol in symbols.items()}
+
+
+class MonaMonitor(Monitor):
+    """⊤ where the word and all its extensions are accepted, ⊥ where none of them is, else ?; ? before any event."""
+
+    def __init__(self, automaton: Automaton, atoms: Mapping[str, Atom]) -> None:
+        super().__init__()
+        self._automaton = automaton
+        self._atoms = atoms
+        self._at = automaton.start
+
+    @property
+    def state(self) -> Hashable:
+        """The automaton, its state, the verdict."""
+        return self._automaton, self._at, self._verdict
+
+    def _advance(self, event: Json) -> Verdict:
+        letter = frozenset(name for name in self._automaton.names if self._atoms[name].holds(event, {}))
+        self._at = self._automaton.step(self._at, letter)
+        return self._automaton.verdicts[self._at]

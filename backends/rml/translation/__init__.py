@@ -1,5 +1,0 @@
-"""The translation of a tree into RML."""
-
-from backends.rml.translation.translating import Translation, translate
-
-__all__ = ["Translation", "translate"]

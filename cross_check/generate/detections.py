@@ -1,0 +1,438 @@
+"""Random traces in which a tree is detected: an order of a random scenario, values that fit, and some noise where it does no harm."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from random import Random
+from typing import Final, TypeAlias
+
+import networkx as nx
+
+from cross_check.generate.traces import interesting_values
+from cross_check.generate.values import Demand, Unmet, guard_demands, meeting
+from rvaft.engine import engine
+from rvaft.errors import RvaftError
+from rvaft.model.guards import holds
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.patterns import (
+    Anything,
+    Binding,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    Variable,
+    match,
+    rigid_variables,
+)
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.rules.rule import listing
+
+# Events built for a tree: one that a pattern takes under given values, and one that the tree has nothing to do with.
+
+_NAMES = ("heartbeat", "status", "log")
+
+
+def built(random: Random, pattern: Pattern, binding: Mapping[str, Json], values: Sequence[Json]) -> Json:
+    """A value that matches the pattern with these values for its variables, random ones for those without."""
+    chosen = dict(binding)
+
+    def build(part: Pattern) -> Json:
+        match part:
+            case Literal(value):
+                return value
+            case Variable(name):
+                return chosen[name] if name in chosen else chosen.setdefault(name, random.choice(values))
+            case Anything():
+                return random.choice(values)
+            case ObjectPattern(fields):
+                return {name: build(inner) for name, inner in fields}
+            case ListPattern(items):
+                return [build(item) for item in items]
+
+    return build(pattern)
+
+
+def some_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
+    """An event that fits a random runtime event of the tree."""
+    event = built(random, random.choice(tree.alphabet).pattern, {}, values)
+    return event if isinstance(event, dict) else {"event": event}
+
+
+def noise(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json | None:
+    """An event that is not relevant to the tree, or None where none was met."""
+    for _ in range(10):
+        event: Json = {"event": random.choice(_NAMES), "value": random.choice(values)}
+        if random.random() < 0.3:
+            event = some_event(random, tree, values)
+            event.pop(random.choice(sorted(event)), None) if event else None
+        if not any(match(entry.pattern, event, {}) is not None for entry in tree.alphabet) or ignored(tree, event):
+            return event
+    return None
+
+
+def ignored(tree: RVAFT, event: Json) -> bool:
+    """Whether an `ignore` declaration takes the event."""
+    for ignore in tree.ignores:
+        found = match(tree.instantiate(ignore.on), event, {})
+        if found is not None:
+            names = () if ignore.when is None else guard_variables(ignore.when)
+            if ignore.when is None or (set(names) <= set(found) and holds(ignore.when, found)):
+                return True
+    return False
+
+
+# Random scenarios of a tree (semantics, section 2), drawn from the root down without enumerating them.
+#
+# What turns out to be impossible is banned for the draws that follow, so that the choices above it are made differently: a node
+# (its guard cannot hold) or a tree edge (it takes part in a cycle of the precedence). Every feasible scenario can be drawn as
+# long as nothing is banned.
+
+Kept: TypeAlias = Mapping[str, tuple[str, ...]]
+"""The nodes of a scenario, each with the children it keeps."""
+
+Ban: TypeAlias = str | tuple[str, str]
+"""A node, or a tree edge (parent, child), that no scenario drawn may have."""
+
+_MORE_THAN_NEEDED = 0.3
+"""How often a `KofN` keeps more than K children."""
+_TRIED = 20
+"""How many bans to try for one that leaves a scenario."""
+
+
+class Scenarios:
+    """The scenarios of a tree that have nothing banned."""
+
+    def __init__(self, tree: RVAFT) -> None:
+        self.tree = tree
+        self.bans: set[Ban] = set()
+        self._never = frozenset(node.name for node in tree.top_down() if _never_holds(node))
+
+    def draw(self, random: Random, *, lean: bool = False) -> Kept | None:
+        """One scenario, or None where every one has something banned; `lean` takes the choices with the fewest events.
+
+        Its precedence may be cyclic; of the guards only those without variables hold for sure.
+        """
+        least = self._least()
+        if least[self.tree.root] is None:
+            return None
+        kept: dict[str, tuple[str, ...]] = {}
+        agenda = [self.tree.root]
+        while agenda:
+            name = agenda.pop()
+            if name not in kept:
+                kept[name] = self._choice(random, self.tree.nodes[name], least, lean=lean)
+                agenda.extend(kept[name])
+        return kept
+
+    def ban(self, random: Random, bans: Sequence[Ban]) -> None:
+        """Ban one of these, such that scenarios are left; where there is none such, start afresh with nothing banned."""
+        for ban in random.sample(bans, min(len(bans), _TRIED)):
+            if ban not in self.bans:
+                self.bans.add(ban)
+                if self._least()[self.tree.root] is not None:
+                    return
+                self.bans.remove(ban)
+        self.bans.clear()
+
+    def _choice(self, random: Random, node: Node, least: Mapping[str, int | None], *, lean: bool) -> tuple[str, ...]:
+        if node.gate not in (Gate.OR, Gate.VOT):
+            return node.children
+        possible = [child for child in node.children if self._possible(node.name, child, least)]
+        needed = node.threshold or 1
+        if lean:
+            random.shuffle(possible)
+            chosen = set(sorted(possible, key=lambda child: least[child] or 0)[:needed])
+        else:
+            more = node.gate is Gate.VOT and random.random() < _MORE_THAN_NEEDED
+            chosen = set(random.sample(possible, random.randint(needed, len(possible)) if more else needed))
+        return tuple(child for child in node.children if child in chosen)
+
+    def _possible(self, name: str, child: str, least: Mapping[str, int | None]) -> bool:
+        return least[child] is not None and (name, child) not in self.bans
+
+    def _least(self) -> dict[str, int | None]:
+        """For each node the fewest events that a scenario has there (a shared part counts anew), None where it has none."""
+        least: dict[str, int | None] = {}
+        for node in self.tree.bottom_up():
+            below = sorted(
+                count
+                for child in node.children
+                if (count := least[child]) is not None and (node.name, child) not in self.bans
+            )
+            needed = _needed(node)
+            impossible = node.name in self._never or node.name in self.bans or len(below) < needed
+            least[node.name] = None if impossible else node.has_event + sum(below[:needed])
+        return least
+
+
+def _needed(node: Node) -> int:
+    if node.gate is Gate.OR:
+        return 1
+    return len(node.children) if node.threshold is None else node.threshold
+
+
+def _never_holds(node: Node) -> bool:
+    return node.when is not None and not guard_variables(node.when) and not holds(node.when, {})
+
+
+# Random orders of a scenario's occurrences that keep its precedence (semantics, section 2).
+#
+# Written from the definition and not with `rvaft.precedence`, which a translation uses: an order that both forgot
+# would be missed on both sides. Every order that keeps the precedence can come out.
+
+_BEFORE, _EVENT, _AFTER, _GAP = range(4)
+"""The points of a node: before all events of its part, its own event, after all of them, between two children of a sequence."""
+
+Point = tuple[int, str, int]
+
+
+class Cyclic(Exception):
+    """Some event has to come before itself; `edges` are the tree edges (parent, child) of one cycle."""
+
+    def __init__(self, edges: list[tuple[str, str]]) -> None:
+        self.edges = edges
+        super().__init__(edges)
+
+
+def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
+    """The occurrences of a scenario, one after the other; raises `Cyclic` where no order keeps the precedence."""
+    graph = _precedence(tree, kept)
+    waits: dict[Point, int] = dict(graph.in_degree())
+    ready: list[Point] = []
+    silent = [point for point, count in waits.items() if count == 0]
+    order: list[str] = []
+    while silent or ready:
+        # Only events wait in `ready`: points that are no event are passed at once, so any event that may be next can be.
+        if silent:
+            point = silent.pop()
+        else:
+            index = random.randrange(len(ready))
+            ready[index], ready[-1] = ready[-1], ready[index]
+            point = ready.pop()
+            order.append(point[1])
+        del waits[point]
+        for later in graph.successors(point):
+            waits[later] -= 1
+            if waits[later] == 0:
+                (ready if later[0] == _EVENT else silent).append(later)
+    if waits:
+        raise Cyclic(_tree_edges(kept, {name for (_, name, _), _ in nx.find_cycle(graph.subgraph(waits))}))
+    return order
+
+
+def _precedence(tree: RVAFT, kept: Kept) -> nx.DiGraph:
+    """Points and what comes before what, linear in the scenario; from before a part to after it leads only an event."""
+    graph: Final = nx.DiGraph()
+    for name, children in kept.items():
+        node = tree.nodes[name]
+        before, own, after = (_BEFORE, name, 0), (_EVENT, name, 0), (_AFTER, name, 0)
+        for child in children:
+            graph.add_edge(before, (_BEFORE, child, 0))
+            graph.add_edge((_AFTER, child, 0), after)
+        if node.has_event:
+            graph.add_edge(before, own)
+            graph.add_edge(own, after)
+            for child in children:
+                if tree.causality is Causality.TOP_DOWN:
+                    graph.add_edge(own, (_BEFORE, child, 0))
+                else:
+                    graph.add_edge((_AFTER, child, 0), own)
+        if node.gate is Gate.SAND:
+            _sequence(graph, name, children)
+        elif node.gate is Gate.SAND_RL:
+            _sequence(graph, name, children[::-1])
+    return graph
+
+
+def _sequence(graph: nx.DiGraph, name: str, children: tuple[str, ...]) -> None:
+    """Each child's part before all later ones, also where a part between them has no event."""
+    for number in range(len(children) - 1):
+        gap = (_GAP, name, number)
+        graph.add_edge((_AFTER, children[number], 0), gap)
+        graph.add_edge(gap, (_BEFORE, children[number + 1], 0))
+        graph.add_edge(gap, (_GAP, name, number + 1))
+
+
+def _tree_edges(kept: Kept, names: set[str]) -> list[tuple[str, str]]:
+    return [(name, child) for name, children in kept.items() if name in names for child in children if child in names]
+
+
+ATTEMPTS: Final = 100
+_NOISE: Final = 3
+"""The most events of noise in one trace."""
+_BUILDS: Final = 40
+"""How many events to build for an occurrence so that one is not ignored; after the first quarter from all values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """What the events look like, beside what the tree demands; probabilities between 0 and 1.
+
+    Without `values` the free values are taken from those that make a difference to the tree, of all types. An
+    `overlapping` event also has the fields of another runtime event of the tree.
+    """
+
+    values: tuple[Json, ...] = ()
+    overlapping: float = 0.0
+    noise: float = 0.4
+
+
+WILD: Final = Manner(overlapping=0.1)
+"""For tests: whatever might go wrong."""
+
+PLAIN: Final = Manner(values=tuple(range(10)))
+"""For people: small numbers where any value will do."""
+
+
+class NoTraceFound(RvaftError, LookupError):
+    """No detecting trace was found; `nodes` are those whose guards or events stood in the way. There may be one all the same."""
+
+    def __init__(self, why: str, *, attempts: int, nodes: Sequence[str] = ()) -> None:
+        self.why = why
+        self.attempts = attempts
+        self.nodes = tuple(nodes)
+        super().__init__(f"no detecting trace found in {attempts} attempt{'s' if attempts > 1 else ''}: {why}")
+
+
+def detecting(
+    random: Random,
+    tree: RVAFT,
+    semantics: Semantics = Semantics.PROJECTED,
+    *,
+    manner: Manner = WILD,
+    longest: int | None = None,
+    attempts: int = ATTEMPTS,
+) -> list[Json]:
+    """A trace after which, and not before, the monitor says ⊤; with at most `longest` events.
+
+    The tree keeps the rules of `rvaft check`. Raises `NoTraceFound`, and what the monitor raises (`TooLarge`).
+    """
+    trace = guided(random, tree, semantics, manner=manner, longest=longest, attempts=attempts)
+    monitor = engine(tree, semantics)
+    for position, event in enumerate(trace, 1):
+        if monitor.step(event) is Verdict.TRUE:
+            return trace[:position]
+    # The trace is a match by its construction: passing it over would hide what a cross-check looks for.
+    raise AssertionError(f"the monitor does not detect {tree.root} under {semantics} in {trace}")
+
+
+def guided(
+    random: Random,
+    tree: RVAFT,
+    semantics: Semantics = Semantics.PROJECTED,
+    *,
+    manner: Manner = WILD,
+    longest: int | None = None,
+    attempts: int = ATTEMPTS,
+) -> list[Json]:
+    """A trace that holds a match of a random scenario, by its construction alone: no monitor is asked.
+
+    It may be detected before its end, where a part of it is a match too. Raises `NoTraceFound`.
+    """
+    making = _Making(random, tree, Semantics(semantics), manner)
+    scenarios = Scenarios(tree)
+    why, nodes, shortest = "", list[str](), None
+    for attempt in range(attempts):
+        kept = scenarios.draw(random, lean=longest is not None and attempt >= attempts // 2)
+        if kept is None:
+            why = "every scenario has a guard without variables that does not hold"
+            break
+        try:
+            order = random_order(random, tree, kept)
+            if longest is None or len(order) <= longest:
+                return making.noisy(making.trace(kept, order), longest)
+            shortest = len(order) if shortest is None else min(shortest, len(order))
+        except Cyclic as cyclic:
+            scenarios.ban(random, cyclic.edges)
+            why = why or "every scenario met has an event that comes before itself"
+        except Unmet as unmet:
+            refusing = {demand.node for demand in unmet.refusing}
+            nodes = [name for name in tree.order if name in refusing]
+            scenarios.ban(random, nodes)
+            why = _objection(nodes, unmet.refusing)
+    if shortest is not None:
+        why = f"the shortest scenario met has {shortest} events" + (f"; {why}" if why else "")
+    raise NoTraceFound(why, attempts=attempts, nodes=nodes)
+
+
+class _Making:
+    """Events for the occurrences of one scenario after the other, for one tree under one semantics."""
+
+    def __init__(self, random: Random, tree: RVAFT, semantics: Semantics, manner: Manner) -> None:
+        self.random = random
+        self.tree = tree
+        self.semantics = semantics
+        self.manner = manner
+        self.others = interesting_values(tree)
+        self.values = manner.values or tuple(random.choice(self.others) for _ in range(4))
+        self.minds_ignored = semantics is Semantics.PROJECTED and bool(tree.ignores)
+
+    def trace(self, kept: Kept, order: list[str]) -> list[Json]:
+        """An event for each occurrence, in this order; raises `Unmet`."""
+        events: dict[str, Json] = {}
+        demands: list[Demand] = []
+        for name in kept:
+            guard = self.tree.nodes[name].when
+            if guard is not None:
+                demands += guard_demands(name, guard)
+        patterns = {name: self.tree.pattern(name) or Anything() for name in order}
+        if self.minds_ignored:
+            demands += [
+                Demand(name, rigid_variables(pattern), partial(self._passes, events, name))
+                for name, pattern in patterns.items()
+            ]
+        names = dict.fromkeys(name for pattern in patterns.values() for name in rigid_variables(pattern))
+        binding = meeting(self.random, demands, names, self.values, self.others)
+        return [events[name] if name in events else self._event(name, binding, self.values) for name in order]
+
+    def _passes(self, events: dict[str, Json], name: str, binding: Binding) -> bool:
+        """Whether some event for an occurrence is not ignored; it is noted."""
+        for build in range(_BUILDS):
+            event = self._event(name, binding, self.values if build < _BUILDS // 4 else self.others)
+            if not ignored(self.tree, event):
+                events[name] = event
+                return True
+        return False
+
+    def _event(self, name: str, binding: Binding, values: Sequence[Json]) -> Json:
+        event = built(self.random, self.tree.pattern(name) or Anything(), binding, values)
+        if self.random.random() < self.manner.overlapping:
+            event = {**some_event(self.random, self.tree, values), **event}
+        return event
+
+    def noisy(self, trace: list[Json], longest: int | None) -> list[Json]:
+        """The trace with events in between that take nothing from it; under `strict` there are none."""
+        if self.semantics is Semantics.STRICT or self.random.random() >= self.manner.noise:
+            return trace
+        room = _NOISE if longest is None else min(_NOISE, longest - len(trace))
+        result = list(trace)
+        for _ in range(self.random.randint(0, max(room, 0))):
+            if self.semantics is Semantics.SCATTERED and self.random.random() < 0.5:
+                event = some_event(self.random, self.tree, self.values)
+            else:
+                event = noise(self.random, self.tree, self.values)
+            if event is not None:
+                result.insert(self.random.randint(0, len(result)), event)
+        return result
+
+
+def _objection(nodes: Sequence[str], refusing: Sequence[Demand]) -> str:
+    """Why a scenario has no events: what the demands of these nodes were that refused."""
+    of_guards = {demand.node for demand in refusing if demand.guard is not None}
+    of_events = {demand.node for demand in refusing if demand.guard is None}
+    guarded = [name for name in nodes if name in of_guards]
+    dropped = [name for name in nodes if name in of_events]
+    said = []
+    if guarded:
+        plural = len(guarded) > 1
+        said.append(
+            f"the guard{'s' if plural else ''} of {listing(guarded)} {'do' if plural else 'does'} not hold "
+            "with any value that was tried"
+        )
+    if dropped:
+        said.append(f"`ignore` takes the events of {listing(dropped)} with any value that was tried")
+    return "; ".join(said)

@@ -1,0 +1,276 @@
+"""The least event that matches some patterns: unification, with fresh values for whatever nothing decides.
+
+The demands of the patterns are kept as a graph of places. A place has a literal, fields, items, or nothing decided yet; places that
+must hold equal values are one. Every event that matches the patterns is an image of the graph: equal places
+have equal values there. A fresh value equals no literal and no other value, and a fresh field keeps objects
+apart that nothing makes equal, so the least event matches only what *every* event matches that matches the patterns.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Final, TypeAlias
+
+from rvaft.errors import TooLarge
+from rvaft.model.patterns import (
+    Anything,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    Variable,
+    match,
+    substitute,
+    walk,
+)
+from rvaft.model.values import Json
+
+Place: TypeAlias = int
+ROOT: Final[Place] = 0
+
+
+class Fresh:
+    """Values that no pattern in sight asks for; with `apart`, objects that are not asked to be equal differ."""
+
+    def __init__(self, patterns: Iterable[Pattern], *, apart: bool) -> None:
+        self.apart = apart
+        self._mark = "~"
+        words: set[str] = set()
+        self._longest = 0
+        for part in (part for pattern in patterns for part in walk(pattern)):
+            match part:
+                case Literal(str(word)):
+                    words.add(word)
+                case ObjectPattern(fields):
+                    words.update(name for name, _ in fields)
+                case ListPattern(items):
+                    self._longest = max(self._longest, len(items))
+                case _:
+                    pass
+        while any(word.startswith(self._mark) for word in words):
+            self._mark += "~"
+
+    def word(self, number: int) -> str:
+        """A string, and the name of a field."""
+        return f"{self._mark}{number}"
+
+    def opaque(self, number: int) -> Json:
+        """A value without order that no pattern of a list or an object matches."""
+        return [self.word(number)] * (self._longest + 1)
+
+
+class Demands:
+    """What an event must have; places are numbers, `ROOT` is the event itself."""
+
+    def __init__(self, fresh: Fresh) -> None:
+        self._fresh = fresh
+        self._same: list[Place] = [ROOT]
+        self._has: list[Literal | dict[str, Place] | tuple[Place, ...] | None] = [{}]
+
+    def place(self, given: Place) -> Place:
+        """The place that stands for all that are equal to the given one."""
+        while self._same[given] != given:
+            given = self._same[given]
+        return given
+
+    def free(self, place: Place) -> bool:
+        """Whether nothing is decided about the value there."""
+        return self._has[self.place(place)] is None
+
+    def literal(self, place: Place) -> Literal | None:
+        """The literal that must be there."""
+        has = self._has[self.place(place)]
+        return has if isinstance(has, Literal) else None
+
+    def demand(self, pattern: Pattern) -> dict[str, Place] | None:
+        """Ask for a match of one more pattern; where its variables are, or None where that is impossible."""
+        where: dict[str, Place] = {}
+        todo: list[tuple[Pattern, Place]] = [(pattern, ROOT)]
+        while todo:
+            part, place = todo.pop()
+            match part:
+                case Literal():
+                    if not self._settle(place, part):
+                        return None
+                case Variable(name):
+                    if not self._unite(where.setdefault(name, place), place):
+                        return None
+                case ObjectPattern(fields):
+                    found = self._has[place := self.place(place)]
+                    if found is None:
+                        found = self._has[place] = {}
+                    if not isinstance(found, dict):
+                        return None
+                    for name, inner in fields:
+                        if name not in found:
+                            found[name] = self._new()
+                        todo.append((inner, found[name]))
+                case ListPattern(items):
+                    there = self._has[place := self.place(place)]
+                    if there is None:
+                        there = self._has[place] = tuple(self._new() for _ in items)
+                    if not isinstance(there, tuple) or len(there) != len(items):
+                        return None
+                    todo.extend(zip(items, there, strict=True))
+                case _:
+                    pass
+        return where
+
+    def _new(self) -> Place:
+        self._same.append(len(self._same))
+        self._has.append(None)
+        return self._same[-1]
+
+    def _settle(self, place: Place, literal: Literal) -> bool:
+        place = self.place(place)
+        if self._has[place] is None:
+            self._has[place] = literal
+        return self._has[place] == literal
+
+    def _unite(self, one: Place, other: Place) -> bool:
+        todo = [(one, other)]
+        while todo:
+            left, right = map(self.place, todo.pop())
+            if left == right:
+                continue
+            kept, lost = self._has[left], self._has[right]
+            self._same[right] = left
+            match kept, lost:
+                case (None, _):
+                    self._has[left] = lost
+                case (_, None):
+                    pass
+                case (dict(), dict()):
+                    todo.extend((kept[name], place) for name, place in lost.items() if name in kept)
+                    self._has[left] = {**lost, **kept}
+                case (tuple(), tuple()) if len(kept) == len(lost):
+                    todo.extend(zip(kept, lost, strict=True))
+                case _ if kept != lost or not isinstance(kept, Literal):
+                    return False
+        return True
+
+    def values(self, chosen: Mapping[Place, Json]) -> dict[Place, Json] | None:
+        """The value of every place in the event, `chosen` ones as given; None where one would contain itself."""
+        built: dict[Place, Json] = dict(chosen)
+        opened: set[Place] = set()
+        todo = [ROOT]
+        while todo:
+            place = todo[-1]
+            has = self._has[place]
+            if place in built:
+                todo.pop()
+                continue
+            inner = () if has is None or isinstance(has, Literal) else has.values() if isinstance(has, dict) else has
+            below = [self.place(one) for one in inner]
+            missing = [one for one in below if one not in built]
+            if missing:
+                if place in opened:
+                    return None
+                opened.add(place)
+                todo.extend(missing)
+                continue
+            todo.pop()
+            match has:
+                case None:
+                    built[place] = self._fresh.word(place)
+                case Literal(value):
+                    built[place] = value
+                case dict():
+                    built[place] = {name: built[one] for name, one in zip(has, below, strict=True)}
+                    if place != ROOT and self._fresh.apart:
+                        built[place][self._fresh.word(place)] = None
+                case _:
+                    built[place] = [built[one] for one in below]
+        return built
+
+
+# Which patterns one event can match together: the closed sets, each with its least event.
+#
+# A set of patterns is closed when it has every pattern that its own least event matches (`least`), and then the event matches just
+# these. The sets are enumerated without repetition in Ganter's order ("close by one"): a set grows by patterns of
+# increasing number, and a step that brings in an earlier one is left to the place where that was added.
+
+EMPTY: Final[tuple[int, ...]] = ()
+
+
+def plain(pattern: Pattern) -> Pattern:
+    """The pattern with `_` for variables that demand nothing, and the others numbered: equal demands are equal patterns."""
+    uses = [part.name for part in walk(pattern) if isinstance(part, Variable)]
+    if not uses:
+        return pattern
+    by: dict[str, Pattern] = {name: Anything() for name in uses}
+    twice = [name for name in by if uses.count(name) > 1]
+    by.update((name, Variable(f"_{number}")) for number, name in enumerate(twice, 1))
+    return substitute(pattern, by)
+
+
+class ClosedSets:
+    """The closed sets of some patterns; a set is a number with one bit for each pattern."""
+
+    def __init__(self, patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> None:
+        self._patterns = patterns
+        self._fresh = fresh
+        self._limit = limit
+        self._rivals = _rivals(patterns)
+        self._all = (1 << len(patterns)) - 1
+
+    def __iter__(self) -> Iterator[tuple[int, Json]]:
+        """Each set and its least event, that of `{}` first; raises `TooLarge`."""
+        least = self._closure(EMPTY, self._all)
+        assert least is not None
+        todo = [(EMPTY, *least, self._all, 0)]
+        sets = 0
+        while todo:
+            generators, closed, event, possible, after = todo.pop()
+            sets += 1
+            if sets > self._limit:
+                raise TooLarge("sets of patterns that an event can match", limit=self._limit)
+            yield closed, event
+            for index in reversed(_bits(possible & ~closed & -(1 << after))):
+                still = possible & ~self._rivals[index]
+                more = self._closure((*generators, index), still)
+                if more is not None and not (more[0] ^ closed) & ((1 << index) - 1):
+                    todo.append(((*generators, index), *more, still, index + 1))
+
+    def _closure(self, generators: tuple[int, ...], possible: int) -> tuple[int, Json] | None:
+        """Those of the possible patterns that the least event of some matches, and the event; None where there is none."""
+        demands = Demands(self._fresh)
+        if any(demands.demand(self._patterns[index]) is None for index in generators):
+            return None
+        values = demands.values({})
+        if values is None:
+            return None
+        event, closed = values[ROOT], 0
+        for index in _bits(possible):
+            if match(self._patterns[index], event, {}) is not None:
+                closed |= 1 << index
+        return closed, event
+
+
+def _bits(mask: int) -> list[int]:
+    found = []
+    while mask:
+        low = mask & -mask
+        found.append(low.bit_length() - 1)
+        mask ^= low
+    return found
+
+
+def _rivals(patterns: Iterable[Pattern]) -> list[int]:
+    """For each pattern those that ask for another literal in the same field: no event matches both."""
+    fields = [_literal_fields(pattern) for pattern in patterns]
+    with_field: dict[str, int] = {}
+    with_literal: dict[tuple[str, Literal], int] = {}
+    for index, found in enumerate(fields):
+        for name, literal in found:
+            with_field[name] = with_field.get(name, 0) | 1 << index
+            with_literal[name, literal] = with_literal.get((name, literal), 0) | 1 << index
+    rivals = [0] * len(fields)
+    for index, found in enumerate(fields):
+        for name, literal in found:
+            rivals[index] |= with_field[name] & ~with_literal[name, literal]
+    return rivals
+
+
+def _literal_fields(pattern: Pattern) -> list[tuple[str, Literal]]:
+    if not isinstance(pattern, ObjectPattern):
+        return []
+    return [(name, inner) for name, inner in pattern.fields if isinstance(inner, Literal)]

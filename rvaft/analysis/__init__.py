@@ -1,0 +1,1 @@
+"""What is asked of trees, patterns and guards before any event comes."""

@@ -1,0 +1,377 @@
+"""What the shape of an event says about the patterns that it fits.
+
+The *shape* of an event is which fields it has, and its values in those fields where some pattern has a literal. Logs hold few shapes, so
+what a shape says is worked out once. It decides most patterns: those that ask for literals and for the presence of fields. The others are
+*open*: whether one fits has to be asked of the event itself.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
+from typing import Final, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+
+from rvaft.model.guards import Guard, Operation, Predicate, predicate
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
+from rvaft.model.patterns import variables as pattern_variables
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json, key
+
+T = TypeVar("T")
+
+MEMORY: Final = 4096
+"""How many shapes are remembered; then the memory starts afresh."""
+WIDEST: Final = 64
+"""Events with more fields are not remembered: their shapes take too much room."""
+LONGEST: Final = 200
+"""Nor are those with longer strings where patterns have literals."""
+_NOT_THERE: Final = ("no scalar",)
+"""In place of the value of a field that is absent, or holds an object or a list."""
+
+
+class Decided(NamedTuple):
+    """The numbers of the patterns that every event of a shape fits, and of those that some may fit; each in order."""
+
+    fits: tuple[int, ...]
+    open: tuple[int, ...]
+
+
+class Flat(NamedTuple):
+    """A pattern that the shape decides: the literals it asks for (their keys), and the other fields with their variables ("" for none)."""
+
+    literals: Mapping[str, Hashable]
+    variables: Mapping[str, str]
+
+
+class Shapes(Generic[T]):
+    """Events by shape; `derive` makes of what a shape decides whatever is wanted for its events."""
+
+    def __init__(self, patterns: Iterable[Pattern], derive: Callable[[Decided], T]) -> None:
+        self._derive = derive
+        self._filed: dict[str, dict[Hashable, list[int]]] = {}
+        self._rest: list[int] = []
+        self._flat: dict[int, Flat] = {}
+        self._memory: dict[Hashable, T] = {}
+        asked: dict[str, set[type]] = {}
+        for number, pattern in enumerate(patterns):
+            plain = flat(pattern)
+            if plain is not None:
+                self._flat[number] = plain
+            literals = literals_of(pattern)
+            for field, value in literals.items():
+                asked.setdefault(field, set()).add(type(value))
+            first = next(iter(literals.items()), None)
+            if first is None:
+                self._rest.append(number)
+            else:
+                self._filed.setdefault(first[0], {}).setdefault(first[1], []).append(number)
+        self._shape = _shape_by(tuple(field for field, types in asked.items() if types == {str}))
+        self._others = tuple(field for field, types in asked.items() if types != {str})
+
+    def of(self, event: Mapping[str, Json]) -> T:
+        """What was derived for the shape of an event."""
+        # Python takes 1 and True for equal. Where only strings are asked for, neither is one; else their keys differ.
+        shape = self._shape(event)
+        if self._others:
+            shape = (*shape, *[_key(event, field) for field in self._others])
+        try:
+            return self._memory[shape]
+        except KeyError:
+            found = self._derive(self._decide(event))
+        except TypeError:  # a list or an object where patterns have strings
+            return self._derive(self._decide(event))
+        if len(event) <= WIDEST and brief(shape):
+            if len(self._memory) >= MEMORY:
+                self._memory.clear()
+            self._memory[shape] = found
+        return found
+
+    def _decide(self, event: Mapping[str, Json]) -> Decided:
+        candidates = list(self._rest)
+        for field, table in self._filed.items():
+            candidates.extend(table.get(_key(event, field), ()))
+        candidates.sort()
+        return Decided(
+            tuple(number for number in candidates if number in self._flat and _fits(self._flat[number], event)),
+            tuple(number for number in candidates if number not in self._flat),
+        )
+
+
+def brief(values: Iterable[Json]) -> bool:
+    """Whether no string among these values is too long to be remembered."""
+    return all(not isinstance(value, str) or len(value) <= LONGEST for value in values)
+
+
+def _shape_by(fields: tuple[str, ...]) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
+    """The shape of an event given the fields where patterns have strings: so many values at its end. Few fields are asked for one by one."""
+    match fields:
+        case (one,):
+            return lambda event: (*event, event.get(one))
+        case (one, two):
+            return lambda event: (*event, event.get(one), event.get(two))
+        case (one, two, three):
+            return lambda event: (*event, event.get(one), event.get(two), event.get(three))
+        case _:
+            return lambda event: (*event, *map(event.get, fields))
+
+
+def flat(pattern: Pattern) -> Flat | None:
+    """A pattern as a shape decides it, or None where it does not."""
+    if not isinstance(pattern, ObjectPattern):
+        return None
+    variables: dict[str, str] = {}
+    for field, part in pattern.fields:
+        match part:
+            case Literal():
+                pass
+            case Variable(name) if name not in variables.values():
+                variables[field] = name
+            case Anything():
+                variables[field] = ""
+            case _:
+                return None
+    return Flat(literals_of(pattern), variables)
+
+
+def literals_of(pattern: Pattern) -> dict[str, Hashable]:
+    """The fields of an object pattern that must have one value, with the keys of these values."""
+    fields = pattern.fields if isinstance(pattern, ObjectPattern) else ()
+    return {field: key(part.value) for field, part in fields if isinstance(part, Literal)}
+
+
+def _fits(plain: Flat, event: Mapping[str, Json]) -> bool:
+    return all(_key(event, field) == value for field, value in plain.literals.items()) and all(
+        field in event for field in plain.variables
+    )
+
+
+def _key(event: Mapping[str, Json], field: str) -> Hashable:
+    value = event.get(field, _NOT_THERE)
+    return _NOT_THERE if isinstance(value, (Mapping, list, tuple)) else key(value)
+
+
+# The fields that tell event types apart: in a robot's log mostly one, `topic`.
+#
+# Whatever else an event holds, its values there say which patterns of a tree it can fit at all. So they decide what is read of it.
+
+_OTHER: Final = ("other",)
+"""In place of a value that no pattern asks for, or of none."""
+
+
+class Discriminators:
+    """The discriminating fields of some patterns: every pattern that asks for a string in some field asks for one in one of these."""
+
+    def __init__(self, patterns: Iterable[Pattern]) -> None:
+        strings = [_strings(pattern) for pattern in patterns]
+        self.fields = tuple(_cover(strings))
+        self._asked = tuple({field: one[field] for field in self.fields if field in one} for one in strings)
+        self._filed: dict[tuple[str, Hashable], list[int]] = {}
+        """The numbers of the patterns that ask for a value in a field, each under the first field that it asks about."""
+        self._rest: list[int] = []
+        for number, asked in enumerate(self._asked):
+            first = next(iter(asked.items()), None)
+            (self._rest if first is None else self._filed.setdefault(first, [])).append(number)
+        self._values = {field: frozenset(one[field] for one in strings if field in one) for field in self.fields}
+
+    def values(self, event: Mapping[str, Json]) -> tuple[Hashable, ...]:
+        """What tells the event from others: its values in the discriminating fields, as far as patterns ask for them."""
+        return tuple([self.value(field, event.get(field)) for field in self.fields])
+
+    def value(self, field: str, value: Json) -> Hashable:
+        """The same for one field."""
+        return value if isinstance(value, str) and value in self._values[field] else _OTHER
+
+    def apart(self, values: Iterable[Json]) -> tuple[Hashable, ...]:
+        """What tells events apart that fit no pattern: the strings, if not too long, that they have in the discriminating fields."""
+        return tuple([value if isinstance(value, str) and len(value) <= LONGEST else _OTHER for value in values])
+
+    def candidates(self, values: tuple[Hashable, ...]) -> tuple[int, ...]:
+        """The numbers of the patterns that an event with these values may fit, in order."""
+        by_field = dict(zip(self.fields, values, strict=True))
+        near = [*self._rest, *(number for item in by_field.items() for number in self._filed.get(item, ()))]
+        return tuple(
+            sorted(n for n in near if all(by_field[field] == value for field, value in self._asked[n].items()))
+        )
+
+
+def _strings(pattern: Pattern) -> dict[str, str]:
+    return {field: value for field, value in literals_of(pattern).items() if isinstance(value, str)}
+
+
+def _cover(literals: Iterable[Mapping[str, str]]) -> Iterable[str]:
+    """Fields, as few as can be told at once, of which each of these has one if it has any; the most frequent first."""
+    left = [fields for fields in literals if fields]
+    while left:
+        field, _ = Counter(field for fields in left for field in fields).most_common(1)[0]
+        yield field
+        left = [fields for fields in left if field not in fields]
+
+
+# Which parts of an event a tree reads.
+#
+# The fields that tell event types apart are read in every event; what their values leave possible decides what else is read.
+
+
+@dataclass(slots=True)
+class Reads:
+    """Which parts of a value are read: all of it, or these fields and the items of a list."""
+
+    whole: bool = False
+    fields: dict[str, "Reads"] = dataclass_field(default_factory=dict)
+    items: "Reads | None" = None
+
+    def add(self, pattern: Pattern) -> None:
+        """Read also what this pattern looks at. A variable looks at a whole value: values are compared deeply."""
+        agenda: list[tuple[Reads, Pattern]] = [(self, pattern)]
+        while agenda:
+            reads, part = agenda.pop()
+            match part:
+                case ObjectPattern(fields):
+                    agenda.extend((reads.fields.setdefault(name, Reads()), inner) for name, inner in fields)
+                case ListPattern(items):
+                    reads.items = reads.items or Reads()
+                    agenda.extend((reads.items, inner) for inner in items)
+                case Variable():
+                    reads.whole = True
+                case Literal() | Anything():
+                    pass
+
+    def of(self, event: Mapping[str, Json]) -> "Reads":  # noqa: ARG002 (the same in every event)
+        """What is read of an event."""
+        return self
+
+
+class Scope(Protocol):
+    """Says of an event what is read of it."""
+
+    def of(self, event: Mapping[str, Json]) -> Reads:
+        """What is read of an event."""
+
+
+class TreeReads:
+    """What a monitor of the tree reads: what its runtime events and `ignore` declarations mention; and these paths of fields."""
+
+    def __init__(self, tree: RVAFT, also: Iterable[tuple[str, ...]] = ()) -> None:
+        self.patterns = (
+            *(relevant.pattern for relevant in tree.alphabet),
+            *(tree.instantiate(ignore.on) for ignore in tree.ignores),
+        )
+        self.discriminators = Discriminators(self.patterns)
+        self._always = (
+            *(ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields),
+            *(_at(path) for path in also),
+        )
+        self._known: dict[tuple[Hashable, ...], Reads] = {}
+
+    def of(self, event: Mapping[str, Json]) -> Reads:
+        """What is read of an event."""
+        return self.where(self.discriminators.values(event))
+
+    def where(self, values: tuple[Hashable, ...]) -> Reads:
+        """What is read of events that have these values in the discriminating fields."""
+        known = self._known.get(values)
+        if known is None:
+            known = self._known[values] = Reads()
+            for pattern in self._always:
+                known.add(pattern)
+            for number in self.discriminators.candidates(values):
+                known.add(self.patterns[number])
+        return known
+
+
+def _at(path: tuple[str, ...]) -> Pattern:
+    """Looks at the whole value at a path of fields."""
+    pattern: Pattern = Variable("_")
+    for name in reversed(path):
+        pattern = ObjectPattern(((name, pattern),))
+    return pattern
+
+
+def reads_of(tree: RVAFT) -> TreeReads:
+    """What a monitor of the tree reads."""
+    return TreeReads(tree)
+
+
+# Letters: patterns with guards over their variables, and how one is read off an event.
+
+Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json]]
+
+
+class Letter(NamedTuple):
+    """A pattern and a guard over its variables."""
+
+    pattern: Pattern
+    when: Guard | None = None
+
+
+class Reader(NamedTuple):
+    """How one letter, known by a number, is read off an event whose shape does not exclude it."""
+
+    number: int
+    pattern: Pattern
+    holds: Predicate | None
+    plain: bool
+    """Whether the shape of an event decides that it fits the pattern. Then `holds` is asked of the event itself."""
+    values: Values
+    """If so what gives the values of the variables, but for the local ones, in an event that is this letter."""
+
+    def admits(self, event: Mapping[str, Json]) -> bool:
+        """Whether an event is this letter."""
+        if self.plain:
+            return self.holds is None or self.holds(event)
+        return self._matched(event) is not None
+
+    def read(self, event: Mapping[str, Json]) -> dict[str, Json] | None:
+        """The values of the variables in an event, or None where it is not this letter."""
+        if self.plain:
+            return self.values(event) if self.admits(event) else None
+        found = self._matched(event)
+        return None if found is None else rigid(found)
+
+    def _matched(self, event: Mapping[str, Json]) -> dict[str, Json] | None:
+        found = match(self.pattern, event, {})
+        return found if found is not None and (self.holds is None or self.holds(found)) else None
+
+
+def reader(number: int, letter: Letter) -> Reader:
+    """How a letter is read. A guard with variables that the pattern does not bind never holds."""
+    plain = flat(letter.pattern)
+    when = letter.when
+    fields: tuple[tuple[str, str], ...] = ()
+    holds: Predicate | None = None
+    if when is not None and not set(guard_variables(when)) <= set(pattern_variables(letter.pattern)):
+        holds = _never
+    elif plain is not None:
+        named = {name: field for field, name in plain.variables.items() if name}
+        fields = tuple((name, field) for name, field in named.items() if not name.startswith("_"))
+        holds = None if when is None else predicate(_of_fields(when, named))
+    elif when is not None:
+        holds = predicate(when)
+    return Reader(number, letter.pattern, holds, plain is not None, _values(fields))
+
+
+def _of_fields(guard: Guard, named: Mapping[str, str]) -> Guard:
+    """The guard with the fields of an event as its variables; the parser bounds its nesting."""
+    match guard:
+        case Variable(name):
+            return Variable(named[name])
+        case Operation(operator, operands):
+            return Operation(operator, tuple(_of_fields(operand, named) for operand in operands))
+        case _:
+            return guard
+
+
+def _values(fields: tuple[tuple[str, str], ...]) -> Values:
+    """Gives variables the values of fields; one or two, as most events have, at once."""
+    match fields:
+        case ((name, field),):
+            return lambda event: {name: event[field]}
+        case ((name, field), (other, its)):
+            return lambda event: {name: event[field], other: event[its]}
+        case _:
+            return lambda event: {name: event[field] for name, field in fields}
+
+
+def _never(_: Mapping[str, Json]) -> bool:
+    return False

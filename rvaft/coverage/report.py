@@ -1,0 +1,120 @@
+"""The report of a coverage: a table for people, and JSON for programs.
+
+Schema, version 1 (fields are only ever added)::
+
+    {"format": "rvaft-coverage", "version": 1, "semantics": "projected", "logs": 3,
+     "branches": [{"branch": 1, "kinds": ["fault"], "needed": 5, "reached": 3, "detected": 0,
+                   "log": NAME | null, "event": NUMBER | null, "waits_for": [{"node": NAME, "event": TEXT}]}],
+     "infeasible": [NUMBER],
+     "unseen": [{"node": NAME, "event": TEXT}],
+     "totals": {"branches": 4, "exercised": 1, "nodes": 7, "seen": 5}}
+"""
+
+import io
+import json
+from typing import Final
+
+from rvaft.coverage.measure import BranchCoverage, Report
+from rvaft.support.terminal import visible
+
+VERSION: Final = 1
+_LISTED: Final = 20
+"""Nodes that are listed one by one."""
+
+
+def json_text(report: Report) -> str:
+    """The report as one JSON object."""
+    value = {
+        "format": "rvaft-coverage",
+        "version": VERSION,
+        "semantics": report.semantics.value,
+        "logs": report.logs,
+        "branches": [
+            {
+                "branch": branch.number,
+                "kinds": _kinds(branch),
+                "needed": branch.needed,
+                "reached": branch.reached,
+                "detected": branch.detected,
+                "log": branch.log,
+                "event": branch.event,
+                "waits_for": [{"node": one.node, "event": one.event} for one in branch.awaited],
+            }
+            for branch in report.branches
+        ],
+        "infeasible": list(report.infeasible),
+        "unseen": [{"node": one.node, "event": one.event} for one in report.unseen],
+        "totals": {
+            "branches": len(report.branches),
+            "exercised": report.exercised,
+            "nodes": report.nodes,
+            "seen": report.seen,
+        },
+    }
+    return json.dumps(value, indent=2) + "\n"
+
+
+def table_text(report: Report, *, width: int) -> str:
+    """The report as a table of at most so many columns, the nodes never seen, and a line of totals; long texts are wrapped.
+
+    Without any log it is one line.
+    """
+    if not report.logs:
+        return f"no log could be used; branches: {len(report.branches)}, nodes: {report.nodes}\n"
+    from rich.console import Console  # noqa: PLC0415 -- imported on use
+    from rich.table import Table  # noqa: PLC0415 -- imported on use
+    from rich.text import Text  # noqa: PLC0415 -- imported on use
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
+    table.add_column("branch", justify="right", no_wrap=True)
+    table.add_column("kinds", overflow="fold")
+    table.add_column("reached", no_wrap=True)
+    table.add_column("logs", no_wrap=True)
+    table.add_column("where", overflow="fold")
+    for branch in report.branches:
+        cells = (
+            str(branch.number),
+            ", ".join(_kinds(branch)) or "-",
+            f"{branch.reached} of {branch.needed}",
+            f"{branch.detected} of {report.logs}",
+            _where(branch),
+        )
+        table.add_row(*(Text(visible(cell)) for cell in cells))
+    console = Console(file=io.StringIO(), width=width, color_system=None, legacy_windows=False, force_jupyter=False)
+    with console.capture() as captured:
+        console.print(table)
+        for line in _below(report):
+            console.print(Text(visible(line)), soft_wrap=False)
+    return "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
+
+
+def _kinds(branch: BranchCoverage) -> list[str]:
+    return sorted(kind.value for kind in branch.kinds)
+
+
+def _where(branch: BranchCoverage) -> str:
+    """Where a branch was detected first, or else where it came farthest and what could have come next."""
+    place = "" if branch.log is None else f"{branch.log}, event {branch.event}"
+    if branch.detected:
+        return f"detected: {place}"
+    awaited = " or ".join(
+        one.node if one.event == one.node else f"{one.node} {one.event}" for one in branch.awaited[:_LISTED]
+    )
+    others = len(branch.awaited) - _LISTED
+    waits = f"waits for {awaited}{f' or {others} others' if others > 0 else ''}"
+    return f"{place}; {waits}" if place else waits
+
+
+def _below(report: Report) -> list[str]:
+    lines = [""]
+    if report.infeasible:
+        numbers = ", ".join(map(str, report.infeasible[:_LISTED]))
+        lines.append(f"no feasible scenario: branch {numbers}{', …' if len(report.infeasible) > _LISTED else ''}")
+    if report.unseen:
+        names = ", ".join(one.node for one in report.unseen[:_LISTED])
+        others = len(report.unseen) - _LISTED
+        lines.append(f"nodes never seen: {names}{f' and {others} others' if others > 0 else ''}")
+    percent = 100 * report.exercised // len(report.branches)  # 100 only where it is all
+    exercised = f"branches exercised {report.exercised} of {len(report.branches)} ({percent}%)"
+    lines.append(f"{exercised}; nodes seen {report.seen} of {report.nodes}")
+    return lines

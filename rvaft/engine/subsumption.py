@@ -1,0 +1,200 @@
+"""Which of two partial matches can do all that the other can, though their values differ.
+
+Take two partial matches that have come equally far (the same occurrences taken, the same guards decided, with the same outcome, the
+same orders broken) and whose bindings agree but for some variables. Such a variable is of no consequence but through the
+guards still open if no occurrence to come mentions it. Say an open guard is *for greater values* of it if, whatever the values of
+the other variables, the guard holds for y where it holds for x < y; and likewise for smaller values. If all open guards that mention the
+variable are for greater values of it, a completion of the match with x is a completion of the match with y > x: the same events for the
+same occurrences, so every guard of the completed scenario that held for x holds for y, and it is the same scenario, of
+the same branches. With several such variables replace one after the other. So the match with the lesser value may be dropped, now and as
+long as the other, or one that can do all that it can, is kept; verdicts stay what they are, and so does the lowest branch.
+
+What makes a guard one for greater (smaller) values, as `rvaft.guards` evaluates it:
+
+- Rounding is monotone: of two values of one type, x <= y, and a constant c, x + c <= y + c holds for the computed results too, for whole
+  numbers exactly and for IEEE doubles after rounding (a whole number is first rounded to a double where c is one). The
+  same goes for x + e where e is whatever the rest of the guard gives, the same for both. Not so between values of two types: 2**53 and
+  2.0**53 are equal, but 2.0**53 + 11 is greater than 2**53 + 11. So only values of one type are compared.
+- Comparisons of numbers are exact, whatever their types. On texts they are those of code points; arithmetic on texts is undefined.
+- What is undefined does not hold, nor does its negation. So it must not depend on x whether a comparison is defined. Types decide it, and
+  being finite, and the conversion of a whole number to a double. Therefore values and constants beyond `MOST` are left out: added to a
+  finite double such values leave a finite double, since they are less than half of the last place of the largest. After the
+  one operand that is not a constant only whole constants are allowed, for a sum of whole numbers may be too large for a double.
+- So a comparison stays defined, or undefined, as the value changes: it is *steady*. Then its negation is for the other direction, and steady.
+- `and` holds where all its operands do: it is monotone if they are. But what it does not look at may be undefined, so that `and` may
+  turn from false to undefined where its first operand turns from false to true. So neither is it steady, nor is `or`, unless only
+  the last operand mentions the variable and is. `or` looks at an operand where those before are false, which for them must not turn
+  into undefined: it is monotone if its operands are, and those before the last are steady.
+
+Anything else is left alone: equality, products, a variable on both sides. What is not said to be comparable counts as equal only
+if nothing can tell the values apart (`fingerprint`).
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+from rvaft.engine.compiled_tree import Plan
+from rvaft.engine.configuration import Configuration
+from rvaft.engine.progress import MORE, POSSIBLE, SURE, TOUCHED
+from rvaft.engine.steps import Matching
+from rvaft.model.guards import Guard, Operation, Operator, variables
+from rvaft.model.nodes import Gate
+from rvaft.model.patterns import Literal, Variable
+from rvaft.model.values import Json, is_number
+
+# When a partial match under `scattered` need not be kept without the event it could take.
+#
+# Under `scattered` a configuration may pass over every event. Passing over is of no use where the occurrence belongs to all that
+# the configuration can still become and taking it costs nothing: no variable is bound by it, no choice made. Then whatever the
+# configuration could do later, it can do with the event taken, within the same branch (so that the explanation still finds the lowest).
+
+
+def commits(matching: Matching, before: Configuration, after: Configuration, node: int) -> bool:
+    """Whether the configuration after a node's event can do all that the one before it can."""
+    plan, progress = matching.plan, matching.progress
+    if after.binding != before.binding or after.closed != before.closed:
+        return False
+    if plan.core and matching.core.free:
+        return False
+    if any(name not in before.binding for name in plan.exported[node]):
+        return False
+    if node not in matching.core.members:
+        if plan.own[node] and not plan.top_down and not _ends(matching, node, progress.inner(after, node)):
+            return False
+        child = node
+        while plan.parent[child] >= 0:
+            if not _keeps(matching, before, after, child):
+                return False
+            child = plan.parent[child]
+    return not plan.core or matching.core.settled(before, node)
+
+
+def _ends(matching: Matching, node: int, flags: int) -> bool:
+    """Whether what stands before the event has nothing more to come in the same branch."""
+    return bool(flags & SURE) and not (flags & MORE and matching.plan.chooses >> node & 1)
+
+
+def _keeps(matching: Matching, before: Configuration, after: Configuration, child: int) -> bool:
+    """Whether a child's parent loses nothing by what happened below the child."""
+    plan, progress = matching.plan, matching.progress
+    gate = plan.parent[child]
+    siblings = plan.children[gate]
+    match plan.gates[gate]:
+        case Gate.AND | None:
+            return True
+        case Gate.SAND | Gate.SAND_RL:
+            elders = siblings[: plan.slot[child]]
+            return all(_ends(matching, elder, progress.flags(before, elder)) for elder in elders)
+        case Gate.OR | Gate.VOT as kind:
+            if progress.flags(before, child) & TOUCHED:
+                return True
+            able = sum(bool(progress.flags(before, sibling) & POSSIBLE) for sibling in siblings)
+            if able <= (1 if kind is Gate.OR else plan.thresholds[gate]):
+                return True
+            whole = bool(progress.flags(after, child) & SURE) and not plan.chooses >> child & 1
+            return kind is Gate.VOT and whole
+
+
+MOST: Final = 10**100
+
+_MIXED: Final = None
+_FIRST_GREATER: Final = (Operator.GT, Operator.GE)
+_COMPARISONS: Final = (*_FIRST_GREATER, Operator.LT, Operator.LE)
+
+
+class Directions:
+    """For the partial matches of a plan, the variables of which a greater (1) or a smaller (-1) value can do more."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self._tendency = {
+            name: {node: tendency(guard, name) for node in nodes if (guard := plan.guards[node]) is not None}
+            for name, nodes in plan.guarded_by.items()
+        }
+
+    def of(self, configuration: Configuration) -> dict[str, int]:
+        """The variables that a configuration binds of which it can be said."""
+        found = {}
+        for name in configuration.binding:
+            if not self.plan.mentions[name] & ~configuration.taken:
+                guards = self._tendency.get(name, {})
+                signs = {sign for node, sign in guards.items() if not configuration.closed >> node & 1}
+                if signs in ({1}, {-1}):
+                    found[name] = 1 if 1 in signs else -1
+        return found
+
+
+def tendency(guard: Guard, name: str) -> int | None:
+    """Whether a guard is for greater (1) or smaller (-1) values of a variable, does not mention it (0), or is neither (None)."""
+    if name not in variables(guard):
+        return 0
+    match guard:
+        case Operation(Operator.AND | Operator.OR as operator, operands):
+            if operator is Operator.OR and not all(_steady(operand, name) for operand in operands[:-1]):
+                return _MIXED
+            signs = {tendency(operand, name) for operand in operands} - {0}
+            return signs.pop() if len(signs) == 1 else _MIXED
+        case Operation(Operator.NOT, (operand,)):
+            return _turned(tendency(operand, name)) if _steady(operand, name) else _MIXED
+        case Operation(operator, (left, right)) if operator in _COMPARISONS:
+            if name in variables(left) and name in variables(right):
+                return _MIXED
+            slope = _slope(left, name)[0] if name in variables(left) else _turned(_slope(right, name)[0])
+            return slope if operator in _FIRST_GREATER else _turned(slope)
+        case _:
+            return _MIXED
+
+
+def _steady(guard: Guard, name: str) -> bool:
+    """Whether a guard that is monotone in a variable is defined, or undefined, whatever its value."""
+    if name not in variables(guard):
+        return True
+    match guard:
+        case Operation(Operator.AND | Operator.OR, (*first, last)):
+            return _steady(last, name) and not any(name in variables(operand) for operand in first)
+        case Operation(Operator.NOT, (operand,)):
+            return _steady(operand, name)
+        case _:
+            return True
+
+
+def _turned(sign: int | None) -> int | None:
+    return _MIXED if sign is None else -sign
+
+
+def _slope(term: Guard, name: str) -> tuple[int | None, bool]:
+    """The sign of a variable in a sum that mentions it once, and whether the rest of it is constants."""
+    match term:
+        case Variable():
+            return 1, True
+        case Operation(Operator.NEGATE, (inner,)):
+            slope, alone = _slope(inner, name)
+            return _turned(slope), alone
+        case Operation(Operator.ADD | Operator.SUB as operator, (left, right)):
+            if name in variables(left) and name in variables(right):
+                return _MIXED, False
+            inner, other = (left, right) if name in variables(left) else (right, left)
+            slope, alone = _slope(inner, name)
+            if operator is Operator.SUB and inner is right:
+                slope = _turned(slope)
+            if isinstance(other, Literal) and _moderate(other.value):
+                return (slope, alone) if alone or type(other.value) is int else (_MIXED, False)
+            return (slope, False) if alone else (_MIXED, False)
+        case _:
+            return _MIXED, False
+
+
+def _moderate(value: Json) -> bool:
+    return is_number(value) and -MOST <= value <= MOST
+
+
+def scale(value: Json) -> type | None:
+    """What two values have in common that can be compared; None for a value that cannot be."""
+    if type(value) is str or (type(value) in (int, float) and _moderate(value)):
+        return type(value)
+    return None
+
+
+def at_least(left: Mapping[str, Json], right: Mapping[str, Json], directions: Mapping[str, int]) -> bool:
+    """Whether one binding can do all that the other can; where there are directions, they are on one scale."""
+    return all(left[n] >= right[n] if sign > 0 else left[n] <= right[n] for n, sign in directions.items())

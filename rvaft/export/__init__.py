@@ -1,0 +1,125 @@
+"""Drawing a tree, and writing it in other formats."""
+
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from pathlib import PurePath
+from typing import Final
+
+from rvaft.export.dot import dot_text, picture
+from rvaft.export.galileo import galileo_text, losses
+from rvaft.export.json_form import json_text
+from rvaft.export.layout import PLAIN, TERMINAL, Look, looking, marks
+from rvaft.export.text import tree_text
+from rvaft.export.tikz import tikz_text
+from rvaft.language.printer import dumps
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.monitors import Explanation
+
+# A tree with the path marked on which it was detected (semantics, section 4: one match and its scenario).
+#
+# Marked are the nodes of the matched scenario, those without an event of their own too. A KofN gate keeps the children that the match
+# took: K of them, or more where all their events had to be used.
+
+_WIDTH = 26
+"""Columns of text in a box: values of events are longer than labels, and such a picture is for a screen."""
+
+
+def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], *, colour: bool = False) -> str:
+    """For the terminal: marked nodes after a dot, matched ones with their event behind them; branch and variables below.
+
+    `events` holds matched events by number, from 1; of one that is not there only the number is shown. With `colour` the text has
+    ANSI escapes: marked lines are bold, those of faults yellow and of attacks red, the others faint.
+    """
+    whole = _whole(tree)
+    return tree_text(whole, Look(events=True, marks=marks(whole, explanation, events)), colour=colour)
+
+
+def fired_dot(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> str:
+    """In the DOT language: marked nodes and edges bold, the others grey; branch and variables below the tree."""
+    whole = _whole(tree)
+    return dot_text(whole, Look(events=True, wrap=_WIDTH, marks=marks(whole, explanation, events)))
+
+
+def _whole(tree: RVAFT) -> RVAFT:
+    """The tree whose nodes an explanation names."""
+    return tree if tree.part_of is None else tree.part_of.tree
+
+
+__all__ = [
+    "SUFFIXES",
+    "Format",
+    "Look",
+    "dot_text",
+    "draw",
+    "fired_dot",
+    "fired_text",
+    "format_of",
+    "looking",
+    "losses",
+    "picture",
+]
+
+
+class Format(StrEnum):
+    """The formats that a tree can be drawn or written in."""
+
+    TREE = "tree"
+    DOT = "dot"
+    SVG = "svg"
+    PDF = "pdf"
+    PNG = "png"
+    TIKZ = "tikz"
+    JSON = "json"
+    GALILEO = "galileo"
+    RVAFT = "rvaft"
+
+    @property
+    def drawing(self) -> bool:
+        """Whether the format draws a tree, rather than writing all that is in it."""
+        return self in _DRAWN or self in _PICTURES
+
+    @property
+    def binary(self) -> bool:
+        """Whether the format is not meant for a terminal."""
+        return self in (Format.PDF, Format.PNG)
+
+
+_DRAWN: Final[Mapping[Format, Callable[[RVAFT, Look], str]]] = {
+    Format.TREE: tree_text,
+    Format.DOT: dot_text,
+    Format.TIKZ: tikz_text,
+}
+_WRITTEN: Final[Mapping[Format, Callable[[RVAFT], str]]] = {
+    Format.JSON: json_text,
+    Format.GALILEO: galileo_text,
+    Format.RVAFT: dumps,
+}
+_PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
+SUFFIXES: Final[Mapping[str, Format]] = {
+    ".txt": Format.TREE,
+    ".gv": Format.DOT,
+    ".tex": Format.TIKZ,
+    ".dft": Format.GALILEO,
+    **{f".{form}": form for form in Format if form is not Format.TREE},
+}
+"""The suffixes of file names and the formats that they suggest."""
+assert set(_DRAWN) | set(_WRITTEN) | set(_PICTURES) == set(Format), "every format is written in one way"
+
+
+def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
+    """The tree in that format, which for those that are no drawings is the whole tree under any look.
+
+    Without a look a terminal shows runtime events and guards, and pictures do not. Raises `ToolMissing` and `ToolFailed` for pictures,
+    `OptionError` for what cannot be written or shown.
+    """
+    chosen = look if look is not None else TERMINAL if form is Format.TREE else PLAIN
+    if form in _PICTURES:
+        return picture(dot_text(tree, chosen), form.value)
+    text = _DRAWN[form](tree, chosen) if form in _DRAWN else _WRITTEN[form](tree)
+    return text.encode("utf-8", errors="replace")
+
+
+def format_of(file: str) -> Format | None:
+    """The format that the suffix of a file name suggests, if any."""
+    return SUFFIXES.get(PurePath(file).suffix.lower())

@@ -1,0 +1,169 @@
+r"""Text of a tree in LaTeX: nothing in it keeps a special meaning, in text or in mathematics.
+
+Symbols and Greek letters are written as commands of the package `textcomp` and of mathematics, which every engine and font has. Other
+scripts than Latin pass as they are: LuaLaTeX and XeLaTeX print them in a font that has them. What stands in mathematics needs the
+package `amsmath`, for `\text`.
+"""
+
+import re
+import unicodedata
+from functools import cache
+from typing import Final
+
+from rvaft.backend import Highlighting
+from rvaft.model.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text
+from rvaft.model.guards import Guard, Operator
+from rvaft.model.nodes import On
+from rvaft.model.values import Scalar
+from rvaft.support.terminal import visible
+
+_SPECIAL: Final = str.maketrans(
+    {
+        **{character: rf"\{character}" for character in "&%$#_{}"},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        # From here on: characters that some fonts lack, and that ligatures begin with.
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        # Straight in the typewriter fonts of all encodings, in others a closing quotation mark.
+        '"': r"\texttt{\char34}",
+        "'": r"\textquotesingle{}",
+        "`": r"\textasciigrave{}",
+        "→": r"\ensuremath{\rightarrow}",
+        "←": r"\ensuremath{\leftarrow}",
+    }
+)
+_LIGATURE: Final = re.compile(r"([-,])(?=\1)")
+"""What becomes a dash or a quotation mark; braces alone do not part it in LuaTeX."""
+_BEYOND: Final = re.compile(r"[^\x00-\x7f]")
+_IDENTIFIER: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_NUMBERED: Final = re.compile(r"([A-Za-z0-9_]*[A-Za-z])([0-9]+)")
+_EXPONENT: Final = re.compile(r"(.*)e([+-]?)0*([0-9]+)")
+
+
+def escaped(text: str) -> str:
+    """The text on one line; control codes are shown as escapes."""
+    parted = _LIGATURE.sub(r"\1{\\kern0pt}", visible(text).translate(_SPECIAL))
+    return re.sub(" (?= )", lambda _: r"\ ", _BEYOND.sub(lambda found: _symbol(found[0]), parted))
+
+
+@cache
+def _symbol(character: str) -> str:
+    """The command for a symbol or a Greek letter; letters else, and what has none, stay."""
+    from pylatexenc.latexencode import UnicodeToLatexEncoder  # noqa: PLC0415 -- imported on use
+
+    encoder = UnicodeToLatexEncoder(unknown_char_policy="keep", unknown_char_warning=False)
+    command = str(encoder.unicode_to_latex(character))
+    letter = unicodedata.category(character)[0] in "LM"
+    return character if letter and not command.startswith((r"\ensuremath", r"\text")) else command
+
+
+def identifier(text: str) -> bool:
+    """Whether a name is of Latin letters, digits and `_` only, and starts with a letter."""
+    return _IDENTIFIER.fullmatch(text) is not None
+
+
+def numbered(text: str) -> tuple[str, str]:
+    """An identifier without the number that it ends with behind a letter, and that number, or an empty string."""
+    found = _NUMBERED.fullmatch(text)
+    return (found[1], found[2]) if found else (text, "")
+
+
+def name(text: str) -> str:
+    r"""A name in mathematics, slanted as one word: `ev1` is `\mathit{ev}_{1}`; what is no identifier is text in quotes."""
+    if not identifier(text):
+        return rf"\textit{{``{escaped(text)}''}}"
+    stem, index = numbered(text)
+    return rf"\mathit{{{escaped(stem)}}}" + (f"_{{{index}}}" if index else "")
+
+
+def constant(value: Scalar) -> str:
+    """A literal in mathematics, no digit lost; strings in quotes."""
+    if isinstance(value, str):
+        return rf"\text{{``{escaped(value)}''}}"
+    text = literal_text(value)
+    if value is None or isinstance(value, bool):
+        return rf"\mathrm{{{text}}}"
+    scientific = _EXPONENT.fullmatch(text)
+    if scientific is None:
+        return text
+    mantissa, sign, exponent = scientific.groups()
+    return rf"{mantissa} \times 10^{{{sign.strip('+')}{exponent}}}"
+
+
+def event(on: On) -> str:
+    """An event type applied to arguments, in mathematics."""
+    return on_text(on, _STYLE)
+
+
+def _fraction(above: str, below: str) -> str | None:
+    """A fraction; one of fractions would have several bars and is written with a slash."""
+    return None if r"\frac" in above + below else rf"\frac{{{above}}}{{{below}}}"
+
+
+def guard(condition: Guard) -> str:
+    """A guard in mathematics, as it is written: nothing is simplified or reordered."""
+    return guard_text(condition, _STYLE)
+
+
+_STYLE: Final = Style(
+    name,
+    name,
+    constant,
+    r"\_",
+    {
+        Operator.EQ: "=",
+        Operator.NE: r"\neq",
+        Operator.LT: "<",
+        Operator.LE: r"\leq",
+        Operator.GT: ">",
+        Operator.GE: r"\geq",
+        Operator.ADD: "+",
+        Operator.SUB: "-",
+        Operator.MUL: r"\times",
+        Operator.DIV: "/",
+        Operator.NEGATE: "-",
+        Operator.NOT: r"\neg ",
+        Operator.AND: r"\wedge",
+        Operator.OR: r"\vee",
+    },
+    brackets=(r"\left(", r"\right)"),
+    fraction=_fraction,
+    minus_level=SUM_LEVEL,
+    not_operand=SIGNED_LEVEL,
+)
+
+# A specification as a listing in LaTeX, for the package `listings`.
+#
+# The text stands there as it is, so that what is printed can be copied and run. Only what `listings` cannot read, which is all beyond
+# ASCII, and what would end the listing early are escaped to LaTeX.
+
+_OPEN: Final = "(*@"
+_CLOSE: Final = "@*)"
+_HARD: Final = re.compile(r"[^\n\t -~]|\\(?=end\{lstlisting\})|" + re.escape(_OPEN[0]) + f"(?={re.escape(_OPEN[1:])})")
+_OPTIONS: Final = (
+    r"basicstyle=\scriptsize\ttfamily",
+    r"columns=fullflexible",
+    r"keepspaces=true",
+    r"showstringspaces=false",
+    r"upquote=true",
+    r"breaklines=true",
+    r"breakatwhitespace=true",
+    rf"escapeinside={{{_OPEN}}}{{{_CLOSE}}}",
+)
+
+
+def listing(text: str, highlighting: Highlighting | None) -> str:
+    r"""The text in an `lstlisting` behind the definition of its language, which may move to the preamble.
+
+    Needs the packages `listings` and `textcomp`.
+    """
+    lines = [r"% Needs \usepackage{listings} and \usepackage{textcomp}."]
+    options: tuple[str, ...] = _OPTIONS
+    if highlighting is not None:
+        lines += highlighting.definition.strip().splitlines()
+        options = (*_OPTIONS, f"language={highlighting.name}")  # the last word is the language's
+    body = _HARD.sub(lambda found: f"{_OPEN}{escaped(found[0])}{_CLOSE}", text.rstrip("\n"))
+    return "\n".join([*lines, f"\\begin{{lstlisting}}[{', '.join(options)}]", body, r"\end{lstlisting}", ""])

@@ -1,0 +1,221 @@
+"""The property of a tree or of a branch as papers print it: in LaTeX's mathematics, or in Unicode.
+
+The signs are those of Cardoso, Ferrando and Fisher, Extending Attack-Fault Trees with Runtime Verification (FMAS 2022), with one
+difference. There the formulas φ, φ₁, φ₂, … (section 4.2) join everything by ∧, which for want of another sign also stands for one after the
+other (its footnote says so), while the gates (section 3.2) tell the two apart. Here
+
+| sign | what it joins | gate |
+| --- | --- | --- |
+| · | one after the other | SAND; a node before (or, bottom up, after) what is below it |
+| ∧ | all, in any order (the paper's gate: a bar) | AND |
+| ∨ | one of them | OR |
+| VOT k/n | at least k of these n, in any order | VOT |
+
+and a condition stands in square brackets where its node stands. For display only; nothing is run from it, and a node that
+several parents share stands wherever it is used.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from rvaft.export import latex
+from rvaft.model.branches import Branch
+from rvaft.model.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text, quoted
+from rvaft.model.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
+from rvaft.model.guards import Guard, Operator
+from rvaft.model.nodes import Kind, Node, On
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Scalar
+from rvaft.support.terminal import visible
+
+# How papers write the property of a branch: the notations in Unicode and in LaTeX, with the same signs.
+#
+# The signs and their source stand in `rvaft.properties`.
+
+_SUBSCRIPTS: Final = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+_MINUS: Final = "−"
+
+
+def subscript(digits: str) -> str:
+    """Digits as an index."""
+    return digits.translate(_SUBSCRIPTS)
+
+
+def name_unicode(name: str) -> str:
+    """A name, with the number at its end as an index: `T₁`; in quotes what is no identifier."""
+    if not latex.identifier(name):
+        return quoted(name)
+    stem, index = latex.numbered(name)
+    return stem + subscript(index)
+
+
+def constant_unicode(value: Scalar) -> str:
+    """A literal; a negative number with the sign of mathematics."""
+    text = literal_text(value)
+    return text if isinstance(value, str) or not text.startswith("-") else f"{_MINUS}{text[1:]}"
+
+
+def event_unicode(on: On) -> str:
+    """An event type applied to arguments."""
+    return on_text(on, _STYLE)
+
+
+def guard_unicode(guard: Guard) -> str:
+    """A guard as it is written: nothing is simplified or reordered."""
+    return guard_text(guard, _STYLE)
+
+
+_STYLE: Final = Style(
+    name_unicode,
+    name_unicode,
+    constant_unicode,
+    "_",
+    {
+        Operator.EQ: "=",
+        Operator.NE: "≠",
+        Operator.LT: "<",
+        Operator.LE: "≤",
+        Operator.GT: ">",
+        Operator.GE: "≥",
+        Operator.ADD: "+",
+        Operator.SUB: _MINUS,
+        Operator.MUL: "×",
+        Operator.DIV: "/",
+        Operator.NEGATE: _MINUS,
+        Operator.NOT: "¬",
+        Operator.AND: "∧",
+        Operator.OR: "∨",
+    },
+    minus_level=SUM_LEVEL,
+    not_operand=SIGNED_LEVEL,
+)
+
+
+def _event(node: Node) -> str:
+    return name_unicode(node.name) if node.on is None else event_unicode(node.on)
+
+
+def _condition(node: Node) -> str:
+    return "" if node.when is None else f"[{guard_unicode(node.when)}]"
+
+
+def _event_latex(node: Node) -> str:
+    return latex.name(node.name) if node.on is None else latex.event(node.on)
+
+
+def _condition_latex(node: Node) -> str:
+    if node.when is None:
+        return ""
+    guard = latex.guard(node.when)
+    return rf"\left[{guard}\right]" if r"\frac" in guard else f"[{guard}]"
+
+
+UNICODE: Final = Notation(
+    _event,
+    _condition,
+    {Join.SEQUENCE: " · ", Join.ANY_ORDER: " ∧ ", Join.AT_LEAST: ", ", Join.CHOICE: " ∨ "},
+    "VOT {}/{}".format,
+    whole=frozenset(Join),
+)
+LATEX: Final = Notation(
+    _event_latex,
+    _condition_latex,
+    {Join.SEQUENCE: r" \cdot ", Join.ANY_ORDER: r" \wedge ", Join.AT_LEAST: ", ", Join.CHOICE: r" \vee "},
+    r"\mathrm{{VOT}}_{{{}/{}}}".format,
+    whole=frozenset(Join),
+)
+
+WIDTH: Final = 72
+"""Characters on a line of a formula in LaTeX, roughly what fits a page of one column in 10 pt."""
+_INDENT: Final = 3
+
+
+def property_text(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
+    """The property in plain text: `;` in sequence, `&` in any order, `|` one of them; raises `TooLarge` beyond `limit` pieces."""
+    return write(_formula(part), TEXT, limit=limit)
+
+
+def property_unicode(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
+    """The property in Unicode, on one line: `move(Waypoint, _) · inspect(Waypoint) · [T₂ ≥ T₁ + 10]`.
+
+    The signs are those of the table above; raises `TooLarge` beyond `limit` pieces.
+    """
+    return visible(write(_formula(part), UNICODE, limit=limit))
+
+
+def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int = DEFAULT_LIMIT) -> str:
+    r"""The property in LaTeX's mathematics, without dollar signs or an environment; needs the package `amsmath`.
+
+    The signs are those of the table above. With a `width`, in characters, a longer formula is broken for an environment in which
+    `&` stands before it, such as `align*`: a line ends with `\\`, and the next starts with `&\quad` and a sign. The branches
+    of a tree are those of the paper's section 4.2. Raises `TooLarge` beyond `limit` pieces.
+    """
+    term = _formula(part)
+    if width is None:
+        return write(term, LATEX, limit=limit)
+    return "\\\\\n  &\\quad".join(_broken(term, width, limit))
+
+
+def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH, limit: int = DEFAULT_LIMIT) -> str:
+    r"""The property with its name before it, as a row of `align*`: `\varphi_{1} &= …`. Raises `TooLarge`."""
+    index = _index(part)
+    shown = index if index.isdigit() else rf"\mathrm{{{index}}}"
+    sign = rf"\varphi_{{{shown}}}" if index else r"\varphi"
+    return f"{sign} &= {property_latex(part, width=width, limit=limit)}"
+
+
+def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -> Iterator[str]:
+    """The properties as one `align*` over any number of pages, line by line, each behind a comment that names its kinds."""
+    yield r"% Needs \usepackage{amsmath} and \usepackage{textcomp}."
+    yield r"\begingroup\allowdisplaybreaks"
+    yield r"\begin{align*}"
+    before: str | None = None
+    for part in parts:
+        if before is not None:
+            yield f"{before} \\\\"
+        kinds = ", ".join(sorted(kind.value for kind in kinds_of(part))) or "no kind"
+        yield f"% {property_sign(part)}: {kinds}"
+        before = equation_latex(part, width=width)
+    if before is not None:
+        yield before
+    yield r"\end{align*}"
+    yield r"\endgroup"
+
+
+def property_sign(part: RVAFT | Branch) -> str:
+    """What the property is called, in Unicode: φ for a tree, φ₁ for its branch 1, φ(fault) for the part of a kind."""
+    index = _index(part)
+    return f"φ{subscript(index) if index.isdigit() else f'({index})' if index else ''}"
+
+
+def kinds_of(part: RVAFT | Branch) -> frozenset[Kind]:
+    """The kinds of the nodes that a property is about."""
+    return part.kinds if isinstance(part, Branch) else frozenset(n.kind for n in part.top_down() if n.kind is not None)
+
+
+def _formula(part: RVAFT | Branch) -> Formula:
+    if isinstance(part, Branch):
+        return formula(part.tree, part.nodes, part.children)
+    return formula(part, part.order, lambda name: part.nodes[name].children)
+
+
+def _index(part: RVAFT | Branch) -> str:
+    """What tells the property from others of the same tree: a number, a kind, or nothing."""
+    if isinstance(part, Branch):
+        return str(part.number)
+    whole = part.part_of
+    if whole is None or (whole.branch is None and whole.kind is None):
+        return ""
+    return str(whole.branch) if whole.kind is None else whole.kind.value
+
+
+def _broken(term: Formula, width: int, limit: int) -> Iterator[str]:
+    """The formula in LaTeX line by line; how wide a part is, its Unicode tells."""
+    line, used = "", 0
+    for part, shown in zip(breakable(term, LATEX, limit=limit), breakable(term, UNICODE, limit=limit), strict=True):
+        if line and used + len(shown) > width:
+            yield f"{line.rstrip()} "
+            line, used = " ", _INDENT
+        line += part.lstrip() if line == " " else part
+        used += len(shown)
+    yield line

@@ -1,0 +1,165 @@
+"""A tree as a LaTeX document with the package `forest`, without Graphviz.
+
+`forest` draws trees: a shared node is drawn once in full, and as a small grey box with round corners after that.
+"""
+
+from collections.abc import Iterator
+
+from rvaft.export import latex
+from rvaft.export.layout import PLAIN, Entry, Look, Role, Row, Sign, View, caption, entries, is_condition, rows, view
+from rvaft.model.nodes import Gate, Kind, Node
+from rvaft.model.tree import RVAFT
+
+_OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}"})
+"""What means something to `forest`, or behind the end of a line."""
+_FILL = {Kind.FAULT: "fault", Kind.ATTACK: "attack", None: ""}
+_GATE = {
+    Gate.OR: "or gate",
+    Gate.AND: "and gate",
+    Gate.SAND: "sand gate",
+    Gate.SAND_RL: "sand rl gate",
+    Gate.VOT: "vot gate",
+}
+_HEAD = r"""\documentclass[tikz,border=4pt]{standalone}
+% Other scripts than Latin need LuaLaTeX or XeLaTeX and a font that has them: \setsansfont{...}[Ligatures=TeXOff].
+\usepackage{iftex}
+\ifPDFTeX\usepackage[T1]{fontenc}\IfFileExists{lmodern.sty}{\usepackage{lmodern}}{}\else\usepackage{fontspec}\fi
+\usepackage{textcomp}
+\usepackage{forest}
+\usetikzlibrary{shapes.geometric,shapes.symbols}
+% Styles of TikZ and not of forest: the legend below the tree has them, too.
+\tikzset{
+  box/.style={draw, align=center, font=\footnotesize\sffamily, inner sep=3pt},
+  gate/.style={draw, font=\scriptsize\sffamily, inner sep=2pt, fill=blue!8},
+  or gate/.style={gate, signal, signal to=north, signal pointer angle=130},
+  and gate/.style={gate, rounded corners=4pt},
+  sand gate/.style={gate, signal, signal to=east},
+  sand rl gate/.style={gate, signal, signal to=west},
+  vot gate/.style={gate, signal, signal to=east and west},
+  folded/.style={gate, isosceles triangle, shape border rotate=90, isosceles triangle apex angle=90, inner sep=1pt},
+  fault/.style={fill=orange!60},
+  attack/.style={fill=red!50},
+  condition/.style={dashed},
+  again/.style={draw=black!45, align=center, rounded corners=4pt, font=\scriptsize\sffamily, inner sep=3pt},
+  marked/.style={very thick},
+  unmarked/.style={draw=black!30, text=black!30, fill=black!3},
+}
+\begin{document}
+\begin{forest}
+  for tree={anchor=north, parent anchor=south, child anchor=north, l sep=11pt, s sep=6pt},
+"""
+_TAIL = r"""\end{forest}
+\end{document}
+"""
+_UNDER = r"at ([yshift=-6pt]current bounding box.south west)"
+"""Where the next line below the tree goes: under everything that is there."""
+_SAMPLES = {
+    Sign.FAULT: "box, fault",
+    Sign.ATTACK: "box, attack",
+    Sign.CONDITION: "box, condition",
+    Sign.FOLDED: "folded",
+    Sign.AGAIN: "again",
+    Sign.ORDER: "",
+    Sign.MARKED: "box, marked",
+}
+
+
+def tikz_text(tree: RVAFT, look: Look = PLAIN) -> str:
+    """The document; raises `OptionError` for a look that the tree cannot have."""
+    part = view(tree, look)
+    return "\n".join([_HEAD + "\n".join(_lines(tree, look, part)), *_below(look, part), _TAIL])
+
+
+def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
+    """The nested brackets of the tree, one node or gate on a line."""
+    drawn: set[str] = set()
+    agenda: list[tuple[str | None, str] | None] = [(None, tree.root)]
+    while agenda:
+        item = agenda.pop()
+        if item is None:  # the end of a node with a gate
+            yield "]]"
+            continue
+        parent, name = item
+        node = tree.nodes[name]
+        line = _line_to(parent, name, look)
+        if name in drawn:
+            faint = ", unmarked" if look.marks is not None and not look.marks.edge(parent or "", name) else ""
+            yield f"[{{{_set(next(rows(node, look)))}}}, again{faint}{line}]"
+            continue
+        drawn.add(name)
+        box = f"[{{{_text(node, look)}}}, {_style(node, look)}{line}"
+        if node.gate is None:
+            yield f"{box}]"
+            continue
+        mark = _mark(name, look) + _edge(look, kept=look.marks is not None and name in look.marks.kept)
+        yield box
+        if name in part.folded:
+            yield f"[{{{_count(part.folded[name])}}}, folded{mark}]]"
+            continue
+        yield f"[{{{_flat(caption(node).gate or '')}}}, {_GATE[node.gate]}{mark}"
+        agenda.append(None)
+        agenda.extend((name, child) for child in reversed(node.children))
+
+
+def _count(hidden: int) -> str:
+    return f"+{hidden}" if hidden else r"\ldots"
+
+
+def _below(look: Look, part: View) -> Iterator[str]:
+    """What the marks say, and the legend, line by line under the tree."""
+    marks = look.marks
+    for text in () if marks is None else marks.below:
+        yield rf"\node[anchor=north west, font=\footnotesize\sffamily] {_UNDER} {{{_flat(text)}}};"
+    if look.legend and (legend := list(entries(part, marks, graph=False))):
+        yield rf"\matrix[anchor=north west, row sep=2pt, column sep=2pt, ampersand replacement=\&] {_UNDER} {{"
+        for entry in legend:
+            sample = rf"\node[{_sample(entry)}, anchor=base] {{{_flat(entry.sample)}}};"
+            yield rf"{sample} \& \node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(entry.meaning)}}}; \\"
+        yield "};"
+
+
+def _sample(entry: Entry) -> str:
+    return _SAMPLES[entry.sign] if entry.gate is None else _GATE[entry.gate]
+
+
+def escaped(text: str) -> str:
+    """The text for a node: no character keeps a special meaning."""
+    return latex.escaped(text).translate(_OURS)
+
+
+def _text(node: Node, look: Look) -> str:
+    return r"\\".join(_set(row) for row in rows(node, look))
+
+
+_FORMS = {Role.PLAIN: "{}", Role.BOLD: r"\textbf{{{}}}", Role.EVENT: r"\textit{{{}}}", Role.GUARD: r"\textit{{{}}}"}
+
+
+def _set(row: Row) -> str:
+    """The lines of a row."""
+    return r"\\".join(_FORMS[row.role].format(escaped(line) or "~") for line in row.lines) or "~"
+
+
+def _flat(text: str) -> str:
+    return " ".join(escaped(line) for line in text.splitlines())
+
+
+def _style(node: Node, look: Look) -> str:
+    condition = "condition" if is_condition(node) else ""
+    return ", ".join(style for style in ("box", _FILL[node.kind], condition) if style) + _mark(node.name, look)
+
+
+def _mark(name: str, look: Look) -> str:
+    if look.marks is None:
+        return ""
+    return ", marked" if name in look.marks.kept else ", unmarked"
+
+
+def _line_to(parent: str | None, name: str, look: Look) -> str:
+    return _edge(look, kept=parent is not None and look.marks is not None and look.marks.edge(parent, name))
+
+
+def _edge(look: Look, *, kept: bool) -> str:
+    """How the line from the parent is drawn."""
+    if look.marks is None:
+        return ""
+    return ", edge={very thick}" if kept else ", edge={draw=black!30}"

@@ -1,0 +1,181 @@
+"""Names, patterns and guards as text that reads back equal."""
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from rvaft.errors import LanguageError
+from rvaft.language.words import WORD, bare_name
+from rvaft.model.guards import MAX_DEPTH, Guard, Operation, Operator
+from rvaft.model.nodes import Argument, On
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.values import Scalar
+
+_LEVEL: Final = {
+    Operator.OR: 1,
+    Operator.AND: 2,
+    Operator.NOT: 3,
+    **dict.fromkeys((Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE), 4),
+    **dict.fromkeys((Operator.ADD, Operator.SUB), 5),
+    **dict.fromkeys((Operator.MUL, Operator.DIV), 6),
+    Operator.NEGATE: 7,
+}
+_ATOM: Final = 8
+_VALUE: Final = re.compile(r'(?!=)(?:(?!//|/\*)[^\s;"#])+')
+
+
+def quoted(text: str) -> str:
+    """A text as a string of the language, which is a JSON string; raises `LanguageError` for half a surrogate pair."""
+    if any("\ud800" <= character <= "\udfff" for character in text):
+        raise LanguageError("half of a surrogate pair cannot be written")
+    return json.dumps(text, ensure_ascii=False)
+
+
+def name_text(name: str) -> str:
+    """A node's name, in quotes where it needs them."""
+    return name if bare_name(name) else quoted(name)
+
+
+def word_text(word: str) -> str:
+    """The name of a field or an event type, in quotes where it is no word."""
+    return word if WORD.fullmatch(word) else quoted(word)
+
+
+def literal_text(value: Scalar) -> str:
+    """A literal; raises `LanguageError` for a number that the language cannot write."""
+    if isinstance(value, str):
+        return quoted(value)
+    try:
+        return json.dumps(value, allow_nan=False)
+    except ValueError:
+        raise LanguageError("a number that is not finite, or has too many digits, cannot be written") from None
+
+
+def pattern_text(pattern: Pattern) -> str:
+    """A pattern; `parse_pattern` reads it back equal. Raises `LanguageError` when nested deeper than 100."""
+    return _pattern(pattern, 0)
+
+
+def _pattern(pattern: Pattern, depth: int) -> str:
+    if depth > MAX_DEPTH:
+        raise LanguageError(f"a pattern nested deeper than {MAX_DEPTH} cannot be written")
+    match pattern:
+        case Literal(value):
+            return literal_text(value)
+        case Variable(name):
+            return name
+        case Anything():
+            return "_"
+        case ObjectPattern(()):
+            return "{}"
+        case ObjectPattern(fields):
+            inner = ", ".join(f"{word_text(name)}: {_pattern(part, depth + 1)}" for name, part in fields)
+            return f"{{ {inner} }}" if depth == 0 else f"{{{inner}}}"
+        case ListPattern(items):
+            return f"[{', '.join(_pattern(item, depth + 1) for item in items)}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How guards and events are written; `signs` of the operators without the spaces around them, those before an operand with theirs."""
+
+    event: Callable[[str], str]
+    """The name of an event type."""
+    variable: Callable[[str], str]
+    literal: Callable[[Scalar], str]
+    anything: str
+    """The argument that may have any value."""
+    signs: Mapping[Operator, str]
+    brackets: tuple[str, str] = ("(", ")")
+    fraction: Callable[[str, str], str | None] | None = None
+    """A quotient with its operands one above the other, which need no brackets."""
+    minus_level: int = _LEVEL[Operator.NEGATE]
+    """How tightly a minus before an operand, or before a number, binds to what is outside."""
+    not_operand: int = _LEVEL[Operator.NOT]
+    """How tightly the operand of `not` has to bind to stand without brackets."""
+
+
+SUM_LEVEL: Final = _LEVEL[Operator.ADD]
+SIGNED_LEVEL: Final = _LEVEL[Operator.NEGATE]
+_PLAIN: Final = Style(
+    word_text,
+    str,
+    literal_text,
+    "_",
+    {operator: operator.value for operator in Operator} | {Operator.NOT: "not ", Operator.NEGATE: "-"},
+)
+
+
+def on_text(on: On, style: Style = _PLAIN) -> str:
+    """An event type applied to arguments: `move(Waypoint, _)`."""
+    return f"{style.event(on.event)}({', '.join(_argument(argument, style) for argument in on.arguments)})"
+
+
+def _argument(argument: Argument, style: Style) -> str:
+    match argument:
+        case Variable(name):
+            return style.variable(name)
+        case Literal(value):
+            return style.literal(value)
+        case Anything():
+            return style.anything
+
+
+def guard_text(guard: Guard, style: Style = _PLAIN) -> str:
+    """A guard, with no more brackets than needed; in the plain style `parse_guard` reads it back equal.
+
+    Raises `LanguageError` when nested deeper than 100.
+    """
+    return _guard(guard, style, 0)[0]
+
+
+def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
+    """The text, and how tightly its outermost operator binds."""
+    if depth > MAX_DEPTH:
+        raise LanguageError(f"a guard nested deeper than {MAX_DEPTH} cannot be written")
+    match guard:
+        case Variable(name):
+            return style.variable(name), _ATOM
+        case Literal(value):
+            text = style.literal(value)
+            return text, style.minus_level if text.startswith(style.signs[Operator.NEGATE]) else _ATOM
+        case Operation(operator, operands):
+            return _operation(operator, [_guard(operand, style, depth + 1) for operand in operands], style)
+
+
+def _operation(operator: Operator, parts: list[tuple[str, int]], style: Style) -> tuple[str, int]:
+    level, sign = _LEVEL[operator], style.signs[operator]
+
+    def least(needed: int, part: tuple[str, int]) -> str:
+        text, own = part
+        return text if own >= needed else f"{style.brackets[0]}{text}{style.brackets[1]}"
+
+    match operator:
+        case Operator.NOT:
+            return f"{sign}{least(style.not_operand, parts[0])}", level
+        case Operator.NEGATE:
+            # -1 is the number; the operator applied to the number 1 is -(1)
+            number = parts[0][1] == _ATOM and parts[0][0][0].isdigit()
+            return f"{sign}{least(_ATOM + 1 if number else level, parts[0])}", style.minus_level
+        case Operator.AND | Operator.OR:
+            return f" {sign} ".join(least(level + 1, part) for part in parts), level
+        case Operator.DIV if style.fraction and (stacked := style.fraction(parts[0][0], parts[1][0])) is not None:
+            return stacked, SIGNED_LEVEL
+        case Operator.ADD | Operator.SUB | Operator.MUL | Operator.DIV:
+            left, right = parts
+            return f"{least(level, left)} {sign} {least(level + 1, right)}", level
+        case _:
+            left, right = parts
+            return f"{least(level + 1, left)} {sign} {least(level + 1, right)}", level
+
+
+def bare_value(value: str) -> bool:
+    """Whether the value of a Galileo attribute can stand without quotes."""
+    return value.isprintable() and _VALUE.fullmatch(value) is not None
+
+
+def value_text(value: str) -> str:
+    """The value of a Galileo attribute, in quotes where it needs them."""
+    return value if bare_value(value) else quoted(value)

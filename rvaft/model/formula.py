@@ -1,0 +1,188 @@
+"""The property of a branch as people read it: events in sequence, events in any order, conditions.
+
+For display only; nothing is run from it. A node that several parents share stands wherever it is used, though it is one
+occurrence.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from itertools import takewhile
+from typing import Final, TypeAlias
+
+from rvaft.errors import TooLarge
+from rvaft.model.expressions import guard_text, name_text, on_text
+from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.tree import RVAFT
+
+DEFAULT_LIMIT: Final = 100_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Event:
+    """The runtime event of a node."""
+
+    node: Node
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Condition:
+    """The guard of a node."""
+
+    node: Node
+
+
+class Join(Enum):
+    """How parts are joined."""
+
+    SEQUENCE = "sequence"
+    ANY_ORDER = "any order"
+    AT_LEAST = "at least"
+    CHOICE = "choice"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joined:
+    """Parts one after the other, in any order, at least `threshold` of them in any order, or one of them."""
+
+    join: Join
+    parts: tuple["Formula", ...]
+    threshold: int = 0
+
+
+Formula: TypeAlias = Event | Condition | Joined
+
+
+@dataclass(frozen=True, slots=True)
+class Notation:
+    """How a formula is written; `event` and `condition` write the two kinds of leaves, `at_least` what precedes k of n parts."""
+
+    event: Callable[[Node], str]
+    condition: Callable[[Node], str]
+    joins: Mapping[Join, str]
+    at_least: Callable[[int, int], str]
+    open: str = "("
+    close: str = ")"
+    whole: frozenset[Join] = frozenset({Join.SEQUENCE})
+    """The joins that need no brackets where they join the whole formula."""
+
+
+def formula(tree: RVAFT, order: Iterable[str], children: Callable[[str], tuple[str, ...]]) -> Formula:
+    """The property of the part of a tree that keeps these nodes (parents first) and these children of them."""
+    done: dict[str, Formula] = {}
+    for name in reversed(tuple(order)):
+        node = tree.nodes[name]
+        body = _body(node, tuple(done[child] for child in children(name)))
+        own: list[Formula] = []
+        if node.has_event:
+            own.append(Event(node))
+        if node.when is not None:
+            own.append(Condition(node))
+        first = own if tree.causality is Causality.TOP_DOWN else body
+        last = body if tree.causality is Causality.TOP_DOWN else own
+        done[name] = _joined(Join.SEQUENCE, (*first, *last))
+    return done[tree.root]
+
+
+def _body(node: Node, parts: tuple[Formula, ...]) -> list[Formula]:
+    match node.gate:
+        case None:
+            return []
+        case Gate.SAND:
+            return [_joined(Join.SEQUENCE, parts)]
+        case Gate.SAND_RL:
+            return [_joined(Join.SEQUENCE, parts[::-1])]
+        case Gate.AND:
+            return [_joined(Join.ANY_ORDER, parts)]
+        case Gate.OR:
+            return _choice(parts)
+        case Gate.VOT:
+            return [Joined(Join.AT_LEAST, parts, node.threshold or 0)]
+
+
+def _choice(parts: tuple[Formula, ...]) -> list[Formula]:
+    """One of the parts; what all of them start or end with, because they share those nodes, stands once."""
+    rows = [
+        part.parts if isinstance(part, Joined) and part.join is Join.SEQUENCE and len(parts) > 1 else (part,)
+        for part in parts
+    ]
+    most = min(map(len, rows)) - 1  # of each part something is left to choose
+    first = _common(rows, range(most))
+    last = _common(rows, range(-1, -1 - (most - len(first)), -1))[::-1]
+    middle = [row[len(first) : len(row) - len(last)] for row in rows]
+    return [*first, _joined(Join.CHOICE, tuple(_joined(Join.SEQUENCE, row) for row in middle)), *last]
+
+
+def _common(rows: Sequence[tuple[Formula, ...]], places: Iterable[int]) -> list[Formula]:
+    """The formulas that stand at these places in every row, up to the first place where they differ."""
+    same = takewhile(lambda place: all(row[place] is rows[0][place] for row in rows), places)
+    return [rows[0][place] for place in same]
+
+
+def _joined(join: Join, parts: tuple[Formula, ...]) -> Formula:
+    return parts[0] if len(parts) == 1 else Joined(join, parts)
+
+
+def write(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) -> str:
+    """A formula in a notation; raises `TooLarge` beyond `limit` pieces (shared nodes multiply)."""
+    return "".join(breakable(term, notation, limit=limit))
+
+
+def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) -> Iterator[str]:
+    """The same in pieces between which a line may be broken; in every notation a formula has the same pieces.
+
+    Each but the first starts with a sign, where the sign is no comma. Raises `TooLarge`.
+    """
+    pieces: list[str] = []
+    written = 0
+    outer = term.join if isinstance(term, Joined) and term.join in notation.whole else Join.SEQUENCE
+    todo: list[str | tuple[Formula, Join] | None] = [(term, outer)]
+    while todo:
+        item = todo.pop()
+        if written > limit:
+            raise TooLarge("the written form of a branch", limit=limit)
+        match item:
+            case None:
+                yield "".join(pieces)
+                pieces.clear()
+                continue
+            case str():
+                pieces.append(item)
+            case (Event(node), _):
+                pieces.append(notation.event(node))
+            case (Condition(node), _):
+                pieces.append(notation.condition(node))
+            case (Joined() as joined, around):
+                todo.extend(reversed(_pieces(joined, around, notation)))
+                continue
+        written += 1
+    yield "".join(pieces)
+
+
+def _pieces(term: Joined, around: Join, notation: Notation) -> list[str | tuple[Formula, Join] | None]:
+    """The parts with the signs between them, in brackets where `around` needs them; None is where a line may end."""
+    sign = notation.joins[term.join]
+    between = [sign, None] if term.join is Join.AT_LEAST else [None, sign]
+    inner: list[str | tuple[Formula, Join] | None] = []
+    for part in term.parts:
+        inner += [*between, (part, term.join)] if inner else [(part, term.join)]
+    if term.join is Join.AT_LEAST:
+        return [notation.at_least(term.threshold, len(term.parts)), notation.open, *inner, notation.close]
+    return inner if term.join is around or not term.parts else [notation.open, *inner, notation.close]
+
+
+def _event(node: Node) -> str:
+    return name_text(node.name) if node.on is None else on_text(node.on)
+
+
+def _condition(node: Node) -> str:
+    return "" if node.when is None else f"[{guard_text(node.when)}]"
+
+
+TEXT: Final = Notation(
+    _event,
+    _condition,
+    {Join.SEQUENCE: " ; ", Join.ANY_ORDER: " & ", Join.AT_LEAST: ", ", Join.CHOICE: " | "},
+    "at least {} of ".format,
+)
+"""Plain text: `a ; b` in sequence, `a & b` in any order, `a | b` one of them, conditions in brackets."""

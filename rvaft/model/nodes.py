@@ -1,0 +1,140 @@
+"""The parts of a tree: gates, nodes, event types, declarations. All immutable values.
+
+Places in a file (`Place`) never take part in equality: two trees that say the same are equal wherever they were written.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TypeAlias
+
+from rvaft.model.guards import Guard
+from rvaft.model.patterns import Anything, Literal, Pattern, Variable
+
+
+class Gate(StrEnum):
+    """The gates; `VOT` is written K`of`N and means at least K."""
+
+    OR = "or"
+    AND = "and"
+    SAND = "sand"
+    SAND_RL = "sand_rl"
+    VOT = "vot"
+
+    @property
+    def ordered(self) -> bool:
+        """Whether the gate orders the parts of its children."""
+        return self in (Gate.SAND, Gate.SAND_RL)
+
+
+class Causality(StrEnum):
+    """Whether a node's event comes before (top_down) or after (bottom_up) those of its descendants."""
+
+    TOP_DOWN = "top_down"
+    BOTTOM_UP = "bottom_up"
+
+
+class Kind(StrEnum):
+    """What a node is, where it is one of the two."""
+
+    FAULT = "fault"
+    ATTACK = "attack"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Place:
+    """Where something stands in a text; line and column count from 1."""
+
+    file: str = "<code>"
+    line: int = 1
+    column: int = 1
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}"
+
+
+@dataclass(frozen=True, slots=True)
+class EventType:
+    """`event NAME(parameters) = pattern;` — in the pattern the parameters are variables."""
+
+    name: str
+    parameters: tuple[str, ...]
+    pattern: Pattern
+    place: Place = field(default=Place(), compare=False)
+
+
+Argument: TypeAlias = Literal | Variable | Anything
+
+
+@dataclass(frozen=True, slots=True)
+class On:
+    """An event type applied to arguments: `radiation(Value, T1)`."""
+
+    event: str
+    arguments: tuple[Argument, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Ignore:
+    """`ignore on when guard;` — such events are never relevant; its variables are its own."""
+
+    on: On
+    when: Guard | None = None
+    place: Place = field(default=Place(), compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """`topic NAME type TYPE from PUBLISHERS;` — where events come from in ROS; no verdict depends on it.
+
+    `type` is the message type as Python imports it, `package.msg.Name`; `publishers` are ROS nodes, not nodes of the tree.
+    """
+
+    name: str
+    type: str
+    publishers: tuple[str, ...] = ()
+    place: Place = field(default=Place(), compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One node. A leaf has neither gate nor children; `threshold` is the K of a VOT gate.
+
+    `declared` is False for a child that no statement defines. `places` holds where the parts `name`, `gate`, `on`,
+    `when`, `kind`, `label` stand.
+    """
+
+    name: str
+    gate: Gate | None = None
+    children: tuple[str, ...] = ()
+    threshold: int | None = None
+    on: On | None = None
+    when: Guard | None = None
+    kind: Kind | None = None
+    label: str | None = None
+    attributes: tuple[tuple[str, str], ...] = ()
+    declared: bool = field(default=True, compare=False)
+    places: Mapping[str, Place] = field(default_factory=dict, compare=False, hash=False, repr=False)
+
+    def place(self, part: str = "name") -> Place:
+        """Where a part of the node stands, or, where that is not known, its name."""
+        return self.places.get(part) or self.places.get("name") or Place()
+
+    @property
+    def leaf(self) -> bool:
+        """Whether the node has no gate."""
+        return self.gate is None
+
+    @property
+    def has_event(self) -> bool:
+        """Whether the node has a runtime event, its own or, for a leaf with neither event nor guard, the default one."""
+        return self.on is not None or (self.gate is None and self.when is None)
+
+
+@dataclass(frozen=True, slots=True)
+class Relevant:
+    """One entry of a tree's alphabet: a node's event, and its own guard where the event binds all its variables."""
+
+    node: str
+    pattern: Pattern
+    when: Guard | None = None

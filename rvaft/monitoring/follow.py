@@ -1,0 +1,259 @@
+"""A file that grows, read line by line: what is there, then what comes, until somebody asks for the end.
+
+The file is looked at now and then with `os.stat`, which works on every file system. Logs are rotated in two ways. Renaming:
+another file stands at the path; the old one is read to its end first, and its last line may lack a line end. Truncating, or writing
+the file anew: what was read last is no longer there; a line that was still unfinished is dropped. Either way the file
+is then read from its start, and a `Change` says so. Two rotations between two looks are one, and the file between them is not seen.
+"""
+
+import io
+import os
+import signal
+import stat
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any, BinaryIO, Final, cast
+
+from rvaft.errors import OptionError
+from rvaft.monitoring.reader import BOM
+from rvaft.support.files import SUFFIXES
+
+DEFAULT_POLL: Final = 0.2
+"""Seconds between two looks at a file."""
+_BLOCK: Final = 1 << 18
+"""Bytes that are read at once."""
+_KEPT: Final = 256
+"""Bytes before the place of reading that tell whether the file is still the same."""
+_NAP: Final = 0.2
+"""Seconds after which a long sleep looks whether it is to end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Another file is read from now on: `replaced` by another file, or the same one truncated or written anew.
+
+    `read` is how many bytes of the old one were read, `dropped` how many of them were a line without an end that is lost.
+    """
+
+    path: str
+    replaced: bool
+    read: int
+    dropped: int = 0
+
+    def __str__(self) -> str:
+        what = "was replaced" if self.replaced else "was truncated or written anew"
+        lost = f"; an unfinished line of {self.dropped} bytes is lost" if self.dropped else ""
+        return f"{self.path} {what} and is now read from its start{lost}"
+
+
+class Followed(io.RawIOBase):
+    """The bytes of a file as it grows, to be closed after use; `rvaft.traces.read` takes it for a trace.
+
+    It looks every `poll` seconds, tells `changed` when it goes over to another file, and ends as soon as `stop` says so; a line
+    that is unfinished then is not given. `offset` is where to begin, at the start of a line, and `line` how many lines are before.
+
+    Raises `OSError` for a file that cannot be opened, also later for the one that replaces it, and `OptionError` for what is no
+    regular file, for a compressed one, for one that ends before `offset`, and for a `poll` that is not positive.
+
+    The attributes `offset` and `line` say how many bytes and lines of the present file, `file`, have been given. Nothing moves `file` but this
+    object, which looks for its place every time.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        poll: float = DEFAULT_POLL,
+        stop: Callable[[], bool] = lambda: False,
+        changed: Callable[[Change], object] = lambda _: None,
+        offset: int = 0,
+        line: int = 0,
+    ) -> None:
+        super().__init__()
+        if not poll > 0:
+            raise OptionError(f"a look at the file every {poll:g} s: the time must be positive")
+        self.path = Path(path)
+        if self.path.suffix.lower() in SUFFIXES:
+            raise OptionError(f"{self.path}: a compressed file cannot be followed")
+        self._poll = poll
+        self._stop = stop
+        self._changed = changed
+        self.line = line
+        self.file = _opened(self.path)
+        self._next: BinaryIO | None = None
+        """The file that stands at the path now, once it is another one."""
+        self._ending = False
+        """Whether what is ready is the last line of the file."""
+        self._midway = False
+        """Whether a part of a line was given without its end."""
+        self._marked = False
+        """Whether a byte order mark may come: at the start of each file but the first, where it is left to who reads the trace."""
+        self._ready = bytearray()
+        self._searched = 0
+        self._position = offset
+        kept = min(offset, _KEPT)
+        self.file.seek(offset - kept)
+        self._before = self.file.read(kept)
+        if len(self._before) < kept:
+            self.close()
+            raise OptionError(f"{self.path}: the file has fewer than {offset} bytes")
+
+    @property
+    def offset(self) -> int:
+        """How many bytes of the present file have been given."""
+        return self._position - len(self._ready)
+
+    def readable(self) -> bool:
+        """It is."""
+        return True
+
+    def close(self) -> None:
+        """Close the file."""
+        if not self.closed:
+            self.file.close()
+            if self._next is not None:
+                self._next.close()
+        super().close()
+
+    def readline(self, size: int | None = -1) -> bytes:
+        """The next line once it is whole, or the first `size` bytes of a longer one; nothing after the end was asked for."""
+        most = -1 if size is None else size
+        while True:
+            end = self._ready.find(b"\n", self._searched) + 1
+            if 0 <= most <= (end or len(self._ready)):
+                return self._give(most)
+            if end:
+                return self._give(end)
+            self._searched = len(self._ready)
+            if not self._more():
+                return b""
+
+    @property
+    def unfinished(self) -> int:
+        """How many bytes of a line without an end are not given."""
+        return len(self._ready)
+
+    def readinto(self, buffer: Any) -> int:
+        """Whole lines, as many as there are and fit, or a part of one that does not; 0 after the end was asked for."""
+        room = len(buffer)
+        while True:
+            taken = self._ready.rfind(b"\n", 0, room) + 1 or (room if room <= len(self._ready) else 0)
+            if taken or not room:
+                buffer[:taken] = self._give(taken)
+                return taken
+            if not self._more():
+                return 0
+
+    def _give(self, count: int) -> bytes:
+        given = bytes(self._ready[:count])
+        del self._ready[:count]
+        self._searched = 0
+        self.line += given.count(b"\n")
+        if given:
+            self._midway = not given.endswith(b"\n")
+        if self._ending:  # whoever waited for it had room for all of it
+            self._replace()
+        return given
+
+    def _more(self) -> bool:
+        """Wait until more is ready; False once the end is asked for. What is ready has no line end yet."""
+        while not self._stop():
+            if self._fill():
+                return True
+            if self._next is None:
+                self._next = self._other()
+                self._sleep()  # whoever writes to the old file may not have noticed yet
+            elif self._ready:
+                self._ready += b"\n"
+                self._ending = True
+                return True
+            else:
+                self._replace()
+        return False
+
+    def _fill(self) -> bool:
+        """Read on; whether there was something. What stands before is read again, to see whether it is still the same."""
+        self.file.seek(self._position - len(self._before))
+        seen = self.file.read(len(self._before) + _BLOCK)
+        if not seen.startswith(self._before):
+            self._changed(Change(str(self.path), replaced=False, read=self._position, dropped=len(self._ready)))
+            self._start_anew()
+            return self._fill() or bool(self._ready)
+        new = seen[len(self._before) :]
+        self._ready += new
+        if self._marked and (self._ready.startswith(BOM) or not BOM.startswith(self._ready)):
+            self._marked = False
+            self._ready = self._ready.removeprefix(BOM)
+        self._position += len(new)
+        self._before = seen[-_KEPT:]
+        return bool(new)
+
+    def _other(self) -> BinaryIO | None:
+        """The file at the path, if it is not the one that is read; a path where nothing stands is waited for."""
+        try:
+            there = self.path.stat()
+            if os.path.samestat(there, os.fstat(self.file.fileno())):
+                return None
+            return _opened(self.path)
+        except FileNotFoundError:
+            return None
+
+    def _replace(self) -> None:
+        assert self._next is not None
+        self._changed(Change(str(self.path), replaced=True, read=self._position))
+        self.file.close()
+        self.file, self._next = self._next, None
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        self._ready = bytearray()
+        self._searched = self._position = self.line = 0
+        self._before = b""
+        self._ending = False
+        self._marked = True
+        if self._midway:  # its end comes before the new first line, and counts for neither
+            self._ready += b"\n"
+            self.line = -1
+
+    def _sleep(self) -> None:
+        """Sleep until the next look, or until the end is asked for."""
+        until = time.monotonic() + self._poll
+        while (left := until - time.monotonic()) > 0 and not self._stop():
+            time.sleep(min(left, _NAP))
+
+
+@contextmanager
+def stopping(*signals: signal.Signals) -> Iterator[Callable[[], bool]]:
+    """Within, a signal asks for the end: gives the function that says whether one came. Ctrl-C and SIGTERM unless others are named.
+
+    After the first one the signals do what they did before, so that a second Ctrl-C interrupts at once. For the main thread alone,
+    as Python has it for signals.
+    """
+    asked = False
+    before: dict[signal.Signals, Any] = {}
+
+    def ask(_number: int, _frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+        restore()
+
+    def restore() -> None:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+    for each in signals or (signal.SIGINT, signal.SIGTERM):
+        before[each] = signal.signal(each, ask)
+    try:
+        yield lambda: asked
+    finally:
+        restore()
+
+
+def _opened(path: Path) -> BinaryIO:
+    if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: opening a pipe waits for somebody who writes
+        raise OptionError(f"{path}: only a regular file can be followed")
+    return cast("BinaryIO", path.open("rb", buffering=0))

@@ -1,0 +1,293 @@
+"""Reading traces: JSON Lines, one object per line by RFC 8259, line by line as they come.
+
+A byte order mark, CRLF, blank lines, a missing last newline and an empty trace are fine. Everything else that is not one
+object raises `TraceError` with file and line: what a lenient decoder would let pass (NaN, lone surrogates) and what would exhaust
+the machine (deep nesting, endless lines and numbers) too. A message never repeats the line. A key repeated in one object and a number
+that overflows are malformed where they are read, which `rvaft.reads` says; elsewhere such a number is taken for null.
+"""
+
+import errno
+import json
+import math
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import BinaryIO, Final, TypeAlias
+
+from rvaft.analysis.pattern_index import Reads, Scope
+from rvaft.errors import TraceError
+from rvaft.model.values import Json
+from rvaft.support.files import SUFFIXES, damage, opened
+
+MAX_LINE: Final = 64 * 1024 * 1024
+"""The longest line, in bytes: a log without line ends is refused before it fills the memory."""
+MAX_DEPTH: Final = 500
+"""The deepest nesting of objects and lists; below the limits of every JSON decoder, so that the answer is one everywhere."""
+MAX_DIGITS: Final = 4300
+"""The longest integer; reading one takes time quadratic in its length."""
+
+BOM: Final = b"\xef\xbb\xbf"
+"""What may stand before the first line."""
+
+Source: TypeAlias = str | os.PathLike[str] | BinaryIO
+
+_HINT: Final = "a trace has one JSON object per line"
+BLANK: Final = b" \t\r\n"
+"""What a blank line may consist of."""
+_STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
+_SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
+_PERHAPS_HUGE: Final = re.compile(r"[0-9][eE]\+?0*[1-9][0-9][0-9]|[0-9]{200}")
+_HUGE: Final = "a number beyond the range of a double"
+_ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
+
+
+def read(
+    source: Source, *, name: str | None = None, reads: Scope | None = None, line: int = 1
+) -> Iterator[dict[str, Json]]:
+    """The events of a trace in turn; raises `TraceError`, and `OSError` for a file that cannot be opened.
+
+    A file named `.gz` or `.zst` is decompressed; for `.zst` without the package `zstandard` that is `ToolMissing`.
+
+    `source` is a path or a binary stream; `name` stands for it in errors. Without `reads` a
+    repeated key is refused wherever it is. `line` is the number of the first line, where a stream begins later than its file.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        file = name or os.fspath(source)
+        with opened(Path(source)) as stream:
+            yield from _events(_lines(stream, file, line), file, line, reads)
+    else:
+        file = name or "<trace>"
+        yield from _events(_lines(source, file, line), file, line, reads)
+
+
+def decode(line: bytes, *, reads: Scope | None = None, finite: bool = False) -> dict[str, Json]:
+    """The event on one line; raises `ValueError` with a message that does not repeat the line.
+
+    With `finite` a number that overflows is malformed wherever it stands: what is passed on has to be JSON.
+    """
+    if len(line) > MAX_LINE:
+        raise ValueError(f"the line is longer than {MAX_LINE // 1024**2} MiB")
+    try:
+        text = line.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line); {_HINT}") from None
+    _check_depth(text)
+    try:
+        value = _DECODER.decode(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"not JSON: {_reason(error)} (column {error.colno}); {_HINT}") from None
+    except RecursionError:
+        raise ValueError("nested too deeply for the space left on the stack") from None
+    _check_surrogates(text)
+    if not isinstance(value, dict):
+        raise ValueError(  # noqa: TRY004 (the text is wrong, not the caller)
+            f"not a JSON object but {_KINDS[type(value)]}; {_HINT}"
+        )
+    _check_read(value, Reads(whole=True) if reads is None else reads.of(value))
+    event: dict[str, Json] = value
+    if _PERHAPS_HUGE.search(text):
+        _replace_infinite(event, refused=finite)
+    return event
+
+
+# -- lines ------------------------------------------------------------------------------------------------------
+
+
+def _lines(stream: BinaryIO, file: str, first: int) -> Iterator[bytes]:
+    failures = failures_of(file)
+    for number in count(first):
+        try:
+            line = stream.readline(len(BOM) + MAX_LINE + 1)
+        except failures as error:
+            raise unreadable(error, file, number) from error
+        if not line:
+            return
+        yield line.removesuffix(b"\n")
+
+
+def failures_of(file: str) -> tuple[type[Exception], ...]:
+    """What reading from a file of that name may raise that is not the reader's fault."""
+    return (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
+
+
+def unreadable(error: Exception, file: str, line: int) -> TraceError:
+    """A trace that cannot be read from that line on."""
+    return TraceError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file, line=line)
+
+
+def _events(lines: Iterator[bytes], file: str, first: int, reads: Scope | None) -> Iterator[dict[str, Json]]:
+    for number, line in enumerate(lines, first):
+        event = event_on(line.removeprefix(BOM) if number == 1 else line, file, number, reads)
+        if event is not None:
+            yield event
+
+
+def event_on(line: bytes, file: str, number: int, reads: Scope | None) -> dict[str, Json] | None:
+    """The event on a line of a file, or None where it is blank; raises `TraceError`."""
+    if len(line) <= MAX_LINE and not line.strip(BLANK):
+        return None
+    try:
+        return decode(line, reads=reads)
+    except ValueError as error:
+        raise TraceError(str(error), file=file, line=number) from None
+
+
+# -- what the decoder lets pass ----------------------------------------------------------------------------------
+
+
+class _Repeating(dict[str, Json]):
+    """An object in which keys are repeated."""
+
+    __slots__ = ("repeated",)
+    repeated: frozenset[str]
+
+
+def _object(pairs: list[tuple[str, Json]]) -> dict[str, Json]:
+    made = dict(pairs)
+    if len(made) == len(pairs):
+        return made
+    repeating = _Repeating(made)
+    repeating.repeated = frozenset(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+    return repeating
+
+
+def _constant(name: str) -> Json:
+    raise ValueError(f"not JSON: {name} is no JSON number")
+
+
+def _integer(digits: str) -> int:
+    if len(digits) > MAX_DIGITS:
+        raise ValueError(f"a number of more than {MAX_DIGITS} digits")
+    return int(digits)
+
+
+_DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer)
+_KINDS: Final[Mapping[type, str]] = {
+    list: "a list",
+    str: "a string",
+    int: "a number",
+    float: "a number",
+    bool: "a boolean",
+    type(None): "null",
+}
+
+
+def _reason(error: json.JSONDecodeError) -> str:
+    """What the decoder says, as a clause; its messages never quote the input."""
+    return (error.msg[:1].lower() + error.msg[1:]).removesuffix(" at").removesuffix(" starting")
+
+
+def _check_depth(text: str) -> None:
+    if text.count("{") + text.count("[") <= MAX_DEPTH:
+        return
+    depth = 0
+    for token in _STRING_OR_BRACKET.finditer(text):
+        match token[0]:
+            case "{" | "[":
+                depth += 1
+            case "}" | "]":
+                depth -= 1
+        if depth > MAX_DEPTH:
+            raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
+
+
+def _check_surrogates(text: str) -> None:
+    if _SURROGATE.search(text) and any(escape[1] for escape in _ESCAPE.finditer(text)):
+        raise ValueError("a lone surrogate: \\ud800 to \\udfff stand only in pairs")
+
+
+def _check_read(event: dict[str, Json], reads: Reads) -> None:
+    agenda: list[tuple[Json, Reads]] = [(event, reads)]
+    while agenda:
+        value, here = agenda.pop()
+        if isinstance(value, dict):
+            if isinstance(value, _Repeating):
+                for key in sorted(value.repeated):
+                    if here.whole or key in here.fields:
+                        raise ValueError(f"the key {_quoted(key)} is repeated")
+            if here.whole:
+                agenda.extend((inner, here) for inner in value.values())
+            else:
+                agenda.extend((value[key], inner) for key, inner in here.fields.items() if key in value)
+        elif isinstance(value, list):
+            inner = here if here.whole else here.items
+            if inner is not None:
+                agenda.extend((item, inner) for item in value)
+        elif isinstance(value, float) and math.isinf(value):
+            raise ValueError(_HUGE)
+
+
+def _replace_infinite(event: dict[str, Json], *, refused: bool) -> None:
+    """Put null in place of numbers that overflow: nobody reads them, and JSON could not say them."""
+    agenda: list[Json] = [event]
+    while agenda:
+        value = agenda.pop()
+        for place, part in value.items() if isinstance(value, dict) else enumerate(value):
+            if isinstance(part, (dict, list)):
+                agenda.append(part)
+            elif isinstance(part, float) and math.isinf(part):
+                if refused:
+                    raise ValueError(_HUGE)
+                value[place] = None
+
+
+def _quoted(key: str) -> str:
+    return json.dumps(key if len(key) <= 40 else f"{key[:40]}…", ensure_ascii=True)
+
+
+# Where events come from: files, several by one pattern, and streams.
+
+_WILD = "*?["
+
+
+def expanded(name: str) -> list[str]:
+    """The files that a name stands for: itself, or, where there is no such file, those that match it as a pattern.
+
+    In a pattern `**` stands for any folders, none included. Raises `FileNotFoundError` where nothing matches.
+    """
+    if not any(sign in name for sign in _WILD) or os.path.lexists(name):
+        return [name]
+    from glob import iglob  # noqa: PLC0415 -- imported on use
+
+    found = sorted(path for path in iglob(name, recursive=True) if not Path(path).is_dir())  # noqa: PTH207 (as typed)
+    if not found:
+        raise FileNotFoundError(errno.ENOENT, "no file matches the pattern", name)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class LogFile:
+    """A file of events; `regular` is one that can be read again, and `size` its bytes on the disk."""
+
+    name: str
+    regular: bool
+    size: int
+
+    @classmethod
+    def find(cls, name: str) -> "LogFile":
+        """The file of that name, whether it is there or not."""
+        regular = Path(name).is_file()
+        return cls(name, regular, Path(name).stat().st_size if regular else 0)
+
+    @contextmanager
+    def open(self) -> Iterator[BinaryIO]:
+        """Its bytes, decompressed; raises `OSError` and `ToolMissing`."""
+        if Path(self.name).is_dir():
+            hint = f"'{os.path.join(self.name, '*.jsonl')}'"  # noqa: PTH118 (as typed)
+            raise IsADirectoryError(errno.EISDIR, f"Is a directory; name the logs in it, for example {hint}", self.name)
+        with opened(Path(self.name)) as stream:
+            yield stream
+
+
+def place(stream: BinaryIO) -> int:
+    """How many bytes of the file on the disk have been read; 0 where nobody knows."""
+    inner = getattr(stream, "fileobj", stream)  # what a decompressor reads
+    try:
+        return int(inner.tell())
+    except (OSError, ValueError, AttributeError):
+        return 0

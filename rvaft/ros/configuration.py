@@ -1,0 +1,435 @@
+"""The configuration itself, in the format of ROSMonitoring's generator."""
+
+import re
+import shlex
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
+from enum import StrEnum
+from keyword import iskeyword
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from rvaft.api import narrowed, translate
+from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolMissing
+from rvaft.model.nodes import Kind, Node, Place
+from rvaft.model.patterns import Literal, Pattern
+from rvaft.model.topics import absolute, topic_of, wrong_name
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
+from rvaft.monitoring.monitor_set import Per, parts
+from rvaft.ros.addresses import host as checked
+from rvaft.ros.addresses import is_address
+from rvaft.ros.server import LOCAL, PORT
+from rvaft.rules.context import Context
+from rvaft.rules.rule import listing
+from rvaft.support.budget import Undecided
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+
+# What a configuration is asked to be.
+
+
+class RosVersion(StrEnum):
+    """Which ROS the monitors are generated for."""
+
+    ROS1 = "ros1"
+    ROS2 = "ros2"
+
+
+class Action(StrEnum):
+    """What a monitor does with messages: look at them, or stand between publishers and topic and keep some back."""
+
+    LOG = "log"
+    FILTER = "filter"
+
+
+class Oracle(StrEnum):
+    """Who answers the monitors: `rvaft serve`, or the RML oracle that comes with ROSMonitoring."""
+
+    RVAFT = "rvaft"
+    RML = "rml"
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """`port` is that of the first oracle; without `action`, topics with publishers are filtered where that is possible.
+
+    Raises `OptionError` for what is no host.
+    """
+
+    semantics: Semantics = Semantics.PROJECTED
+    action: Action | None = None
+    oracle: Oracle = Oracle.RVAFT
+    host: str = LOCAL
+    port: int = PORT
+    ros_version: RosVersion = RosVersion.ROS2
+
+    def __post_init__(self) -> None:
+        checked(self.host)
+
+
+class NoConfiguration(RvaftError, ValueError):
+    """ROSMonitoring cannot monitor this tree as it stands; the message says what to write where."""
+
+
+# Which topics a monitor subscribes to: those of the events that its verdicts depend on.
+#
+# That is more than the events of a branch. Under `projected` an event that is relevant to the whole tree ends the matches of a
+# branch that it does not fit, and under `strict` any event does, so their monitors have to see all events of the whole tree.
+
+
+@dataclass(frozen=True, slots=True)
+class Subscription:
+    """A topic as the patterns of the tree spell it, and what was declared of it."""
+
+    name: str
+    type: str
+    publishers: tuple[str, ...]
+    place: Place = dataclass_field(default=Place(), compare=False)
+
+
+def subscriptions(tree: RVAFT, semantics: Semantics) -> tuple[Subscription, ...]:
+    """The topics that a monitor of this tree, or of this part of a tree, needs; in the order of its nodes.
+
+    Raises `NoConfiguration` for an event that comes over no topic of its own, for a topic of which no message type is
+    declared, and for two topics that one generated monitor cannot tell apart.
+    """
+    first: dict[str, Node] = {}
+    for node, pattern in _observed(tree, semantics):
+        first.setdefault(_topic(tree, node, pattern), node)
+    _check_spelling(tree, first)
+    _check_declared(tree, first)
+    declared = {name: tree.topics[absolute(name)] for name in first}
+    wanted = tuple(Subscription(name, topic.type, topic.publishers, topic.place) for name, topic in declared.items())
+    _check_types(wanted)
+    return wanted
+
+
+def _observed(tree: RVAFT, semantics: Semantics) -> Iterator[tuple[Node, Pattern]]:
+    """The runtime events that verdicts depend on, with the node that each belongs to."""
+    whole = tree
+    while semantics is not Semantics.SCATTERED and whole.part_of is not None:
+        whole = whole.part_of.tree
+    possible = _in_feasible(whole) if semantics is Semantics.SCATTERED else whole.occurrences
+    for name in possible:
+        pattern = whole.pattern(name)
+        assert pattern is not None
+        yield whole.nodes[name], pattern
+
+
+def _in_feasible(tree: RVAFT) -> Iterator[str]:
+    """The nodes with a runtime event that are in some feasible scenario; one of which that was not decided counts as such.
+
+    The other semantics look at all events that are relevant, and those of infeasible scenarios are.
+    """
+    context = Context(tree)
+    budget = context.budget()
+    for name in tree.occurrences:
+        try:
+            if name in context.space and (context.acyclic or context.feasible(budget, [name]) is not None):
+                yield name
+        except Undecided:
+            yield name
+
+
+def _topic(tree: RVAFT, node: Node, pattern: Pattern) -> str:
+    match topic_of(pattern):
+        case Literal(str(name)):
+            if wrong := wrong_name(name):
+                raise NoConfiguration(f"{_place(tree, node)}: {wrong}; mend the field topic of {_event(tree, node)}")
+            return name
+        case _ if node.on is None:
+            raise NoConfiguration(
+                f"{_place(tree, node)}: {_event(tree, node)} comes over no topic: give it an event type with `on`"
+            )
+        case _:
+            raise NoConfiguration(
+                f"{_place(tree, node)}: {_event(tree, node)} comes over no topic: "
+                'its pattern needs a text in the field topic, as in { topic: "/name" }'
+            )
+
+
+def _check_declared(tree: RVAFT, first: Mapping[str, Node]) -> None:
+    missing = [name for name in first if absolute(name) not in tree.topics]
+    if missing:
+        name, *others = missing
+        more = f" (and one for {listing(others)})" if others else ""
+        raise NoConfiguration(
+            f"{_place(tree, first[name])}: the topic {name} of {_event(tree, first[name])} has no message type: "
+            f'add `topic "{name}" type "package.msg.Name";`{more}'
+        )
+
+
+def _event(tree: RVAFT, node: Node) -> str:
+    if node.on is not None:
+        return f"event type {node.on.event}"
+    return f"the default event of {tree.origins.get(node.name, node.name)}"
+
+
+def _place(tree: RVAFT, node: Node) -> Place:
+    return node.place() if node.on is None else tree.events[node.on.event].place
+
+
+def _check_spelling(tree: RVAFT, first: Mapping[str, Node]) -> None:
+    spelled: dict[str, str] = {}
+    for name, node in first.items():
+        other = spelled.setdefault(absolute(name), name)
+        if other != name:
+            raise NoConfiguration(
+                f"{_place(tree, node)}: the topics {other} and {name} are one in ROS: spell it the same way in all patterns"
+            )
+
+
+def _check_types(wanted: tuple[Subscription, ...]) -> None:
+    """The generated monitor imports message types by their last word, and the later import would win."""
+    packages: dict[str, Subscription] = {}
+    for topic in wanted:
+        word = topic.type.rpartition(".")[2]
+        other = packages.setdefault(word, topic)
+        if other.type != topic.type:
+            raise NoConfiguration(
+                f"{topic.place}: the message types {other.type} of {other.name} and {topic.type} of {topic.name} would both be "
+                f"{word} in one monitor of ROSMonitoring, which takes the one for the other: rename one message"
+            )
+
+
+# Which monitors a tree gets: one for all of it, one for each branch, or one for each kind.
+
+_LAST_PORT: Final = 65_535
+_IDENTIFIER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """A monitor: what it is called, what it looks at, where it asks, which topics it filters and which it only logs."""
+
+    id: str
+    tree: RVAFT
+    port: int
+    topics: tuple[tuple[Subscription, Action], ...]
+
+
+def monitor_id(name: str) -> str:
+    """A name as ROSMonitoring can call a monitor: a word of Python, which becomes a module and a node of ROS."""
+    word = re.sub(r"[^A-Za-z0-9_]", "_", name) or "monitor"
+    return f"monitor_{word}" if not _IDENTIFIER.fullmatch(word) or iskeyword(word) else word
+
+
+def planned(
+    tree: RVAFT,
+    options: Options,
+    *,
+    per: Per = Per.TREE,
+    branch: int | None = None,
+    kind: Kind | None = None,
+    name: str | None = None,
+) -> tuple[Planned, ...]:
+    """The monitors of a tree, called after `name` (by default after the root); with `branch` or `kind` that of this part alone.
+
+    With `per`, a branch or kind without a feasible scenario is left out, since nothing can ever be detected there.
+    Raises `NoConfiguration` for a tree that ROSMonitoring cannot monitor as asked, `TreeError` for one that breaks a rule,
+    `TooLarge` beyond as many branches as can be monitored one by one, `OptionError` for a name or a last port that cannot be.
+    """
+    base = monitor_id(tree.root) if name is None else name
+    if monitor_id(base) != base:
+        raise OptionError(
+            f'"{base}" cannot be the id of a monitor, which is a word of letters, digits and _ and no keyword of Python'
+        )
+    if branch is None and kind is None:
+        wanted = _parts(tree, per, base)
+    else:
+        wanted = [(f"{base}_{kind}" if branch is None else f"{base}_branch_{branch}", narrowed(tree, branch, kind))]
+    if options.port + len(wanted) - 1 > _LAST_PORT:
+        raise OptionError(f"{len(wanted)} monitors need as many ports, and there are none above {_LAST_PORT}")
+    made = []
+    for index, (id_, part) in enumerate(wanted):
+        topics = subscriptions(part, options.semantics)
+        actions = [(topic, _action(topic, options, alone=len(wanted) == 1)) for topic in topics]
+        made.append(Planned(id_, part, options.port + index, tuple(actions)))
+    return tuple(made)
+
+
+def _action(topic: Subscription, options: Options, *, alone: bool) -> Action:
+    """To filter takes publishers to come between, a single monitor, and an oracle that answers false at a detection alone."""
+    if options.action is not Action.FILTER:
+        possible = topic.publishers and alone and options.oracle is Oracle.RVAFT
+        return Action.FILTER if possible and options.action is None else Action.LOG
+    if options.oracle is Oracle.RML:
+        raise NoConfiguration(
+            "the RML oracle answers currently_false until the tree is detected, and a filter would keep all messages back: use --action log"
+        )
+    if not alone:
+        raise NoConfiguration(
+            f"each of several monitors that filter would forward every message of {topic.name}: use --per tree, --branch or --kind"
+        )
+    if not topic.publishers:
+        raise NoConfiguration(
+            f"{topic.place}: the topic {topic.name} cannot be filtered without its publishers: add `from NODE` to its declaration"
+        )
+    return Action.FILTER
+
+
+def _parts(tree: RVAFT, per: Per, base: str) -> list[tuple[str, RVAFT]]:
+    if per is Per.TREE:
+        return [(base, narrowed(tree))]
+    infix = "_branch_" if per is Per.BRANCH else "_"
+    found = [(f"{base}{infix}{part.label}", part.part) for part in parts(tree, per)]
+    if not found:
+        raise NoConfiguration("no branch has a kind: mark nodes with fault or attack, or use --per tree")
+    return found
+
+
+# The monitors as RML and in the Prolog form that ROSMonitoring's RML oracle loads.
+
+SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
+"""The backends, and how their files end."""
+
+
+_BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- module(spec, "}
+"""How these texts begin, whatever the tree."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Why a monitor has no file for the RML oracle."""
+
+    monitor: str
+    reason: str
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files that there are not."""
+        return tuple(f"{self.monitor}{suffix}" for suffix in SUFFIXES.values())
+
+    def __str__(self) -> str:
+        return f"{' and '.join(self.files)} left out: {self.reason}"
+
+
+def leftover(folder: Path, ids: Collection[str]) -> Iterator[str]:
+    """The files in a folder that are specifications of monitors with these ids, by their names and by how they begin."""
+    for name, suffix in SUFFIXES.items():
+        for path in sorted(folder.glob(f"*{suffix}")):
+            if path.stem in ids and path.is_file() and not path.is_symlink():
+                with path.open("rb") as stream:
+                    if stream.read(len(_BEGINNINGS[name])) == _BEGINNINGS[name]:
+                        yield path.name
+
+
+def specifications(monitor: Planned, semantics: Semantics) -> Iterator[tuple[str, str] | LeftOut]:
+    """The files of a monitor, each with its text, or why RML does not have it."""
+    try:
+        texts = {suffix: translate(monitor.tree, name, semantics=semantics).text for name, suffix in SUFFIXES.items()}
+    except (NotExpressible, TooLarge) as error:
+        yield LeftOut(monitor.id, str(error))
+        return
+    for suffix, text in texts.items():
+        yield f"{monitor.id}{suffix}", text if text.endswith("\n") else f"{text}\n"
+
+
+_HEADER: Final = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
+_FINAL_ONLY: Final = 2
+"""ROSMonitoring's `warning` that reports `false` and leaves `currently_false` alone, which the RML oracle always begins with."""
+
+
+def configuration(monitors: Sequence[Planned], options: Options) -> dict[str, Json]:
+    """The configuration as a value. `nodes` are the publishers that monitors come between."""
+    publishers = dict.fromkeys(
+        name
+        for monitor in monitors
+        for topic, action in monitor.topics
+        if action is Action.FILTER
+        for name in topic.publishers
+    )
+    return {
+        "ros_version": options.ros_version.value,
+        "nodes": [{"node": {"name": name}} for name in publishers],
+        "monitors": [{"monitor": _monitor(monitor, options)} for monitor in monitors],
+    }
+
+
+def yaml_text(value: Json) -> str:
+    """A configuration as YAML; raises `ToolMissing` without the library."""
+    text: str = _library().safe_dump(value, sort_keys=False, allow_unicode=True)
+    return _HEADER + text
+
+
+def stated_ids(text: str) -> list[str]:
+    """The ids of the monitors in a configuration that was written here, edited or not; none of any other text."""
+    library = _library()
+    try:
+        value = library.safe_load(text) if text.startswith(_HEADER) else {}
+        ids = [entry["monitor"]["id"] for entry in value["monitors"]]
+    except (library.YAMLError, LookupError, TypeError):
+        return []
+    return [id_ for id_ in ids if isinstance(id_, str)]
+
+
+def _monitor(monitor: Planned, options: Options) -> dict[str, Json]:
+    return {
+        "id": monitor.id,
+        "log": f"./logs/{monitor.id}.jsonl",
+        "silent": False,
+        "warning": _FINAL_ONLY if options.oracle is Oracle.RML else 1,
+        "oracle": {"url": _in_url(options.host), "port": monitor.port, "action": "nothing"},
+        "topics": [_configuration_topic(topic, action) for topic, action in monitor.topics],
+    }
+
+
+def _configuration_topic(topic: Subscription, action: Action) -> dict[str, Json]:
+    """A topic; with publishers in it a monitor would come between even where it only logs."""
+    stated: dict[str, Json] = {"name": topic.name, "type": topic.type, "action": action.value}
+    return stated if action is Action.LOG else {**stated, "publishers": list(topic.publishers)}
+
+
+def _in_url(host: str) -> str:
+    """The host as it stands in a URL."""
+    return f"[{host}]" if ":" in host else host
+
+
+def _library() -> "ModuleType":
+    """The library, imported now."""
+    try:
+        import yaml  # noqa: PLC0415 -- imported on use
+    except ImportError:
+        raise ToolMissing("PyYAML", remedy="pip install 'rvaft[ros]'") from None
+    return yaml
+
+
+# What to run: an oracle for each monitor, then ROSMonitoring's generator.
+
+
+def commands_text(monitors: Sequence[Planned], options: Options, *, tree: str, configuration: str) -> str:
+    """The commands, to be run in the folder of the files; `tree` is the path of the tree from there."""
+    lines = ["# Run in this folder, each oracle in a terminal of its own."]
+    for monitor in monitors:
+        rml = options.oracle is Oracle.RML
+        lines.append(_rml_oracle(monitor) if rml else shlex.join(_serve(monitor, options, tree)))
+    lines.append("# Then the monitors.")
+    version = options.ros_version.value
+    words = ["rosmonitoring", "generate", configuration, "--ros-version", version, "--output", "generated"]
+    return "\n".join([*lines, shlex.join(words)]) + "\n"
+
+
+def _rml_oracle(monitor: Planned) -> str:
+    """ROSMONITORING_HOME is what ROSMonitoring's own instructions call its checkout."""
+    script = '"$ROSMONITORING_HOME"/oracle/RMLOracle/prolog/online_monitor.sh'
+    return f"{script} {monitor.id}.pl {monitor.port}"
+
+
+def _serve(monitor: Planned, options: Options, tree: str) -> Iterator[str]:
+    yield from ("rvaft", "serve", tree, "--port", str(monitor.port))
+    if options.host != LOCAL:
+        yield from ("--host", options.host)
+        if options.host != "localhost" and not is_address(options.host):
+            yield from ("--origin", f"http://{options.host}:{monitor.port}")
+    if options.semantics is not Semantics.PROJECTED:
+        yield from ("--semantics", options.semantics.value)
+    whole = monitor.tree.part_of
+    if whole is not None and whole.branch is not None:
+        yield from ("--branch", str(whole.branch))
+    elif whole is not None and whole.kind is not None:
+        yield from ("--kind", whole.kind.value)

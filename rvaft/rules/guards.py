@@ -1,0 +1,274 @@
+"""The rule about guards of one branch that cannot hold together.
+
+Only guards that share variables, directly or through others, can contradict each other. For such a group first look for one
+assignment under which all hold: where there is one, no scenario is affected, and that is the whole work for ordinary trees.
+Otherwise take a smallest part of the group without a witness. If a feasible scenario contains that part, it is reported; if none
+does, mostly because two of its guards exclude each other, go on with the group without the one, and with what can be together with it.
+sympy is imported only where sorts and order prove nothing.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from itertools import combinations, islice, pairwise
+from typing import Final
+
+import networkx as nx
+
+from rvaft.analysis.guard_solver import refuted, witness
+from rvaft.analysis.scenarios import Kept, inevitable
+from rvaft.model.guards import Guard
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.nodes import Node, On, Place
+from rvaft.model.patterns import Anything, Variable, rigid_variables
+from rvaft.rules.context import Context
+from rvaft.rules.rule import Report, Rule, Severity, branch_of, did_you_mean, listing
+from rvaft.support.budget import Budget, Undecided
+
+# Rules about variables: each is bound where a guard needs it, and none is written once only (semantics, section 1).
+
+_ONE_OF_TWO_LETTERS: Final = 0.5
+"""How alike names must be to be taken for each other: T1 and T2 are."""
+
+
+def unbound_variable(context: Context) -> Iterator[Report]:
+    """Every variable of a guard occurs in an `on` in every feasible scenario that contains the guard."""
+    tree = context.tree
+    guarded = [(node, guard_variables(node.when)) for node in tree.top_down() if node.when is not None]
+    wanted = tuple(dict.fromkeys(name for _, names in guarded for name in names))
+    if not wanted or not context.space:
+        return
+    bit = {name: 1 << index for index, name in enumerate(wanted)}
+    binders: dict[str, list[str]] = {name: [] for name in wanted}
+    marks: dict[str, int] = {}
+    for occurrence in tree.occurrences:
+        for name in rigid_variables(tree.pattern(occurrence) or Anything()):
+            if name in bit:
+                marks[occurrence] = marks.get(occurrence, 0) | bit[name]
+                binders[name].append(occurrence)
+    full = (1 << len(wanted)) - 1
+    # A scenario that binds everything and one that is no scenario must not look alike: one bit more for the latter.
+    never = 1 << len(wanted)
+    bound = inevitable(tree, marks | dict.fromkeys(context.dead, full | never), full | never)
+    budget, late = context.budget(), None
+    for node, names in guarded:
+        for name in names:
+            if not bound[node.name] & bit[name]:
+                try:
+                    kept = context.feasible(budget, [node.name], without=frozenset(binders[name]))
+                except Undecided as undecided:
+                    if not context.acyclic:
+                        late = undecided
+                        continue
+                    kept = {}  # There surely is such a scenario, only it was not found in time to be named.
+                if kept is not None:
+                    yield Report(node.place("when"), _unbound(context, node, name, binders[name], kept), (node.name,))
+    if late is not None:
+        raise late
+
+
+def _unbound(context: Context, node: Node, name: str, binders: list[str], kept: Kept) -> str:
+    where = branch_of(context.tree, kept) if kept else "some branch"
+    said = f"variable {name} in the guard of {node.name} is not bound in {where}"
+    if binders:
+        return f"{said}; only {listing(binders)} binds it: use it in the `on` of a node that is there whenever {node.name} is"
+    guess = did_you_mean(name, context.tree.variables, cutoff=_ONE_OF_TWO_LETTERS)
+    return f"{said}; no `on` binds it{guess}"
+
+
+def variable_once(context: Context) -> Iterator[Report]:
+    """A variable written once says nothing; it is often misspelt."""
+    tree = context.tree
+    uses: Counter[str] = Counter()
+    where: dict[str, tuple[Place, tuple[str, ...]]] = {}
+    for node in tree.top_down():
+        in_on = _arguments(node.on)
+        uses.update(in_on)
+        for name in in_on:
+            where.setdefault(name, (node.place("on"), (node.name,)))
+        if node.when is not None:
+            uses.update(guard_variables(node.when))
+    once = [(place, name, nodes) for name, (place, nodes) in where.items() if uses[name] == 1]
+    for ignore in tree.ignores:
+        inside = Counter(_arguments(ignore.on))
+        inside.update(guard_variables(ignore.when) if ignore.when is not None else ())
+        once += [(ignore.place, name, ()) for name in inside if inside[name] == 1]
+    known = [name for name in uses if uses[name] > 1]
+    for place, name, nodes in once:
+        yield Report(place, f"variable {name} is used once only; write `_`{did_you_mean(name, known)}", nodes)
+
+
+def _arguments(on: On | None) -> list[str]:
+    return [argument.name for argument in on.arguments if isinstance(argument, Variable)] if on is not None else []
+
+
+RULES = (
+    Rule(
+        "unbound-variable",
+        Severity.ERROR,
+        "guard variable unbound",
+        unbound_variable,
+        "Each variable of a guard must occur in the `on` of some node in every feasible scenario that contains the guard; "
+        "otherwise the guard has no value there. The message names the guard's node, the variable and a branch where nothing binds it.",
+        "event reading(v) = { value: v };\nevent alarm() = { alarm: true };\n"
+        "top and seen high;\nseen or a b;\na on reading(Value);\nb on alarm();\nhigh when Value >= 250;\n",
+        "event reading(v) = { value: v };\nevent alarm() = { alarm: true };\n"
+        "top or seen b;\nseen and a high;\na on reading(Value);\nb on alarm();\nhigh when Value >= 250;\n",
+    ),
+    Rule(
+        "variable-once",
+        Severity.WARNING,
+        "variable used once",
+        variable_once,
+        "A variable that occurs once constrains nothing; `_` says so. Often it is a slip of the pen for another variable. "
+        "The variables of an `ignore` are its own.",
+        "event move(wp, t) = { waypoint: wp, time: t };\ntop sand a b;\na on move(Wp, _);\nb on move(Pw, 3);\n",
+        "event move(wp, t) = { waypoint: wp, time: t };\ntop sand a b;\na on move(Wp, _);\nb on move(Wp, 3);\n",
+    ),
+)
+
+_PAIRS = 400
+_COST = 1_000
+_ALGEBRA = 20_000
+
+Group = dict[str, Guard]
+Core = tuple[str, ...]
+
+
+def contradictory_guards(context: Context) -> Iterator[Report]:
+    """Some branch has guards that no values satisfy together."""
+    budget = context.budget()
+    for group in _groups(context):
+        for core, kept in _conflicts(context, group, budget):
+            guards = [group[name] for name in core]
+            where = f"the guards of {listing(core)}" if len(core) > 1 else f"the guard of {core[0]}"
+            branch = branch_of(context.tree, kept)
+            place = context.tree.nodes[core[0]].place("when")
+            if refuted(guards):
+                yield Report(place, f"{where} cannot hold{' together' * (len(core) > 1)} in {branch}; mend one", core)
+                continue
+            budget.spend(_ALGEBRA)
+            from rvaft.analysis.algebra import contradictory, contradictory_over_reals  # noqa: PLC0415  (sympy is slow to import)
+
+            certain = contradictory(guards)
+            if certain:
+                yield Report(place, f"{where} cannot hold{' together' * (len(core) > 1)} in {branch}; mend one", core)
+            elif certain is None and contradictory_over_reals(guards):
+                message = f"{where} contradict each other by exact arithmetic and can hold at most through rounding"
+                yield Report(place, f"{message}, in {branch}", core, undecided=True)
+            elif certain is None:
+                message = f"whether {where} can hold in {branch} was not decided"
+                yield Report(place, message, core, undecided=True)
+
+
+def _groups(context: Context) -> Iterator[Group]:
+    """The guards with variables, grouped by shared variables."""
+    graph = nx.Graph()
+    guards: Group = {}
+    for node in context.tree.top_down():
+        names = guard_variables(node.when) if node.when is not None and node.name in context.space else ()
+        if node.when is not None and names:
+            guards[node.name] = node.when
+            graph.add_edges_from((("node", node.name), ("variable", name)) for name in names)
+    grouped: dict[int, Group] = {}
+    component = {point: number for number, points in enumerate(nx.connected_components(graph)) for point in points}
+    for name, guard in guards.items():
+        grouped.setdefault(component["node", name], {})[name] = guard
+    yield from grouped.values()
+
+
+def _conflicts(context: Context, group: Group, budget: Budget) -> Iterator[tuple[Core, Kept]]:
+    """Smallest sets of guards without a witness, each with a feasible scenario that contains it.
+
+    At least one for each scenario whose guards have no witness, unless a set found before is part of it or overlaps it.
+    """
+    todo: list[Core] = [tuple(group)]
+    seen = set(todo)
+    while todo:
+        names = todo.pop()
+        core = _core(names, group, budget, hopeful=len(names) == len(group))
+        if not core:
+            continue
+        kept = context.feasible(budget, core)
+        rest: list[Core] = []
+        if kept is not None:
+            yield core, kept
+            rest.append(_without(names, core[-1]))
+        else:
+            pairs = combinations(core, 2)
+            apart = next((pair for pair in pairs if not context.space.possible(pair, budget)), None)
+            if apart is not None:
+                one = apart[0]
+                together = tuple(n for n in names if n == one or context.space.possible((one, n), budget))
+                rest += [_without(names, one), together]
+            else:
+                rest += [_without(names, name) for name in core]
+        for smaller in rest:
+            if smaller not in seen:
+                seen.add(smaller)
+                todo.append(smaller)
+
+
+def _without(names: Core, name: str) -> Core:
+    return tuple(other for other in names if other != name)
+
+
+def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
+    """A smallest part of the guards that has no witness; nothing where all together have one."""
+    budget.spend(len(names))
+    if not hopeful:
+        # Where the larger group had no witness, neighbours often are to blame; that is cheap to see.
+        for pair in islice(pairwise(names), 3):
+            if _refuted(pair, group):
+                return _smallest(pair, group, budget)
+    if not names or witness(group[name] for name in names) is not None:
+        return ()
+    budget.spend(_COST)
+    for name in islice(names, _PAIRS):
+        if refuted([group[name]]):
+            return (name,)
+    for pair in islice(combinations(names, 2), _PAIRS):
+        if _refuted(pair, group):
+            return pair
+    return _smallest(names, group, budget)
+
+
+def _refuted(pair: Core, group: Group) -> bool:
+    one, other = (group[name] for name in pair)
+    return bool(set(guard_variables(one)) & set(guard_variables(other))) and refuted([one, other])
+
+
+def _smallest(names: Core, group: Group, budget: Budget) -> Core:
+    """A smallest part without a witness: again and again the guard that takes the last witness from those before it."""
+
+    def hopeless(some: Core) -> bool:
+        budget.spend(_COST // 10 + len(some))
+        return witness(group[name] for name in some) is None
+
+    core: Core = ()
+    rest = names
+    while not core or not hopeless(core):
+        low, high = 0, len(rest)
+        while high - low > 1:
+            middle = (low + high) // 2
+            if hopeless(core + rest[:middle]):
+                high = middle
+            else:
+                low = middle
+        core, rest = (*core, rest[high - 1]), rest[: high - 1]
+        if not rest:
+            break
+    return tuple(name for name in names if name in core)
+
+
+CONTRADICTION_RULES = (
+    Rule(
+        "contradictory-guards",
+        Severity.WARNING,
+        "guards of a branch that cannot hold together",
+        contradictory_guards,
+        "A branch whose guards contradict each other can never be detected. Guards are compared with all their rules: a comparison of "
+        "a string with a number is undefined and does not hold, and arithmetic rounds. Where that leaves a doubt the finding is `undecided`.",
+        "event reading(v) = { value: v };\ntop sand a b c;\na on reading(Value);\nb when Value >= 250;\nc when Value < 100;\n",
+        "event reading(v) = { value: v };\ntop sand a b c;\na on reading(Value);\nb when Value >= 250;\nc when Value < 1000;\n",
+    ),
+)

@@ -1,0 +1,298 @@
+"""Rules about events that two occurrences want, and nodes that two parents want."""
+
+from collections.abc import Iterator
+
+import networkx as nx
+
+from rvaft.analysis.overlap import rivals
+from rvaft.analysis.scenarios import inevitable, path
+from rvaft.model.nodes import Gate
+from rvaft.model.patterns import Pattern
+from rvaft.rules.context import Context
+from rvaft.rules.rule import Report, Rule, Severity, branch_of, listing
+from rvaft.support.budget import Budget
+
+# Rules about whether anything can be detected at all (semantics, section 2).
+
+_EVENT, _NEVER = 1, 2
+
+
+def no_scenario(context: Context) -> Iterator[Report]:
+    """Some scenario must be feasible."""
+    if context.feasible_exists:
+        return
+    tree = context.tree
+    place = tree.nodes[tree.root].place()
+    if not context.space:
+        dead = tuple(name for name in tree.order if name in context.dead)
+        why = f"the guard of {listing(dead)} never holds; mend the guard or take the node out"
+        yield Report(place, f"the tree has no feasible scenario: {why}", (tree.root, *dead))
+        return
+    why = "some event always has to come before itself; do not share a node between the children of an ordered gate"
+    yield Report(place, f"the tree has no feasible scenario: {why}", (tree.root,))
+
+
+def silent_scenario(context: Context) -> Iterator[Report]:
+    """Every feasible scenario must have an occurrence; one without is feasible when its guards are: it orders nothing."""
+    tree = context.tree
+    marks = dict.fromkeys(tree.occurrences, _EVENT) | dict.fromkeys(context.dead, _EVENT | _NEVER)
+    if inevitable(tree, marks, _EVENT | _NEVER)[tree.root]:
+        return
+    kept = context.feasible(context.budget(), without=frozenset(tree.occurrences))
+    assert kept is not None
+    guards = tuple(name for name in kept if tree.nodes[name].when is not None)
+    message = f"{branch_of(tree, kept)}, has no runtime event and would be detected before anything happened"
+    mend = f"; give {listing(guards[:3] or (tree.root,), 'or')} an event with `on`"
+    place = tree.nodes[guards[0] if guards else tree.root].place()
+    yield Report(place, message.replace(", has", " has") + mend, guards or (tree.root,))
+
+
+def infeasible_scenario(context: Context) -> Iterator[Report]:
+    """Scenarios that no trace can match are dropped, which is worth knowing."""
+    if not context.space:
+        return
+    tree = context.tree
+    for name in tree.order:
+        if name in context.dead:
+            message = f"the guard of {name} never holds, so every scenario with {name} is dropped"
+            yield Report(tree.nodes[name].place("when"), message, (name,))
+    if context.acyclic or not context.feasible_exists:
+        return
+    budget = context.budget()
+    for component in nx.strongly_connected_components(context.order):
+        if len(component) == 1:
+            continue
+        found = context.cyclic(budget, frozenset(component))
+        if found is not None:
+            kept, cycle = found
+            nodes = tuple(dict.fromkeys(cycle))
+            message = (
+                f"{listing(nodes)} would have to come before itself in {branch_of(tree, kept)}, so that scenario is "
+                "dropped; let no event be part of two children of one ordered gate"
+            )
+            yield Report(tree.nodes[nodes[0]].place(), message, nodes)
+
+
+RULES = (
+    Rule(
+        "no-scenario",
+        Severity.ERROR,
+        "no feasible scenario",
+        no_scenario,
+        "A scenario is infeasible when one of its guards has no variables and does not hold, or when its precedence is "
+        "cyclic. Infeasible scenarios are dropped; a tree of which nothing is left can never detect anything.",
+        "top and a b;\na;\nb when 2 > 3;\n",
+        "top and a b;\na;\nb when 3 > 2;\n",
+    ),
+    Rule(
+        "silent-scenario",
+        Severity.ERROR,
+        "scenario without occurrences",
+        silent_scenario,
+        "A scenario all of whose nodes are without runtime event would be detected before anything happened. A leaf with "
+        "only a guard observes nothing: put it under an `and` beside a node with an event.",
+        "event reading(v) = { value: v };\ntop or a b;\na on reading(_);\nb when 1 < 2;\n",
+        "event reading(v) = { value: v };\ntop and a b;\na on reading(_);\nb when 1 < 2;\n",
+    ),
+    Rule(
+        "infeasible-scenario",
+        Severity.WARNING,
+        "infeasible scenario",
+        infeasible_scenario,
+        "A scenario with a guard that has no variables and does not hold, or with an event that has to come before itself "
+        "because it is part of two children of one ordered gate, matches no trace. It is dropped.",
+        "top or a b;\na;\nb and c d;\nc;\nd when 2 > 3;\n",
+        "top or a b;\na;\nb and c d;\nc;\nd when 3 > 2;\n",
+    ),
+)
+
+_SHOWN = 50
+
+
+def ambiguous_event(context: Context) -> Iterator[Report]:
+    """Two occurrences that no order separates, and an event that could be either."""
+    tree, budget = context.tree, context.budget()
+    found = 0
+    for one, other in _rivals(context, budget):
+        if not _unordered(context, one, other, budget):
+            continue
+        found += 1
+        if found > _SHOWN:
+            place = tree.nodes[one].place("on")
+            yield Report(place, f"more than {_SHOWN} pairs of unordered nodes share events; the others are not listed")
+            return
+        message = (
+            f"{one} and {other} are not ordered and one event can serve either (never both); "
+            "order them with `sand`, or tell their events apart"
+        )
+        yield Report(tree.nodes[one].place("on"), message, (one, other))
+
+
+def _unordered(context: Context, one: str, other: str, budget: Budget) -> bool:
+    """Whether some feasible scenario contains both nodes and orders neither before the other."""
+    apart: tuple[str, str] | None = (one, other)
+    if not context.tree.shared:
+        apart = None  # What orders two nodes of a tree without shared nodes orders them in every scenario.
+    else:
+        budget.spend(5 * len(context.tree.order))
+        if not (path(context.order, one, other) or path(context.order, other, one)):
+            apart = None
+    if apart is None and context.acyclic:
+        return context.space.possible((one, other), budget)
+    return context.feasible(budget, (one, other), apart=apart) is not None
+
+
+def _rivals(context: Context, budget: Budget) -> Iterator[tuple[str, str]]:
+    """Pairs of occurrences with overlapping events that may be unordered in a common scenario, in a stable order."""
+    tree = context.tree
+    names = [name for name in tree.occurrences if name in context.space]
+    bits = {name: 1 << index for index, name in enumerate(names)}
+    masks: dict[Pattern, int] = {}
+    for name in names:
+        pattern = _event(context, name)
+        masks[pattern] = masks.get(pattern, 0) | bits[name]
+    # A pattern overlaps itself, so the nodes that have it are rivals of each other too.
+    matching = {pattern: mask | masks[pattern] for pattern, mask in rivals(masks, budget).items()}
+    if all(mask.bit_count() == 1 for mask in matching.values()):
+        return
+    ordered = _surely_ordered(context, bits)
+    exclusive = _surely_exclusive(context, bits)
+    for index, name in enumerate(names):
+        later = matching[_event(context, name)] >> (index + 1) << (index + 1)
+        rest = later & ~ordered[name] & ~exclusive[name]
+        while rest:
+            budget.spend(1)
+            lowest = rest & -rest
+            rest ^= lowest
+            yield name, names[lowest.bit_length() - 1]
+
+
+def _event(context: Context, name: str) -> Pattern:
+    pattern = context.tree.pattern(name)
+    assert pattern is not None
+    return pattern
+
+
+def _only_parent(context: Context) -> dict[str, str]:
+    """The nodes that have one parent in the space, with it: where such a node is, its parent is, and keeps it."""
+    parents: dict[str, list[str]] = {}
+    for name, children in context.space.union.items():
+        for child in children:
+            parents.setdefault(child, []).append(name)
+    return {child: above[0] for child, above in parents.items() if len(above) == 1}
+
+
+def _parts(context: Context, bits: dict[str, int], parent: dict[str, str]) -> dict[str, int]:
+    """For each node its own bit and those of the nodes that can only be where it is."""
+    parts: dict[str, int] = {}
+    for name in reversed(context.space.union):
+        parts[name] = parts.get(name, 0) | bits.get(name, 0)
+        if name in parent:
+            parts[parent[name]] = parts.get(parent[name], 0) | parts[name]
+    return parts
+
+
+def _surely_ordered(context: Context, bits: dict[str, int]) -> dict[str, int]:
+    """For each node, occurrences that are before or after its event in every scenario that contains both."""
+    tree, parent = context.tree, _only_parent(context)
+    parts = _parts(context, bits, parent)
+    beside: dict[str, int] = {}  # what is surely before or after the whole part of a node, not its ancestors' events
+    above: dict[str, int] = {}
+    ordered: dict[str, int] = {}
+    for name in context.space.union:
+        if name in parent:
+            over = parent[name]
+            gate = tree.nodes[over].gate
+            siblings = 0
+            if gate is not None and gate.ordered:
+                for_all = parts[over] & ~bits.get(over, 0)
+                siblings = for_all & ~parts[name]
+            beside[name] = beside[over] | siblings
+            above[name] = above[over] | bits.get(over, 0)
+        else:
+            beside[name] = above[name] = 0
+        ordered[name] = beside[name] | above[name] | parts[name]
+    return ordered
+
+
+def _surely_exclusive(context: Context, bits: dict[str, int]) -> dict[str, int]:
+    """For each node, occurrences that no scenario contains with it: those below other children of an `or` above it."""
+    tree, parent = context.tree, _only_parent(context)
+    parts = _parts(context, bits, parent)
+    exclusive: dict[str, int] = {}
+    for name in context.space.union:
+        over = parent.get(name)
+        exclusive[name] = 0 if over is None else exclusive[over]
+        if over is not None and tree.nodes[over].gate is Gate.OR:
+            exclusive[name] |= parts[over] & ~bits.get(over, 0) & ~parts[name]
+    return exclusive
+
+
+def shared_under_order(context: Context) -> Iterator[Report]:
+    """A node with two parents in one scenario whose possible places in the sequences of ordered gates differ."""
+    tree, budget = context.tree, context.budget()
+    if not tree.shared:
+        return
+    slots: dict[str, int] = {}
+    owners: list[str] = []
+    for node in tree.top_down():
+        if node.name not in context.space:
+            continue
+        sides: dict[str, int] = {}
+        for parent in tree.parents(node.name):
+            if parent in context.space and node.name in context.space.union[parent]:
+                sides[parent] = slots[parent]
+                gate = tree.nodes[parent].gate
+                if gate is not None and gate.ordered:
+                    sides[parent] |= 1 << len(owners)
+                    owners.append(parent)
+        slots[node.name] = 0
+        for side in sides.values():
+            slots[node.name] |= side
+        pair = _together(context, node.name, sides, budget)
+        if pair is not None:
+            one, other = pair
+            slot = (sides[one] ^ sides[other]).bit_length() - 1
+            by, too = (one, other) if sides[one] >> slot & 1 else (other, one)
+            message = (
+                f"{node.name} is shared by {one} and {other} and happens once, so the order that {owners[slot]} asks for "
+                f"by way of {by} also binds it below {too}; use two nodes if two events are meant"
+            )
+            yield Report(node.place(), message, (node.name, one, other))
+
+
+def _together(context: Context, name: str, sides: dict[str, int], budget: Budget) -> tuple[str, str] | None:
+    """Two parents on different sides of an ordered gate that keep the node in one scenario."""
+    parents = list(sides)
+    for index, one in enumerate(parents):
+        for other in parents[index + 1 :]:
+            if sides[one] != sides[other]:
+                budget.spend(1)
+                if context.space.possible((), budget, edges=[(one, name), (other, name)]):
+                    return one, other
+    return None
+
+
+SHARING_RULES = (
+    Rule(
+        "ambiguous-event",
+        Severity.WARNING,
+        "two unordered occurrences that one event can serve",
+        ambiguous_event,
+        "Two occurrences never share an event. Where two nodes of one scenario are not ordered and one event matches both, the "
+        "tree asks for two such events, and a monitor has to keep both ways open. Guards are not looked at.",
+        'event goal(wp) = { goal: wp };\ntop and a b;\na on goal(_);\nb on goal("entrance");\n',
+        'event goal(wp) = { goal: wp };\ntop sand a b;\na on goal(_);\nb on goal("entrance");\n',
+    ),
+    Rule(
+        "shared-under-order",
+        Severity.WARNING,
+        "node shared under an ordered gate",
+        shared_under_order,
+        "A shared node happens once. Where two of its parents are in one scenario and the places they can have in the sequences of ordered gates "
+        "differ, the order asked for by way of one parent also binds the node below the other. Where the node is in the parts of two children "
+        "of one ordered gate and has an event, it precedes itself and the scenario is infeasible. Sharing within one child of an ordered gate is harmless.",
+        "top and s t;\ns sand a b;\nt sand b c;\na;\nb;\nc;\n",
+        "top sand a b c;\na;\nb;\nc;\n",
+    ),
+)

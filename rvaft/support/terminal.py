@@ -1,0 +1,112 @@
+"""The progress of a long run, on a terminal: how many bytes of the logs have been read."""
+
+import io
+import sys
+import time
+import unicodedata
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
+
+
+# Text that comes from a file or an event, made safe to show: on one line and without control codes.
+
+_JOINERS: Final = "\u200c\u200d"
+"""Invisible, but parts of words in several scripts."""
+_WIDEST: Final = 1_000_000
+"""Columns of a terminal that is never too narrow."""
+
+
+def visible(text: str) -> str:
+    """The text with every character that could move, hide or reorder others on a screen written as an escape."""
+    return text if text.isprintable() else "".join(map(_shown, text))
+
+
+def _shown(character: str) -> str:
+    if character.isprintable() or character in _JOINERS:
+        return character
+    if unicodedata.category(character) == "Zs":
+        return " "
+    return character.encode("unicode_escape").decode("ascii")
+
+
+def columns(rows: Iterable[Sequence[str]]) -> list[str]:
+    """Rows of cells as lines with aligned columns, two spaces between them; nothing is ever cut or wrapped."""
+    from rich.console import Console  # noqa: PLC0415 -- imported on use
+    from rich.table import Table  # noqa: PLC0415 -- imported on use
+    from rich.text import Text  # noqa: PLC0415 -- imported on use
+
+    table = Table.grid(padding=(0, 2))
+    for row in rows:
+        table.add_row(*(Text(visible(cell), no_wrap=True) for cell in row))
+    console = Console(file=io.StringIO(), width=_WIDEST, color_system=None, legacy_windows=False, force_jupyter=False)
+    with console.capture() as captured:
+        console.print(table)
+    return [line.rstrip() for line in captured.get().splitlines()]
+
+
+_PATIENCE: Final = 0.5
+"""Seconds after which a run is long."""
+_PAUSE: Final = 0.1
+"""Seconds between two drawings."""
+
+
+class Progress:
+    """A bar on standard error; never shown where that is no terminal, where the run is short, or where nothing is known of its length."""
+
+    def __init__(self, total: int) -> None:
+        self._total = total if total and sys.stderr is not None and sys.stderr.isatty() else 0
+        self._before = 0
+        self._next = time.monotonic() + _PATIENCE
+        self._bar: Bar | None = None
+        self._task: TaskID | None = None
+        self._shown = False
+
+    def finish(self, size: int) -> None:
+        """A file of that size has been read."""
+        self._before += size
+        self.reach(0)
+
+    def reach(self, place: int) -> None:
+        """So many bytes of the present file have been read."""
+        if not self._total or (now := time.monotonic()) < self._next:
+            return
+        self._next = now + _PAUSE
+        bar = self._bar or self._made()
+        if not self._shown:
+            bar.start()
+            self._shown = True
+        assert self._task is not None
+        bar.update(self._task, completed=self._before + place, refresh=True)
+
+    def hide(self) -> None:
+        """Make room for what is printed; the bar comes back with the next bytes."""
+        if self._shown and self._bar is not None:
+            self._bar.stop()
+            self._shown = False
+
+    def _made(self) -> "Bar":
+        from rich.console import Console  # noqa: PLC0415 -- imported on use
+        from rich.progress import (  # noqa: PLC0415 -- imported on use
+            BarColumn,
+            DownloadColumn,
+            TextColumn,
+            TimeRemainingColumn,
+        )
+        from rich.progress import Progress as Bar  # noqa: PLC0415 -- imported on use
+
+        shown = (TextColumn("monitoring"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+        # No thread draws: processes may still be forked, and what is printed never meets it half-way.
+        self._bar = Bar(
+            *shown,
+            console=Console(stderr=True),
+            transient=True,
+            auto_refresh=False,
+            redirect_stdout=False,
+            redirect_stderr=False,
+        )
+        self._task = self._bar.add_task("", total=self._total)
+        return self._bar

@@ -18,7 +18,7 @@ from rvaft.rules.rule import Finding
 from rvaft.semantics.scenarios import feasible_scenarios
 
 from . import brute_force
-from .random_trees import random_tree
+from tests.analysis.random_trees import random_tree
 
 SEEDS = range(10)
 TREES = 200

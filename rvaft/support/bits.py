@@ -1,0 +1,64 @@
+"""Sets of small numbers as integers: bit i stands for the number i."""
+
+from collections.abc import Iterable, Iterator
+
+
+def bits(mask: int) -> Iterator[int]:
+    """The members of a set, in order.
+
+    >>> list(bits(0b1011))
+    [0, 1, 3]
+    """
+    while mask:
+        low = mask & -mask
+        yield low.bit_length() - 1
+        mask ^= low
+
+
+def mask_of(numbers: Iterable[int]) -> int:
+    """The set of these numbers.
+
+    >>> bin(mask_of([0, 3]))
+    '0b1001'
+    """
+    mask = 0
+    for number in numbers:
+        mask |= 1 << number
+    return mask
+
+
+def union(sets: Iterable[int]) -> int:
+    """What is in some of the sets.
+
+    >>> bin(union([0b1001, 0b0011]))
+    '0b1011'
+    """
+    found = 0
+    for members in sets:
+        found |= members
+    return found
+
+
+def in_at_least(count: int, sets: Iterable[int]) -> int:
+    """What is in at least so many of the sets (`count` >= 1), counted in binary, all members side by side.
+
+    >>> bin(in_at_least(2, [0b1001, 0b0011, 0b0010]))
+    '0b11'
+    """
+    planes = [0] * count.bit_length()
+    everything = 0
+    for members in sets:
+        everything |= members
+        carry = members
+        for index, plane in enumerate(planes):
+            planes[index], carry = plane ^ carry, plane & carry
+        if carry:
+            planes.append(carry)
+    greater, same = 0, everything
+    for index in reversed(range(len(planes))):
+        if count >> index & 1:
+            same &= planes[index]
+        else:
+            greater |= same & planes[index]
+            same &= ~planes[index]
+    return greater | same

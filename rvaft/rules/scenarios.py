@@ -4,12 +4,14 @@ from collections.abc import Iterator
 
 import networkx as nx
 
-from rvaft.analysis.overlap import rivals
 from rvaft.analysis.scenarios import inevitable, path
+from rvaft.analysis.unification import Overlaps
 from rvaft.model.nodes import Gate
 from rvaft.model.patterns import Pattern
 from rvaft.rules.context import Context
 from rvaft.rules.rule import Report, Rule, Severity, branch_of, listing
+from rvaft.support.bits import bits as members
+from rvaft.support.bits import mask_of, union
 from rvaft.support.budget import Budget
 
 # Rules about whether anything can be detected at all (semantics, section 2).
@@ -146,15 +148,19 @@ def _rivals(context: Context, budget: Budget) -> Iterator[tuple[str, str]]:
     """Pairs of occurrences with overlapping events that may be unordered in a common scenario, in a stable order."""
     tree = context.tree
     names = [name for name in tree.occurrences if name in context.space]
-    bits = {name: 1 << index for index, name in enumerate(names)}
-    masks: dict[Pattern, int] = {}
-    for name in names:
-        pattern = _event(context, name)
-        masks[pattern] = masks.get(pattern, 0) | bits[name]
-    # A pattern overlaps itself, so the nodes that have it are rivals of each other too.
-    matching = {pattern: mask | masks[pattern] for pattern, mask in rivals(masks, budget).items()}
-    if all(mask.bit_count() == 1 for mask in matching.values()):
+    having: dict[Pattern, list[int]] = {}
+    for index, name in enumerate(names):
+        having.setdefault(_event(context, name), []).append(index)
+    others = Overlaps(list(having)).exact(budget)
+    if len(having) == len(names) and not others:
         return
+    nodes = [mask_of(having[pattern]) for pattern in having]
+    # A pattern overlaps itself, so the nodes that have it are rivals of each other too.
+    matching = {
+        pattern: nodes[number] | union(nodes[other] for other in members(others.get(number, 0)))
+        for number, pattern in enumerate(having)
+    }
+    bits = {name: 1 << index for index, name in enumerate(names)}
     ordered = _surely_ordered(context, bits)
     exclusive = _surely_exclusive(context, bits)
     for index, name in enumerate(names):

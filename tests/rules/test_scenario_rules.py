@@ -7,8 +7,8 @@ from random import Random
 
 import pytest
 
-from rvaft.analysis.overlap import overlaps
 from rvaft.analysis.scenarios import cycle, path, precedence
+from rvaft.analysis.unification import overlaps
 from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Anything, match, rigid_variables
@@ -16,9 +16,9 @@ from rvaft.model.tree import RVAFT
 from rvaft.rules import check_tree
 from rvaft.rules.rule import Finding
 from rvaft.semantics.scenarios import feasible_scenarios
+from tests.analysis.random_trees import random_tree
 
 from . import brute_force
-from tests.analysis.random_trees import random_tree
 
 SEEDS = range(10)
 TREES = 200

@@ -1,0 +1,346 @@
+"""What can be said of event patterns before any event comes: may one event match them together, does one imply the other.
+
+Patterns demand and never forbid. What all events that match some patterns have in common is therefore itself an event, the *least* one: every
+value that nothing determines is one that occurs nowhere else, and every object has a field that occurs nowhere else. What the
+least event matches, every event matches that matches the patterns. Rigid variables are shared between the patterns (a tree gives
+them one value), local ones are each pattern's own. Guards are not looked at.
+
+For each question there is a quick answer, certain in one direction, for which variables stand for anything: `compatible`, `implies`.
+"""
+
+from collections.abc import Hashable, Iterable, Iterator, Sequence, Set
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from rvaft.model.patterns import (
+    Anything,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    Variable,
+    rigid_variables,
+    substitute,
+    variables,
+    walk,
+)
+from rvaft.model.values import key
+from rvaft.support.bits import bits, mask_of, union
+from rvaft.support.budget import Budget
+
+Path: TypeAlias = tuple[str | int, ...]
+"""The names of fields, and places in lists, that lead to a part of a pattern."""
+
+
+def compatible(left: Pattern, right: Pattern) -> bool:
+    """Whether one event might match both patterns; False is certain.
+
+    >>> compatible(Literal(1), Literal(2)), compatible(Variable("X"), Literal(2))
+    (False, True)
+    """
+    todo = [(left, right)]
+    while todo:
+        match todo.pop():
+            case (Variable() | Anything(), _) | (_, Variable() | Anything()):
+                continue
+            case (Literal() as this, Literal() as that):
+                if this != that:
+                    return False
+            case (ObjectPattern(fields), ObjectPattern(others)):
+                there = dict(others)
+                todo.extend((inner, there[name]) for name, inner in fields if name in there)
+            case (ListPattern(items), ListPattern(others)):
+                if len(items) != len(others):
+                    return False
+                todo.extend(zip(items, others, strict=True))
+            case _:
+                return False
+    return True
+
+
+def implies(special: Pattern, general: Pattern, bound: Set[str] = frozenset()) -> bool:
+    """Whether every event that matches the special pattern matches the general one; True is certain.
+
+    `bound` names the variables that have a value already; any other one that stands once in the general pattern takes what is there.
+    """
+    parts = [part for part in walk(general) if isinstance(part, Variable)]
+    free = {part.name for part in parts if part.name not in bound and parts.count(part) == 1}
+    todo = [(special, general)]
+    while todo:
+        match todo.pop():
+            case (_, Anything()):
+                continue
+            case (_, Variable(name)) if name in free:
+                continue
+            case (ObjectPattern(fields), ObjectPattern(others)):
+                there = dict(fields)
+                if any(name not in there for name, _ in others):
+                    return False
+                todo.extend((there[name], inner) for name, inner in others)
+            case (ListPattern(items), ListPattern(others)):
+                if len(items) != len(others):
+                    return False
+                todo.extend(zip(items, others, strict=True))
+            case (one, other):
+                if one != other or isinstance(one, Anything):
+                    return False
+    return True
+
+
+# The least event of several patterns.
+
+
+class Clash(Exception):
+    """No value is what it would have to be. Never leaves this module."""
+
+
+@dataclass(slots=True, eq=False)
+class Unknown:
+    """A value of the least event, and what is known of it; with `same` it is that other one."""
+
+    literal: Literal | None = None
+    fields: "dict[str, Unknown] | None" = None
+    items: "list[Unknown] | None" = None
+    same: "Unknown | None" = None
+
+    def find(self) -> "Unknown":
+        """The value that it is."""
+        value = self
+        while value.same is not None:
+            value = value.same
+        return value
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing determines it."""
+        return self.literal is None and self.fields is None and self.items is None
+
+
+@dataclass(slots=True)
+class LeastEvent:
+    """The least event that matches the patterns demanded so far."""
+
+    root: Unknown = field(default_factory=lambda: Unknown(fields={}))
+    bound: dict[str, Unknown] = field(default_factory=dict)
+
+    def demand(self, pattern: Pattern) -> None:
+        """Make the event match one more pattern; raises `Clash` where it cannot."""
+        own = {name: Variable(f"_{len(self.bound)}{name}") for name in variables(pattern) if name.startswith("_")}
+        todo = [(substitute(pattern, own) if own else pattern, self.root)]
+        while todo:
+            part, value = todo.pop()
+            known = value.find()
+            match part:
+                case Literal():
+                    _unify(known, Unknown(literal=part))
+                case Variable(name):
+                    _unify(self.bound.setdefault(name, known), known)
+                case Anything():
+                    pass
+                case ObjectPattern(fields):
+                    inside = {name: Unknown() for name, _ in fields}
+                    todo.extend((inner, inside[name]) for name, inner in fields)
+                    _unify(known, Unknown(fields=inside))
+                case ListPattern(items):
+                    places = [Unknown() for _ in items]
+                    todo.extend(zip(items, places, strict=True))
+                    _unify(known, Unknown(items=places))
+
+    def finite(self) -> bool:
+        """Whether no value would have to contain itself."""
+        done: set[int] = set()
+        path: set[int] = set()
+        todo = [(self.root.find(), False)]
+        while todo:
+            value, left = todo.pop()
+            if left:
+                path.discard(id(value))
+                done.add(id(value))
+            elif id(value) in path:
+                return False
+            elif id(value) not in done:
+                path.add(id(value))
+                todo.append((value, True))
+                inner = [*(value.fields or {}).values(), *(value.items or ())]
+                todo.extend((part.find(), False) for part in inner if id(part.find()) not in done)
+        return True
+
+    def satisfies(self, pattern: Pattern) -> bool:
+        """Whether it matches a pattern, rigid variables as bound so far: then every event does that matches the patterns demanded."""
+        if not all(name in self.bound for name in rigid_variables(pattern)):
+            return False
+        bound = {name: value for name, value in self.bound.items() if not name.startswith("_")}
+        todo = [(pattern, self.root)]
+        while todo:
+            part, value = todo.pop()
+            known = value.find()
+            match part:
+                case Literal():
+                    if known.literal != part:
+                        return False
+                case Variable(name):
+                    if not _equal(bound.setdefault(name, known), known):
+                        return False
+                case Anything():
+                    pass
+                case ObjectPattern(fields):
+                    if known.fields is None or not all(name in known.fields for name, _ in fields):
+                        return False
+                    todo.extend((inner, known.fields[name]) for name, inner in fields)
+                case ListPattern(items):
+                    if known.items is None or len(known.items) != len(items):
+                        return False
+                    todo.extend(zip(items, known.items, strict=True))
+        return True
+
+
+def least(patterns: Iterable[Pattern]) -> LeastEvent | None:
+    """The least event that matches all these patterns, or None where no event does.
+
+    >>> goal, any_goal = ObjectPattern((("goal", Literal("x")),)), ObjectPattern((("goal", Anything()),))
+    >>> event = least([goal])
+    >>> event.satisfies(any_goal), least([any_goal]).satisfies(goal)
+    (True, False)
+    """
+    event = LeastEvent()
+    try:
+        for pattern in patterns:
+            event.demand(pattern)
+    except Clash:
+        return None
+    return event if event.finite() else None
+
+
+def _unify(one: Unknown, other: Unknown) -> None:
+    todo = [(one, other)]
+    while todo:
+        a, b = (value.find() for value in todo.pop())
+        if a is b:
+            continue
+        b.same = a
+        if a.free:
+            a.literal, a.fields, a.items = b.literal, b.fields, b.items
+        elif b.free or (a.literal is not None and a.literal == b.literal):
+            continue
+        elif a.fields is not None and b.fields is not None:
+            for name, inner in b.fields.items():
+                if name in a.fields:
+                    todo.append((a.fields[name], inner))
+                else:
+                    a.fields[name] = inner
+        elif a.items is not None and b.items is not None and len(a.items) == len(b.items):
+            todo.extend(zip(a.items, b.items, strict=True))
+        else:
+            raise Clash
+
+
+def _equal(one: Unknown, other: Unknown) -> bool:
+    todo = [(one, other)]
+    while todo:
+        a, b = (value.find() for value in todo.pop())
+        if a is b or (a.literal is not None and a.literal == b.literal):
+            continue
+        if a.items is None or b.items is None or len(a.items) != len(b.items):
+            return False  # two objects differ in the field that occurs nowhere else
+        todo.extend(zip(a.items, b.items, strict=True))
+    return True
+
+
+def overlaps(left: Pattern, right: Pattern) -> bool:
+    """Whether some event matches both patterns under one assignment of the rigid variables.
+
+    >>> overlaps(ObjectPattern((("a", Variable("X")), ("b", Literal(1)))), ObjectPattern((("a", Literal(2)), ("b", Variable("X")))))
+    False
+    """
+    # Within another object, since here a pattern need not be one of a whole event.
+    return least([ObjectPattern((("event", left),)), ObjectPattern((("event", right),))]) is not None
+
+
+# Overlaps among many patterns, found without comparing all pairs.
+
+
+class Overlaps:
+    """Which of many patterns one event may match together; sets of patterns are bits by their place in the sequence.
+
+    >>> at = lambda kind, value: ObjectPattern((("kind", Literal(kind)), ("value", value)))
+    >>> some = Overlaps([at("a", Variable("X")), at("a", Literal(1)), at("b", Literal(1)), Anything()])
+    >>> [list(bits(some.compatible(number))) for number in range(4)]
+    [[0, 1, 3], [0, 1, 3], [2, 3], [0, 1, 2, 3]]
+    """
+
+    def __init__(self, patterns: Sequence[Pattern]) -> None:
+        self.patterns = patterns
+        self._all = (1 << len(patterns)) - 1
+        self._heads = [_heads(pattern) for pattern in patterns]
+        grouped: dict[Path, dict[Hashable, list[int]]] = {}
+        for number, heads in enumerate(self._heads):
+            for path, head in heads:
+                grouped.setdefault(path, {}).setdefault(head, []).append(number)
+        self._same = {path: {head: _members(group) for head, group in of.items()} for path, of in grouped.items()}
+        self._open = {
+            path: self._all & ~mask_of(number for group in of.values() for number in group)
+            for path, of in grouped.items()
+        }
+        """For each path the patterns that demand nothing there."""
+
+    def compatible(self, number: int) -> int:
+        """The patterns that `compatible` says one event might match together with this one; itself among them."""
+        found = self._all
+        for path, head in self._heads[number]:
+            same = self._same[path][head]
+            found &= self._open[path] | (same if isinstance(same, int) else mask_of(same))
+        return found
+
+    def pairs(self) -> Iterator[tuple[int, int]]:
+        """The pairs of compatible patterns, the first one first."""
+        for number in range(len(self.patterns)):
+            for other in bits(self.compatible(number) >> number + 1):
+                yield number, number + 1 + other
+
+    def exact(self, budget: Budget) -> dict[int, int]:
+        """For each pattern the others that some event matches together with it, where there are any; raises `Undecided`."""
+        names = [rigid_variables(pattern) for pattern in self.patterns]
+        having: dict[str, int] = {}
+        repeating = 0
+        budget.spend(len(self.patterns))
+        found: dict[int, int] = {}
+        for number, pattern in enumerate(self.patterns):
+            if others := self.compatible(number) ^ 1 << number:
+                found[number] = others
+                having.update((name, having.get(name, 0) | 1 << number) for name in names[number])
+                if sum(isinstance(part, Variable) for part in walk(pattern)) > len(variables(pattern)):
+                    repeating |= 1 << number
+        for number in list(found):
+            doubtful = self._all if repeating >> number & 1 else repeating  # where some variable stands twice
+            doubtful |= union(having[name] for name in names[number])
+            for other in bits((found[number] & doubtful) >> number + 1):
+                budget.spend(10)
+                if not overlaps(self.patterns[number], self.patterns[number + 1 + other]):
+                    found[number] ^= 1 << number + 1 + other
+                    found[number + 1 + other] ^= 1 << number
+        return {number: others for number, others in found.items() if others}
+
+
+def _members(group: list[int]) -> int | list[int]:
+    """A set of few patterns takes less room as a list."""
+    return group if len(group) < 16 else mask_of(group)
+
+
+def _heads(pattern: Pattern) -> list[tuple[Path, Hashable]]:
+    """What a pattern demands at each path. Two patterns are compatible exactly when they demand nothing different at any common path."""
+    found: list[tuple[Path, Hashable]] = []
+    todo: list[tuple[Path, Pattern]] = [((), pattern)]
+    while todo:
+        path, part = todo.pop()
+        match part:
+            case Literal(value):
+                found.append((path, ("literal", key(value))))
+            case ObjectPattern(fields):
+                found.append((path, "object"))
+                todo.extend(((*path, name), inner) for name, inner in fields)
+            case ListPattern(items):
+                found.append((path, ("list", len(items))))
+                todo.extend(((*path, place), inner) for place, inner in enumerate(items))
+            case Variable() | Anything():
+                pass
+    return found

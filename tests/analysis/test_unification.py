@@ -1,0 +1,155 @@
+"""The pattern algebra against brute force: a small universe of events, and the least events themselves written out."""
+
+from functools import partial
+from itertools import product
+from random import Random
+from typing import Any
+
+import pytest
+
+from rvaft.analysis.unification import LeastEvent, Overlaps, Unknown, compatible, implies, least, overlaps
+from rvaft.errors import RvaftError
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
+from rvaft.support.bits import bits
+from rvaft.support.budget import Budget
+
+LEAVES: tuple[Pattern, ...] = (
+    *(Literal(1), Literal(2), Literal("s"), Literal(True), Anything()),
+    *(Variable("X"), Variable("X"), Variable("Y"), Variable("_1"), Variable("_1")),
+    *(ListPattern((Literal(1), Anything())), ListPattern((Variable("X"), Variable("_1"))), ListPattern(())),
+    *(ObjectPattern((("k", Literal(1)),)), ObjectPattern((("k", Variable("X")),)), ObjectPattern(())),
+)
+VALUES: tuple[Any, ...] = (
+    1,
+    1.0,
+    2,
+    "s",
+    True,
+    None,
+    [],
+    [1, 1],
+    [1, 2],
+    [2, "s"],
+    [[], 1],
+    {},
+    {"k": 1},
+    {"k": 2},
+    {"k": {}},
+    {"k": 1, "l": 2},
+)
+UNIVERSE = [
+    {name: value for name, value in zip("ab", pair, strict=True) if value != "absent"}
+    for pair in product((*VALUES, "absent"), repeat=2)
+]
+SEEDS = range(10)
+
+
+def random_pattern(random: Random) -> Pattern:
+    fields = random.choice(("a", "b", "ab", "ab"))
+    return ObjectPattern(tuple((name, random.choice(LEAVES)) for name in fields))
+
+
+def matches_all(patterns: list[Pattern], event: Any) -> dict[str, Any] | None:
+    binding: dict[str, Any] | None = {}
+    for pattern in patterns:
+        found = match(pattern, event, binding or {})
+        binding = None if found is None else rigid(found)
+        if binding is None:
+            return None
+    return binding
+
+
+def instance(event: LeastEvent) -> tuple[Any, dict[str, Any]]:
+    """The least event as JSON, and the values of the variables."""
+    made: dict[int, Any] = {}
+
+    def build(value: Unknown) -> Any:
+        value = value.find()
+        if id(value) not in made:
+            if value.literal is not None:
+                made[id(value)] = value.literal.value
+            elif value.items is not None:
+                made[id(value)] = [build(item) for item in value.items]
+            elif value.fields is not None:
+                made[id(value)] = {"fresh": len(made), **{name: build(inner) for name, inner in value.fields.items()}}
+            else:
+                made[id(value)] = f"fresh {len(made)}"
+        return made[id(value)]
+
+    return build(event.root), {name: build(value) for name, value in event.bound.items()}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_least_event_says_what_all_events_say(seed: int) -> None:
+    random = Random(seed)
+    for _ in range(30):
+        patterns = [random_pattern(random) for _ in range(random.randint(1, 3))]
+        matching = [event for event in UNIVERSE if matches_all(patterns, event) is not None]
+        event = least(patterns)
+        if event is None:
+            assert not matching
+            continue
+        written, values = instance(event)
+        assert matches_all(patterns, written) is not None
+        for other in (random_pattern(random) for _ in range(10)):
+            known = {name: value for name, value in values.items() if not name.startswith("_")}
+            found = match(other, written, known)
+            assert event.satisfies(other) == (found is not None and rigid(found).keys() == known.keys()), (
+                patterns,
+                other,
+            )
+            if event.satisfies(other):
+                assert all(match(other, one, matches_all(patterns, one) or {}) is not None for one in matching)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_overlaps_of_many_patterns(seed: int) -> None:
+    random = Random(seed)
+    patterns = list(dict.fromkeys(random_pattern(random) for _ in range(25)))
+    many = Overlaps(patterns)
+    exact = many.exact(Budget())
+    for number, one in enumerate(patterns):
+        near = set(bits(many.compatible(number)))
+        for index, other in enumerate(patterns):
+            assert (index in near) == compatible(one, other)
+            assert overlaps(one, other) <= compatible(one, other)
+            assert overlaps(one, other) == (least([one, other]) is not None)
+            assert number == index or overlaps(one, other) == bool(exact.get(number, 0) >> index & 1)
+            if any(matches_all([one, other], event) is not None for event in UNIVERSE):
+                assert overlaps(one, other)
+    assert list(many.pairs()) == [
+        (i, j)
+        for i in range(len(patterns))
+        for j in range(i + 1, len(patterns))
+        if compatible(patterns[i], patterns[j])
+    ]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_is_implied_holds(seed: int) -> None:
+    random, implied = Random(seed), 0
+    for _ in range(400):
+        special, general = random_pattern(random), random_pattern(random)
+        bound = {name: random.choice(VALUES) for name in random.choice(("", "X", "XY"))}
+        if implies(special, general, bound.keys()):
+            implied += 1
+            fitting = partial(match, binding=bound)
+            assert all(fitting(general, event) is not None for event in UNIVERSE if fitting(special, event) is not None)
+    assert implied > 10
+
+
+def test_patterns_that_are_no_objects() -> None:
+    assert overlaps(ListPattern((Literal(1),)), Variable("X"))
+    assert not overlaps(ListPattern((Literal(1),)), ObjectPattern(()))
+    assert not overlaps(Variable("X"), ListPattern((Variable("X"),)))  # no value is a part of itself
+
+
+def test_ten_thousand_patterns_are_not_compared_pair_by_pair() -> None:
+    told = [ObjectPattern((("topic", Literal(f"t{n}")), ("v", Variable("X")))) for n in range(10_000)]
+    assert Overlaps(told).exact(Budget(20_000)) == {}
+    some = Overlaps([*told, ObjectPattern((("v", Literal(1)),))])
+    assert sum(1 for _ in some.pairs()) == 10_000
+    with pytest.raises(RvaftError, match="limit"):
+        Overlaps(
+            [*told[:100], *(ObjectPattern((("v", Variable("X")), (f"f{n}", Anything()))) for n in range(100))]
+        ).exact(Budget(1000))

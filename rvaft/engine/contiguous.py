@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from rvaft.engine.compiled_tree import Plan
 from rvaft.engine.configuration import Configuration, packed, unpacked
-from rvaft.engine.event_index import Letters, Reading
+from rvaft.engine.event_index import Letters, Reading, Sketch
 from rvaft.engine.steps import Matching
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json
@@ -57,9 +57,9 @@ class Following(ABC):
         partial, self.matches, self.lost = unpacked(snapshot)
         self.follow(partial)
 
-    def read(self, event: Json) -> Reading:
-        """What an event means."""
-        return self.letters.read(event)
+    def read(self, event: Json, sketch: Sketch | None = None) -> Reading:
+        """What an event means; `sketch` is what its shape says, where that is known."""
+        return self.letters.read(event, sketch)
 
     @abstractmethod
     def advance(self, reading: Reading, position: int) -> Verdict:

@@ -115,9 +115,10 @@ class Letters:
         ignored = [Letter(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores]
         all_letters = [*self.letters, *ignored]
         self._readers = tuple(reader(number, letter) for number, letter in enumerate(all_letters))
-        self._shapes = Shapes((letter.pattern for letter in all_letters), self._sketch)
+        self.sketch = Shapes((letter.pattern for letter in all_letters), self._sketch).of
+        """What the shape of an event says: for who reads many events of few shapes."""
 
-    def _sketch(self, decided: Decided) -> "_Sketch":
+    def _sketch(self, decided: Decided) -> "Sketch":
         readers = [self._readers[number] for number in sorted((*decided.fits, *decided.open))]
         count = len(self.letters)
         letters = tuple(
@@ -126,19 +127,22 @@ class Letters:
             if one.number < count
         )
         ignored = tuple(one for one in readers if one.number >= count)
-        return _Sketch(letters, tuple(known for known in letters if known.nodes), ignored)
+        return Sketch(letters, tuple(known for known in letters if known.nodes), ignored)
 
-    def serving(self, event: Json, wanted: Callable[[int], bool]) -> Iterator[tuple[int, Mapping[str, Json]]]:
+    def serving(
+        self, event: Json, wanted: Callable[[int], bool], sketch: "Sketch | None" = None
+    ) -> Iterator[tuple[int, Mapping[str, Json]]]:
         """The letters that an event fits, of those wanted, and the values it gives to their variables."""
-        for known in self._shapes.of(event).letters:
+        for known in (sketch or self.sketch(event)).letters:
             if wanted(known.number):
                 values = known.reader.read(event)
                 if values is not None:
                     yield known.number, values
 
-    def read(self, event: Json, *, relevance: bool = True) -> Reading:
+    def read(self, event: Json, sketch: "Sketch | None" = None, *, relevance: bool = True) -> Reading:
         """What an event means; without `relevance` it is not asked whether the event is relevant."""
-        sketch = self._shapes.of(event)
+        if sketch is None:
+            sketch = self.sketch(event)
         if not sketch.letters:
             return NOTHING
         relevant = False
@@ -169,7 +173,7 @@ class Known(NamedTuple):
     values: Values
 
 
-class _Sketch(NamedTuple):
+class Sketch(NamedTuple):
     """What events of one shape may be: the letters, those of them that serve a node, and those that are ignored."""
 
     letters: tuple[Known, ...]

@@ -5,7 +5,7 @@ from typing import Any, Final, Self
 
 from rvaft.engine.compiled_tree import plan_of
 from rvaft.engine.contiguous import Consuming, Following
-from rvaft.engine.event_index import NOTHING, Letters, Reading
+from rvaft.engine.event_index import NOTHING, Letters, Reading, Sketch
 from rvaft.engine.expectation import pending
 from rvaft.engine.explanation import explain
 from rvaft.engine.scattered_general import Skipping
@@ -48,9 +48,14 @@ class Engine(Monitor):
         self._strategy = _strategy(self.tree, self.semantics, limit=self._limit)
         self._strategy.restore(state["_strategy"])
 
-    def read(self, event: Json) -> Reading:
-        """What an event means, for `take`."""
-        return self._strategy.read(event)
+    def read(self, event: Json, sketch: Sketch | None = None) -> Reading:
+        """What an event means, for `take`; `sketch` is what its shape says, where that is known."""
+        return self._strategy.read(event, sketch)
+
+    @property
+    def letters(self) -> Letters:
+        """The patterns of the runtime events, which say what an event means."""
+        return self._strategy.letters
 
     @property
     def noted(self) -> bool:

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple, Self, TypeAlias
 from rvaft.engine.compiled_tree import Plan, exact
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.contiguous import Following
-from rvaft.engine.event_index import Hit, Letters, Reading
+from rvaft.engine.event_index import Hit, Letters, Reading, Sketch
 from rvaft.engine.steps import Matching
 from rvaft.engine.subsumption import Directions, at_least, commits, scale
 from rvaft.model.guards import Predicate
@@ -356,9 +356,9 @@ class Skipping(Following):
         twin.follow(self.partial)
         return twin
 
-    def read(self, event: Json) -> Reading:
+    def read(self, event: Json, sketch: Sketch | None = None) -> Reading:
         """What an event means; whether it is relevant does not matter here."""
-        return self.letters.read(event, relevance=False)
+        return self.letters.read(event, sketch, relevance=False)
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""

@@ -14,7 +14,7 @@ from itertools import combinations, product
 from typing import Any, NamedTuple, Self
 
 from rvaft.engine.compiled_tree import Plan
-from rvaft.engine.event_index import Hit, Letters, Reading, overlapping
+from rvaft.engine.event_index import Hit, Letters, Reading, Sketch, overlapping
 from rvaft.errors import TooLarge
 from rvaft.model.nodes import Gate
 from rvaft.model.values import Json
@@ -395,11 +395,11 @@ class Earliest:
         if self._log is not None:
             vars(self._log).update(log)
 
-    def read(self, event: Json) -> Reading:
+    def read(self, event: Json, sketch: Sketch | None = None) -> Reading:
         """What an event means, as far as that matters now: letters that nobody waits for are not tried."""
         served = self.letters.serves
         wanted: Callable[[int], bool] = self._waiting.__contains__ if self._log is None else self._serves
-        hits = tuple(Hit(n, served[n], values) for n, values in self.letters.serving(event, wanted))
+        hits = tuple(Hit(n, served[n], values) for n, values in self.letters.serving(event, wanted, sketch))
         return Reading(relevant=bool(hits), hits=hits)
 
     def _serves(self, letter: int) -> bool:

@@ -8,20 +8,11 @@ from typing import Final
 
 from rvaft.errors import LanguageError
 from rvaft.language.words import WORD, bare_name
-from rvaft.model.guards import MAX_DEPTH, Guard, Operation, Operator
+from rvaft.model.guards import MAX_DEPTH, OPERATORS, Guard, Operation, Operator
 from rvaft.model.nodes import Argument, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar
 
-_LEVEL: Final = {
-    Operator.OR: 1,
-    Operator.AND: 2,
-    Operator.NOT: 3,
-    **dict.fromkeys((Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE), 4),
-    **dict.fromkeys((Operator.ADD, Operator.SUB), 5),
-    **dict.fromkeys((Operator.MUL, Operator.DIV), 6),
-    Operator.NEGATE: 7,
-}
 _ATOM: Final = 8
 _VALUE: Final = re.compile(r'(?!=)(?:(?!//|/\*)[^\s;"#])+')
 
@@ -91,20 +82,20 @@ class Style:
     brackets: tuple[str, str] = ("(", ")")
     fraction: Callable[[str, str], str | None] | None = None
     """A quotient with its operands one above the other, which need no brackets."""
-    minus_level: int = _LEVEL[Operator.NEGATE]
+    minus_level: int = OPERATORS[Operator.NEGATE].level
     """How tightly a minus before an operand, or before a number, binds to what is outside."""
-    not_operand: int = _LEVEL[Operator.NOT]
+    not_operand: int = OPERATORS[Operator.NOT].level
     """How tightly the operand of `not` has to bind to stand without brackets."""
 
 
-SUM_LEVEL: Final = _LEVEL[Operator.ADD]
-SIGNED_LEVEL: Final = _LEVEL[Operator.NEGATE]
+SUM_LEVEL: Final = OPERATORS[Operator.ADD].level
+SIGNED_LEVEL: Final = OPERATORS[Operator.NEGATE].level
 _PLAIN: Final = Style(
     word_text,
     str,
     literal_text,
     "_",
-    {operator: operator.value for operator in Operator} | {Operator.NOT: "not ", Operator.NEGATE: "-"},
+    {operator: facts.sign for operator, facts in OPERATORS.items()},
 )
 
 
@@ -146,7 +137,7 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
 
 
 def _operation(operator: Operator, parts: list[tuple[str, int]], style: Style) -> tuple[str, int]:
-    level, sign = _LEVEL[operator], style.signs[operator]
+    level, sign = OPERATORS[operator].level, style.signs[operator]
 
     def least(needed: int, part: tuple[str, int]) -> str:
         text, own = part

@@ -1,4 +1,4 @@
-"""Guards: the expression type, and their value under an assignment of the variables.
+"""Guards: the expression type, the table of operators, and the value of a guard under an assignment of the variables.
 
 A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, a result that is not finite). Undefined
 propagates through every operator, except that `and` and `or` read left to right and do not look at the right side when the left
@@ -6,11 +6,11 @@ decides. The parser bounds the nesting of an expression (`MAX_DEPTH`), so the re
 """
 
 import math
-import operator
-from collections.abc import Callable, Hashable, Mapping
+import operator as python
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.patterns import Binding, Literal, Variable
 from rvaft.model.values import Json, equal, is_number
@@ -35,6 +35,108 @@ class Operator(StrEnum):
     NOT = "not"
     AND = "and"
     OR = "or"
+
+
+class _Undefined:
+    """The one value that is no JSON value."""
+
+    def __repr__(self) -> str:
+        return "UNDEFINED"
+
+
+UNDEFINED: Final = _Undefined()
+
+
+class OperatorFacts(NamedTuple):
+    """What is known of an operator.
+
+    `level` says how tightly it binds, `function` gives the value of defined operands (None where not all of them are looked at). Of a comparison, `negated`
+    is true where it is false (both are defined there), `mirrored` is the same with its sides exchanged, and `compare` is what Python has for it.
+    """
+
+    level: int
+    sign: str
+    function: Callable[..., Json] | None
+    arity: int = 2
+    compare: Callable[[Any, Any], bool] | None = None
+    negated: Operator | None = None
+    mirrored: Operator | None = None
+
+
+def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json]:
+    """A comparison of two numbers or two strings."""
+
+    def compared(left: Json, right: Json) -> Json:
+        if (is_number(left) and is_number(right)) or (isinstance(left, str) and isinstance(right, str)):
+            return compare(left, right)
+        return UNDEFINED
+
+    return compared
+
+
+def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
+    """An operation on numbers."""
+
+    def calculated(*arguments: Json) -> Json:
+        if not all(map(is_number, arguments)):
+            return UNDEFINED
+        try:
+            result = calculate(*arguments)
+        except (ZeroDivisionError, OverflowError):
+            return UNDEFINED
+        return result if isinstance(result, int) or math.isfinite(result) else UNDEFINED
+
+    return calculated
+
+
+def _unequal(left: Json, right: Json) -> Json:
+    return not equal(left, right)
+
+
+def _not(operand: Json) -> Json:
+    return not operand if isinstance(operand, bool) else UNDEFINED
+
+
+_O = Operator
+
+
+def _comparison(sign: str, compare: Callable[[Any, Any], bool], negated: Operator, mirrored: Operator) -> OperatorFacts:
+    function = {"==": equal, "!=": _unequal}.get(sign) or _ordered(compare)
+    return OperatorFacts(4, sign, function, 2, compare, negated, mirrored)
+
+
+OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
+    _O.OR: OperatorFacts(1, "or", None),
+    _O.AND: OperatorFacts(2, "and", None),
+    _O.NOT: OperatorFacts(3, "not ", _not, arity=1),
+    _O.EQ: _comparison("==", python.eq, _O.NE, _O.EQ),
+    _O.NE: _comparison("!=", python.ne, _O.EQ, _O.NE),
+    _O.LT: _comparison("<", python.lt, _O.GE, _O.GT),
+    _O.LE: _comparison("<=", python.le, _O.GT, _O.GE),
+    _O.GT: _comparison(">", python.gt, _O.LE, _O.LT),
+    _O.GE: _comparison(">=", python.ge, _O.LT, _O.LE),
+    _O.ADD: OperatorFacts(5, "+", _calculating(python.add)),
+    _O.SUB: OperatorFacts(5, "-", _calculating(python.sub)),
+    _O.MUL: OperatorFacts(6, "*", _calculating(python.mul)),
+    _O.DIV: OperatorFacts(6, "/", _calculating(python.truediv)),
+    _O.NEGATE: OperatorFacts(7, "-", _calculating(python.neg), arity=1),
+}
+"""Every operator, those that bind least first."""
+
+JUNCTIONS: Final = frozenset({Operator.AND, Operator.OR})
+"""Two operands or more, read from the left."""
+COMPARISONS: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.negated)
+ORDERINGS: Final = COMPARISONS - {Operator.EQ, Operator.NE}
+ARITHMETIC: Final = frozenset(
+    operator for operator, facts in OPERATORS.items() if facts.level > OPERATORS[Operator.EQ].level
+)
+
+assert set(OPERATORS) == set(Operator)
+assert JUNCTIONS | COMPARISONS | ARITHMETIC | {Operator.NOT} == set(Operator)
+for _operator in COMPARISONS:
+    _facts = OPERATORS[_operator]
+    assert OPERATORS[_facts.negated or Operator.NOT].negated is _operator
+    assert OPERATORS[_facts.mirrored or Operator.NOT].mirrored is _operator
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,25 +164,60 @@ class Operation:
 Guard: TypeAlias = Literal | Variable | Operation
 
 
-class _Undefined:
-    """The one value that is no JSON value."""
-
-    def __repr__(self) -> str:
-        return "UNDEFINED"
-
-
-UNDEFINED: Final = _Undefined()
-
-
 def variables(guard: Guard) -> tuple[str, ...]:
     """The variables of a guard, each once, in order of first occurrence."""
+    return tuple(dict.fromkeys(part.name for part in walk(guard) if isinstance(part, Variable)))
+
+
+def walk(guard: Guard) -> Iterator[Guard]:
+    """The guard and all its parts, outermost first, in order."""
+    todo = [guard]
+    while todo:
+        part = todo.pop()
+        yield part
+        if isinstance(part, Operation):
+            todo.extend(reversed(part.operands))
+
+
+def conjuncts(guard: Guard) -> tuple[Guard, ...]:
+    """The guards that must all hold for this one to hold, nested conjunctions taken apart."""
+    if isinstance(guard, Operation) and guard.operator is Operator.AND:
+        return tuple(part for operand in guard.operands for part in conjuncts(operand))
+    return (guard,)
+
+
+def substitute(guard: Guard, by: Mapping[str, Guard]) -> Guard:
+    """The guard with every variable named in `by` replaced."""
     match guard:
         case Variable(name):
-            return (name,)
-        case Operation(_, operands):
-            return tuple(dict.fromkeys(name for operand in operands for name in variables(operand)))
-        case _:
-            return ()
+            return by.get(name, guard)
+        case Operation(operator, operands):
+            return Operation(operator, tuple(substitute(operand, by) for operand in operands))
+        case Literal():
+            return guard
+
+
+def renamed(guard: Guard, names: Mapping[str, str]) -> Guard:
+    """The guard with other names for its variables.
+
+    >>> renamed(Operation(Operator.LT, (Variable("X"), Literal(3))), {"X": "Speed"})
+    Operation(operator=<Operator.LT: '<'>, operands=(Variable(name='Speed'), Literal(value=3)))
+    """
+    return substitute(guard, {old: Variable(new) for old, new in names.items()})
+
+
+def folded(guard: Guard) -> Guard:
+    """The guard with its parts without variables replaced by their values, where these are defined.
+
+    >>> folded(Operation(Operator.GT, (Variable("X"), Operation(Operator.ADD, (Literal(1), Literal(2))))))
+    Operation(operator=<Operator.GT: '>'>, operands=(Variable(name='X'), Literal(value=3)))
+    """
+    if not isinstance(guard, Operation):
+        return guard
+    if variables(guard):
+        return Operation(guard.operator, tuple(folded(operand) for operand in guard.operands))
+    constant = value(guard, {})
+    return guard if constant is UNDEFINED else Literal(constant)
 
 
 def holds(guard: Guard, binding: Binding) -> bool:
@@ -89,21 +226,27 @@ def holds(guard: Guard, binding: Binding) -> bool:
 
 
 def value(guard: Guard, binding: Binding) -> Json:
-    """The value of a guard, or UNDEFINED; never raises on any JSON value."""
+    """The value of a guard, or UNDEFINED; never raises on any JSON value.
+
+    >>> value(Operation(Operator.DIV, (Variable("X"), Literal(2))), {"X": 3})
+    1.5
+    >>> value(Operation(Operator.LT, (Variable("X"), Literal(2))), {"X": "a"})
+    UNDEFINED
+    """
     match guard:
         case Literal(constant):
             return constant
         case Variable(name):
             return binding[name]
-        case Operation(Operator.AND | Operator.OR as operator, operands):
-            return _junction(operator, operands, binding)
         case Operation(operator, operands):
+            function = OPERATORS[operator].function
+            if function is None:
+                return _junction(operands, binding, decides=operator is Operator.OR)
             arguments = [value(operand, binding) for operand in operands]
-            return UNDEFINED if UNDEFINED in arguments else _apply(operator, arguments)
+            return UNDEFINED if UNDEFINED in arguments else function(*arguments)
 
 
-def _junction(operator: Operator, operands: tuple[Guard, ...], binding: Binding) -> Json:
-    decides = operator is Operator.OR
+def _junction(operands: tuple[Guard, ...], binding: Binding, *, decides: bool) -> Json:
     for operand in operands:
         truth = value(operand, binding)
         if not isinstance(truth, bool):
@@ -113,92 +256,28 @@ def _junction(operator: Operator, operands: tuple[Guard, ...], binding: Binding)
     return not decides
 
 
-def _apply(operator: Operator, arguments: list[Json]) -> Json:
-    match operator, arguments:
-        case Operator.EQ, [left, right]:
-            return equal(left, right)
-        case Operator.NE, [left, right]:
-            return not equal(left, right)
-        case Operator.NOT, [operand]:
-            return not operand if isinstance(operand, bool) else UNDEFINED
-        case Operator.LT | Operator.LE | Operator.GT | Operator.GE, [left, right]:
-            return _compare(operator, left, right)
-        case _:
-            return _calculate(operator, arguments)
-
-
-def _compare(operator: Operator, left: Json, right: Json) -> Json:
-    if not (is_number(left) and is_number(right)) and not (isinstance(left, str) and isinstance(right, str)):
-        return UNDEFINED
-    match operator:
-        case Operator.LT:
-            return left < right
-        case Operator.LE:
-            return left <= right
-        case Operator.GT:
-            return left > right
-        case _:
-            return left >= right
-
-
-def _calculate(operator: Operator, arguments: list[Json]) -> Json:
-    if not all(is_number(argument) for argument in arguments):
-        return UNDEFINED
-    try:
-        match operator, arguments:
-            case Operator.NEGATE, [operand]:
-                result = -operand
-            case Operator.ADD, [left, right]:
-                result = left + right
-            case Operator.SUB, [left, right]:
-                result = left - right
-            case Operator.MUL, [left, right]:
-                result = left * right
-            case _, [left, right]:
-                result = left / right
-    except (ZeroDivisionError, OverflowError):
-        return UNDEFINED
-    return result if isinstance(result, int) or math.isfinite(result) else UNDEFINED
-
-
-# Guards as functions: what `rvaft.guards.holds` says, made ready once for a guard that is asked of very many events.
-#
-# Only what guards mostly are is made faster: a variable compared with a constant, and `and` over such. Where an operand has another type
-# than the constant, and for every other guard, `holds` itself is asked.
-
 Predicate: TypeAlias = Callable[[Mapping[str, Json]], bool]
 
-_COMPARISONS: Final = {
-    Operator.EQ: operator.eq,
-    Operator.NE: operator.ne,
-    Operator.LT: operator.lt,
-    Operator.LE: operator.le,
-    Operator.GT: operator.gt,
-    Operator.GE: operator.ge,
-}
 _NUMBERS: Final = (int, float)
 
 
 def predicate(guard: Guard) -> Predicate:
-    """A function that says of a binding of the guard's variables whether the guard holds."""
+    """`holds` as a function of a binding, made ready once for a guard that is asked of very many events.
+
+    Only what guards mostly are is made faster: a variable compared with a constant, and `and` over such. Where an operand has another type
+    than the constant, and for every other guard, `holds` itself is asked.
+    """
     match guard:
         case Operation(Operator.AND, operands):
             parts = tuple(predicate(operand) for operand in operands)
             return lambda binding: all(part(binding) for part in parts)
-        case Operation(sign, (Variable(name), Literal(constant))) if sign in _COMPARISONS:
+        case Operation(operator, (Variable(name), Literal(constant))) if compare := OPERATORS[operator].compare:
             types = (str,) if type(constant) is str else _NUMBERS if type(constant) in _NUMBERS else ()
-            return _comparison(guard, name, sign, constant, types)
+
+            def compared(binding: Mapping[str, Json]) -> bool:
+                value = binding[name]
+                return bool(compare(value, constant)) if type(value) in types else holds(guard, binding)
+
+            return compared
         case _:
             return lambda binding: holds(guard, binding)
-
-
-def _comparison(guard: Guard, name: str, sign: Operator, constant: Json, types: tuple[type, ...]) -> Predicate:
-    compare = _COMPARISONS[sign]
-
-    def compared(binding: Mapping[str, Json]) -> bool:
-        value = binding[name]
-        if type(value) in types:
-            return bool(compare(value, constant))
-        return holds(guard, binding)
-
-    return compared

@@ -13,7 +13,7 @@ from rvaft.backend import Specification, backend
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import OptionError, TreeError, WrongType
 from rvaft.language.draft import Draft
-from rvaft.language.reader import parse, parse_file
+from rvaft.language.parser import parse, parse_file
 from rvaft.model.nodes import Kind
 from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT

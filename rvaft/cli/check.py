@@ -8,7 +8,7 @@ from rvaft.cli.failure import FAILED, FOUND, report
 from rvaft.cli.options import standard_input
 from rvaft.errors import LanguageError, RvaftError
 from rvaft.language.draft import Draft
-from rvaft.language.reader import parse_bytes, parse_file
+from rvaft.language.parser import parse_bytes, parse_file
 from rvaft.model.nodes import Place
 from rvaft.model.values import Json
 from rvaft.rules import check

@@ -1,195 +1,95 @@
 """From reductions of the grammar to statements: one method per rule, run while the text is parsed.
 
-Nothing here recurses: the parser keeps the stack, so a text may nest as deep as it likes until a rule refuses it.
+Nothing here recurses: the parser keeps the stack, so a text may nest as deep as it likes until a rule refuses it. Names stay tokens,
+which are strings that know their place, until a statement is written into a draft.
 """
 
 import json
 import math
+import re
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Generic, TypeAlias, TypeVar
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from lark import Token, Transformer
 
+from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Said
 from rvaft.language.words import shown
 from rvaft.model.guards import MAX_DEPTH, Guard, Operation, Operator
-from rvaft.model.nodes import Argument, Causality, Gate, Kind, On
+from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, On, Place
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar
 
-# What a text says, statement by statement, before the statements of all files are merged into a draft.
+# ruff: noqa: D102 - what a method is about is the rule of its name in the grammar
 
-T_co = TypeVar("T_co", covariant=True)
+T = TypeVar("T")
+Items: TypeAlias = list[Any]
+
+CONSTANTS: Final[dict[str, Scalar]] = {"true": True, "false": False, "null": None}
+_WORD: Final = re.compile(r"\w+")
 
 
-@dataclass(frozen=True, slots=True)
-class At(Generic[T_co]):
-    """A value and its line and column, from 1."""
+class Slip(Exception):
+    """Something that the grammar allows and the language does not, at a position of the text."""
 
-    value: T_co
+    def __init__(self, message: str, token: Token) -> None:
+        self.message = message
+        self.position = token.start_pos or 0
+        super().__init__(message)
+
+
+@dataclass(slots=True)
+class Page:
+    """One file whose statements go into a draft, and the `toplevel` settings in it."""
+
+    file: str
+    draft: Draft
+    toplevels: list[Said[str]]
+
+    def said(self, word: "Word", value: T) -> Said[T]:
+        """A value, said where the word stands."""
+        return Said(value, Place(self.file, word.line or 1, word.column or 1))
+
+    def names(self, words: Iterable["Word"]) -> tuple[Said[str], ...]:
+        """Names where they stand."""
+        return tuple([self.said(word, word.value) for word in words])
+
+
+class PlainWord(NamedTuple):
+    """A word of a statement that the lexer read at once."""
+
+    value: str
     line: int
     column: int
 
 
-@dataclass(frozen=True, slots=True)
-class GateClause:
-    """`or a b`, `2of3 a b c`, `vot2 a b c`."""
-
-    gate: Gate
-    children: tuple[At[str], ...]
-    threshold: int | None = None
-    out_of: int | None = None
+Word: TypeAlias = Token | PlainWord
 
 
-@dataclass(frozen=True, slots=True)
-class OnClause:
-    """`on move(Waypoint, _)`."""
-
-    on: On
+Statement: TypeAlias = Callable[[Page], None]
+"""What a statement adds to the draft of its page."""
 
 
-@dataclass(frozen=True, slots=True)
-class WhenClause:
-    """`when Value >= 250`."""
+class ImportStatement(NamedTuple):
+    """`import "file";`, which is followed before what comes after it is added."""
 
-    guard: Guard
-
-
-@dataclass(frozen=True, slots=True)
-class KindClause:
-    """`fault` or `attack`."""
-
-    kind: Kind
+    path: Token
 
 
-@dataclass(frozen=True, slots=True)
-class LabelClause:
-    """`label "text for people"`."""
+class Clause(NamedTuple):
+    """`or a b`, `on move(X)` and so on: the list of the draft's node that it adds to, where it starts, and what is said."""
 
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class AttributeClause:
-    """`lambda=0.1`; the value is kept as text."""
-
-    key: str
-    value: str
+    part: str
+    start: Word
+    value: Any
 
 
-Clause: TypeAlias = GateClause | OnClause | WhenClause | KindClause | LabelClause | AttributeClause
+class Term(NamedTuple):
+    """A pattern or a guard under construction: how deep it is, the words in it, and whether it is a number without sign."""
 
-
-@dataclass(frozen=True, slots=True)
-class NodeStatement:
-    """`NAME [gate and children] [clauses];`."""
-
-    name: At[str]
-    clauses: tuple[At[Clause], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ToplevelStatement:
-    """`toplevel NAME;`."""
-
-    name: At[str]
-
-
-@dataclass(frozen=True, slots=True)
-class ParamStatement:
-    """`param NAME;`: Galileo's declaration of a parameter of its rates."""
-
-    name: At[str]
-
-
-@dataclass(frozen=True, slots=True)
-class CausalityStatement:
-    """`causality top_down;` or `causality bottom_up;`."""
-
-    causality: At[Causality]
-
-
-@dataclass(frozen=True, slots=True)
-class ImportStatement:
-    """`import "file";`."""
-
-    path: At[str]
-
-
-@dataclass(frozen=True, slots=True)
-class PruneStatement:
-    """`prune NAME NAME;`."""
-
-    names: tuple[At[str], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class IgnoreStatement:
-    """`ignore CALL [when GUARD];`."""
-
-    on: At[On]
-    when: Guard | None
-
-
-@dataclass(frozen=True, slots=True)
-class EventStatement:
-    """`event NAME(parameters) = { pattern };`."""
-
-    name: At[str]
-    parameters: tuple[str, ...]
-    pattern: Pattern
-
-
-@dataclass(frozen=True, slots=True)
-class TopicStatement:
-    """`topic NAME type TYPE from NODE, NODE;`."""
-
-    name: At[str]
-    type: At[str]
-    publishers: tuple[At[str], ...]
-
-
-Statement: TypeAlias = (
-    NodeStatement
-    | ToplevelStatement
-    | ParamStatement
-    | CausalityStatement
-    | ImportStatement
-    | PruneStatement
-    | IgnoreStatement
-    | EventStatement
-    | TopicStatement
-)
-
-# Building patterns and guards bottom-up: nesting is counted while it grows, and slips are raised with their place.
-
-CONSTANTS: Final[dict[str, Scalar]] = {"true": True, "false": False, "null": None}
-
-
-class Slip(Exception):
-    """Something that the grammar allows and the language does not, at a line and a column."""
-
-    def __init__(self, message: str, token: Token) -> None:
-        self.message = message
-        self.line = token.line or 1
-        self.column = token.column or 1
-        super().__init__(message)
-
-
-@dataclass(frozen=True, slots=True)
-class PatternTerm:
-    """A pattern under construction, how deep it is, and the words in it."""
-
-    pattern: Pattern
+    value: Any
     depth: int = 0
     words: tuple[Token, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class GuardTerm:
-    """A guard under construction, how deep it is, and whether it is a number written without sign."""
-
-    guard: Guard
-    depth: int = 0
     unsigned: bool = False
 
 
@@ -204,271 +104,46 @@ def text_of(token: Token) -> str:
     return text
 
 
-def number_of(token: Token, *, negative: bool = False) -> int | float:
-    """The number that a token stands for: integers exact, the rest finite doubles."""
-    try:
-        number = int(token) if token.isdigit() else float(token)
-    except ValueError:  # Python reads no more digits than sys.get_int_max_str_digits
-        raise Slip(f"a number of {len(token)} digits is too long", token) from None
-    if not math.isfinite(number):
-        raise Slip(f"the number {shown(token)} is too large for a double", token)
-    return -number if negative else number
-
-
 def integer_of(digits: str, token: Token) -> int:
-    """A count written in decimal digits."""
+    """A number written in decimal digits; Python reads no more than `sys.get_int_max_str_digits` of them."""
     try:
         return int(digits)
     except ValueError:
         raise Slip(f"a number of {len(digits)} digits is too long", token) from None
 
 
-def _nested(depth: int, what: str, token: Token) -> int:
+def number_of(token: Token) -> int | float:
+    """The number that a token stands for: integers exact, the rest finite doubles, none larger than those."""
+    number = integer_of(token, token) if token.isdigit() else float(token)
+    try:
+        finite = math.isfinite(number)
+    except OverflowError:
+        finite = False
+    if not finite:
+        raise Slip(f"the number {shown(token)} is too large for a double", token)
+    return number
+
+
+def _nested(parts: Sequence[Term], what: str, token: Token) -> int:
+    """How deep a term of these parts is."""
+    depth = max((part.depth for part in parts), default=0)
     if depth >= MAX_DEPTH:
         raise Slip(f"this {what} is nested deeper than {MAX_DEPTH}", token)
     return depth + 1
 
 
-def object_of(brace: Token, fields: list[tuple[Token, PatternTerm]]) -> PatternTerm:
-    """An object pattern."""
-    named: dict[str, Pattern] = {}
-    for key, inner in fields:
-        name = text_of(key) if key.type == "STRING" else str(key)
-        if name in named:
-            raise Slip(f"the field {shown(name)} stands twice in one object", key)
-        named[name] = inner.pattern
-    depth = _nested(max((inner.depth for _, inner in fields), default=0), "pattern", brace)
-    return PatternTerm(ObjectPattern(tuple(named.items())), depth, _words([inner for _, inner in fields]))
-
-
-def list_of(bracket: Token, items: list[PatternTerm]) -> PatternTerm:
-    """A list pattern."""
-    depth = _nested(max((inner.depth for inner in items), default=0), "pattern", bracket)
-    return PatternTerm(ListPattern(tuple(inner.pattern for inner in items)), depth, _words(items))
-
-
-def _words(items: list[PatternTerm]) -> tuple[Token, ...]:
-    return tuple(word for inner in items for word in inner.words)
-
-
-def word_of(word: Token) -> PatternTerm:
-    """A variable or parameter in a pattern."""
-    return PatternTerm(Variable(str(word)), words=(word,))
-
-
-def anything() -> PatternTerm:
-    """`_`."""
-    return PatternTerm(Anything())
-
-
-def scalar_of(value: Scalar) -> PatternTerm:
-    """A literal in a pattern."""
-    return PatternTerm(Literal(value))
-
-
-def operation_of(operator: Operator, operands: list[GuardTerm], token: Token) -> GuardTerm:
-    """An operator applied; a minus right before a number belongs to the number."""
-    depth = _nested(max(operand.depth for operand in operands), "guard", token)
-    if operator is Operator.NEGATE and operands[0].unsigned and isinstance(operands[0].guard, Literal):
-        number = operands[0].guard.value
-        assert isinstance(number, (int, float))
-        return GuardTerm(Literal(-number))
-    return GuardTerm(Operation(operator, tuple(operand.guard for operand in operands)), depth)
-
-
-# ruff: noqa: D102 - what a method is about is the rule of its name in the grammar
-
-
-Items: TypeAlias = list[Any]
-
-
-def _at(value: Any, token: Token) -> At[Any]:
-    return At(value, token.line or 1, token.column or 1)
-
-
-def _quoted(token: Token) -> str:
-    return text_of(token) if token.startswith('"') else str(token)
-
-
-def _between_commas(items: Items) -> Items:
-    return items[::2]
-
-
-class Build(Transformer[Token, Any]):
-    """The callbacks of the grammar's rules."""
-
-    # -- whole texts ------------------------------------------------------------------------------------------------
-
-    def tree(self, items: Items) -> list[Statement]:
-        return items
-
-    def only_pattern(self, items: Items) -> Pattern:
-        term: PatternTerm = items[0]
-        return term.pattern
-
-    def only_guard(self, items: Items) -> Guard:
-        term: GuardTerm = items[0]
-        return term.guard
-
-    # -- statements -------------------------------------------------------------------------------------------------
-
-    def toplevel(self, items: Items) -> ToplevelStatement:
-        return ToplevelStatement(items[1])
-
-    def param(self, items: Items) -> ParamStatement:
-        return ParamStatement(items[1])
-
-    def causality(self, items: Items) -> CausalityStatement:
-        return CausalityStatement(_at(Causality(items[1]), items[0]))
-
-    def import_(self, items: Items) -> ImportStatement:
-        return ImportStatement(_at(text_of(items[1]), items[1]))
-
-    def prune(self, items: Items) -> PruneStatement:
-        return PruneStatement(tuple(items[1:-1]))
-
-    def ignore(self, items: Items) -> IgnoreStatement:
-        _, call, _, guard, _ = items
-        return IgnoreStatement(call, None if guard is None else guard.guard)
-
-    def event(self, items: Items) -> EventStatement:
-        name, words, term = items[1], items[3] or [], items[6]
-        parameters: list[str] = []
-        for word in words:
-            _check_parameter(word, parameters)
-            parameters.append(str(word))
-        for word in term.words:
-            if word not in parameters:
-                raise Slip(f"{shown(word)} is no parameter of {shown(name.value)}; text stands in quotes", word)
-        return EventStatement(name, tuple(parameters), term.pattern)
-
-    def topic(self, items: Items) -> TopicStatement:
-        _, name, _, type_, _, publishers, _ = items
-        return TopicStatement(_at(text_of(name), name), _at(text_of(type_), type_), tuple(publishers or ()))
-
-    def publishers(self, items: Items) -> Items:
-        return _between_commas(items)
-
-    def parameters(self, items: Items) -> Items:
-        return _between_commas(items)
-
-    # -- nodes ------------------------------------------------------------------------------------------------------
-
-    def node(self, items: Items) -> NodeStatement:
-        name, *clauses, _ = items
-        return NodeStatement(name, tuple(clause for clause in clauses if clause is not None))
-
-    def gate(self, items: Items) -> At[Clause]:
-        token, *children = items
-        threshold = out_of = None
-        if token.type == "K_OF_N":
-            k, n = token.split("of")
-            threshold, out_of = integer_of(k, token), integer_of(n, token)
-        elif token.type == "VOT_K":
-            threshold = integer_of(token.removeprefix("vot"), token)
-        gate = Gate.VOT if threshold is not None else Gate(token)
-        return _at(GateClause(gate, tuple(children), threshold, out_of), token)
-
-    def on(self, items: Items) -> At[Clause]:
-        call: At[On] = items[1]
-        return At(OnClause(call.value), call.line, call.column)
-
-    def when(self, items: Items) -> At[Clause]:
-        return _at(WhenClause(items[1].guard), items[0])
-
-    def kind(self, items: Items) -> At[Clause]:
-        return _at(KindClause(Kind(items[0])), items[0])
-
-    def label(self, items: Items) -> At[Clause]:
-        return _at(LabelClause(text_of(items[1])), items[0])
-
-    def attribute(self, items: Items) -> At[Clause]:
-        key, _, value = items
-        return _at(AttributeClause(_quoted(key), value), key)
-
-    def call(self, items: Items) -> At[On]:
-        name, arguments = items[0], items[2] or []
-        return At(On(name.value, tuple(arguments)), name.line, name.column)
-
-    def arguments(self, items: Items) -> list[Argument]:
-        return [_argument(term.pattern) for term in _between_commas(items)]
-
-    def name(self, items: Items) -> At[str]:
-        return _at(_quoted(items[0]), items[0])
-
-    event_name = name
-
-    def value(self, items: Items) -> str:
-        return _quoted(items[0])
-
-    # -- patterns ---------------------------------------------------------------------------------------------------
-
-    def variable(self, items: Items) -> PatternTerm:
-        return word_of(items[0])
-
-    def anything(self, _items: Items) -> PatternTerm:
-        return anything()
-
-    def string(self, items: Items) -> PatternTerm:
-        return scalar_of(text_of(items[0]))
-
-    def number(self, items: Items) -> PatternTerm:
-        return scalar_of(number_of(items[-1], negative=len(items) > 1))
-
-    def constant(self, items: Items) -> PatternTerm:
-        return scalar_of(CONSTANTS[items[0]])
-
-    def mapping(self, items: Items) -> PatternTerm:
-        return object_of(items[0], items[1] or [])
-
-    def fields(self, items: Items) -> Items:
-        return _between_commas(items)
-
-    def field(self, items: Items) -> tuple[Token, PatternTerm]:
-        return items[0], items[2]
-
-    def sequence(self, items: Items) -> PatternTerm:
-        return list_of(items[0], items[1] or [])
-
-    def items(self, items: Items) -> Items:
-        return _between_commas(items)
-
-    # -- guards -----------------------------------------------------------------------------------------------------
-
-    def junction(self, items: Items) -> GuardTerm:
-        return operation_of(Operator(items[1]), _between_commas(items), items[1])
-
-    def binary(self, items: Items) -> GuardTerm:
-        left, token, right = items
-        return operation_of(Operator(token), [left, right], token)
-
-    def unary(self, items: Items) -> GuardTerm:
-        token, operand = items
-        return operation_of(Operator.NOT if token.type == "NOT" else Operator.NEGATE, [operand], token)
-
-    def guard_variable(self, items: Items) -> GuardTerm:
-        return GuardTerm(Variable(str(items[0])))
-
-    def guard_string(self, items: Items) -> GuardTerm:
-        return GuardTerm(Literal(text_of(items[0])))
-
-    def guard_number(self, items: Items) -> GuardTerm:
-        return GuardTerm(Literal(number_of(items[0])), unsigned=True)
-
-    def guard_constant(self, items: Items) -> GuardTerm:
-        return GuardTerm(Literal(CONSTANTS[items[0]]))
-
-    def parentheses(self, items: Items) -> GuardTerm:
-        term: GuardTerm = items[1]
-        return GuardTerm(term.guard, term.depth)
-
-
-def _argument(pattern: Pattern) -> Argument:
-    match pattern:
-        case Literal() | Variable() | Anything():
-            return pattern
-        case _:  # the grammar has no other arguments
-            raise AssertionError(pattern)
+def _words_in(parts: Iterable[Term]) -> tuple[Token, ...]:
+    return tuple(word for part in parts for word in part.words)
+
+
+def _gate(token: Token, children: Sequence[Word]) -> Clause:
+    """A gate, with the K of a vote and the N of K`of`N."""
+    if token.startswith("vot"):
+        return Clause("gates", token, (Gate.VOT, children, integer_of(token.removeprefix("vot"), token), None))
+    if token[0].isdigit():
+        k, n = token.split("of")
+        return Clause("gates", token, (Gate.VOT, children, integer_of(k, token), integer_of(n, token)))
+    return Clause("gates", token, (Gate(token.value), children, None, None))
 
 
 def _check_parameter(word: Token, before: Items) -> None:
@@ -478,3 +153,190 @@ def _check_parameter(word: Token, before: Items) -> None:
         raise Slip(f"{shown(word)} is no name for a parameter, which starts with a lower-case letter{mend}", word)
     if word in before:
         raise Slip(f"the parameter {shown(word)} stands twice in one event type", word)
+
+
+def _between_commas(_: "Build", items: Items) -> Items:
+    return items[::2]
+
+
+class Build(Transformer[Token, Any]):
+    """The callbacks of the grammar's rules."""
+
+    arguments = fields = items = parameters = publishers = _between_commas
+
+    def only_pattern(self, items: Items) -> Pattern:
+        pattern: Pattern = items[0].value
+        return pattern
+
+    def only_guard(self, items: Items) -> Guard:
+        guard: Guard = items[0].value
+        return guard
+
+    # -- statements -------------------------------------------------------------------------------------------------
+
+    def tree(self, items: Items) -> list[Statement | ImportStatement]:
+        return items
+
+    def toplevel(self, items: Items) -> Statement:
+        return lambda page: page.toplevels.extend(page.names(items[1:2]))
+
+    def param(self, items: Items) -> Statement:
+        return lambda page: page.draft.parameters.extend(page.names(items[1:2]))
+
+    def causality(self, items: Items) -> Statement:
+        start, word, _ = items
+        return lambda page: page.draft.causalities.append(page.said(start, Causality(word)))
+
+    def import_(self, items: Items) -> ImportStatement:
+        return ImportStatement(self.name(items[1:2]))
+
+    def prune(self, items: Items) -> Statement:
+        return lambda page: page.draft.prunes.extend(page.names(items[1:-1]))
+
+    def ignore(self, items: Items) -> Statement:
+        _, (name, on), _, guard, _ = items
+        when = None if guard is None else guard.value
+        return lambda page: page.draft.ignores.append(Ignore(on, when, page.said(name, on).place))
+
+    def event(self, items: Items) -> Statement:
+        name, words, term = items[1], items[3] or [], items[6]
+        parameters: list[str] = []
+        for word in words:
+            _check_parameter(word, parameters)
+            parameters.append(word.value)
+        for word in term.words:
+            if word not in parameters:
+                raise Slip(f"{shown(word)} is no parameter of {shown(name)}; text stands in quotes", word)
+
+        def add(page: Page) -> None:
+            said = page.said(name, name.value)
+            page.draft.events.append(EventType(said.value, tuple(parameters), term.value, said.place))
+
+        return add
+
+    def topic(self, items: Items) -> Statement:
+        words = [self.name(items[1:2]), self.name(items[3:4]), *(items[5] or [])]
+
+        def add(page: Page) -> None:
+            name, type_, *publishers = page.names(words)
+            page.draft.topics.append(DraftTopic(name, type_, tuple(publishers)))
+
+        return add
+
+    # -- nodes ------------------------------------------------------------------------------------------------------
+
+    def node(self, items: Items) -> Statement:
+        name, *clauses, _ = items
+
+        def add(page: Page) -> None:
+            node = page.draft.nodes.get(name.value)
+            if node is None:
+                node = page.draft.nodes[name.value] = DraftNode(name.value)
+            node.statements.append(page.said(name, None).place)
+            for part, start, value in filter(None, clauses):
+                if part == "gates":
+                    gate, children, threshold, out_of = value
+                    node.gates.append(page.said(start, GateUse(gate, page.names(children), threshold, out_of)))
+                else:
+                    getattr(node, part).append(page.said(start, value))
+
+        return add
+
+    def plain_node(self, items: Items) -> Statement:
+        """A statement that the lexer read at once."""
+        token = items[0]
+        line, column = token.line, token.column
+        name, *rest = [PlainWord(found[0], line, column + found.start()) for found in _WORD.finditer(token.value)]
+        if not rest:
+            return self.node([name, None, None])
+        gate, *children = rest
+        start = Token("GATE", gate.value, token.start_pos + gate.column - column, line, gate.column)
+        return self.node([name, _gate(start, children), None])
+
+    def gate(self, items: Items) -> Clause:
+        return _gate(items[0], items[1:])
+
+    def on(self, items: Items) -> Clause:
+        return Clause("ons", *items[1])
+
+    def when(self, items: Items) -> Clause:
+        return Clause("whens", items[0], items[1].value)
+
+    def kind(self, items: Items) -> Clause:
+        return Clause("kinds", items[0], Kind(items[0]))
+
+    def label(self, items: Items) -> Clause:
+        return Clause("labels", items[0], text_of(items[1]))
+
+    def attribute(self, items: Items) -> Clause:
+        key, _, value = items
+        return Clause("attributes", key, (self.name([key]).value, value.value))
+
+    def call(self, items: Items) -> tuple[Token, On]:
+        name, arguments = items[0], items[2] or []
+        return name, On(name.value, tuple([term.value for term in arguments]))
+
+    def name(self, items: Items) -> Token:
+        token: Token = items[0]
+        return token.update(value=text_of(token)) if token.startswith('"') else token
+
+    event_name = value = name
+
+    # -- patterns ---------------------------------------------------------------------------------------------------
+
+    def variable(self, items: Items) -> Term:
+        return Term(Variable(items[0].value), words=(items[0],))
+
+    def anything(self, _items: Items) -> Term:
+        return Term(Anything())
+
+    def string(self, items: Items) -> Term:
+        return Term(Literal(text_of(items[0])))
+
+    def number(self, items: Items) -> Term:
+        number = number_of(items[-1])
+        return Term(Literal(-number if len(items) > 1 else number), unsigned=len(items) == 1)
+
+    def constant(self, items: Items) -> Term:
+        return Term(Literal(CONSTANTS[items[0]]))
+
+    def mapping(self, items: Items) -> Term:
+        fields: list[tuple[Token, Term]] = items[1] or []
+        named: dict[str, Pattern] = {}
+        for key, inner in fields:
+            name = self.name([key]).value
+            if name in named:
+                raise Slip(f"the field {shown(name)} stands twice in one object", key)
+            named[name] = inner.value
+        parts = [inner for _, inner in fields]
+        return Term(ObjectPattern(tuple(named.items())), _nested(parts, "pattern", items[0]), _words_in(parts))
+
+    def field(self, items: Items) -> tuple[Token, Term]:
+        return items[0], items[2]
+
+    def sequence(self, items: Items) -> Term:
+        parts: list[Term] = items[1] or []
+        value = ListPattern(tuple([inner.value for inner in parts]))
+        return Term(value, _nested(parts, "pattern", items[0]), _words_in(parts))
+
+    # -- guards -----------------------------------------------------------------------------------------------------
+
+    def junction(self, items: Items) -> Term:
+        return self._operation(items[1], Operator(items[1]), items[::2])
+
+    def binary(self, items: Items) -> Term:
+        return self._operation(items[1], Operator(items[1]), items[::2])
+
+    def unary(self, items: Items) -> Term:
+        return self._operation(items[0], Operator.NOT if items[0].type == "NOT" else Operator.NEGATE, items[1:])
+
+    def _operation(self, token: Token, operator: Operator, operands: list[Term]) -> Term:
+        """An operator applied; a minus right before a number belongs to the number."""
+        depth = _nested(operands, "guard", token)
+        if operator is Operator.NEGATE and operands[0].unsigned:
+            return Term(Literal(-operands[0].value.value))
+        return Term(Operation(operator, tuple([operand.value for operand in operands])), depth)
+
+    def parentheses(self, items: Items) -> Term:
+        term: Term = items[1]
+        return term._replace(unsigned=False)

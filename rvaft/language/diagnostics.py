@@ -1,9 +1,14 @@
-"""Common slips in statements and names: one function each; the first that knows something speaks."""
+"""What people are told about a text that is not in the language: where it went wrong, what was expected, how to mend it.
+
+Common slips are known: each is a condition on the words around the place, with its advice. The first that holds speaks; where none
+does, the message says what the grammar expected.
+"""
 
 import re
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import chain
 from typing import Final, NamedTuple, TypeAlias
 
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
@@ -12,8 +17,6 @@ from rvaft.errors import LanguageError
 from rvaft.language.words import CLAUSES, DYNAMIC, GATES, OPERATORS, RESERVED, STATEMENTS, TOPIC, expectation, shown
 from rvaft.support.terminal import visible
 
-# A second, tolerant look at a text that did not parse: what stands around the place where it went wrong.
-
 _LEXEME: Final = re.compile(
     r"""(?P<skip>\s+|//[^\n]*|\#[^\n]*|/\*.*?\*/)
       | "[^"\\\n]*(?:\\.[^"\\\n]*)*"
@@ -21,10 +24,12 @@ _LEXEME: Final = re.compile(
       | == | != | <= | >= | && | \|\| | <> | =< | => | .""",
     re.VERBOSE | re.DOTALL,
 )
+_VOTE: Final = re.compile(r"[0-9]+of[0-9]+|vot[0-9]+")
+_LONGEST_LINE: Final = 300
+"""Above this a source line is not shown: nobody finds the caret."""
 
 
-@dataclass(frozen=True, slots=True)
-class Lexeme:
+class Lexeme(NamedTuple):
     """A piece of text: a string with its quotes, a word or number, a sign; the empty text stands for the end."""
 
     text: str
@@ -42,14 +47,19 @@ class Lexeme:
         return self.text[:1].isalpha() or self.text[:1] == "_"
 
     @property
-    def is_name(self) -> bool:
-        """Whether it is a word or a string."""
-        return self.is_word or (len(self.text) > 1 and self.text[0] == '"')
+    def is_string(self) -> bool:
+        """Whether it is a text in quotes."""
+        return len(self.text) > 1 and self.text[0] == '"'
+
+    @property
+    def is_gate(self) -> bool:
+        """Whether it is the word for a gate."""
+        return self.text in GATES or _VOTE.fullmatch(self.text) is not None
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Where a text went wrong: the statement so far, what cannot stand there, what follows, what could stand there."""
+    """Where a text went wrong: the statement so far, what cannot stand there, the two pieces that follow, what could stand there."""
 
     before: tuple[Lexeme, ...]
     bad: Lexeme
@@ -61,18 +71,49 @@ class Situation:
         return self.possible.issuperset(terminals)
 
     @property
-    def last(self) -> Lexeme | None:
-        """The piece before the bad one."""
-        return self.before[-1] if self.before else None
+    def last(self) -> Lexeme:
+        """The piece before the bad one; an empty one at the start of the text."""
+        return self.before[-1] if self.before else Lexeme("", 0, self.bad.line)
 
     @property
-    def new_line(self) -> bool:
+    def following(self) -> Lexeme:
+        """The piece after the bad one; an empty one at the end of the text."""
+        return self.after[0] if self.after else Lexeme("", -1, self.bad.line)
+
+    @property
+    def is_on_new_line(self) -> bool:
         """Whether the bad piece stands on a later line than the one before it."""
-        return self.last is not None and self.last.line < self.bad.line
+        return self.last.line < self.bad.line
 
 
-def situation(text: str, position: int, possible: frozenset[str]) -> Situation:
-    """What stands around a position of a text; the end of the text where nothing follows."""
+def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
+    """The error to raise for what the parser library reports."""
+    match error:
+        case UnexpectedToken(token=token) if token.type != "$END":
+            position = token.start_pos or 0
+        case UnexpectedCharacters():
+            position = error.pos_in_stream or 0
+        case _:
+            position = len(text)
+    parser = getattr(error, "interactive_parser", None)
+    at = _situation(text, position, frozenset(parser.accepts()) if parser is not None else frozenset())
+    slips = chain(_lexical_slips(at), _topic_slips(at), _statement_slips(at), _term_slips(at), _unexpected(at))
+    message, position = next(slips)
+    return error_at(message, text, position, file)
+
+
+def error_at(message: str, text: str, position: int, file: str) -> LanguageError:
+    """A `LanguageError` about a position of a text."""
+    start = text.rfind("\n", 0, position) + 1
+    end = text.find("\n", position)
+    line = text[start : end if end >= 0 else len(text)].rstrip("\r")
+    source = "".join(c if c.isprintable() or c == "\t" else "?" for c in line) if len(line) <= _LONGEST_LINE else ""
+    number = text.count("\n", 0, position) + 1
+    return LanguageError(message, file=file, line=number, column=position - start + 1, source=source)
+
+
+def _situation(text: str, position: int, possible: frozenset[str]) -> Situation:
+    """A second, tolerant look at a text that did not parse: what stands around a position."""
     before: list[Lexeme] = []
     around: list[Lexeme] = []
     line = 1
@@ -80,34 +121,20 @@ def situation(text: str, position: int, possible: frozenset[str]) -> Situation:
         piece = found.group()
         if found.lastgroup != "skip":
             lexeme = Lexeme(piece, found.start(), line)
-            if found.end() <= position:
-                before.append(lexeme)
-                if piece == ";":
-                    before.clear()
-            else:
+            if found.end() > position:
                 around.append(lexeme)
                 if len(around) == 3:
                     break
+            elif piece == ";":
+                before.clear()
+            else:
+                before.append(lexeme)
         line += piece.count("\n")
     bad = around[0] if around else Lexeme("", len(text), line)
     return Situation(tuple(before), bad, tuple(around[1:]), possible)
 
 
-# What the advice on common slips has in common: what is told, and which word may have been meant.
-
-
-class Advice(NamedTuple):
-    """What to tell, and the position in the text that it is about."""
-
-    message: str
-    position: int
-
-
-Hint: TypeAlias = Callable[[Situation], Advice | None]
-"""A function that knows one slip: what to tell about it where it is met, else None."""
-
-
-def meant(word: str, known: tuple[str, ...]) -> str | None:
+def _meant(word: str, known: tuple[str, ...]) -> str | None:
     """The known word that a misspelt one comes close to."""
     if len(word) > 20:  # difflib would take its time
         return None
@@ -119,377 +146,180 @@ def meant(word: str, known: tuple[str, ...]) -> str | None:
     return next(iter(get_close_matches(word, known, 1, 0.75)), None)
 
 
-_VOTE: Final = re.compile(r"[0-9]+of[0-9]+|vot[0-9]+")
-
-
-def _gate(lexeme: Lexeme) -> bool:
-    return lexeme.text in GATES or _VOTE.fullmatch(lexeme.text) is not None
-
-
-def _dynamic_gate(at: Situation) -> Advice | None:
-    """Gates of Galileo and its relatives that are refused, also in the form `pdep=0.2`."""
-    statement = (*at.before, at.bad)
-    if len(statement) < 2 or not statement[0].is_name or statement[0].text in RESERVED:
-        return None
-    gate = statement[1]
-    if gate.text.lower() not in DYNAMIC:
-        return None
-    name = shown(statement[0].text.strip('"'))
-    return Advice(f"the gate {shown(gate.text)} of {name} has no meaning here yet", gate.start)
-
-
-def _vote(at: Situation) -> Advice | None:
-    if not at.can("K_OF_N") or not at.bad.text[:1].isdigit():
-        return None
-    found = re.match(r"([0-9]+)of([0-9]+)", "".join(x.text for x in (at.bad, *at.after)))
-    example = f"{found[1]}of{found[2]}" if found else "2of3"
-    return Advice(f"K of N is written without spaces, as in {example}", at.bad.start)
-
-
-def _misspelt_statement(at: Situation) -> Advice | None:
-    if len(at.before) != 1 or not at.can("K_OF_N") or not at.before[0].is_word:
-        return None
-    word = at.before[0].text
-    known = meant(word, STATEMENTS)
-    return Advice(f"unknown statement {shown(word)}: did you mean {known}?", at.before[0].start) if known else None
-
-
-def _second_gate(at: Situation) -> Advice | None:
-    """A gate where a child or a clause stands: a forgotten semicolon, or two gates in one statement."""
-    if len(at.before) < 2 or not at.can("SEMICOLON") or at.can("PLUS"):
-        return None
-    name, previous = at.before[-1], at.before[-2]
-    new_statement = at.can("NAME") and len(at.before) > 3 and previous.line < name.line
-    if new_statement and (_gate(at.bad) or at.bad.text in DYNAMIC):
-        return Advice(f"a `;` is missing after {shown(previous.text)}", previous.end)
-    if not _gate(at.bad):
-        return None
-    if not _gate(at.before[1]):
-        return Advice("the gate stands right after the name, before on, when and the rest", at.bad.start)
-    if not at.can("NAME"):
-        return Advice("a node has one gate, and this one has one already", at.bad.start)
-    mend = f"end the statement before {shown(name.text)} with `;`, or give the inner gate a node of its own"
-    return Advice(f"a node has one gate: {mend}", at.bad.start)
-
-
-def _continues(at: Situation) -> bool:
-    """Whether a word on a new line looks like a misspelt operator or clause and not like the name of a node."""
-    if meant(at.bad.text, (*OPERATORS, *CLAUSES)) is None or not at.after:
-        return False
-    following = at.after[0]
-    return not (_gate(following) or following.text in CLAUSES or following.text in (";", "="))
-
-
-def _missing_semicolon(at: Situation) -> Advice | None:
-    if not at.can("SEMICOLON") or at.last is None:
-        return None
-    starts = at.bad.text in (*STATEMENTS, TOPIC) or (at.new_line and at.bad.is_name and not _continues(at))
-    if at.bad.text and not starts:
-        return None
-    return Advice(f"a `;` is missing after {shown(at.last.text)}", at.last.end)
-
-
-def _unknown_gate(at: Situation) -> Advice | None:
-    if len(at.before) != 1 or not at.can("K_OF_N") or not at.bad.is_word:
-        return None
-    if at.after and at.after[0].text[:1].isdigit():
-        return Advice(f"an attribute has an equals sign: {shown(at.bad.text)[1:-1]}=…", at.bad.start)
-    known = meant(at.bad.text, (*GATES, *CLAUSES))
-    mend = f"did you mean {known}?" if known else "the gates are or, and, sand, sand_rl and KofN (2of3)"
-    what = "word" if known in CLAUSES else "gate"
-    return Advice(f"unknown {what} {shown(at.bad.text)}: {mend}", at.bad.start)
-
-
-def _misspelt_word(at: Situation) -> Advice | None:
-    """A word where operators, clauses or statements can go on, close to one of them."""
-    possible = tuple(word for word in (*OPERATORS, *CLAUSES, "top_down", "bottom_up") if word.upper() in at.possible)
-    if at.bad.is_word and (known := meant(at.bad.text, possible)):
-        return Advice(f"unknown word {shown(at.bad.text)}: did you mean {known}?", at.bad.start)
-    if at.last is not None and at.last.text in ("NOT", "AND", "OR") and at.can("PLUS"):
-        return Advice(f"{shown(at.last.text)} is written {at.last.text.lower()}", at.last.start)
-    return None
-
-
-def _misspelt_clause(at: Situation) -> Advice | None:
-    """`a or b whn X > 1`: the misspelt word and what follows were read as children."""
-    if not at.can("NAME", "ON", "SEMICOLON") or at.bad.is_word or not at.bad.text:
-        return None
-    for lexeme in reversed(at.before[2:]):
-        if lexeme.is_word and (known := meant(lexeme.text, CLAUSES)):
-            return Advice(f"unknown word {shown(lexeme.text)}: did you mean {known}?", lexeme.start)
-    return None
-
-
-def _odd_name(at: Situation) -> Advice | None:
-    """`B-1`, `9a`, `Überdruck` without quotes."""
-    last, text = at.last, at.bad.text
-    message = 'a name with other characters than letters, digits and _ is quoted: "{}"'
-    if last is not None and last.is_word and last.end == at.bad.start and at.can("SEMICOLON") and not at.can("PLUS"):
-        if (text and not text.isascii()) or text in ("-", ".", ":", "@", "$", "/", "\\", "+", "*", "'", "%", "~"):
-            rest = at.after[0].text if at.after and at.after[0].start == at.bad.end else ""
-            return Advice(message.format(visible(last.text + text + rest)), last.start)
-    elif at.can("NAME") and (text[:1].isdigit() or not text.isascii()):
-        return Advice(message.format(visible(text)), at.bad.start) if len(text) < 40 else None
-    return None
-
-
-def _reserved_name(at: Situation) -> Advice | None:
-    word = at.bad.text
-    if at.can("NAME") and (word in RESERVED or _VOTE.fullmatch(word)):
-        message = f'expected {expectation(at.possible)}; a node named {word} is written "{word}"'
-        return Advice(message, at.bad.start)
-    return None
-
-
-def _comma_between_children(at: Situation) -> Advice | None:
-    if at.bad.text == "," and at.can("NAME", "SEMICOLON"):
-        return Advice("names are separated by blanks, not by commas", at.bad.start)
-    return None
-
-
-STATEMENT_SLIPS: Final[tuple[Hint, ...]] = (
-    _dynamic_gate,
-    _vote,
-    _misspelt_statement,
-    _second_gate,
-    _missing_semicolon,
-    _unknown_gate,
-    _misspelt_word,
-    _misspelt_clause,
-    _odd_name,
-    _reserved_name,
-    _comma_between_children,
-)
-
-# Common slips in guards, calls, patterns and strings: one function each; the first that knows something speaks.
-
-_SIGNS: Final = {
-    "&&": "and",
-    "&": "and",
-    "||": "or",
-    "|": "or",
-    "!": "not",
-    "<>": "!=",
-    "=<": "<=",
-    "=>": ">=",
-    "=": "==",
-    "≤": "<=",
-    "≥": ">=",
-    "≠": "!=",
-    "∧": "and",
-    "∨": "or",
-    "¬": "not",
-}
-_COMPARISONS: Final = ("==", "!=", "<=", ">=", "<", ">")
-
-
-def _open_comment(at: Situation) -> Advice | None:
-    last = at.last
-    if at.bad.text == "/" and at.after and at.after[0].text == "*" and at.after[0].start == at.bad.end:
-        return Advice("this comment has no end: it is closed by */", at.bad.start)
-    if at.bad.text == "*" and last is not None and last.text == "/" and last.end == at.bad.start:
-        return Advice("this comment has no end: it is closed by */", last.start)
-    return None
-
-
-def _bad_string(at: Situation) -> Advice | None:
-    text = at.bad.text
-    if text == '"':
-        return Advice('this string has no end: the closing " must be on the same line', at.bad.start)
-    if text.startswith('"') and any(c < " " for c in text):
-        return Advice("a tab or control character in a string is written as an escape, such as \\t", at.bad.start)
-    if text in ("'", "`", "‘", "’", "“", "”", "«", "»"):
-        return Advice('a string is written in straight double quotes: "text"', at.bad.start)
-    return None
-
-
-def _chained_comparison(at: Situation) -> Advice | None:
-    if at.bad.text in _COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):
-        return Advice("comparisons do not chain: write `A < B and B < C`", at.bad.start)
-    return None
-
-
-def _foreign_sign(at: Situation) -> Advice | None:
-    """`&&`, `||`, `!`, `=` and their like in a guard."""
-    if at.bad.text not in _SIGNS or not (at.can("PLUS") or at.can("VARIABLE", "LPAR")):
-        return None
-    if at.bad.text == "=" and at.last is not None and at.last.text in _COMPARISONS:
-        return Advice("equality is written ==", at.last.start)
-    return Advice(f"{shown(at.bad.text)} is written {_SIGNS[at.bad.text]} here", at.bad.start)
-
-
-def _lower_case_variable(at: Situation) -> Advice | None:
-    if not at.can("VARIABLE") or not at.bad.is_word:
-        return None
-    word = at.bad.text
-    if word == "not":
-        return Advice("`not` binds weaker than a comparison: put parentheses around it", at.bad.start)
-    bare = word.lstrip("_")
-    mend = f": {bare[:1].upper()}{bare[1:]}" if bare[:1].isalpha() else ""
-    message = f'{shown(word)} is no variable, which starts with a capital{mend}; for text write "{word}"'
-    return Advice(message if len(word) <= 40 else "a variable starts with a capital", at.bad.start)
-
-
-def _bad_number(at: Situation) -> Advice | None:
-    if at.can("NUMBER") and (at.bad.text[:1].isdigit() or at.bad.text in (".", "+")):
-        return Advice("a number is written as in JSON: 10, -0.5, 1e-3", at.bad.start)
-    return None
-
-
-def _no_arguments(at: Situation) -> Advice | None:
-    if at.possible == {"LPAR"} and at.last is not None:
-        name = shown(at.last.text)[1:-1]
-        return Advice(f"an event type has parentheses: {name}(…), or {name}() without arguments", at.last.end)
-    return None
-
-
-def _trailing_comma(at: Situation) -> Advice | None:
-    if at.last is not None and at.last.text == "," and at.bad.text in (")", "}", "]"):
-        return Advice(f"no comma stands before {shown(at.bad.text)}", at.last.start)
-    return None
-
-
-LEXICAL_SLIPS: Final[tuple[Hint, ...]] = (_open_comment, _bad_string)
-"""Slips that leave no lexeme to reason about; asked first."""
-
-TERM_SLIPS: Final[tuple[Hint, ...]] = (
-    _chained_comparison,
-    _foreign_sign,
-    _lower_case_variable,
-    _bad_number,
-    _no_arguments,
-    _trailing_comma,
-)
-
-# Common slips in `topic` statements: one function each; the first that knows something speaks.
-
-_EXAMPLE: Final = 'as in topic "/name" type "package.msg.Name"'
-
-
-def _string(lexeme: Lexeme) -> bool:
-    return lexeme.text[:1] == '"' and lexeme.is_name
-
-
-def _starting(at: Situation) -> bool:
-    """Whether the statement so far is the word `topic`, which no string, `type` and string follow."""
-    return [lexeme.text for lexeme in at.before] == [TOPIC] and at.can("K_OF_N")
-
-
-def _misspelt_topic(at: Situation) -> Advice | None:
-    if len(at.before) != 1 or not _string(at.bad) or not at.after or at.after[0].text != "type":
-        return None
-    word = at.before[0]
-    if word.text != TOPIC and meant(word.text, (TOPIC,)):
-        return Advice(f"unknown statement {shown(word.text)}: did you mean {TOPIC}?", word.start)
-    return None
-
-
-def _bare_topic(at: Situation) -> Advice | None:
-    if not _starting(at):
-        return None
-    if at.bad.text in ("/", "~") or (at.bad.is_word and at.after and at.after[0].text == "type"):
-        return Advice(f"the name of a topic stands in quotes, {_EXAMPLE}", at.bad.start)
-    return None
-
-
-def _no_type(at: Situation) -> Advice | None:
-    if not _starting(at) or not _string(at.bad):
-        return None
-    following = at.after[0] if at.after else None
-    if following is not None and following.text == "type":
-        return Advice(f"the message type of a topic stands in quotes, {_EXAMPLE}", at.after[-1].start)
-    if following is not None and following.is_word and meant(following.text, ("type",)):
-        return Advice(f"unknown word {shown(following.text)}: did you mean type?", following.start)
-    return Advice(f"the message type of topic {shown(at.bad.text)[1:-1]} is missing, {_EXAMPLE}", at.bad.end)
-
-
-def _misspelt_from(at: Situation) -> Advice | None:
-    if at.can("FROM") and not at.new_line and at.bad.is_word and meant(at.bad.text, ("from",)):
-        return Advice(f"unknown word {shown(at.bad.text)}: did you mean from?", at.bad.start)
-    return None
-
-
-def _between_publishers(at: Situation) -> Advice | None:
-    if at.can("COMMA", "SEMICOLON") and at.bad.is_name and not at.new_line:
-        return Advice("publishers are separated by commas", at.bad.start)
-    return None
-
-
-def _bare_publisher(at: Situation) -> Advice | None:
-    if not at.can("NAME") or at.bad.text not in ("/", "~") or [x.text for x in at.before[:1]] != [TOPIC]:
-        return None
-    text = at.bad.text + (at.after[0].text if at.after else "")
-    return Advice(f'a name with other characters than letters, digits and _ is quoted: "{visible(text)}"', at.bad.start)
-
-
-TOPIC_SLIPS: Final[tuple[Hint, ...]] = (
-    _misspelt_topic,
-    _bare_topic,
-    _no_type,
-    _misspelt_from,
-    _between_publishers,
-    _bare_publisher,
-)
-
-# From the parser library's exceptions to `LanguageError`: where, what was expected, and how to mend common slips.
-
-_LONGEST_LINE: Final = 300
-"""Above this a source line is not shown: nobody finds the caret."""
-
-
-def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
-    """The error to raise for what the parser library reports."""
-    at = situation(text, _position(error, text), _possible(error))
-    for slip in (*LEXICAL_SLIPS, *TOPIC_SLIPS, *STATEMENT_SLIPS, *TERM_SLIPS):
-        if advice := slip(at):
-            return error_at(advice.message, text, advice.position, file)
-    advice = _unexpected(at)
-    return error_at(advice.message, text, advice.position, file)
-
-
-def error_at(message: str, text: str, position: int, file: str) -> LanguageError:
-    """A `LanguageError` about a position of a text."""
-    line = text.count("\n", 0, position) + 1
-    start = text.rfind("\n", 0, position) + 1
-    end = text.find("\n", position)
-    source = _source_line(text[start : end if end >= 0 else len(text)])
-    return LanguageError(message, file=file, line=line, column=position - start + 1, source=source)
-
-
-def error_in_line(message: str, text: str, line: int, column: int, file: str) -> LanguageError:
-    """A `LanguageError` about a line and column of a text."""
-    source = _source_line(text.split("\n", line)[line - 1])
-    return LanguageError(message, file=file, line=line, column=column, source=source)
-
-
-def _source_line(line: str) -> str:
-    """A line as it can be shown, or nothing where it is too long."""
-    line = line.rstrip("\r")
-    if len(line) > _LONGEST_LINE:
-        return ""
-    return "".join(c if c.isprintable() or c == "\t" else "?" for c in line)
+Advice: TypeAlias = Iterator[tuple[str, int]]
+"""What to tell, and the position in the text that it is about."""
 
 
 def _unexpected(at: Situation) -> Advice:
+    """What is said where no slip is known."""
     expected = expectation(at.possible)
-    if not at.bad.text:
-        position = at.last.end if at.last else 0
-        return Advice(f"the text ends too early: expected {expected}", position)
-    return Advice(f"unexpected {shown(at.bad.text)}: expected {expected}", at.bad.start)
+    if at.bad.text:
+        yield f"unexpected {shown(at.bad.text)}: expected {expected}", at.bad.start
+    yield f"the text ends too early: expected {expected}", at.last.end
 
 
-def _position(error: UnexpectedInput, text: str) -> int:
-    match error:
-        case UnexpectedToken(token=token) if token.type == "$END":
-            return len(text)
-        case UnexpectedToken(token=token):
-            return token.start_pos or 0
-        case UnexpectedCharacters():
-            return error.pos_in_stream or 0
-        case _:
-            return len(text)
+def _lexical_slips(at: Situation) -> Advice:
+    """Slips that leave no lexeme to reason about."""
+    bad, last = at.bad, at.last
+    if bad.text == "/" and at.following.text == "*" and at.following.start == bad.end:
+        yield "this comment has no end: it is closed by */", bad.start
+    if bad.text == "*" and last.text == "/" and last.end == bad.start:
+        yield "this comment has no end: it is closed by */", last.start
+    if bad.text == '"':
+        yield 'this string has no end: the closing " must be on the same line', bad.start
+    if bad.text.startswith('"') and any(c < " " for c in bad.text):
+        yield "a tab or control character in a string is written as an escape, such as \\t", bad.start
+    if bad.text in ("'", "`", "‘", "’", "“", "”", "«", "»"):
+        yield 'a string is written in straight double quotes: "text"', bad.start
 
 
-def _possible(error: UnexpectedInput) -> frozenset[str]:
-    parser = getattr(error, "interactive_parser", None)
-    return frozenset(parser.accepts()) if parser is not None else frozenset()
+_TOPIC_EXAMPLE: Final = 'as in topic "/name" type "package.msg.Name"'
+_NAME_IN_QUOTES: Final = 'a name with other characters than letters, digits and _ is quoted: "{}"'
+
+
+def _topic_slips(at: Situation) -> Advice:
+    bad, following = at.bad, at.following
+    words = [lexeme.text for lexeme in at.before]
+    if (
+        len(words) == 1
+        and words[0] != TOPIC
+        and bad.is_string
+        and following.text == "type"
+        and _meant(words[0], (TOPIC,))
+    ):
+        yield f"unknown statement {shown(words[0])}: did you mean {TOPIC}?", at.before[0].start
+    if words == [TOPIC] and at.can("K_OF_N"):
+        if bad.text in ("/", "~") or (bad.is_word and following.text == "type"):
+            yield f"the name of a topic stands in quotes, {_TOPIC_EXAMPLE}", bad.start
+        if bad.is_string and following.text == "type":
+            yield f"the message type of a topic stands in quotes, {_TOPIC_EXAMPLE}", at.after[-1].start
+        if bad.is_string and following.is_word and _meant(following.text, ("type",)):
+            yield f"unknown word {shown(following.text)}: did you mean type?", following.start
+        if bad.is_string:
+            yield f"the message type of topic {shown(bad.text)[1:-1]} is missing, {_TOPIC_EXAMPLE}", bad.end
+    if at.can("FROM") and not at.is_on_new_line and bad.is_word and _meant(bad.text, ("from",)):
+        yield f"unknown word {shown(bad.text)}: did you mean from?", bad.start
+    if at.can("COMMA", "SEMICOLON") and (bad.is_word or bad.is_string) and not at.is_on_new_line:
+        yield "publishers are separated by commas", bad.start
+    if at.can("NAME") and bad.text in ("/", "~") and words[:1] == [TOPIC]:
+        yield _NAME_IN_QUOTES.format(visible(bad.text + following.text)), bad.start
+
+
+def _statement_slips(at: Situation) -> Advice:
+    """Slips in the words of a statement: its first word, its gate, its clauses, its end."""
+    bad, last, following = at.bad, at.last, at.following
+    starts_node = len(at.before) == 1 and at.can("K_OF_N")
+    yield from _foreign_gates(at)
+    if at.can("K_OF_N") and bad.text[:1].isdigit():
+        found = re.match(r"([0-9]+)of([0-9]+)", "".join(x.text for x in (bad, *at.after)))
+        yield f"K of N is written without spaces, as in {f'{found[1]}of{found[2]}' if found else '2of3'}", bad.start
+    if starts_node and last.is_word and (known := _meant(last.text, STATEMENTS)):
+        yield f"unknown statement {shown(last.text)}: did you mean {known}?", last.start
+    if len(at.before) >= 2 and at.can("SEMICOLON") and not at.can("PLUS"):
+        yield from _second_gate(at)
+    if at.can("SEMICOLON") and at.before:
+        starts_line = at.is_on_new_line and (bad.is_word or bad.is_string) and not _goes_on(at)
+        if not bad.text or bad.text in (*STATEMENTS, TOPIC) or starts_line:
+            yield f"a `;` is missing after {shown(last.text)}", last.end
+    if starts_node and bad.is_word:
+        if following.text[:1].isdigit():
+            yield f"an attribute has an equals sign: {shown(bad.text)[1:-1]}=…", bad.start
+        known = _meant(bad.text, (*GATES, *CLAUSES))
+        mend = f"did you mean {known}?" if known else "the gates are or, and, sand, sand_rl and KofN (2of3)"
+        yield f"unknown {'word' if known in CLAUSES else 'gate'} {shown(bad.text)}: {mend}", bad.start
+    possible = tuple(word for word in (*OPERATORS, *CLAUSES, "top_down", "bottom_up") if word.upper() in at.possible)
+    if bad.is_word and (known := _meant(bad.text, possible)):
+        yield f"unknown word {shown(bad.text)}: did you mean {known}?", bad.start
+    if last.text in ("NOT", "AND", "OR") and at.can("PLUS"):
+        yield f"{shown(last.text)} is written {last.text.lower()}", last.start
+    if at.can("NAME", "ON", "SEMICOLON") and not bad.is_word and bad.text:  # `a or b whn X > 1`: read as children
+        for lexeme in reversed(at.before[2:]):
+            if lexeme.is_word and (known := _meant(lexeme.text, CLAUSES)):
+                yield f"unknown word {shown(lexeme.text)}: did you mean {known}?", lexeme.start
+    yield from _odd_names(at)
+    if bad.text == "," and at.can("NAME", "SEMICOLON"):
+        yield "names are separated by blanks, not by commas", bad.start
+
+
+def _foreign_gates(at: Situation) -> Advice:
+    """Gates of Galileo and its relatives that are refused, also in the form `pdep=0.2`."""
+    name, gate, *_ = (*at.before, at.bad, Lexeme("", 0, 0))
+    names_node = (name.is_word or name.is_string) and name.text not in RESERVED
+    if names_node and gate.text.lower() in DYNAMIC:
+        of = shown(name.text.strip('"'))
+        yield f"the gate {shown(gate.text)} of {of} has no meaning here yet", gate.start
+
+
+def _second_gate(at: Situation) -> Advice:
+    """A gate where a child or a clause stands: a forgotten semicolon, or two gates in one statement."""
+    bad, previous, name = at.bad, at.before[-2], at.before[-1]
+    starts_statement = at.can("NAME") and len(at.before) > 3 and previous.line < name.line
+    if starts_statement and (bad.is_gate or bad.text in DYNAMIC):
+        yield f"a `;` is missing after {shown(previous.text)}", previous.end
+    elif bad.is_gate and not at.before[1].is_gate:
+        yield "the gate stands right after the name, before on, when and the rest", bad.start
+    elif bad.is_gate and not at.can("NAME"):
+        yield "a node has one gate, and this one has one already", bad.start
+    elif bad.is_gate:
+        mend = f"end the statement before {shown(name.text)} with `;`, or give the inner gate a node of its own"
+        yield f"a node has one gate: {mend}", bad.start
+
+
+def _goes_on(at: Situation) -> bool:
+    """Whether a word on a new line looks like a misspelt operator or clause and not like the name of a node."""
+    if _meant(at.bad.text, (*OPERATORS, *CLAUSES)) is None or not at.after:
+        return False
+    return not (at.following.is_gate or at.following.text in CLAUSES or at.following.text in (";", "="))
+
+
+def _odd_names(at: Situation) -> Advice:
+    """`B-1`, `9a`, `Überdruck` and reserved words without quotes."""
+    bad, last = at.bad, at.last
+    if last.is_word and last.end == bad.start and at.can("SEMICOLON") and not at.can("PLUS"):
+        odd = bad.text and not bad.text.isascii()
+        if odd or bad.text in ("-", ".", ":", "@", "$", "/", "\\", "+", "*", "'", "%", "~"):
+            rest = at.following.text if at.following.start == bad.end else ""
+            yield _NAME_IN_QUOTES.format(visible(last.text + bad.text + rest)), last.start
+    elif at.can("NAME") and (bad.text[:1].isdigit() or not bad.text.isascii()) and len(bad.text) < 40:
+        yield _NAME_IN_QUOTES.format(visible(bad.text)), bad.start
+    if at.can("NAME") and (bad.text in RESERVED or _VOTE.fullmatch(bad.text)):
+        yield f'expected {expectation(at.possible)}; a node named {bad.text} is written "{bad.text}"', bad.start
+
+
+_COMPARISONS: Final = ("==", "!=", "<=", ">=", "<", ">")
+_SPELLINGS: Final = {
+    "and": ("&&", "&", "∧"),
+    "or": ("||", "|", "∨"),
+    "not": ("!", "¬"),
+    "==": ("=",),
+    "!=": ("<>", "≠"),
+    "<=": ("=<", "≤"),
+    ">=": ("=>", "≥"),
+}
+_FOREIGN_SIGNS: Final = {sign: ours for ours, signs in _SPELLINGS.items() for sign in signs}
+"""The signs of other languages in a guard, and how they are written here."""
+
+
+def _term_slips(at: Situation) -> Advice:
+    """Slips in guards, calls and patterns."""
+    bad, last = at.bad, at.last
+    if bad.text in _COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):
+        yield "comparisons do not chain: write `A < B and B < C`", bad.start
+    if bad.text in _FOREIGN_SIGNS and (at.can("PLUS") or at.can("VARIABLE", "LPAR")):
+        if bad.text == "=" and last.text in _COMPARISONS:
+            yield "equality is written ==", last.start
+        yield f"{shown(bad.text)} is written {_FOREIGN_SIGNS[bad.text]} here", bad.start
+    if at.can("VARIABLE") and bad.text == "not":
+        yield "`not` binds weaker than a comparison: put parentheses around it", bad.start
+    if at.can("VARIABLE") and bad.is_word:
+        bare = bad.text.lstrip("_")
+        mend = f": {bare[:1].upper()}{bare[1:]}" if bare[:1].isalpha() else ""
+        message = f'{shown(bad.text)} is no variable, which starts with a capital{mend}; for text write "{bad.text}"'
+        yield message if len(bad.text) <= 40 else "a variable starts with a capital", bad.start
+    if at.can("NUMBER") and (bad.text[:1].isdigit() or bad.text in (".", "+")):
+        yield "a number is written as in JSON: 10, -0.5, 1e-3", bad.start
+    if at.possible == {"LPAR"} and at.before:
+        name = shown(last.text)[1:-1]
+        yield f"an event type has parentheses: {name}(…), or {name}() without arguments", last.end
+    if last.text == "," and bad.text in (")", "}", "]"):
+        yield f"no comma stands before {shown(bad.text)}", last.start

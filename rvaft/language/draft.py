@@ -4,9 +4,13 @@ An `RVAFT` cannot be wrong, a `Draft` can: it keeps each setting of each node in
 all that is wrong with a file and not only the first. `Draft.build` makes the immutable tree of a draft without errors.
 """
 
+import gc
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from rvaft.errors import TreeError
 from rvaft.model.guards import Guard
@@ -17,16 +21,14 @@ from rvaft.model.tree import RVAFT
 T_co = TypeVar("T_co", covariant=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Said(Generic[T_co]):
+class Said(NamedTuple, Generic[T_co]):
     """A value and where it was said."""
 
     value: T_co
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class GateUse:
+class GateUse(NamedTuple):
     """A gate with its children; `threshold` is the K of a VOT gate, `out_of` the N of K`of`N (None for `votK`)."""
 
     gate: Gate
@@ -34,10 +36,18 @@ class GateUse:
     threshold: int | None = None
     out_of: int | None = None
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the children, in order, as often as they were written."""
-        return tuple(child.value for child in self.children)
+
+@contextmanager
+def no_collections() -> Iterator[None]:
+    """Without searches for circles of garbage: a large tree has none, and each search looks at all of it again."""
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 class PruneFault(StrEnum):
@@ -53,8 +63,7 @@ class PruneFault(StrEnum):
     """A gate that stays would lose all its children."""
 
 
-@dataclass(frozen=True, slots=True)
-class BrokenPrune:
+class BrokenPrune(NamedTuple):
     """A `prune` that cannot be carried out: `pruned` was pruned at `place`; `node` is the gate that suffers, if any."""
 
     fault: PruneFault
@@ -85,14 +94,10 @@ class DraftNode:
         return self.statements[0]
 
     def settings(self) -> dict[str, list[Place]]:
-        """Where each part that a node has at most once was set: `gate`, `on`, `when`, `kind`, `label`."""
-        return {
-            "gate": [said.place for said in self.gates],
-            "on": [said.place for said in self.ons],
-            "when": [said.place for said in self.whens],
-            "kind": [said.place for said in self.kinds],
-            "label": [said.place for said in self.labels],
-        }
+        """Where each part that a node has at most once was set, of those that were: `gate`, `on`, `when`, `kind`, `label`."""
+        parts: dict[str, Sequence[Said[object]]]
+        parts = {"gate": self.gates, "on": self.ons, "when": self.whens, "kind": self.kinds, "label": self.labels}
+        return {part: [said.place for said in settings] for part, settings in parts.items() if settings}
 
     def children(self) -> list[Said[str]]:
         """The children of all gate settings, in the order of the text, duplicates included."""
@@ -105,28 +110,30 @@ class DraftNode:
             if len(where) > 1:
                 message = f"{where[1]}: the {part} of {self.name} is set twice"
                 raise TreeError(message, rule="duplicate-setting", nodes=[self.name])
-            if where:
-                places[part] = where[0]
-        use = self.gates[0].value if self.gates else None
+            places[part] = where[0]
+        use = _first(self.gates)
         if use is not None and use.out_of not in (None, len(use.children)):
             message = f"{places['gate']}: {self.name} has {len(use.children)} children, not {use.out_of}"
             raise TreeError(message, rule="threshold", nodes=[self.name])
         return Node(
             self.name,
-            use.gate if use else None,
-            use.names if use else (),
-            use.threshold if use else None,
-            self.ons[0].value if self.ons else None,
-            self.whens[0].value if self.whens else None,
-            self.kinds[0].value if self.kinds else None,
-            self.labels[0].value if self.labels else None,
-            tuple(said.value for said in self.attributes),
+            use and use.gate,
+            tuple([child.value for child in use.children]) if use else (),
+            use and use.threshold,
+            _first(self.ons),
+            _first(self.whens),
+            _first(self.kinds),
+            _first(self.labels),
+            tuple([said.value for said in self.attributes]),
             places=places,
         )
 
 
-@dataclass(frozen=True, slots=True)
-class DraftTopic:
+def _first(settings: list[Said[T_co]]) -> T_co | None:
+    return settings[0].value if settings else None
+
+
+class DraftTopic(NamedTuple):
     """One `topic` statement."""
 
     name: Said[str]
@@ -140,6 +147,11 @@ class Draft:
 
     `file` is the file that was asked for. `toplevels` are those that count: an importing file's own, else those of
     what it imports; they contradict each other when they name different nodes. `causalities` are all settings.
+
+    >>> from rvaft.language.parser import parse
+    >>> draft = parse("top or a b; a fault; a attack;")
+    >>> [said.value.value for said in draft.nodes["a"].kinds], [said.value for said in draft.undeclared()]
+    (['fault', 'attack'], ['b'])
     """
 
     file: str = "<text>"
@@ -170,10 +182,10 @@ class Draft:
     @property
     def root(self) -> str | None:
         """The root: what `toplevel` names, else the only node without a parent; None where neither says one name."""
-        said = [toplevel.value for toplevel in self.toplevels]
-        names = set(said or (node.name for node in self.parentless()))
+        names = {said.value for said in self.toplevels} or {node.name for node in self.parentless()}
         return names.pop() if len(names) == 1 else None
 
+    @no_collections()
     def build(self) -> RVAFT:
         """The tree; raises `TreeError` for what is wrong with its structure (the first thing found)."""
         root = self.root
@@ -182,93 +194,63 @@ class Draft:
         if self.broken_prunes:
             broken = self.broken_prunes[0]
             raise TreeError(f"{broken.place}: cannot prune {broken.pruned}", rule="prune", nodes=[broken.pruned])
-        _once([event.name for event in self.events], "event type")
+        for name, count in Counter(event.name for event in self.events).items():
+            if count > 1:
+                raise TreeError(f"event type {name} is declared twice", rule="duplicate-setting")
         nodes = [node.build() for node in self.nodes.values()]
         nodes += [Node(c.value, declared=False, places={"name": c.place}) for c in self.undeclared()]
         causality = self.causalities[0].value if self.causalities else Causality.TOP_DOWN
         if any(said.value is not causality for said in self.causalities):
             raise TreeError("`causality` is set twice", rule="duplicate-setting")
-        topics = _merged(self.topics)
-        return RVAFT(root, nodes, self.events, ignores=self.ignores, topics=topics, causality=causality)
+        topics: dict[tuple[str, str], Topic] = {}  # one per name and type, with the publishers of all its statements
+        for topic in self.topics:
+            key = absolute(topic.name.value), topic.type.value
+            first = topics.get(key, Topic(topic.name.value, topic.type.value, place=topic.name.place))
+            named = dict.fromkeys([*first.publishers, *(publisher.value for publisher in topic.publishers)])
+            topics[key] = replace(first, publishers=tuple(named))
+        return RVAFT(root, nodes, self.events, ignores=self.ignores, topics=topics.values(), causality=causality)
 
+    def carry_out_prunes(self) -> None:
+        """Drop the pruned nodes and what only they reach; what cannot be dropped stays, and is noted in `broken_prunes`."""
+        if not self.prunes:
+            return
+        pruned: dict[str, Place] = {}
+        for name, place in self.prunes:
+            pruned.setdefault(name, place)
+        parents = Counter(name for node in self.nodes.values() for name in {child.value for child in node.children()})
+        for name in [name for name in pruned if name not in self.nodes and name not in parents]:
+            self.broken_prunes.append(BrokenPrune(PruneFault.UNKNOWN, name, pruned.pop(name)))
+        kept = {said.value for said in self.toplevels}
+        roots = kept or {node.name for node in self.parentless()}
+        gone = self._unreached(set(pruned), kept, parents)
+        if roots <= gone:
+            root = min(roots & pruned.keys(), key=lambda name: pruned[name])
+            self.broken_prunes.append(BrokenPrune(PruneFault.ROOT, root, pruned[root]))
+            return
+        self.nodes = {name: node for name, node in self.nodes.items() if name not in gone}
+        for node in self.nodes.values():
+            node.gates = [Said(self._without(said.value, gone, node.name, pruned), said.place) for said in node.gates]
 
-def _once(names: list[str], what: str) -> None:
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise TreeError(f"{what} {twice} is declared twice", rule="duplicate-setting")
+    def _unreached(self, pruned: set[str], kept: set[str], parents: Counter[str]) -> set[str]:
+        """The pruned nodes, and those that have lost all their parents to them (but never a toplevel)."""
+        left, gone, todo = parents.copy(), set(pruned), list(pruned)
+        while todo:
+            node = self.nodes.get(todo.pop())
+            for name in {child.value for child in node.children()} if node else ():
+                left[name] -= 1
+                if left[name] == 0 and name not in gone and name not in kept:
+                    gone.add(name)
+                    todo.append(name)
+        return gone
 
-
-def _merged(said: list[DraftTopic]) -> list[Topic]:
-    """One topic per name and type, with the publishers of all its statements."""
-    found: dict[tuple[str, str], Topic] = {}
-    for topic in said:
-        key = absolute(topic.name.value), topic.type.value
-        first = found.get(key, Topic(topic.name.value, topic.type.value, place=topic.name.place))
-        nodes = dict.fromkeys([*first.publishers, *(publisher.value for publisher in topic.publishers)])
-        found[key] = replace(first, publishers=tuple(nodes))
-    return list(found.values())
-
-
-# Carrying out `prune`: drop the named nodes and what only they reach (step 3 of the method: parts nobody will monitor).
-
-
-def carry_out_prunes(draft: Draft) -> None:
-    """Drop what is pruned from the draft; what cannot be dropped stays, and is noted in `broken_prunes`."""
-    if not draft.prunes:
-        return
-    pruned: dict[str, Place] = {}
-    for said in draft.prunes:
-        pruned.setdefault(said.value, said.place)
-    parents = _parent_counts(draft)
-    roots = {said.value for said in draft.toplevels} or {node.name for node in draft.parentless()}
-    for name, place in list(pruned.items()):
-        if name not in draft.nodes and name not in parents:
-            draft.broken_prunes.append(BrokenPrune(PruneFault.UNKNOWN, name, place))
-            del pruned[name]
-    gone = _unreached(draft, set(pruned), {said.value for said in draft.toplevels}, parents)
-    if roots <= gone:
-        root = min(roots & pruned.keys(), key=lambda name: pruned[name])
-        draft.broken_prunes.append(BrokenPrune(PruneFault.ROOT, root, pruned[root]))
-        return
-    for name in gone & draft.nodes.keys():
-        del draft.nodes[name]
-    for node in draft.nodes.values():
-        node.gates = [_without(gate, gone, node.name, pruned, draft.broken_prunes) for gate in node.gates]
-
-
-def _parent_counts(draft: Draft) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for node in draft.nodes.values():
-        for name in {child.value for child in node.children()}:
-            counts[name] = counts.get(name, 0) + 1
-    return counts
-
-
-def _unreached(draft: Draft, pruned: set[str], kept: set[str], parents: dict[str, int]) -> set[str]:
-    """The pruned nodes, and those that have lost all their parents to them (but never a toplevel)."""
-    left = dict(parents)
-    gone = set(pruned)
-    todo = list(pruned)
-    while todo:
-        node = draft.nodes.get(todo.pop())
-        for name in {child.value for child in node.children()} if node else ():
-            left[name] -= 1
-            if left[name] == 0 and name not in gone and name not in kept:
-                gone.add(name)
-                todo.append(name)
-    return gone
-
-
-def _without(
-    gate: Said[GateUse], gone: set[str], name: str, pruned: dict[str, Place], broken: list[BrokenPrune]
-) -> Said[GateUse]:
-    use = gate.value
-    left = tuple(child for child in use.children if child.value not in gone)
-    if len(left) == len(use.children):
-        return gate
-    lost = next(child.value for child in use.children if child.value in gone)
-    if use.gate is Gate.VOT or not left:
+    def _without(self, use: GateUse, gone: set[str], name: str, pruned: dict[str, Place]) -> GateUse:
+        """A gate without the children that are gone, or as it is where it cannot do without them."""
+        left = tuple(child for child in use.children if child.value not in gone)
+        if len(left) == len(use.children):
+            return use
+        if left and use.gate is not Gate.VOT:
+            return GateUse(use.gate, left)
+        lost = next(child.value for child in use.children if child.value in gone)
         fault = PruneFault.VOTE if use.gate is Gate.VOT else PruneFault.EMPTY
-        broken.append(BrokenPrune(fault, lost, pruned[lost], name))
-        return gate
-    return Said(GateUse(use.gate, left), gate.place)
+        self.broken_prunes.append(BrokenPrune(fault, lost, pruned[lost], name))
+        return use

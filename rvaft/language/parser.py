@@ -1,48 +1,44 @@
-"""Text to statements, patterns and guards. Whatever is wrong with a text, `LanguageError` is what comes out."""
+"""Texts and files to drafts, patterns and guards. Whatever is wrong with a text, `LanguageError` is what comes out."""
 
+import os
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, Final
 
-from lark import Lark
+from lark import Lark, Token
 from lark.exceptions import UnexpectedInput
 
-from rvaft.language.builder import Build, Slip, Statement
-from rvaft.language.diagnostics import diagnose, error_at, error_in_line
+from rvaft.errors import LanguageError
+from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
+from rvaft.language.diagnostics import diagnose, error_at
+from rvaft.language.draft import Draft, Said, no_collections
+from rvaft.language.words import shown
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
 
+MAX_FILE: Final = 16 * 1024 * 1024
+"""The largest file, in bytes: a tree of ten thousand nodes takes less than one mebibyte."""
 _NO_TEXT: Final = re.compile("[\0\ud800-\udfff]")
 _REMEMBERED: Final = 1024
 """Texts of which the pattern or guard is kept: specifications repeat them."""
 
 
+class NoTree(LanguageError):
+    """A text says nothing about a node; `is_part` is whether it declares something that trees can import."""
+
+    def __init__(self, draft: Draft) -> None:
+        self.is_part = bool(draft.events or draft.ignores or draft.topics)
+        super().__init__("there is no tree here: no statement is about a node", file=draft.file)
+
+
 @cache
 def _parser() -> Lark:
     grammar = files("rvaft.language").joinpath("grammar.lark").read_text(encoding="utf-8")
-    start = ["tree", "only_pattern", "only_guard"]
-    return Lark(grammar, parser="lalr", start=start, transformer=Build())
-
-
-def parse_statements(text: str, file: str = "<text>") -> list[Statement]:
-    """The statements of one text, imports not followed; raises `LanguageError`."""
-    statements: list[Statement] = _parse(text, file, "tree")
-    return statements
-
-
-@lru_cache(maxsize=_REMEMBERED)
-def parse_pattern(text: str, file: str = "<pattern>") -> Pattern:
-    """The pattern that a text stands for; every word in it is a variable. Raises `LanguageError`."""
-    pattern: Pattern = _parse(text, file, "only_pattern")
-    return pattern
-
-
-@lru_cache(maxsize=_REMEMBERED)
-def parse_guard(text: str, file: str = "<guard>") -> Guard:
-    """The guard that a text stands for; raises `LanguageError`."""
-    guard: Guard = _parse(text, file, "only_guard")
-    return guard
+    return Lark(grammar, parser="lalr", start=["tree", "only_pattern", "only_guard"], transformer=Build())
 
 
 def _parse(text: str, file: str, start: str) -> Any:
@@ -53,6 +49,135 @@ def _parse(text: str, file: str, start: str) -> Any:
     try:
         return _parser().parse(text, start=start)
     except Slip as slip:
-        raise error_in_line(slip.message, text, slip.line, slip.column, file) from None
+        raise error_at(slip.message, text, slip.position, file) from None
     except UnexpectedInput as error:
         raise diagnose(error, text, file) from None
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def parse_pattern(text: str, file: str = "<pattern>") -> Pattern:
+    """The pattern that a text stands for; every word in it is a variable. Raises `LanguageError`.
+
+    >>> parse_pattern('{topic: "/command", time: T}').fields[1]
+    ('time', Variable(name='T'))
+    """
+    pattern: Pattern = _parse(text, file, "only_pattern")
+    return pattern
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def parse_guard(text: str, file: str = "<guard>") -> Guard:
+    """The guard that a text stands for; raises `LanguageError`.
+
+    >>> parse_guard("T2 >= T1 + 10").operator
+    <Operator.GE: '>='>
+    """
+    guard: Guard = _parse(text, file, "only_guard")
+    return guard
+
+
+def parse(text: str, file: str = "<text>") -> Draft:
+    """The draft that a text and its imports make; paths of imports are relative to the folder of `file`.
+
+    Raises `LanguageError` for what is not in the language, here or in an imported file, and `NoTree` where no statement is about
+    a node. What is in the language and still no tree (a cycle, a part set twice, …) stays in the draft.
+
+    >>> sorted(parse("top or a b; a fault;").nodes)
+    ['a', 'top']
+    """
+    draft = Draft(file)
+    _read_all(_Source(file, draft, identity=os.path.realpath(file), text=text))
+    if not draft.nodes:
+        raise NoTree(draft)
+    draft.carry_out_prunes()
+    return draft
+
+
+def parse_file(path: os.PathLike[str] | str) -> Draft:
+    """The draft of a file and its imports; raises `LanguageError` as `parse` does, and `OSError` where it cannot be read."""
+    name = os.fspath(path)
+    return parse(_text_of(name), name)
+
+
+def parse_bytes(data: bytes, file: str) -> Draft:
+    """As `parse`, from the bytes of a file or stream; what is no UTF-8 text is a `LanguageError` too."""
+    return parse(_decoded(data, file), file)
+
+
+def _text_of(name: str) -> str:
+    try:
+        with Path(name).open("rb") as stream:
+            data = stream.read(MAX_FILE + 1)  # never more: a device has no end
+    except OSError as error:
+        raise OSError(error.errno, f"cannot read the file: {error.strerror}", name) from error
+    except ValueError as error:  # a path that no system can have
+        raise LanguageError(f"cannot read the file: {error}", file=name) from error
+    return _decoded(data, name)
+
+
+def _decoded(data: bytes, name: str) -> str:
+    if len(data) > MAX_FILE:
+        raise LanguageError(f"the file is larger than {MAX_FILE // 1024**2} MiB, which is no tree", file=name)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise LanguageError("this is no UTF-8 text", file=name, line=line) from error
+
+
+@dataclass(slots=True)
+class _Source(Page):
+    """A file being read: its statements as far as they are not read yet, and the files that it imports."""
+
+    toplevels: list[Said[str]] = field(default_factory=list)
+    identity: str = ""
+    text: str = ""
+    statements: Iterator[Statement | ImportStatement] = field(default_factory=lambda: iter(()))
+    imported: list[str] = field(default_factory=list)
+
+    def begin(self) -> "_Source":
+        """Parse the file, all of it."""
+        self.statements = iter(_parse(self.text, self.file, "tree"))
+        return self
+
+
+@no_collections()
+def _read_all(main: _Source) -> None:
+    """Read a file and its imports into its draft, depth first, each file once; the importing file's `toplevel` counts."""
+    toplevels: dict[str, list[Said[str]]] = {}
+    open_files = [main.begin()]
+    while open_files:
+        source = open_files[-1]
+        for statement in source.statements:
+            if not isinstance(statement, ImportStatement):
+                statement(source)
+                continue
+            inner = _imported(source, statement.path, open_files)
+            source.imported.append(inner.identity)
+            if inner.identity not in toplevels:
+                open_files.append(inner.begin())
+                break
+        else:
+            inherited = (said for identity in source.imported for said in toplevels[identity])
+            toplevels[source.identity] = source.toplevels or list(dict.fromkeys(inherited))
+            open_files.pop()
+    main.draft.toplevels = toplevels[main.identity]
+
+
+def _imported(source: _Source, path: Token, open_files: list[_Source]) -> _Source:
+    def error(message: str) -> LanguageError:
+        return error_at(message, source.text.removeprefix("\ufeff"), path.start_pos or 0, source.file)
+
+    name = os.path.join(os.path.dirname(source.file), path)  # noqa: PTH118, PTH120 - keeps "./" as written
+    try:
+        text = _text_of(name)
+    except LanguageError as inner:
+        if isinstance(inner.__cause__, UnicodeDecodeError):
+            raise
+        raise error(f"cannot import {shown(path)}: {inner.message}") from inner
+    except OSError as inner:
+        raise error(f"cannot import {shown(path)}: {inner.strerror}") from inner
+    identity = os.path.realpath(name)
+    if any(identity == other.identity for other in open_files):
+        raise error(f"the files import each other in a circle: {shown(path)} is being read already")
+    return _Source(name, source.draft, identity=identity, text=text)

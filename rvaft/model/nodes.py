@@ -6,7 +6,7 @@ Places in a file (`Place`) never take part in equality: two trees that say the s
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Anything, Literal, Pattern, Variable
@@ -41,8 +41,7 @@ class Kind(StrEnum):
     ATTACK = "attack"
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Place:
+class Place(NamedTuple):
     """Where something stands in a text; line and column count from 1."""
 
     file: str = "<code>"

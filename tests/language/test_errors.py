@@ -3,8 +3,7 @@
 import pytest
 
 from rvaft.errors import LanguageError
-from rvaft.language.parser import parse_guard, parse_pattern
-from rvaft.language.reader import parse
+from rvaft.language.parser import parse, parse_guard, parse_pattern
 
 # text, line, column, a piece of the message
 SLIPS = [
@@ -85,6 +84,8 @@ SLIPS = [
     ("a when X > .5;", 1, 12, "a number is written as in JSON"),
     ("a when X > 05;", 1, 12, "a number is written as in JSON"),
     ("a when X > 1e400;", 1, 12, "too large for a double"),
+    (f"a when X > {'1' * 400};", 1, 12, "too large for a double"),
+    (f"a on e(-{'1' * 400});", 1, 9, "too large for a double"),
     (f"a when X > {'1' * 5000};", 1, 12, "a number of 5000 digits is too long"),
     (f"a when X > {'1' * 5000}.5;", 1, 12, "too large for a double"),
     (f"a {'1' * 5000}of3 b c d;", 1, 3, "a number of 5000 digits is too long"),

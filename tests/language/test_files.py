@@ -6,7 +6,7 @@ import pytest
 
 from rvaft.errors import LanguageError
 from rvaft.language.draft import BrokenPrune, Draft, PruneFault
-from rvaft.language.reader import parse_file
+from rvaft.language.parser import parse_file
 
 
 def write(folder: Path, **texts: str) -> Path:

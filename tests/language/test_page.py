@@ -8,8 +8,8 @@ import pytest
 
 from rvaft.api import load, loads
 from rvaft.errors import LanguageError
+from rvaft.language.parser import parse
 from rvaft.language.printer import dumps
-from rvaft.language.reader import parse
 
 PAGE = (Path(__file__).parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
 BLOCKS: list[tuple[str, str]] = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

@@ -4,9 +4,8 @@ import pytest
 from hypothesis import given, settings
 
 from rvaft.errors import LanguageError
-from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.language.parser import parse, parse_guard, parse_pattern
 from rvaft.language.printer import dumps
-from rvaft.language.reader import parse
 from rvaft.model.expressions import guard_text, name_text, pattern_text
 from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.nodes import Gate, Node

@@ -2,8 +2,7 @@
 
 import pytest
 
-from rvaft.language.parser import parse_guard, parse_pattern
-from rvaft.language.reader import parse
+from rvaft.language.parser import parse, parse_guard, parse_pattern
 from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Place
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
@@ -94,7 +93,7 @@ def test_what_is_said_twice_stays_in_the_draft() -> None:
     )
     a = draft.nodes["a"]
     assert [use.value.gate for use in a.gates] == [Gate.OR, Gate.AND]
-    assert [use.value.names for use in a.gates] == [("b",), ("c",)]
+    assert [use.value.children[0].value for use in a.gates] == ["b", "c"]
     assert [place.column for place in a.settings()["on"]] == [23, 31]
     assert [said.value for said in a.kinds] == [Kind.FAULT, Kind.ATTACK]
     assert [event.name for event in draft.events] == ["e", "e"]
@@ -103,7 +102,8 @@ def test_what_is_said_twice_stays_in_the_draft() -> None:
 
 def test_numbers_of_a_vote_stay_in_the_draft() -> None:
     use = parse("a 2of3 b b c d;").nodes["a"].gates[0].value
-    assert (use.threshold, use.out_of, use.names) == (2, 3, ("b", "b", "c", "d"))
+    assert (use.threshold, use.out_of) == (2, 3)
+    assert [child.value for child in use.children] == ["b", "b", "c", "d"]
     assert parse("a vot7 b;").nodes["a"].gates[0].value.out_of is None
 
 

@@ -12,8 +12,8 @@ from lark import Lark, logger
 from rvaft import monitor
 from rvaft.api import load, loads
 from rvaft.errors import LanguageError, TreeError
+from rvaft.language.parser import parse
 from rvaft.language.printer import dumps
-from rvaft.language.reader import parse
 from rvaft.model.nodes import Node, Place, Topic
 from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT

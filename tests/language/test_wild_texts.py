@@ -7,9 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvaft.errors import LanguageError, TreeError
-from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.language.parser import parse, parse_guard, parse_pattern
 from rvaft.language.printer import dumps
-from rvaft.language.reader import parse
 from rvaft.language.words import RESERVED
 
 TOKENS = [

@@ -6,7 +6,7 @@ from importlib.resources import files
 import pytest
 from lark import Lark
 
-from rvaft.language.reader import parse
+from rvaft.language.parser import parse
 from rvaft.language.words import CLAUSES, DYNAMIC, GATES, OPERATORS, RESERVED, STATEMENTS, bare_name, expectation
 from rvaft.model.expressions import name_text
 

@@ -6,7 +6,7 @@ import pytest
 
 from rvaft.api import loads
 from rvaft.errors import TreeError
-from rvaft.language.reader import parse, parse_file
+from rvaft.language.parser import parse, parse_file
 from rvaft.model.guards import Operation, Operator
 from rvaft.model.nodes import EventType, Gate, Ignore, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Variable

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rvaft.errors import RvaftError, TreeError
-from rvaft.language.reader import parse
+from rvaft.language.parser import parse
 from rvaft.model import nodes, tree
 from rvaft.rules import RULES, UnknownRule, check, check_draft, explain
 from rvaft.rules.registry import page

@@ -139,7 +139,7 @@ def test_a_draft_without_errors_can_be_built(code: str) -> None:
 def test_checking_an_ordinary_tree_imports_no_algebra() -> None:
     text = RULES["contradictory-guards"].bad
     program = (
-        "import sys; from rvaft.language.reader import parse; from rvaft.rules import check; "
+        "import sys; from rvaft.language.parser import parse; from rvaft.rules import check; "
         f"print([f.code for f in check(parse({text!r}))]); print('sympy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError, loads
-from rvaft.analysis.pattern_index import Reads, Scope, TreeReads, reads_of
+from rvaft.analysis.pattern_index import Reads, Scope, TreeReads
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
 from rvaft.monitoring.reader import MAX_DEPTH, MAX_DIGITS, MAX_LINE, decode, read
 
@@ -130,7 +130,7 @@ def test_a_key_is_not_repeated_where_the_tree_reads() -> None:
         )
     )
     tree = RVAFT("a", [Node("a", on=On("e", (Variable("V"),)))], [EventType("e", ("v",), pattern)])
-    reads = reads_of(tree)
+    reads = TreeReads(tree)
     for text in (
         b'{"topic":1,"topic":1}',
         b'{"topic":"t","topic":1}',
@@ -163,7 +163,7 @@ def test_a_number_that_overflows_is_malformed_where_the_tree_reads() -> None:
     tree = loads('event e(v) = { topic: "t", value: v }; toplevel a; a on e(V);')
     for text in (b'{"topic":"t","value":1e999}', b'{"topic":"t","value":[{"deep":-1e999}]}', b'{"topic":1e999}'):
         with pytest.raises(TraceError, match="range of a double"):
-            events(text, reads_of(tree))
+            events(text, TreeReads(tree))
     digits = b"1" * 400 + b".5"
     for text, expected in {
         b'{"topic":"t","other":1e999}': {"topic": "t", "other": None},
@@ -171,19 +171,19 @@ def test_a_number_that_overflows_is_malformed_where_the_tree_reads() -> None:
         b'{"x":[1,{"y":' + digits + b"}]}": {"x": [1, {"y": None}]},
         b'{"x":[1e308,1e-999,"1e999"]}': {"x": [1e308, 0.0, "1e999"]},
     }.items():
-        assert events(text, reads_of(tree)) == [expected]
+        assert events(text, TreeReads(tree)) == [expected]
         if b"-999" not in text:
             with pytest.raises(ValueError, match="range of a double"):
-                decode(text, reads=reads_of(tree), finite=True)
+                decode(text, reads=TreeReads(tree), finite=True)
 
 
 def test_a_default_event_and_an_ignore_are_read_too() -> None:
     noise = EventType("noise", ("v",), ObjectPattern((("noise", Variable("v")),)))
     tree = RVAFT("a", [Node("a")], [noise], ignores=[Ignore(On("noise", (Anything(),)))])
-    assert reads_of(tree).of({}) == Reads(fields={"event": Reads(), "noise": Reads()})
-    assert events(b'{"noise":{"x":1,"x":2}}', reads_of(tree)) == [{"noise": {"x": 2}}]
+    assert TreeReads(tree).of({}) == Reads(fields={"event": Reads(), "noise": Reads()})
+    assert events(b'{"noise":{"x":1,"x":2}}', TreeReads(tree)) == [{"noise": {"x": 2}}]
     with pytest.raises(TraceError):
-        events(b'{"noise":1,"noise":2}', reads_of(tree))
+        events(b'{"noise":1,"noise":2}', TreeReads(tree))
 
 
 def test_further_fields_can_be_read() -> None:
@@ -198,7 +198,7 @@ def test_a_variable_in_an_ignore_reads_the_whole_value() -> None:
     noise = EventType("noise", ("v",), ObjectPattern((("noise", Variable("v")),)))
     tree = RVAFT("a", [Node("a")], [noise], ignores=[Ignore(On("noise", (Variable("V"),)))])
     with pytest.raises(TraceError):
-        events(b'{"noise":{"x":1,"x":2}}', reads_of(tree))
+        events(b'{"noise":{"x":1,"x":2}}', TreeReads(tree))
 
 
 class Endless(io.RawIOBase):

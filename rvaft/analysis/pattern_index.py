@@ -1,4 +1,4 @@
-"""What the shape of an event says about the patterns that it fits.
+"""Which patterns an event can match, and which of its fields are read, found without trying every pattern.
 
 The *shape* of an event is which fields it has, and its values in those fields where some pattern has a literal. Logs hold few shapes, so
 what a shape says is worked out once. It decides most patterns: those that ask for literals and for the presence of fields. The others are
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from typing import Final, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
-from rvaft.model.guards import Guard, Operation, Predicate, predicate
+from rvaft.model.guards import Guard, Predicate, predicate, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 from rvaft.model.patterns import variables as pattern_variables
@@ -43,29 +43,55 @@ class Flat(NamedTuple):
     literals: Mapping[str, Hashable]
     variables: Mapping[str, str]
 
+    def fits(self, event: Mapping[str, Json]) -> bool:
+        """Whether an event matches the pattern."""
+        return all(_key(event, field) == value for field, value in self.literals.items()) and all(
+            field in event for field in self.variables
+        )
 
-class Shapes(Generic[T]):
-    """Events by shape; `derive` makes of what a shape decides whatever is wanted for its events."""
+
+class FirstLiterals:
+    """Things by number, each filed under the first literal that it asks for: what asks for another one is not looked at."""
+
+    def __init__(self, literals: Iterable[Mapping[str, Hashable]]) -> None:
+        self.by_field: dict[str, dict[Hashable, list[int]]] = {}
+        self.rest: list[int] = []
+        for number, asked in enumerate(literals):
+            first = next(iter(asked.items()), None)
+            if first is None:
+                self.rest.append(number)
+            else:
+                self.by_field.setdefault(first[0], {}).setdefault(first[1], []).append(number)
+
+    def candidates(self, event: Json) -> list[int]:
+        """The numbers, in order, of the things that an event may be."""
+        found = list(self.rest)
+        if isinstance(event, Mapping):
+            for field, table in self.by_field.items():
+                found.extend(table.get(_key(event, field), ()))
+            found.sort()
+        return found
+
+
+class PatternIndex(Generic[T]):
+    """Events by shape; `derive` makes of what a shape decides whatever is wanted for its events, once for each shape.
+
+    >>> at = lambda topic: ObjectPattern((("topic", Literal(topic)), ("value", Variable("X"))))
+    >>> index = PatternIndex([at("/speed"), at("/goal"), Anything()], lambda decided: decided)
+    >>> index.of({"topic": "/goal", "value": 3})
+    Decided(fits=(1,), open=(2,))
+    """
 
     def __init__(self, patterns: Iterable[Pattern], derive: Callable[[Decided], T]) -> None:
         self._derive = derive
-        self._filed: dict[str, dict[Hashable, list[int]]] = {}
-        self._rest: list[int] = []
-        self._flat: dict[int, Flat] = {}
         self._memory: dict[Hashable, T] = {}
+        given = tuple(patterns)
+        literals = [literals_of(pattern) for pattern in given]
+        self._filed = FirstLiterals(literals)
+        self._flat = {number: plain for number, pattern in enumerate(given) if (plain := flat(pattern)) is not None}
         asked: dict[str, set[type]] = {}
-        for number, pattern in enumerate(patterns):
-            plain = flat(pattern)
-            if plain is not None:
-                self._flat[number] = plain
-            literals = literals_of(pattern)
-            for field, value in literals.items():
-                asked.setdefault(field, set()).add(type(value))
-            first = next(iter(literals.items()), None)
-            if first is None:
-                self._rest.append(number)
-            else:
-                self._filed.setdefault(first[0], {}).setdefault(first[1], []).append(number)
+        for field, value in (item for some in literals for item in some.items()):
+            asked.setdefault(field, set()).add(type(value))
         self._shape = _shape_by(tuple(field for field, types in asked.items() if types == {str}))
         self._others = tuple(field for field, types in asked.items() if types != {str})
 
@@ -88,14 +114,14 @@ class Shapes(Generic[T]):
         return found
 
     def _decide(self, event: Mapping[str, Json]) -> Decided:
-        candidates = list(self._rest)
-        for field, table in self._filed.items():
-            candidates.extend(table.get(_key(event, field), ()))
-        candidates.sort()
+        candidates = self._filed.candidates(event)
         return Decided(
-            tuple(number for number in candidates if number in self._flat and _fits(self._flat[number], event)),
+            tuple(number for number in candidates if number in self._flat and self._flat[number].fits(event)),
             tuple(number for number in candidates if number not in self._flat),
         )
+
+
+Shapes = PatternIndex
 
 
 def brief(values: Iterable[Json]) -> bool:
@@ -140,38 +166,32 @@ def literals_of(pattern: Pattern) -> dict[str, Hashable]:
     return {field: key(part.value) for field, part in fields if isinstance(part, Literal)}
 
 
-def _fits(plain: Flat, event: Mapping[str, Json]) -> bool:
-    return all(_key(event, field) == value for field, value in plain.literals.items()) and all(
-        field in event for field in plain.variables
-    )
-
-
 def _key(event: Mapping[str, Json], field: str) -> Hashable:
     value = event.get(field, _NOT_THERE)
     return _NOT_THERE if isinstance(value, (Mapping, list, tuple)) else key(value)
 
 
-# The fields that tell event types apart: in a robot's log mostly one, `topic`.
-#
-# Whatever else an event holds, its values there say which patterns of a tree it can fit at all. So they decide what is read of it.
+# The fields that tell event types apart.
 
 _OTHER: Final = ("other",)
 """In place of a value that no pattern asks for, or of none."""
 
 
 class Discriminators:
-    """The discriminating fields of some patterns: every pattern that asks for a string in some field asks for one in one of these."""
+    """The discriminating fields of some patterns: every pattern that asks for a string in some field asks for one in one of these.
+
+    In a robot's log it is mostly one, `topic`. Whatever else an event holds, its values there say which patterns it can fit at all, and so
+    what is read of it.
+    """
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
-        strings = [_strings(pattern) for pattern in patterns]
+        strings = [
+            {field: value for field, value in literals_of(pattern).items() if isinstance(value, str)}
+            for pattern in patterns
+        ]
         self.fields = tuple(_cover(strings))
         self._asked = tuple({field: one[field] for field in self.fields if field in one} for one in strings)
-        self._filed: dict[tuple[str, Hashable], list[int]] = {}
-        """The numbers of the patterns that ask for a value in a field, each under the first field that it asks about."""
-        self._rest: list[int] = []
-        for number, asked in enumerate(self._asked):
-            first = next(iter(asked.items()), None)
-            (self._rest if first is None else self._filed.setdefault(first, [])).append(number)
+        self._filed = FirstLiterals(self._asked)
         self._values = {field: frozenset(one[field] for one in strings if field in one) for field in self.fields}
 
     def values(self, event: Mapping[str, Json]) -> tuple[Hashable, ...]:
@@ -188,15 +208,12 @@ class Discriminators:
 
     def candidates(self, values: tuple[Hashable, ...]) -> tuple[int, ...]:
         """The numbers of the patterns that an event with these values may fit, in order."""
-        by_field = dict(zip(self.fields, values, strict=True))
-        near = [*self._rest, *(number for item in by_field.items() for number in self._filed.get(item, ()))]
+        event = dict(zip(self.fields, values, strict=True))
         return tuple(
-            sorted(n for n in near if all(by_field[field] == value for field, value in self._asked[n].items()))
+            number
+            for number in self._filed.candidates(event)
+            if all(event[field] == value for field, value in self._asked[number].items())
         )
-
-
-def _strings(pattern: Pattern) -> dict[str, str]:
-    return {field: value for field, value in literals_of(pattern).items() if isinstance(value, str)}
 
 
 def _cover(literals: Iterable[Mapping[str, str]]) -> Iterable[str]:
@@ -208,9 +225,7 @@ def _cover(literals: Iterable[Mapping[str, str]]) -> Iterable[str]:
         left = [fields for fields in left if field not in fields]
 
 
-# Which parts of an event a tree reads.
-#
-# The fields that tell event types apart are read in every event; what their values leave possible decides what else is read.
+# Which parts of an event are read: the discriminating fields always, the others where their values leave something possible.
 
 
 @dataclass(slots=True)
@@ -288,11 +303,6 @@ def _at(path: tuple[str, ...]) -> Pattern:
     return pattern
 
 
-def reads_of(tree: RVAFT) -> TreeReads:
-    """What a monitor of the tree reads."""
-    return TreeReads(tree)
-
-
 # Letters: patterns with guards over their variables, and how one is read off an event.
 
 Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json]]
@@ -345,21 +355,10 @@ def reader(number: int, letter: Letter) -> Reader:
     elif plain is not None:
         named = {name: field for field, name in plain.variables.items() if name}
         fields = tuple((name, field) for name, field in named.items() if not name.startswith("_"))
-        holds = None if when is None else predicate(_of_fields(when, named))
+        holds = None if when is None else predicate(renamed(when, named))
     elif when is not None:
         holds = predicate(when)
     return Reader(number, letter.pattern, holds, plain is not None, _values(fields))
-
-
-def _of_fields(guard: Guard, named: Mapping[str, str]) -> Guard:
-    """The guard with the fields of an event as its variables; the parser bounds its nesting."""
-    match guard:
-        case Variable(name):
-            return Variable(named[name])
-        case Operation(operator, operands):
-            return Operation(operator, tuple(_of_fields(operand, named) for operand in operands))
-        case _:
-            return guard
 
 
 def _values(fields: tuple[tuple[str, str], ...]) -> Values:

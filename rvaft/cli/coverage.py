@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import click
 
-from rvaft.analysis.pattern_index import reads_of
+from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import load
 from rvaft.cli.failure import FAILED, FOUND, report
 from rvaft.cli.options import exclusive, part_options, semantics_option, standard_input, tree_argument
@@ -101,9 +101,9 @@ def _add(coverage: Coverage, tree: RVAFT, log: str | OSError) -> int:
         if isinstance(log, OSError):
             raise log
         if log == "-":
-            coverage.add("<stdin>", read(standard_input("LOG"), name="<stdin>", reads=reads_of(tree)))
+            coverage.add("<stdin>", read(standard_input("LOG"), name="<stdin>", reads=TreeReads(tree)))
         else:
-            coverage.add(click.format_filename(log), read(log, reads=reads_of(tree)))
+            coverage.add(click.format_filename(log), read(log, reads=TreeReads(tree)))
     except (RvaftError, OSError) as error:
         report(error)
         return FAILED

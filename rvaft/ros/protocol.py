@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, Self
 
-from rvaft.analysis.pattern_index import Scope, reads_of
+from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.api import monitor, one_of
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge
@@ -238,7 +238,7 @@ def protocol(
     longest: int = MAX_MESSAGE,
 ) -> Protocol:
     """The protocol for a tree, or for the part of one."""
-    return Protocol(reads_of(tree), Names.of(tree), tree, polarity, vocabulary, longest)
+    return Protocol(TreeReads(tree), Names.of(tree), tree, polarity, vocabulary, longest)
 
 
 def encoded(reply: Mapping[str, Json]) -> str:

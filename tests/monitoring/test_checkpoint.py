@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rvaft
-from rvaft.analysis.pattern_index import reads_of
+from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import narrowed
 from rvaft.errors import OptionError, RvaftError, TraceError
 from rvaft.model.nodes import Node
@@ -119,7 +119,7 @@ def test_all_is_kept(tmp_path: Path, trace: Path) -> None:
 
 def test_events_that_are_held_may_be_what_the_reader_made_of_them(tmp_path: Path, trace: Path) -> None:
     event = decode(
-        b'{"event": "x", "time": 3, "n": {"k": 1, "k": 2}, "l": [null, true, 1e3, "\\u00e9"]}', reads=reads_of(TREE)
+        b'{"event": "x", "time": 3, "n": {"k": 1, "k": 2}, "l": [null, true, 1e3, "\\u00e9"]}', reads=TreeReads(TREE)
     )
     ordering = Ordering("time", window=4)
     ordering.add(1, event)

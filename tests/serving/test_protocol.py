@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import Verdict, load, loads, monitor
-from rvaft.analysis.pattern_index import reads_of
+from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitoring.event_buffer import Recall
@@ -288,7 +288,7 @@ def test_any_messages_get_the_verdicts_of_the_monitor_on_the_events_among_them(
     for message in messages:
         reply = json.loads(encoded(speaking.reply(message, to)))
         try:
-            event = decode(message.encode() if isinstance(message, str) else message, reads=reads_of(tree))
+            event = decode(message.encode() if isinstance(message, str) else message, reads=TreeReads(tree))
         except ValueError:
             assert "error" in reply
         else:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvaft import Verdict, loads, monitor
-from rvaft.analysis.pattern_index import MEMORY, WIDEST, Letter, Shapes, reader
+from rvaft.analysis.pattern_index import MEMORY, WIDEST, Letter, PatternIndex, reader
 from rvaft.model.guards import Guard, Operation, Operator, holds, predicate
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 
@@ -59,7 +59,7 @@ guards: st.SearchStrategy[Guard] = st.recursive(
 @given(st.lists(patterns, max_size=6), st.lists(events, max_size=12))
 @settings(max_examples=300)
 def test_a_shape_decides_as_the_patterns_do(some: list[Pattern], trace: list[dict[str, Any]]) -> None:
-    shapes = Shapes(some, lambda decided: decided)
+    shapes = PatternIndex(some, lambda decided: decided)
     for event in trace:
         fits, open_ = shapes.of(event)
         matching = [number for number, pattern in enumerate(some) if match(pattern, event, {}) is not None]
@@ -72,7 +72,7 @@ def test_a_shape_decides_as_the_patterns_do(some: list[Pattern], trace: list[dic
 @given(patterns, st.none() | guards, st.lists(events, max_size=6))
 @settings(max_examples=300)
 def test_a_letter_is_read_as_it_says(pattern: Pattern, when: Guard | None, trace: list[dict[str, Any]]) -> None:
-    shapes = Shapes([pattern], lambda decided: decided)
+    shapes = PatternIndex([pattern], lambda decided: decided)
     read = reader(0, Letter(pattern, when))
     for event in trace:
         if shapes.of(event) == ((), ()):
@@ -99,7 +99,7 @@ def test_a_predicate_holds_where_the_guard_does(guard: Guard, v: Any, w: Any, lo
 
 
 def test_one_and_true_are_two_shapes_where_a_pattern_tells_them_apart() -> None:
-    shapes = Shapes(
+    shapes = PatternIndex(
         [ObjectPattern((("x", Literal(1)),)), ObjectPattern((("x", Literal(True)),))], lambda decided: decided
     )
     assert [shapes.of({"x": value}).fits for value in (1, True, 1.0, False, "1", [1], 1)] == [
@@ -115,7 +115,7 @@ def test_one_and_true_are_two_shapes_where_a_pattern_tells_them_apart() -> None:
 
 @pytest.mark.parametrize("event", [{f"f{n}": n for n in range(100)}, {"x": "1"}])
 def test_shapes_without_end_are_forgotten(event: dict[str, Any]) -> None:
-    shapes = Shapes([ObjectPattern((("x", Literal("1")),))], lambda decided: decided)
+    shapes = PatternIndex([ObjectPattern((("x", Literal("1")),))], lambda decided: decided)
     for number in range(2 * MEMORY):
         shapes.of({str(number): 1})
         shapes.of(event)
@@ -124,7 +124,7 @@ def test_shapes_without_end_are_forgotten(event: dict[str, Any]) -> None:
 
 
 def test_wide_events_are_not_remembered() -> None:
-    shapes = Shapes([ObjectPattern((("x", Literal("1")),))], lambda decided: decided)
+    shapes = PatternIndex([ObjectPattern((("x", Literal("1")),))], lambda decided: decided)
     for width, remembered in ((WIDEST, 1), (WIDEST + 1, 1), (10 * WIDEST, 1)):
         assert shapes.of({"x": "1", **{f"f{n}": n for n in range(width - 1)}}).fits == (0,)
         assert len(shapes._memory) == remembered

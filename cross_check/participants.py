@@ -98,7 +98,7 @@ def _compared(name: str) -> bool:
         found = backend(name)
     except ToolFailed:
         return True  # absent, and said to be
-    return found.faithful and found.form_of is None
+    return found.faithful and found.readable and found.form_of is None
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
@@ -169,6 +169,8 @@ def translated(name: str, part: RVAFT, semantics: Semantics, *, limit: int | Non
     """The text of one backend, run by its own reader; `limit` is that of the translation, None the backend's own."""
     try:
         language = backend(name)
+        if not language.readable:
+            raise OptionError(f"{name} is only emitted: nothing here runs its texts, so there is nothing to compare")
         specification = language.translate(part, semantics, limit=limit)
         first = specification.monitor()
         observed = language.observed(specification.text)

@@ -13,6 +13,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, Final
 
+from backends.rml.prolog import prolog
 from cross_check.participants import Absent, Answer, Outside
 from rvaft.backend import backend
 from rvaft.errors import RvaftError, ToolFailed, ToolMissing
@@ -34,21 +35,21 @@ def published_of(part: RVAFT, semantics: Semantics, monitor: Path, *, timeout: f
     """The published monitor with the RML text of a tree; absent where that cannot be said, or the folder is no checkout."""
     try:
         _swipl(monitor)
-        specification = backend("rml-prolog").translate(part, semantics)
+        specification = backend("rml").translate(part, semantics)
     except RvaftError as error:
         return Absent(NAME, error)
     return Outside(NAME, lambda traces: run(specification.text, traces, monitor, timeout=timeout), specification)
 
 
 def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: float) -> list[Answer]:
-    """One result for each trace, for a text of the backend `rml-prolog` and the checkout `monitor`.
+    """One result for each trace, for an RML text, which the checkout `monitor` gets as Prolog.
 
     `timeout` is in seconds and for all traces together; those that are not reached have an error. Raises `LanguageError` for
-    other Prolog, `ToolMissing` without SWI-Prolog or where the folder is no checkout, `ToolFailed` where the text cannot be loaded.
+    what is no RML, `ToolMissing` without SWI-Prolog or where the folder is no checkout, `ToolFailed` where the text cannot be loaded.
     """
-    masked = backend("rml-prolog").masked
+    masked = backend("rml").masked
     deviations = [masked(text, trace) for trace in traces]
-    found = zip(_outcomes(text, traces, monitor, timeout), deviations, strict=True)
+    found = zip(_outcomes(prolog(text), traces, monitor, timeout), deviations, strict=True)
     return [Answer(*outcome, deviations=known, expired=outcome[1].startswith(_TIMEOUT)) for outcome, known in found]
 
 

@@ -46,10 +46,12 @@ class Specification:
     text: str
     language: str
     metrics: Metrics
-    reader: Callable[[str], Monitor] = field(repr=False, compare=False)
+    reader: Callable[[str], Monitor] | None = field(default=None, repr=False, compare=False)
 
     def monitor(self) -> Monitor:
-        """A fresh, independent monitor that runs `text`."""
+        """A fresh, independent monitor that runs `text`; raises `OptionError` where nothing here runs texts of the language."""
+        if self.reader is None:
+            raise OptionError(f"{self.language} is only emitted: nothing here runs its texts")
         return self.reader(self.text)
 
 
@@ -82,6 +84,8 @@ class Backend(ABC):
     """Whether the text means the tree; an unfaithful backend is left out of comparisons unless named."""
     form_of: ClassVar[str | None] = None
     """The backend whose texts these are in another form, if any; left out of comparisons unless named, as they say nothing new."""
+    readable: ClassVar[bool] = True
+    """Whether `read` runs its texts; a language that is only emitted here is left out of comparisons."""
     tools: ClassVar[tuple[str, ...]] = ()
     """Programs of others by which `read_with` can run a text as well."""
     highlighting: ClassVar[Highlighting | None] = None
@@ -97,13 +101,13 @@ class Backend(ABC):
         Raises `NotExpressible` where the language cannot say it, `TooLarge` where it could but not within the limit.
         """
 
-    @abstractmethod
-    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a text of the language, whoever wrote it; raises `LanguageError`.
 
         `atoms` gives the event of each atom that the text itself does not define; without it, `p` is `{"event": "p"}`.
-        A language whose texts always define their events ignores it.
+        A language whose texts always define their events ignores it. One that is only emitted (not `readable`) raises `OptionError`.
         """
+        raise OptionError(f"{self.language} is only emitted: nothing here runs its texts")
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:  # noqa: ARG002
         """What the tree becomes in the language as a graph in the DOT language of Graphviz, for people to look at.

@@ -8,8 +8,7 @@ from typing import ClassVar
 import pytest
 
 import rvaft
-from backends.rml.reader.monitor import RmlMonitor, Rules
-from backends.rml.reader.parser import parse
+from backends.rml.reader.monitor import RmlMonitor, RmlRules
 from cross_check.benchmark import Cell, Outcome, Row, Settings, Subject
 from cross_check.benchmark.measurement import READERS, stages
 from cross_check.benchmark.plan import EVENTS, LONGEST, gate_subject, walks
@@ -161,7 +160,7 @@ def test_a_text_that_never_says_that_hope_is_lost_is_found(
 ) -> None:
     subject = gate_subject(Gate.SAND, 4)
     text = backend("rml").translate(subject.tree, semantics).text
-    plant(monkeypatch, Odd(reader=lambda _text: Deaf(Rules(parse(text)))))
+    plant(monkeypatch, Odd(reader=lambda _text: Deaf(RmlRules(text))))
     row = whole(subject, semantics, "odd")[-1]
     assert row.walks is not None
     assert row.differing is not None

@@ -30,7 +30,7 @@ B: Json = {"event": "b"}
 
 
 def emitted(text: str, semantics: Semantics = Semantics.STRICT) -> str:
-    return backend("rml-prolog").translate(loads(text), semantics).text
+    return backend("rml").translate(loads(text), semantics).text
 
 
 SEQUENCE = emitted("r sand a b;")
@@ -185,7 +185,7 @@ def test_verdicts_are_those_of_the_reference(published: Path) -> None:
     for example in [example for number, example in enumerate(examples()) if number % 24 == 0]:
         for semantics in Semantics:
             try:
-                text = backend("rml-prolog").translate(example.tree, semantics).text
+                text = backend("rml").translate(example.tree, semantics).text
             except NotExpressible:
                 continue
             traces = [random_trace(random, example.tree) for _ in range(12)]
@@ -200,7 +200,7 @@ def test_verdicts_are_those_of_the_reference(published: Path) -> None:
 @pytest.mark.published
 def test_the_paper_s_traces(published: Path) -> None:
     tree = load(TREES / "remote_inspection" / "pruned.rvaft")
-    text = backend("rml-prolog").translate(tree, Semantics.PROJECTED).text
+    text = backend("rml").translate(tree, Semantics.PROJECTED).text
     traces = [list(read(file)) for file in sorted((TREES / "remote_inspection" / "pruned.traces").iterdir())]
     found = run(text, traces, published, timeout=60)
     assert [result.verdicts for result in found] == [

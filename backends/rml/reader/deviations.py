@@ -7,229 +7,177 @@ integers beyond 32 bits, and its monitor does not return from an event type deri
 that is repeated `{0}` times or is generic and lacks its arguments.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from functools import cache, cached_property
 from typing import Final
 
 from backends.rml.reader import syntax as s
-from backends.rml.reader.event_types import always_bound
-from backends.rml.reader.parser import parse
+from backends.rml.reader.event_types import declared
+from backends.rml.reader.static_checks import checked, reachable, references
 from rvaft.model.values import Json, is_number
 
-# Which texts and traces each deviation can touch; every predicate is true where it cannot tell.
-
 _EXACT: Final = 2**53
-_CONDITIONS: Final = frozenset(("==", "!=", "<", "<=", ">", ">=", "&&", "||"))
+_COMPARISONS: Final = frozenset(("==", "!=", "<", "<=", ">", ">="))
 _INEXACT: Final = frozenset(("/", "^", "*", "sin", "cos", "tan"))
 _SPECIAL: Final = frozenset(("^", "sin", "cos", "tan", "abs", "min", "max"))
 
 
-# -- what the predicates look at ---------------------------------------------------------------------------------------
+def _kind(part: s.Data, operands: list[str]) -> str:
+    """`truth` for connectives of comparisons, `number` for arithmetic over variables and numbers, else nothing."""
+    match part:
+        case s.Constant(value):
+            return "number" if is_number(value) else ""
+        case s.Name():
+            return "number"
+        case s.Apply(sign):
+            wanted = "truth" if sign in ("&&", "||") else "number"
+            kind = "truth" if wanted == "truth" or sign in _COMPARISONS else "number"
+            return kind if all(operand == wanted for operand in operands) else ""
 
 
-def _guards(program: s.Program) -> list[s.Data]:
-    return [d.guard for d in program.declarations if d.guard is not None]
-
-
-def _expressions(program: s.Program) -> Iterator[s.Expression]:
-    return chain.from_iterable(s.bottom_up(equation.body) for equation in program.equations.values())
-
-
-def _calculated(program: s.Program) -> list[s.Data]:
-    """The conditions of `if` and the arguments of equations."""
-    conditions = [part.condition for part in _expressions(program) if isinstance(part, s.Conditional)]
-    return [*conditions, *_arguments(program)]
-
-
-def _arguments(program: s.Program) -> list[s.Data]:
-    references = (part for part in _expressions(program) if isinstance(part, s.Reference))
-    return [argument for reference in references for argument in reference.arguments]
-
-
-def _parts(data: s.Data) -> Iterator[s.Data]:
-    todo = [data]
-    while todo:
-        yield (part := todo.pop())
-        if isinstance(part, s.Apply):
-            todo.extend(part.operands)
-
-
-def _values(trace: Sequence[Json]) -> Iterator[Json]:
-    """Every value inside the events, the events themselves left out."""
-    todo = list(chain.from_iterable(event.values() for event in trace))
-    while todo:
-        yield (value := todo.pop())
-        if isinstance(value, dict):
-            todo.extend(value.values())
-        elif isinstance(value, list):
-            todo.extend(value)
-
-
-def _patterns(program: s.Program) -> Iterator[s.Parameter]:
-    for declaration in program.declarations:
-        for value in declaration.values:
-            yield from s.parts_of(value)
-        for parameter in chain.from_iterable(parent.parameters for parent in declaration.parents):
-            yield from s.parts_of(parameter)
-    for part in _expressions(program):
-        if isinstance(part, (s.Occurs, s.Filtered)):
-            yield from part.use.parameters
-
-
-def _numbers(program: s.Program, trace: Sequence[Json]) -> Iterator[int | float]:
-    written = [p.value for p in _patterns(program) if isinstance(p, s.Constant)]
-    data = chain(_guards(program), _calculated(program))
-    written += [p.value for one in data for p in _parts(one) if isinstance(p, s.Constant)]
-    return (value for value in chain(written, _values(trace)) if is_number(value))
-
-
-# -- the predicates ----------------------------------------------------------------------------------------------------
-
-
-def no_number(program: s.Program, trace: Sequence[Json]) -> bool:
-    """A guard can meet what is no number."""
-    guards = _guards(program)
-    if not guards:
-        return False
-    if not all(_well_typed(guard) for guard in guards) or not all(map(_is_arithmetic, _arguments(program))):
-        return True
-    uses = [part.use for part in _expressions(program) if isinstance(part, (s.Occurs, s.Filtered))]
-    uses += [parent for declaration in program.declarations for parent in declaration.parents]
-    for parameter in chain.from_iterable(use.parameters for use in uses):
-        constant = isinstance(parameter, s.Constant) and not is_number(parameter.value)
-        if constant or isinstance(parameter, (s.Unevaluated, s.Fields, s.Items)):
-            return True
-    return any(not is_number(value) for event in trace for value in _bindable(event, program))
-
-
-def _well_typed(guard: s.Data) -> bool:
-    """Whether connectives join comparisons, and comparisons compare arithmetic without constants that are no numbers."""
-    todo = [guard]
-    while todo:
-        match todo.pop():
-            case s.Apply("&&" | "||", operands):
-                todo.extend(operands)
-            case s.Apply("==" | "!=" | "<" | "<=" | ">" | ">=", operands):
-                if not all(map(_is_arithmetic, operands)):
-                    return False
-            case _:
-                return False
-    return True
-
-
-def _is_arithmetic(data: s.Data) -> bool:
-    for part in _parts(data):
-        if isinstance(part, s.Constant) and not is_number(part.value):
-            return False
-        if isinstance(part, s.Apply) and part.operator in _CONDITIONS:
-            return False
-    return True
-
-
-def _bindable(event: Json, program: s.Program) -> Iterator[Json]:
-    """The values that a variable of a pattern can come to stand for."""
-    fields: set[str] = set()
-    for part in _patterns(program):
-        if isinstance(part, s.Fields):
-            fields.update(name for name, value in part.fields if _holds_variable(value))
-    yield from (event for d in program.declarations if any(isinstance(value, s.Name) for value in d.values))
-    todo = [event]
-    while todo:
-        value = todo.pop()
-        if isinstance(value, dict):
-            yield from (inner for name, inner in value.items() if name in fields)
-            todo.extend(value.values())
-        elif isinstance(value, list):
-            todo.extend(value)
-
-
-def _holds_variable(value: s.Value) -> bool:
+def _is_variable(part: s.Part, below: list[bool]) -> bool:
     """Whether a variable stands in a pattern, in no field further inside."""
-    todo = [value]
-    while todo:
-        match todo.pop():
-            case s.Name():
-                return True
-            case s.Items(values) | s.Either(values):
-                todo.extend(values)
-            case _:
-                pass
-    return False
+    return isinstance(part, s.Name) or (isinstance(part, s.Items | s.Either) and any(below))
 
 
-def inexact(program: s.Program, trace: Sequence[Json]) -> bool:
-    """A guard can meet numbers on which doubles and exact numbers differ."""
-    guards = _guards(program)
-    if not guards:
-        return False
-    if any(isinstance(p, s.Apply) and p.operator in _INEXACT for guard in guards for p in _parts(guard)):
-        return True
-    return any(isinstance(number, float) or abs(number) >= _EXACT for number in _numbers(program, trace))
+def _taken(part: s.Part, below: list[frozenset[str]]) -> frozenset[str]:
+    """The names that every choice of a pattern binds: what stands in a `|` may stay without a value."""
+    if isinstance(part, s.Name):
+        return frozenset([part.name])
+    return frozenset() if isinstance(part, s.Either) else frozenset[str]().union(*below)
 
 
-def unbound(program: s.Program, _trace: Sequence[Json]) -> bool:
-    """A guard has a variable that a match can leave without a value."""
-    bound = always_bound(program)
-    return any(d.guard is not None and not s.names(d.guard) <= bound[d] for d in program.declarations)
+def _calculated(parts: Iterable[s.Part]) -> tuple[list[s.Data], list[s.Data]]:
+    """The conditions of `if`, and the arguments of equations."""
+    expressions = [part for part in parts if isinstance(part, s.Expression)]
+    conditions = [part.data[0] for part in expressions if part.operator == "if"]
+    return conditions, [a for part in expressions if part.operator == "call" for a in part.data[1]]
 
 
-def two_forms(program: s.Program, trace: Sequence[Json]) -> bool:
-    """A number occurs both with and without a decimal point."""
-    numbers = list(_numbers(program, trace))
-    floats = {number for number in numbers if isinstance(number, float)}
-    calculates = any(isinstance(data, s.Apply) for data in _calculated(program))
-    return bool(floats) if calculates else any(isinstance(n, int) and n in floats for n in numbers)
+class Pair:
+    """A text and a trace: what the rows of the table look at."""
+
+    def __init__(self, text: str, trace: Sequence[Json]) -> None:
+        self.program = checked(text)
+        self.trace = trace
+        bodies = [equation.body for equation in self.program.equations.values()]
+        self.parts = [*s.walk(*self.program.declarations, *bodies)]
+        self.uses = [part for part in self.parts if isinstance(part, s.TypeUse)]
+        self.guarded = [d for d in self.program.declarations if d.guard is not None]
+        self.conditions, self.arguments = _calculated(self.parts)
+        self.variable_event = any(isinstance(one, s.Name) for d in self.program.declarations for one in d.alternatives)
+
+    @cached_property
+    def fields(self) -> list[tuple[str, Json]]:
+        """Every value inside the events with the name of its field, if it has one."""
+        found, todo = list[tuple[str, Json]](), [*self.trace]
+        while todo:
+            match todo.pop():
+                case dict() as fields:
+                    found += fields.items()
+                    todo += fields.values()
+                case list(items):
+                    found += [("", item) for item in items]
+                    todo += items
+        return found
+
+    @cached_property
+    def numbers(self) -> list[int | float]:
+        """Every number in the text and in the trace."""
+        written = [part.value for part in self.parts if isinstance(part, s.Constant)]
+        return [value for value in (*written, *(value for _, value in self.fields)) if is_number(value)]
+
+    @property
+    def exact(self) -> bool:
+        """Whether all numbers are integers that doubles can hold."""
+        return all(isinstance(number, int) and abs(number) < _EXACT for number in self.numbers)
+
+    @property
+    def bindable(self) -> list[Json]:
+        """The values that a variable of a pattern can come to stand for."""
+        given = (field for part in self.parts if isinstance(part, s.Fields) for field in part.fields)
+        names = {name for name, value in given if s.fold(value, _is_variable)}
+        return [*(value for name, value in self.fields if name in names), *(self.trace if self.variable_event else ())]
 
 
-def objects(program: s.Program, trace: Sequence[Json]) -> bool:
-    """A variable can stand for an object."""
-    whole = any(isinstance(value, s.Name) for d in program.declarations for value in d.values)
-    nested = any(isinstance(value, dict) for value in _values(trace))
-    return whole or (nested and any(isinstance(p, s.Name) for p in _patterns(program)))
+# -- the predicates, true where they cannot tell -----------------------------------------------------------------------
 
 
-def negated_guard(program: s.Program, _trace: Sequence[Json]) -> bool:
-    """A `not` type has a guard."""
-    return any(d.negated and d.guard is not None for d in program.declarations)
-
-
-def forgotten(program: s.Program, _trace: Sequence[Json]) -> bool:
-    """An operand of `|` can become `all`."""
-    shuffles = [p for p in _expressions(program) if isinstance(p, s.Joined) and p.operator == "shuffle"]
-    seen: set[str] = set()
-    todo: list[s.Expression] = [*shuffles]
-    while todo:
-        for part in s.bottom_up(todo.pop()):
-            if isinstance(part, s.Filtered) or (isinstance(part, s.Leaf) and part.word == "all"):
-                return True
-            if isinstance(part, s.Reference) and part.name not in seen and part.name in program.equations:
-                seen.add(part.name)
-                todo.append(program.equations[part.name].body)
-    return False
-
-
-def prolog_arithmetic(program: s.Program, trace: Sequence[Json]) -> bool:
-    """A condition or an argument can meet what Prolog calculates otherwise."""
-    parts = [part for one in _calculated(program) for part in _parts(one)]
-    if all(isinstance(part, s.Constant) for part in parts):
-        return False
-    constants = [part.value for part in parts if isinstance(part, s.Constant)]
-    return (
-        not all(_uses_parameters_only(equation) for equation in program.equations.values())
-        or not all(map(_is_arithmetic, _arguments(program)))
-        or any(isinstance(part, s.Apply) and part.operator in _SPECIAL for part in parts)
-        or any(isinstance(v, float) or not is_number(v) or abs(v) >= _EXACT for v in constants)
-        or any(isinstance(v, float) or (is_number(v) and abs(v) >= _EXACT) for v in _values(trace))
+def _meets_no_number(pair: Pair) -> bool:
+    kinds = [*((d.guard, "truth") for d in pair.guarded), *((argument, "number") for argument in pair.arguments)]
+    given = [parameter for use in pair.uses for parameter in use.parameters]
+    return bool(pair.guarded) and (
+        any(s.fold(data, _kind) != wanted for data, wanted in kinds if data is not None)
+        or any(isinstance(p, s.Apply | s.Fields | s.Items) for p in given)
+        or not all(is_number(p.value) for p in given if isinstance(p, s.Constant))
+        or not all(map(is_number, pair.bindable))
     )
 
 
-def _uses_parameters_only(equation: s.Equation) -> bool:
-    """Whether its conditions and arguments have a value for certain: no `let` variable can reach them."""
-    alone = s.Program((), {equation.name: equation})
-    names = frozenset[str]().union(*map(s.names, _calculated(alone)))
-    let = {part.variable for part in s.bottom_up(equation.body) if isinstance(part, s.Block)}
-    return names <= set(equation.parameters) - let
+def _is_inexact(pair: Pair) -> bool:
+    parts = [part for d in pair.guarded for part in s.walk(d) if isinstance(part, s.Apply)]
+    return bool(pair.guarded) and (not pair.exact or any(part.operator in _INEXACT for part in parts))
+
+
+def _leaves_unbound(pair: Pair) -> bool:
+    known = declared(pair.program)
+
+    @cache
+    def bound(declaration: s.Declaration) -> frozenset[str]:
+        """The names that stand for a value once the pattern or the parents have matched, however the event type is used."""
+        ways = [frozenset[str]() if declaration.negated else taken(one) for one in declaration.alternatives]
+        return frozenset.intersection(*ways)
+
+    def taken(one: s.Value | s.TypeUse) -> frozenset[str]:
+        if not isinstance(one, s.TypeUse):
+            return s.fold(one, _taken)
+        parents = [(zip(d.parameters, one.parameters, strict=True), bound(d)) for d in known.get(one.signature, ())]
+        ways = [frozenset(p.name for name, p in pairs if isinstance(p, s.Name) and name in b) for pairs, b in parents]
+        return frozenset.intersection(*ways) if ways else frozenset()
+
+    return any(d.guard is not None and not s.names(d.guard) <= bound(d) for d in pair.guarded)
+
+
+def _has_two_forms(pair: Pair) -> bool:
+    floats = {number for number in pair.numbers if isinstance(number, float)}
+    calculates = any(isinstance(data, s.Apply) for data in (*pair.conditions, *pair.arguments))
+    return bool(floats) and (calculates or any(isinstance(n, int) and n in floats for n in pair.numbers))
+
+
+def _binds_objects(pair: Pair) -> bool:
+    nested = any(isinstance(value, dict) for _, value in pair.fields)
+    return pair.variable_event or (nested and any(isinstance(part, s.Name) for part in pair.parts))
+
+
+def _forgets_all(pair: Pair) -> bool:
+    shuffles = [part for part in pair.parts if isinstance(part, s.Expression) and part.operator == "shuffle"]
+    called = reachable(pair.program, [name for shuffle in shuffles for name in references(shuffle)])
+    roots = [*shuffles, *(body for _, body in called)]
+    parts = [part for root in roots for part in s.expressions(root)]
+    return any(part.operator in ("all", "filter") for part in parts)
+
+
+def _calculates_as_prolog(pair: Pair) -> bool:
+    data = [*pair.conditions, *pair.arguments]
+    parts = [part for one in data for part in s.walk(one)]
+    if all(isinstance(part, s.Constant) for part in parts):
+        return False
+    return (
+        not pair.exact
+        or any(s.fold(condition, _kind) != "truth" for condition in pair.conditions)
+        or any(s.fold(argument, _kind) != "number" for argument in pair.arguments)
+        or any(isinstance(part, s.Apply) and part.operator in _SPECIAL for part in parts)
+        or any(_uses_variables(equation) for equation in pair.program.equations.values())
+    )
+
+
+def _uses_variables(equation: s.Equation) -> bool:
+    """Whether a condition or an argument may lack a value: a variable of a `let` can reach it, or none does."""
+    parts = [*s.walk(equation.body)]
+    conditions, arguments = _calculated(parts)
+    let = {part.data for part in parts if isinstance(part, s.Expression) and part.operator == "block"}
+    return not frozenset[str]().union(*map(s.names, (*conditions, *arguments))) <= {*equation.parameters} - let
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,17 +188,17 @@ class Deviation:
     title: str
     published: str
     reader: str
-    predicate: Callable[[s.Program, Sequence[Json]], bool]
-
-    def touches(self, text: str | s.Program, trace: Iterable[Json]) -> bool:
-        """Whether this deviation can show; raises `LanguageError` for a text that is not RML."""
-        return self.predicate(parse(text) if isinstance(text, str) else text, list(trace))
+    touches: Callable[[Pair], bool]
 
 
-def touching(text: str | s.Program, trace: Iterable[Json]) -> list[Deviation]:
-    """The deviations that can show when the text runs on the trace."""
-    program, events = parse(text) if isinstance(text, str) else text, list(trace)
-    return [deviation for deviation in DEVIATIONS if deviation.touches(program, events)]
+def touching(text: str, trace: Iterable[Json]) -> list[Deviation]:
+    """The deviations that can show when the text runs on the trace; raises `LanguageError` for a text that is not RML.
+
+    >>> [row.title for row in touching("a matches {v: 1}; Main = a all;", [{"v": 1.0}])]
+    ['1 and 1.0']
+    """
+    pair = Pair(text, list(trace))
+    return [deviation for deviation in DEVIATIONS if deviation.touches(pair)]
 
 
 DEVIATIONS: Final = (
@@ -259,55 +207,55 @@ DEVIATIONS: Final = (
         "guards over what is no number",
         "a string, a boolean, null, a list or an object in a `with` is an error that ends the monitor, with exit code 0",
         "two strings compare by code points; otherwise the event does not match",
-        no_number,
+        _meets_no_number,
     ),
     Deviation(
         2,
         "tolerance of guards",
         "a `with` compares doubles up to 1e-10, integers included",
         "integers are exact, the rest are IEEE doubles, compared exactly",
-        inexact,
+        _is_inexact,
     ),
     Deviation(
         3,
         "unbound variables in guards",
         "a `with` over a variable that has no value yet holds, and is forgotten",
         "it does not hold",
-        unbound,
+        _leaves_unbound,
     ),
     Deviation(
         4,
         "1 and 1.0",
         "they differ in patterns, in arguments and as values of variables; in a `with` they are equal",
         "they are equal, as in JSON",
-        two_forms,
+        _has_two_forms,
     ),
     Deviation(
         5,
         "objects as values of variables",
         "a variable that stands for an object matches every object that has at least its fields",
         "a variable matches what equals its value",
-        objects,
+        _binds_objects,
     ),
     Deviation(
         7,
         "guards of `not` types",
         "`not matches P with G` means ¬P ∧ G, and G holds where its variables have no value (see 3)",
         "it means ¬P ∧ G too, and G does not hold there",
-        negated_guard,
+        lambda pair: any(declaration.negated for declaration in pair.guarded),
     ),
     Deviation(
         12,
         "`t | all`",
         "an operand of `|` that has become `all` is forgotten: the other one alone decides from then on",
         "it is kept, so that any event can be taken",
-        forgotten,
+        _forgets_all,
     ),
     Deviation(
         12,
         "`if` and the arguments of equations",
         "Prolog calculates: strings of one letter are numbers, and what has no value is an error that ends the monitor",
         "no rule applies where a condition has no value; an argument without value is false",
-        prolog_arithmetic,
+        _calculates_as_prolog,
     ),
 )

@@ -4,11 +4,8 @@ from collections.abc import Hashable
 from functools import lru_cache
 from typing import Final
 
-from backends.rml.reader.event_types import Types
-from backends.rml.reader.parser import parse
-from backends.rml.reader.static_checks import check
-from backends.rml.reader.syntax import Program
-from backends.rml.reader.terms import Term, Terms, mark
+from backends.rml.reader.static_checks import checked
+from backends.rml.reader.terms import RmlTerm, mark
 from backends.rml.reader.transitions import Transitions
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
@@ -22,19 +19,28 @@ def read(text: str) -> Monitor:
 
     Monitors of one text share its terms, so that their states can be compared. A step raises `TooLarge` where equations
     unfold into each other without end, which the static check cannot always see.
+
+    >>> [str(verdict) for verdict in read("a matches {e: 'a'}; Main = a a all;").run([{"e": "a"}, {"e": "a"}])]
+    ['unknown', 'true']
     """
     return RmlMonitor(_rules(text))
 
 
-class Rules:
-    """The rules for one checked specification, which remember the steps that were taken last."""
+@lru_cache(maxsize=256)
+def _rules(text: str) -> "RmlRules":
+    return RmlRules(text)
 
-    def __init__(self, program: Program) -> None:
-        self._transitions = Transitions(Terms(program), Types(program.declarations))
-        self._taken: dict[tuple[Term, Hashable], Term | None] = {}
+
+class RmlRules:
+    """The rules for one specification, which remember the steps that were taken last."""
+
+    def __init__(self, text: str) -> None:
+        self._transitions = Transitions(checked(text))
+        self._taken: dict[tuple[RmlTerm, Hashable], RmlTerm | None] = {}
         self.start: Final = self._transitions.terms.body("Main")
+        self.may_halt: Final = self._transitions.may_halt
 
-    def step(self, term: Term, event: Json) -> Term | None:
+    def step(self, term: RmlTerm, event: Json) -> RmlTerm | None:
         """The term after an event, or None where no rule applies."""
         asked = term, mark(event)
         try:
@@ -45,24 +51,14 @@ class Rules:
             self._taken[asked] = after = self._transitions.step(term, event)
             return after
 
-    def may_halt(self, term: Term) -> bool:
-        """Whether the trace may end here."""
-        return self._transitions.may_halt(term)
-
-
-@lru_cache(maxsize=256)
-def _rules(text: str) -> Rules:
-    check(program := parse(text))
-    return Rules(program)
-
 
 class RmlMonitor(Monitor):
     """⊤ from the first prefix whose state may halt, ⊥ when no rule applies any more, else ?; ? before any event."""
 
-    def __init__(self, rules: Rules) -> None:
+    def __init__(self, rules: RmlRules) -> None:
         super().__init__()
         self._rules = rules
-        self._term: Term | None = rules.start
+        self._term: RmlTerm | None = rules.start
 
     @property
     def state(self) -> Hashable:

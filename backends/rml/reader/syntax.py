@@ -1,21 +1,22 @@
-"""The parts of an RML specification as immutable values.
+"""The parts of an RML specification as immutable values, and the one walk over them.
 
-Sequences, unions, shuffles and conjunctions are flat, so that long ones are not deep; nothing compares or hashes these values, so
-depth costs no recursion.
+Sequences, unions, shuffles and conjunctions are flat, so that long ones are not deep; nothing compares or hashes the nested values and
+nothing recurses over them, so depth costs no recursion.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from rvaft.model.values import Json
 
-# -- data expressions ------------------------------------------------------------------------------------------------
+Position: TypeAlias = tuple[int, int]
+"""A line and a column."""
 
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A number, a boolean or null."""
+    """A string, a number, a boolean or null."""
 
     value: Json
 
@@ -29,15 +30,13 @@ class Name:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Apply:
-    """An operator or a function applied; `operator` is as it is written, `neg` for the unary minus."""
+    """An operator or a function applied; `operator` is as it is written, `neg` for the unary minus.
+
+    As the argument of an event type it is not calculated, and no value equals it.
+    """
 
     operator: str
     operands: tuple["Data", ...]
-
-
-Data: TypeAlias = Constant | Name | Apply
-
-# -- event types -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,108 +66,63 @@ class Either:
     values: tuple["Value", ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Unevaluated:
-    """An expression as the argument of an event type: it is not calculated, and no value equals it."""
-
-    data: Data
-
-
+Data: TypeAlias = Constant | Name | Apply
 Value: TypeAlias = Constant | Name | Ignored | Fields | Items | Either
-Parameter: TypeAlias = Value | Unevaluated
+Parameter: TypeAlias = Value | Apply
 
 
 @dataclass(frozen=True, slots=True)
 class TypeUse:
-    """An event type with arguments; `place` is its line and column."""
+    """An event type with arguments."""
 
     name: str
     parameters: tuple[Parameter, ...] = ()
-    place: tuple[int, int] = field(default=(1, 1), compare=False)
+    place: Position = field(default=(1, 1), compare=False)
+
+    @property
+    def signature(self) -> tuple[str, int]:
+        """What its declarations are found by."""
+        return self.name, len(self.parameters)
+
+    @property
+    def variables(self) -> frozenset[str]:
+        """The variables among the arguments."""
+        return frozenset(parameter.name for parameter in self.parameters if isinstance(parameter, Name))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Declaration:
-    """`name(parameters) [not] matches … [with guard];` — from patterns (`values`) or from other event types (`parents`)."""
+    """`name(parameters) [not] matches … [with guard];` — the alternatives are patterns, or else other event types."""
 
     name: str
     parameters: tuple[str, ...]
     negated: bool
-    values: tuple[Value, ...] = ()
-    parents: tuple[TypeUse, ...] = ()
+    alternatives: tuple[Value | TypeUse, ...]
     guard: Data | None = None
 
-
-# -- expressions -----------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Leaf:
-    """`empty`, `all`, or nothing at all."""
-
-    word: str
+    @property
+    def signature(self) -> tuple[str, int]:
+        """What uses of it are found by."""
+        return self.name, len(self.parameters)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Occurs:
-    """One event of a type."""
-
-    use: TypeUse
+ANY = Declaration("any", (), negated=False, alternatives=(Fields(()),))
+NONE = Declaration("none", (), negated=True, alternatives=(TypeUse("any"),))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Joined:
-    """Parts joined by an operator: `cat`, `and`, `or` or `shuffle`."""
+class Expression:
+    """An operator, its parts, and data that depends on the operator.
+
+    `empty`, `all`; `event` (a `TypeUse`); `cat`, `and`, `or`, `shuffle`; `star`, `plus`, `optional`, `closure`, `times` (the number);
+    `filter` (a `TypeUse`; the parts are inside and outside); `block` (the variable); `if` (the condition; the parts are yes and no);
+    `call` (the name of an equation and its arguments). Those of `if` and `call` end with what is known of the variables: nothing yet.
+    """
 
     operator: str
-    parts: tuple["Expression", ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Repeated:
-    """`star`, `plus`, `optional`, `closure`, or `times` with a number."""
-
-    operator: str
-    body: "Expression"
-    number: int = 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Filtered:
-    """`type >> inside : outside`."""
-
-    use: TypeUse
-    inside: "Expression"
-    outside: "Expression"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Block:
-    """`{let x; body}`, one variable at a time."""
-
-    variable: str
-    body: "Expression"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Conditional:
-    """`if (condition) yes else no`."""
-
-    condition: Data
-    yes: "Expression"
-    no: "Expression"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reference:
-    """An equation by its name, with arguments where it is generic; `place` is its line and column."""
-
-    name: str
-    arguments: tuple[Data, ...] = ()
-    place: tuple[int, int] = field(default=(1, 1))
-
-
-Expression: TypeAlias = Leaf | Occurs | Joined | Repeated | Filtered | Block | Conditional | Reference
+    parts: tuple["Expression", ...] = ()
+    data: Any = None
+    place: Position = (1, 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +132,7 @@ class Equation:
     name: str
     parameters: tuple[str, ...]
     body: Expression
-    place: tuple[int, int]
+    place: Position = (1, 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,78 +143,58 @@ class Program:
     equations: Mapping[str, Equation]
 
 
-def children(expression: Expression) -> tuple[Expression, ...]:
-    """The direct parts of an expression."""
-    match expression:
-        case Joined(_, parts):
+Part: TypeAlias = Data | Value | TypeUse | Declaration | Expression
+P = TypeVar("P")
+R = TypeVar("R")
+
+
+def inside(part: Part) -> Sequence[Part]:
+    """What a part is made of, in order; of an expression the parts, then its data."""
+    match part:
+        case Apply(_, parts) | Items(parts) | Either(parts) | TypeUse(_, parts):
             return parts
-        case Repeated(_, body) | Block(_, body):
-            return (body,)
-        case Filtered(_, inside, outside):
-            return inside, outside
-        case Conditional(_, yes, no):
-            return yes, no
-        case _:
+        case Fields(fields):
+            return [value for _, value in fields]
+        case Declaration(alternatives=parts, guard=guard):
+            return parts if guard is None else (*parts, guard)
+        case Expression("event" | "filter", parts, use):
+            return (*parts, use)
+        case Expression("if", parts, (condition, _)):
+            return (*parts, condition)
+        case Expression("call", _, (_, arguments, _)):
+            return tuple(arguments)
+        case Expression(_, parts):
+            return parts
+        case Constant() | Name() | Ignored():
             return ()
 
 
-def bottom_up(expression: Expression) -> Iterator[Expression]:
-    """All parts of an expression, parts before wholes."""
-    order: list[Expression] = []
-    todo = [expression]
+def walk(*roots: Part) -> Iterator[Part]:
+    """All parts, wholes before parts, what comes last first."""
+    todo = list(roots)
     while todo:
-        order.append(todo.pop())
-        todo.extend(children(order[-1]))
-    return reversed(order)
+        yield (part := todo.pop())
+        todo.extend(inside(part))
 
 
-def operands(joined: Joined) -> tuple[Expression, ...]:
-    """The parts of a join, those that are joined by the same operator replaced by theirs.
-
-    Sequences stay as they are: `(a all) b` ends with `a`, while `a (all b)` waits for one more event.
-    """
-    if joined.operator == "cat":
-        return joined.parts
-    found: list[Expression] = []
-    todo: list[Expression] = [joined]
-    while todo:
-        part = todo.pop()
-        if isinstance(part, Joined) and part.operator == joined.operator:
-            todo.extend(reversed(part.parts))
-        else:
-            found.append(part)
-    return tuple(found)
+def expressions(root: Expression) -> Iterator[Expression]:
+    """The expressions in an expression, parts before wholes, in order."""
+    return reversed([part for part in walk(root) if isinstance(part, Expression)])
 
 
 def names(data: Data) -> frozenset[str]:
     """The variables in a data expression."""
-    found: set[str] = set()
-    todo = [data]
+    return frozenset(part.name for part in walk(data) if isinstance(part, Name))
+
+
+def fold(root: P, step: Callable[[P, list[R]], R], below: Callable[[P], Sequence[P]] = inside) -> R:  # type: ignore[assignment]
+    """The value of a tree, from the values of what is below each part; without recursion."""
+    order, todo = list[P](), [root]
     while todo:
-        match todo.pop():
-            case Name(name):
-                found.add(name)
-            case Apply(_, parts):
-                todo.extend(parts)
-            case Constant():
-                pass
-    return frozenset(found)
-
-
-def used_names(use: TypeUse) -> frozenset[str]:
-    """The variables among the arguments of an event type."""
-    return frozenset(parameter.name for parameter in use.parameters if isinstance(parameter, Name))
-
-
-def parts_of(parameter: Parameter) -> Iterator[Parameter]:
-    """A pattern and all patterns inside it."""
-    todo = [parameter]
-    while todo:
-        yield (part := todo.pop())
-        match part:
-            case Fields(fields):
-                todo.extend(value for _, value in reversed(fields))
-            case Items(values) | Either(values):
-                todo.extend(reversed(values))
-            case _:
-                pass
+        order.append(part := todo.pop())
+        todo.extend(below(part))
+    done = list[R]()
+    for part in reversed(order):
+        first = len(done) - len(below(part))
+        done[first:] = [step(part, done[first:])]
+    return done[0]

@@ -5,166 +5,148 @@ terms may be nested arbitrarily deep. Only a conjunction ever looks at a second 
 Everything else commits: to the first way of its parts, except that the last alternative passes all of its ways on.
 
 A variable that an event passes without binding it (`not` types, `|` in patterns) is open from then on: no block binds it any
-more, and the next type that has it as an argument gives it its value, everywhere at once. Open variables have names with "?".
+more, and the next type that has it as an argument gives it its value, everywhere at once.
 """
 
-from collections.abc import Generator
-from dataclasses import dataclass
+from collections.abc import Generator, Sequence
 from typing import Final, TypeAlias
 
-from backends.rml.reader.event_types import UNBOUND, Types, truth
-from backends.rml.reader.syntax import Name
-from backends.rml.reader.terms import Forms, Term, Terms, canonical, is_open, opened
+from backends.rml.reader.event_types import UNBOUND, EventTypes, truth
+from backends.rml.reader.syntax import Name, Program
+from backends.rml.reader.terms import RmlTerm, Terms, is_open, opened
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json, equal
 
-# Whether a trace may end in a term.
-
 DEPTH_LIMIT: Final = 50_000
-_Rule: TypeAlias = Generator[Term, bool, bool]
-
-
-def may_halt(terms: Terms, root: Term) -> bool:
-    """Whether a trace may end here; each term remembers its answer. Raises `TooLarge` where unfolding finds no end."""
-    if root.halts is not None:
-        return root.halts
-    stack = [(root, _rule(terms, root))]
-    answer: bool | None = None
-    while stack:
-        term, rule = stack[-1]
-        try:
-            wanted = next(rule) if answer is None else rule.send(answer)
-        except StopIteration as stop:
-            stack.pop()
-            term.halts = answer = stop.value
-            continue
-        answer = wanted.halts
-        if answer is None:
-            if len(stack) >= DEPTH_LIMIT:
-                raise TooLarge("terms inside each other while unfolding equations", limit=DEPTH_LIMIT)
-            stack.append((wanted, _rule(terms, wanted)))
-    return bool(answer)
-
-
-def _rule(terms: Terms, term: Term) -> _Rule:
-    """Yields the terms whose answers decide, and returns the answer."""
-    match term.operator:
-        case "all" | "empty" | "star" | "optional" | "closure":
-            return True
-        case "or":
-            for part in term.parts:
-                if (yield part):
-                    return True
-            return False
-        case "times" if term.data == 0:
-            return True
-        case "shuffle" | "cat" | "and" | "filter" | "block" | "plus" | "times":
-            for part in term.parts:
-                if not (yield part):
-                    return False
-            return True
-        case "if":
-            chosen = truth(term.data[0], dict(term.data[1]))
-            return False if chosen is None else (yield term.parts[not chosen])
-        case "call":
-            return (yield terms.unfolded(term))
-        case _:
-            return False
-
-
+"""How many terms may wait for each other while equations are unfolded."""
 Bindings: TypeAlias = dict[str, Json]
-Way: TypeAlias = tuple[Term, Bindings]
+Way: TypeAlias = tuple[RmlTerm, Bindings]
 """The term afterwards and what the step binds."""
-Wish: TypeAlias = tuple[Term, bool]
+Wish: TypeAlias = tuple[RmlTerm, bool]
 """A term, and whether its first way will do."""
 Rule: TypeAlias = Generator[Wish, list[Way], list[Way]]
-
-TRANSITIONS_DEPTH_LIMIT: Final = 50_000
-_NONE: Final[Bindings] = {}
+_NOTHING: Final[Bindings] = {}
 
 
 class Transitions:
     """The rules for one program."""
 
-    def __init__(self, terms: Terms, types: Types) -> None:
-        self.terms = terms
-        self.types = types
+    def __init__(self, program: Program) -> None:
+        self.terms = Terms(program)
+        self.types = EventTypes(program)
 
-    def step(self, term: Term, event: Json) -> Term | None:
+    def step(self, term: RmlTerm, event: Json) -> RmlTerm | None:
         """The term after the event, or None where no rule applies; raises `TooLarge` where unfolding finds no end."""
-        ways = _Step(self.terms, self.types, event).ways(term)
+        ways = _RmlStep(self, event).ways(term)
         if not ways:
             return None
         after, bound = ways[0]
-        return canonical(self.terms, self.terms.substituted(after, opened(bound)))
+        return self.terms.canonical(self.terms.substituted(after, opened(bound)))
 
-    def may_halt(self, term: Term) -> bool:
-        """Whether the trace may end here; raises `TooLarge` where unfolding finds no end."""
-        return may_halt(self.terms, term)
+    def may_halt(self, root: RmlTerm) -> bool:
+        """Whether a trace may end here; each term remembers its answer. Raises `TooLarge` where unfolding finds no end."""
+        stack = [] if root.halts is not None else [(root, self._halting(root))]
+        answer: bool | None = None
+        while stack:
+            term, rule = stack[-1]
+            try:
+                wanted = next(rule) if answer is None else rule.send(answer)
+            except StopIteration as stop:
+                stack.pop()
+                term.halts = answer = stop.value
+                continue
+            answer = wanted.halts
+            if answer is None:
+                _check_depth(stack)
+                stack.append((wanted, self._halting(wanted)))
+        return bool(root.halts)
+
+    def _halting(self, term: RmlTerm) -> Generator[RmlTerm, bool, bool]:
+        """Yields the terms whose answers decide, and returns the answer."""
+        match term.operator:
+            case "all" | "empty" | "star" | "optional" | "closure":
+                return True
+            case "event" | "nothing":
+                return False
+            case "if" | "call":
+                return (yield self.chosen(term))
+            case "times" if term.data == 0:
+                return True
+            case "or":
+                for part in term.parts:
+                    if (yield part):
+                        return True
+                return False
+            case _:
+                for part in term.parts:
+                    if not (yield part):
+                        return False
+                return True
+
+    def chosen(self, term: RmlTerm) -> RmlTerm:
+        """What a condition or the name of an equation stands for."""
+        if term.operator == "call":
+            return self.terms.unfolded(term)
+        holds = truth(term.data[0], dict(term.data[1]))
+        return self.terms.nothing if holds is None else term.parts[not holds]
 
 
-@dataclass(slots=True)
-class _Frame:
-    wish: Wish
-    rule: Rule
-    opened: int
+def _check_depth(stack: Sequence[object]) -> None:
+    if len(stack) >= DEPTH_LIMIT:
+        raise TooLarge("terms inside each other while unfolding equations", limit=DEPTH_LIMIT)
 
 
-class _Step:
+class _RmlStep:
     """One event."""
 
-    def __init__(self, terms: Terms, types: Types, event: Json) -> None:
-        self.terms = terms
-        self.forms = Forms(terms)
-        self.types = types
+    def __init__(self, transitions: Transitions, event: Json) -> None:
+        self.terms = transitions.terms
+        self.transitions = transitions
         self.event = event
         self.opened = 0
 
-    def ways(self, root: Term) -> list[Way]:
+    def ways(self, root: RmlTerm) -> list[Way]:
         """At most one way to take the event."""
-        ways = self._at_once(root, first=True)
-        if ways is not None:
-            return ways
+        answer = self._at_once(root, first=True)
         known: dict[Wish, list[Way]] = {}
-        stack = [_Frame((root, True), self._rule(root, first=True), 0)]
-        answer: list[Way] | None = None
+        stack = [((root, True), self._rule(root, first=True), 0)] if answer is None else []
         while stack:
-            frame = stack[-1]
+            asked, rule, opened_before = stack[-1]
             try:
-                wish = next(frame.rule) if answer is None else frame.rule.send(answer)
+                wish = next(rule) if answer is None else rule.send(answer)
             except StopIteration as stop:
                 stack.pop()
                 answer = stop.value
-                if frame.opened == self.opened:  # the same block in two places opens two variables
-                    known[frame.wish] = stop.value
+                if opened_before == self.opened:  # the same block in two places opens two variables
+                    known[asked] = stop.value
                 continue
-            term, first = wish
             answer = known.get(wish)
             if answer is None:
-                answer = self._at_once(term, first=first)
+                answer = self._at_once(wish[0], first=wish[1])
             if answer is None:
-                if len(stack) >= TRANSITIONS_DEPTH_LIMIT:
-                    raise TooLarge("terms inside each other while unfolding equations", limit=TRANSITIONS_DEPTH_LIMIT)
-                stack.append(_Frame(wish, self._rule(term, first=first), self.opened))
+                _check_depth(stack)
+                stack.append((wish, self._rule(wish[0], first=wish[1]), self.opened))
         return answer or []
 
-    def _at_once(self, term: Term, *, first: bool) -> list[Way] | None:
+    def _at_once(self, term: RmlTerm, *, first: bool) -> list[Way] | None:
         """The ways of a term without parts, else None."""
         match term.operator:
-            case "occurs":
-                matches = self.types.matches(term.data, self.event)
-                found = next(matches, None)
-                if found is None:
-                    return []
-                return [(self.terms.empty, found)] if first else _distinct(self.terms.empty, [found, *matches])
+            case "event":
+                found: list[Bindings] = []
+                for bound in self.transitions.types.matches(term.data, self.event):
+                    if not any(all(_agree(bound[name], other[name]) for name in bound) for other in found):
+                        found.append(bound)
+                    if first:
+                        break
+                return [(self.terms.empty, bound) for bound in found]
             case "all":
-                return [(term, _NONE)]
+                return [(term, _NOTHING)]
             case "empty" | "nothing":
                 return []
             case _:
                 return None
 
-    def _rule(self, term: Term, *, first: bool) -> Rule:
+    def _rule(self, term: RmlTerm, *, first: bool) -> Rule:
         match term.operator:
             case "or":
                 return self._union(term, first=first)
@@ -178,56 +160,52 @@ class _Step:
                 return self._block(term)
             case "filter":
                 return self._filter(term, first=first)
-            case "call":
-                return self._same(self.terms.unfolded(term), first=first)
-            case "if":
-                chosen = truth(term.data[0], dict(term.data[1]))
-                return self._same(self.terms.nothing if chosen is None else term.parts[not chosen], first=first)
+            case "call" | "if":
+                return self._same(self.transitions.chosen(term), first=first)
             case _:
                 return self._repeated(term, first=first)
 
-    def _same(self, term: Term, *, first: bool) -> Rule:
+    def _same(self, term: RmlTerm, *, first: bool) -> Rule:
         return (yield term, first)
 
-    def _union(self, term: Term, *, first: bool) -> Rule:
+    def _union(self, term: RmlTerm, *, first: bool) -> Rule:
         for part in term.parts[:-1]:
             ways = yield part, True
             if ways:
                 return ways
         return (yield term.parts[-1], first)
 
-    def _shuffle(self, term: Term, *, first: bool) -> Rule:
+    def _shuffle(self, term: RmlTerm, *, first: bool) -> Rule:
         for index, part in enumerate(term.parts):
             ways = yield part, first or index < len(term.parts) - 1
             if ways:
                 before, behind = term.parts[:index], term.parts[index + 1 :]
-                return [(self.forms.shuffle((*before, after, *behind)), bound) for after, bound in ways]
+                return [(self.terms.joined("shuffle", (*before, after, *behind)), bound) for after, bound in ways]
         return []
 
-    def _sequence(self, term: Term, *, first: bool) -> Rule:
+    def _sequence(self, term: RmlTerm, *, first: bool) -> Rule:
         head, rest = term.parts
         ways = yield head, True
         if ways:
-            return [(self.forms.then(after, rest), bound) for after, bound in ways]
-        return (yield rest, first) if may_halt(self.terms, head) else []
+            return [(self.terms.then(after, rest), bound) for after, bound in ways]
+        return (yield rest, first) if self.transitions.may_halt(head) else []
 
-    def _both(self, term: Term, *, first: bool) -> Rule:
+    def _both(self, term: RmlTerm, *, first: bool) -> Rule:
         """Depth first through the ways of the parts; `chosen` holds one term for each part but the last looked at."""
-        parts, chosen, bound, found = term.parts, list[Term](), [_NONE], list[Way]()
+        parts, chosen, bound, found = term.parts, list[RmlTerm](), [_NOTHING], list[Way]()
         left = [iter((yield parts[0], False))]
         while left:
             way = next(left[-1], None)
             if way is None:
                 left.pop()
                 bound.pop()
-                if chosen:
-                    chosen.pop()
+                del chosen[-1:]
                 continue
             merged = _merged(bound[-1], way[1])
             if merged is None:
                 continue
             if len(left) == len(parts):
-                found.append((self.forms.both((*chosen, way[0])), merged))
+                found.append((self.terms.joined("and", (*chosen, way[0])), merged))
                 if first:
                     break
                 continue
@@ -237,7 +215,7 @@ class _Step:
             left.append(iter((yield following, False)))
         return found
 
-    def _block(self, term: Term) -> Rule:
+    def _block(self, term: RmlTerm) -> Rule:
         variable = term.data
         ways = yield term.parts[0], True
         if not ways:
@@ -252,23 +230,27 @@ class _Step:
         others = {name: v for name, v in bound.items() if name != variable}
         return [(self.terms.substituted(after, {variable: value}), others)]
 
-    def _filter(self, term: Term, *, first: bool) -> Rule:
+    def _filter(self, term: RmlTerm, *, first: bool) -> Rule:
         inside, outside = term.parts
-        matched = next(self.types.matches(term.data, self.event), None)
+        matched = next(self.transitions.types.matches(term.data, self.event), None)
         if matched is None:
             ways = yield outside, first
-            return [(self.forms.filtered(term, inside, after), bound) for after, bound in ways]
+            return [(self._filtered(term, inside, after), bound) for after, bound in ways]
         matched = {name: v for name, v in matched.items() if v is not UNBOUND or not is_open(name)}
         ways = yield self.terms.substituted(inside, opened(matched)), first and not matched
         found = [
-            (self.forms.filtered(term, after, outside), merged)
+            (self._filtered(term, after, outside), merged)
             for after, bound in ways
             if (merged := _merged(matched, bound)) is not None
         ]
         return found[:1] if first else found
 
-    def _repeated(self, term: Term, *, first: bool) -> Rule:
-        body, number = term.parts[0], term.data
+    def _filtered(self, term: RmlTerm, inside: RmlTerm, outside: RmlTerm) -> RmlTerm:
+        over = inside is self.terms.all and outside is self.terms.all
+        return inside if over else self.terms.make("filter", (inside, outside), term.data)
+
+    def _repeated(self, term: RmlTerm, *, first: bool) -> Rule:
+        body, number, terms = term.parts[0], term.data, self.terms
         if term.operator == "times" and number < 1:
             return []
         ways = yield body, first
@@ -276,20 +258,12 @@ class _Step:
             case "optional":
                 return ways
             case "closure":
-                return [(self.forms.closure(after), bound) for after, bound in ways]
+                return [(a if a is terms.all else terms.make("closure", (a,)), bound) for a, bound in ways]
             case "times":
-                rest = self.terms.repeated("times", body, number - 1) if number > 1 else self.terms.empty
+                rest = terms.make("times", (body,), number - 1) if number > 1 else terms.empty
             case _:
-                rest = self.terms.repeated("star", body)
-        return [(self.forms.then(after, rest), bound) for after, bound in ways]
-
-
-def _distinct(term: Term, matches: list[Bindings]) -> list[Way]:
-    kept: list[Bindings] = []
-    for bound in matches:
-        if not any(all(_agree(bound[name], other[name]) for name in bound) for other in kept):
-            kept.append(bound)
-    return [(term, bound) for bound in kept]
+                rest = terms.make("star", (body,))
+        return [(terms.then(after, rest), bound) for after, bound in ways]
 
 
 def _agree(left: Json, right: Json) -> bool:

@@ -125,12 +125,12 @@ def _patterns(value: s.Parameter, variable: str) -> list[str]:
                 return [one for found in inside for one in found]
             case s.Ignored():
                 return ["_"]
-            case s.Constant() | s.Name() | s.Apply():
+            case s.Constant() | s.Name():
                 return [_data(part, variable)]
             case _:
                 raise AssertionError(part)
 
-    return s.fold(value, choices, lambda part: () if isinstance(part, s.Apply) else s.inside(part))
+    return [_data(value, variable)] if isinstance(value, s.Apply) else s.fold(value, choices)
 
 
 def _data(data: s.Data, variable: str) -> str:

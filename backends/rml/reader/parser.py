@@ -216,9 +216,7 @@ def parse(text: str) -> s.Program:
 def _parser() -> Lark:
     grammar = files("backends.rml.reader").joinpath("grammar.lark").read_text(encoding="utf-8")
     starts = ["start", "parameters", "choices"]
-    return Lark(
-        grammar, parser="lalr", lexer="basic", start=starts, transformer=_RmlSyntax(), postlex=_LookAhead()
-    )
+    return Lark(grammar, parser="lalr", lexer="basic", start=starts, transformer=_RmlSyntax(), postlex=_LookAhead())
 
 
 class _LookAhead:

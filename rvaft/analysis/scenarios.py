@@ -1,23 +1,24 @@
-"""The scenarios of a tree without certain nodes and tree edges, as a space that is never enumerated.
+"""The scenarios of a tree, as a space that is never enumerated: which there are, what all of them have, how large they are.
 
-Whether some scenario contains given nodes and edges is answered by walking from them to the root: the kept node that comes last in the
-order of the tree (parents before children) needs one kept parent; an `or` that is asked for two different children ends the
-attempt. For one node that is a path to the root, for two nodes a walk over pairs; in general the number of attempts may grow
-exponentially, so each step is paid from a budget. Order among events is not looked at here.
+A scenario makes the choices of a tree: one child at each `or`, K children or more at each `KofN`. It is feasible where no guard
+without variables is false and no event has to come before itself (semantics, section 2).
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from functools import cached_property
 from heapq import heapify, heappop, heappush
-from itertools import pairwise
+from itertools import combinations, pairwise
 from math import prod
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 import networkx as nx
 
-from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.analysis.normal_form import Op, body, is_impossible
+from rvaft.errors import TooLarge
+from rvaft.model.nodes import Causality, Node
 from rvaft.model.tree import RVAFT
-from rvaft.support.budget import Budget
+from rvaft.support.bits import bits, in_at_least, union
+from rvaft.support.budget import DEFAULT_LIMIT, Budget
 
 # The strict precedence of a scenario as a graph of linear size (semantics, section 2).
 #
@@ -42,15 +43,10 @@ def event(name: str) -> Point:
     return ("event", name, "")
 
 
-def everything(tree: RVAFT) -> Kept:
-    """All reachable nodes with all their children: its precedence contains that of every scenario."""
-    return {node.name: node.children for node in tree.top_down()}
-
-
-def precedence(tree: RVAFT, kept: Kept | None = None) -> nx.DiGraph:
+def precedence(tree: RVAFT, kept: Kept) -> nx.DiGraph:
     """The precedence among the events of the kept nodes; each edge has as `via` the tree edge that it needs, or None."""
     graph = nx.DiGraph()
-    for name, children in (everything(tree) if kept is None else kept).items():
+    for name, children in kept.items():
         node = tree.nodes[name]
         if node.has_event:
             graph.add_edge(("start", name, ""), event(name), via=None)
@@ -62,19 +58,14 @@ def precedence(tree: RVAFT, kept: Kept | None = None) -> nx.DiGraph:
                 graph.add_edge(event(name), ("start", child, ""), via=(name, child))
             elif node.has_event:
                 graph.add_edge(("end", child, ""), event(name), via=(name, child))
-        _sequence(graph, node, children)
+        below = body(node)
+        in_time = [child for child in below.children if child in children] if below.op is Op.SEQUENCE else []
+        for earlier, later in pairwise(in_time):
+            done: Point = ("done", name, earlier)
+            graph.add_edge(("end", earlier, ""), done, via=(name, earlier))
+            graph.add_edge(done, ("start", later, ""), via=(name, later))
+            graph.add_edge(done, ("done", name, later), via=(name, later))
     return graph
-
-
-def _sequence(graph: nx.DiGraph, node: Node, children: tuple[str, ...]) -> None:
-    if node.gate is None or not node.gate.ordered:
-        return
-    in_time = children if node.gate is Gate.SAND else tuple(reversed(children))
-    for earlier, later in pairwise(in_time):
-        done: Point = ("done", node.name, earlier)
-        graph.add_edge(("end", earlier, ""), done, via=(node.name, earlier))
-        graph.add_edge(done, ("start", later, ""), via=(node.name, later))
-        graph.add_edge(done, ("done", node.name, later), via=(node.name, later))
 
 
 def cycle(graph: nx.DiGraph) -> list[Point]:
@@ -102,30 +93,36 @@ def edges_along(graph: nx.DiGraph, points: list[Point], *, closed: bool = False)
     return list(dict.fromkeys(edge for edge in needed if edge is not None))
 
 
+# What is in some scenario, in every one.
+
 Demands: TypeAlias = dict[str, frozenset[str]]
 """Nodes that must be kept, each with the children that it must keep."""
 
 _NONE: frozenset[str] = frozenset()
 
 
-class Space:
-    """The scenarios without the banned nodes and edges."""
+class Resolutions:
+    """The ways to make the choices of a tree without certain nodes and tree edges. Order among events is not looked at.
+
+    Whether some way keeps given nodes and edges is answered by walking from them to the root: the kept node that comes last in the
+    order of the tree (parents before children) needs one kept parent; an `or` that is asked for two different children ends the
+    attempt. For one node that is a path to the root, for two nodes a walk over pairs; in general the number of attempts may grow
+    exponentially, so each step is paid from a budget.
+    """
 
     def __init__(
-        self, tree: RVAFT, banned: frozenset[str] = frozenset(), without: frozenset[Edge] = frozenset()
+        self, tree: RVAFT, banned: Container[str] = frozenset(), without: Container[Edge] = frozenset()
     ) -> None:
         self.tree = tree
         self._rank = {name: index for index, name in enumerate(tree.order)}
         self._options: dict[str, tuple[str, ...]] = {}
-        usable: set[str] = set()
         for node in tree.bottom_up():
             options = tuple(
-                child for child in node.children if child in usable and not (without and (node.name, child) in without)
+                child for child in node.children if child in self._options and (node.name, child) not in without
             )
-            if node.name not in banned and len(options) >= _needed(node):
-                usable.add(node.name)
+            if node.name not in banned and len(options) >= body(node).need:
                 self._options[node.name] = options
-        self._reached: dict[str, list[str]] = {tree.root: []} if tree.root in usable else {}
+        self._reached: dict[str, list[str]] = {tree.root: []} if tree.root in self._options else {}
         for node in tree.top_down():
             if node.name in self._reached:
                 for child in self._options[node.name]:
@@ -168,7 +165,7 @@ class Space:
         for name, children in demands.items():
             if name not in self or not children <= set(self._options[name]):
                 return None
-            if self.tree.nodes[name].gate is Gate.OR and len(children) > 1:
+            if len(children) > 1 and self._takes_one(name):
                 return None
         return demands
 
@@ -204,14 +201,17 @@ class Space:
                 return current
         return None
 
+    def _takes_one(self, name: str) -> bool:
+        return body(self.tree.nodes[name]).op is Op.ONE
+
     def _ways(self, demands: Demands, name: str) -> list[str]:
         """The parents that may keep the node; only one where a parent that is kept anyway can keep it too."""
         ways: list[str] = []
         for parent in self._reached[name]:
             demanded = demands.get(parent)
-            if demanded is not None and (self.tree.nodes[parent].gate is not Gate.OR or name in demanded):
+            if demanded is not None and (name in demanded or not self._takes_one(parent)):
                 return [parent]
-            if not demanded or self.tree.nodes[parent].gate is not Gate.OR:
+            if not demanded or not self._takes_one(parent):
                 ways.append(parent)
         return ways
 
@@ -226,50 +226,157 @@ class Space:
         return {name: kept[name] for name in self.tree.order if name in kept}
 
     def _choose(self, node: Node, demanded: frozenset[str]) -> tuple[str, ...]:
-        options = self._options[node.name]
-        if node.gate is Gate.OR:
-            return tuple(demanded) or options[:1]
-        if node.gate is Gate.VOT:
-            others = [child for child in options if child not in demanded]
-            chosen = demanded | set(others[: max(0, _needed(node) - len(demanded))])
-            return tuple(child for child in options if child in chosen)
-        return options
-
-
-def _needed(node: Node) -> int:
-    match node.gate:
-        case Gate.OR:
-            return 1
-        case Gate.VOT:
-            assert node.threshold is not None
-            return node.threshold
-        case _:
-            return len(node.children)
+        options, below = self._options[node.name], body(node)
+        if not below.chooses:
+            return options
+        others = [child for child in options if child not in demanded]
+        chosen = {*demanded, *others[: max(0, below.need - len(demanded))]}
+        return tuple(child for child in options if child in chosen)
 
 
 def _demand(demands: Demands, parent: str, child: str) -> Demands:
     return {**demands, parent: demands.get(parent, _NONE) | {child}}
 
 
-# Marks that no scenario can avoid, for all marks at once: one bit per mark, two passes over the tree.
-#
-# For a single mark let `avoid(v)` say that some way to resolve the choices below v bears no marked node. Since a choice
-# belongs to a node and not to a path, `avoid` is found bottom-up even where nodes are shared, and some scenario
-# contains v and no marked node exactly when v can avoid the mark and is the root or has a parent of which the same is true
-# (take the choices along that path, and elsewhere those that avoid). The passes below compute the complement. Order among events is not looked at.
+_RESOLUTIONS, _PRECEDENCE = 4, 15
+"""What resolutions and a precedence cost per node, in steps."""
+
+
+class ScenarioSpace:
+    """The feasible scenarios of a tree; `limit` is what each question that is hard in general may cost.
+
+    A scenario whose precedence is cyclic shows a cycle, a cycle needs some tree edges, and every feasible scenario lacks one
+    of them: so the search bans tree edges until nothing is cyclic.
+
+    >>> from rvaft import loads
+    >>> ScenarioSpace(loads("top or a b; a when 2 < 1; b;")).feasible(Budget())
+    {'top': ('b',), 'b': ()}
+    """
+
+    def __init__(self, tree: RVAFT, limit: int = DEFAULT_LIMIT) -> None:
+        self.tree = tree
+        self.limit = limit
+
+    def budget(self) -> Budget:
+        """A fresh budget."""
+        return Budget(self.limit)
+
+    @cached_property
+    def dead(self) -> frozenset[str]:
+        """The nodes whose guard has no variables and does not hold: no feasible scenario contains them."""
+        return frozenset(node.name for node in self.tree.top_down() if is_impossible(node))
+
+    @cached_property
+    def resolutions(self) -> Resolutions:
+        """The ways to make the choices without dead nodes; those with a cyclic precedence are among them."""
+        return Resolutions(self.tree, self.dead)
+
+    @cached_property
+    def order(self) -> nx.DiGraph:
+        """The precedence over all nodes that are not dead; it contains that of every scenario."""
+        return precedence(self.tree, self.resolutions.union)
+
+    @cached_property
+    def acyclic(self) -> bool:
+        """Whether surely no precedence is cyclic; only a shared node can be in a sequence twice."""
+        if not self.tree.shared or not any(body(node).op is Op.SEQUENCE for node in self.tree.top_down()):
+            return True
+        return bool(nx.is_directed_acyclic_graph(self.order))
+
+    @cached_property
+    def is_empty(self) -> bool:
+        """Whether there is no feasible scenario; raises `Undecided` beyond the limit."""
+        return self.feasible(self.budget()) is None
+
+    def feasible(
+        self,
+        budget: Budget,
+        nodes: Iterable[str] = (),
+        *,
+        without: frozenset[str] = frozenset(),
+        apart: tuple[str, str] | None = None,
+    ) -> Kept | None:
+        """A feasible scenario with some nodes and without others, or None where there is none.
+
+        With `apart`, one that contains both and orders neither before the other. Raises `Undecided` beyond the budget.
+        """
+        wanted = [*nodes, *(apart or ())]
+        search = _BanSearch()
+        for bans in search:
+            if bans or without:
+                budget.spend(_RESOLUTIONS * len(self.tree.order))
+            space = Resolutions(self.tree, self.dead | without, bans) if bans or without else self.resolutions
+            kept = space.scenario(wanted, (), budget)
+            if kept is None:
+                continue
+            if self.acyclic and apart is None:
+                return kept
+            budget.spend(_PRECEDENCE * len(kept))
+            graph = precedence(self.tree, kept)
+            points = [] if self.acyclic else cycle(graph)
+            edges = edges_along(graph, points, closed=True) if points else []
+            if not points and apart is not None:
+                one, other = apart
+                edges = edges_along(graph, path(graph, one, other) or path(graph, other, one))
+            if not edges:
+                return kept
+            search.ban_one_of(edges)
+        return None
+
+    def cyclic(self, budget: Budget, component: frozenset[object]) -> tuple[Kept, list[str]] | None:
+        """A scenario without dead nodes whose precedence has a cycle among these points, and the nodes of the cycle."""
+        search = _BanSearch()
+        for bans in search:
+            budget.spend((_RESOLUTIONS + _PRECEDENCE) * len(self.tree.order))
+            space = Resolutions(self.tree, self.dead, bans)
+            graph = precedence(self.tree, space.union).subgraph(component)
+            points = cycle(graph)
+            if not points:
+                continue
+            edges = edges_along(graph, points, closed=True)
+            kept = space.scenario((), edges, budget)
+            if kept is not None:
+                return kept, [name for kind, name, _ in points if kind == "event"]
+            search.ban_one_of(edges)
+        return None
+
+
+class _BanSearch:
+    """Sets of banned tree edges, depth first, each once; `ban_one_of` adds those with one edge more than the last one."""
+
+    def __init__(self) -> None:
+        self._todo: list[frozenset[Edge]] = [frozenset()]
+        self._seen = set(self._todo)
+        self._last: frozenset[Edge] = frozenset()
+
+    def __iter__(self) -> Iterator[frozenset[Edge]]:
+        while self._todo:
+            self._last = self._todo.pop()
+            yield self._last
+
+    def ban_one_of(self, edges: Iterable[Edge]) -> None:
+        """Go on with each of these edges banned, the first one first."""
+        new = [bans for edge in edges if (bans := self._last | {edge}) not in self._seen]
+        self._seen.update(new)
+        self._todo.extend(reversed(new))
 
 
 def inevitable(tree: RVAFT, marks: Mapping[str, int], full: int) -> dict[str, int]:
-    """For each reachable node the marks borne in every scenario that contains it.
+    """For each reachable node the marks borne in every scenario that contains it, for all marks (bits) at once.
 
     `full` has the bits of all marks; a node marked `full` can be in no scenario, and a node that is in no scenario has
-    `full` as its result.
+    `full` as its result. Order among events is not looked at.
+
+    For a single mark let `avoid(v)` say that some way to resolve the choices below v bears no marked node. Since a choice
+    belongs to a node and not to a path, `avoid` is found bottom-up even where nodes are shared, and some scenario
+    contains v and no marked node exactly when v can avoid the mark and is the root or has a parent of which the same is true
+    (take the choices along that path, and elsewhere those that avoid). The two passes compute the complement.
     """
     below: dict[str, int] = {}
     for node in tree.bottom_up():
-        below[node.name] = marks.get(node.name, 0) | _of_children(
-            node.gate, node.threshold, [below[child] for child in node.children], full
-        )
+        missable = len(node.children) - body(node).need + 1
+        children = in_at_least(missable, [below[child] for child in node.children])
+        below[node.name] = marks.get(node.name, 0) | children
     result: dict[str, int] = {}
     for node in tree.top_down():
         above = full if tree.parents(node.name) else 0
@@ -279,48 +386,7 @@ def inevitable(tree: RVAFT, marks: Mapping[str, int], full: int) -> dict[str, in
     return result
 
 
-def _of_children(gate: Gate | None, threshold: int | None, children: list[int], full: int) -> int:
-    match gate:
-        case Gate.OR:
-            common = full
-            for bits in children:
-                common &= bits
-            return common
-        case Gate.VOT:
-            assert threshold is not None
-            return at_least(len(children) - threshold + 1, children)
-        case _:
-            union = 0
-            for bits in children:
-                union |= bits
-            return union
-
-
-def at_least(count: int, sets: list[int]) -> int:
-    """The bits that are set in at least `count` of the sets, by counting in binary, all bits side by side."""
-    planes: list[int] = []
-    for bits in sets:
-        carry = bits
-        for index, plane in enumerate(planes):
-            planes[index], carry = plane ^ carry, plane & carry
-        if carry:
-            planes.append(carry)
-    while len(planes) < count.bit_length():
-        planes.append(0)
-    everything = 0
-    for bits in sets:
-        everything |= bits
-    greater, same = 0, everything
-    for index in reversed(range(len(planes))):
-        if count >> index & 1:
-            same &= planes[index]
-        else:
-            greater |= same & planes[index]
-            same &= ~planes[index]
-    return greater | same
-
-
-# How many scenarios a tree can have and how many events a detection takes, counted without trying them.
+# How many scenarios there are, and how large they are.
 
 SCENARIOS: Final = 5_000
 """The most scenarios that the reference is made to try."""
@@ -330,33 +396,107 @@ def most_scenarios(tree: RVAFT) -> int:
     """A bound on the number of scenarios; the number itself where no node is shared and every scenario is feasible."""
     ways: dict[str, int] = {}
     for node in tree.bottom_up():
-        ways[node.name] = _ways(node, [ways[child] for child in node.children])
+        below = [ways[child] for child in node.children]
+        match body(node).op:
+            case Op.ONE:
+                ways[node.name] = sum(below)
+            case Op.AT_LEAST:
+                keeping = [1, *([0] * len(below))]  # the ways to keep so many children
+                for of_child in below:
+                    keeping = [keeping[0], *(more + of_child * fewer for fewer, more in pairwise(keeping))]
+                ways[node.name] = sum(keeping[body(node).need :])
+            case _:
+                ways[node.name] = prod(below)
     return ways[tree.root]
 
 
-def _ways(node: Node, below: list[int]) -> int:
-    match node.gate:
-        case Gate.OR:
-            return sum(below)
-        case Gate.VOT:
-            return _at_least(node.threshold or 0, below)
-        case _:
-            return prod(below)
+class Fewest(NamedTuple):
+    """How many events at the least, and the children that are kept for it."""
+
+    events: int
+    kept: tuple[str, ...]
 
 
-def _at_least(threshold: int, below: list[int]) -> int:
-    """The ways to keep at least so many children."""
-    keeping = [1, *([0] * len(below))]
-    for ways in below:
-        keeping = [keeping[0], *(more + ways * fewer for fewer, more in pairwise(keeping))]
-    return sum(keeping[threshold:])
+def fewest_events(
+    nodes: Iterable[Node],
+    *,
+    without: Container[str] = frozenset(),
+    without_edges: Container[Edge] = frozenset(),
+    taken: Container[str] = frozenset(),
+    forced: Container[str] = frozenset(),
+) -> dict[str, Fewest]:
+    """For each of these nodes (children first) with a way to be kept, the fewest events of its part, a shared part counted anew.
+
+    Not counted are the events that are `taken`; `forced` children are kept wherever their parent is.
+
+    >>> from rvaft import loads
+    >>> fewest_events(loads("top 2of3 a b c;").bottom_up(), without={"b"})["top"]
+    Fewest(events=2, kept=('a', 'c'))
+    """
+    found: dict[str, Fewest] = {}
+    for node in nodes:
+        below = body(node)
+        able = [child for child in node.children if child in found and (node.name, child) not in without_edges]
+        must = [child for child in node.children if child in forced]
+        if node.name in without or len(able) < below.need or not set(must) <= set(able):
+            continue
+        rest = sorted((child for child in able if child not in forced), key=lambda child: found[child].events)
+        chosen = {*must, *rest[: max(below.need - len(must), 0)]}
+        kept = tuple(child for child in node.children if child in chosen)
+        own = node.has_event and node.name not in taken
+        found[node.name] = Fewest(own + sum(found[child].events for child in kept), kept)
+    return found
 
 
 def least_events(tree: RVAFT) -> int:
     """About how many events a detection takes at least; exact where no node is shared and every scenario is feasible."""
-    least: dict[str, int] = {}
+    return fewest_events(tree.bottom_up())[tree.root].events
+
+
+# Scenarios one by one, and at random.
+
+
+def resolutions(tree: RVAFT, *, minimal: bool = False, limit: int) -> Iterator[Kept]:
+    """The ways to make the choices that a scenario reaches without a dead node, in a stable order; `minimal` keeps just K of N.
+
+    Raises `TooLarge` beyond `limit`.
+    """
+    order = tree.order
+    position = {name: index for index, name in enumerate(order)}
+    alive = Resolutions(tree, {node.name for node in tree.top_down() if is_impossible(node)}).union
+    surely: dict[str, int] = {}  # of each node those kept whenever it is: those below it up to the next choices
     for node in tree.bottom_up():
-        below = sorted(least[child] for child in node.children)
-        kept = {Gate.OR: 1, Gate.VOT: node.threshold or 0}.get(node.gate or Gate.AND, len(below))
-        least[node.name] = sum(below[:kept]) + node.has_event
-    return least[tree.root]
+        below = () if body(node).chooses else node.children
+        surely[node.name] = 1 << position[node.name] | union(surely[child] for child in below)
+    if tree.root not in alive:
+        return
+    gates = [name for name in order if body(tree.nodes[name]).chooses]
+
+    def further(reached: int, chosen: tuple[tuple[str, ...], ...]) -> Iterator[tuple[int, tuple[tuple[str, ...], ...]]]:
+        name = gates[len(chosen)]
+        if not reached >> position[name] & 1:
+            yield reached, (*chosen, ())
+            return
+        below, options = body(tree.nodes[name]), alive.get(name, ())
+        most = below.need if minimal or below.op is Op.ONE else len(options)
+        for size in range(below.need, most + 1):
+            for children in combinations(options, size):
+                yield reached | union(surely[child] for child in children), (*chosen, children)
+
+    start: tuple[int, tuple[tuple[str, ...], ...]] = (surely[tree.root], ())
+    agenda = [iter([start])]
+    count = 0
+    while agenda:
+        step = next(agenda[-1], None)
+        if step is None:
+            agenda.pop()
+            continue
+        reached, chosen = step
+        if len(chosen) < len(gates):
+            agenda.append(further(reached, chosen))
+            continue
+        count += 1
+        if count > limit:
+            raise TooLarge("scenarios of the tree", limit=limit)
+        choice = dict(zip(gates, chosen, strict=True))
+        yield {order[i]: choice.get(order[i], tree.nodes[order[i]].children) for i in bits(reached)}

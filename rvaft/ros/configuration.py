@@ -10,6 +10,7 @@ from keyword import iskeyword
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.api import narrowed, translate
 from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolMissing
 from rvaft.model.nodes import Kind, Node, Place
@@ -22,7 +23,6 @@ from rvaft.monitoring.monitor_set import Per, parts
 from rvaft.ros.addresses import host as checked
 from rvaft.ros.addresses import is_address
 from rvaft.ros.server import LOCAL, PORT
-from rvaft.rules.context import Context
 from rvaft.rules.rule import listing
 from rvaft.support.budget import Undecided
 
@@ -126,11 +126,11 @@ def _in_feasible(tree: RVAFT) -> Iterator[str]:
 
     The other semantics look at all events that are relevant, and those of infeasible scenarios are.
     """
-    context = Context(tree)
-    budget = context.budget()
+    space = ScenarioSpace(tree)
+    budget = space.budget()
     for name in tree.occurrences:
         try:
-            if name in context.space and (context.acyclic or context.feasible(budget, [name]) is not None):
+            if name in space.resolutions and (space.acyclic or space.feasible(budget, [name]) is not None):
                 yield name
         except Undecided:
             yield name

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from typing import Any
 from weakref import WeakKeyDictionary
 
+from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.errors import TreeError
 from rvaft.language.draft import Draft
 from rvaft.model.tree import RVAFT
-from rvaft.rules.context import Context
 from rvaft.rules.registry import DRAFT_RULES, TREE_RULES, UNDECIDED
 from rvaft.rules.rule import Finding, Report, Rule, Severity
 from rvaft.support.budget import DEFAULT_LIMIT, Undecided
@@ -28,8 +28,8 @@ def check_draft(draft: Draft) -> list[Finding]:
 
 def check_tree(tree: RVAFT, *, limit: int = DEFAULT_LIMIT) -> list[Finding]:
     """The findings on a tree and its scenarios; each rule may spend `limit` steps before it says `undecided`."""
-    context = Context(tree, limit)
-    return _sorted(finding for rule in TREE_RULES for finding in _findings(rule, context))
+    space = ScenarioSpace(tree, limit)
+    return _sorted(finding for rule in TREE_RULES for finding in _findings(rule, space))
 
 
 _checked: "WeakKeyDictionary[_Identity, TreeError | None]" = WeakKeyDictionary()
@@ -46,10 +46,10 @@ def require_valid(tree: RVAFT) -> None:
 
 
 def _first_error(tree: RVAFT) -> TreeError | None:
-    context = Context(tree)
+    space = ScenarioSpace(tree)
     for rule in TREE_RULES:
         if rule.severity is Severity.ERROR:
-            for finding in _findings(rule, context):
+            for finding in _findings(rule, space):
                 if finding.code == rule.code:
                     return TreeError(finding.message, rule=finding.code, nodes=finding.nodes)
     return None

@@ -15,12 +15,11 @@ from typing import Final
 import networkx as nx
 
 from rvaft.analysis.guard_solver import refuted, witness
-from rvaft.analysis.scenarios import Kept, inevitable
+from rvaft.analysis.scenarios import Kept, ScenarioSpace, inevitable
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Node, On, Place
 from rvaft.model.patterns import Anything, Variable, rigid_variables
-from rvaft.rules.context import Context
 from rvaft.rules.rule import Report, Rule, Severity, branch_of, did_you_mean, listing
 from rvaft.support.budget import Budget, Undecided
 
@@ -30,12 +29,12 @@ _ONE_OF_TWO_LETTERS: Final = 0.5
 """How alike names must be to be taken for each other: T1 and T2 are."""
 
 
-def unbound_variable(context: Context) -> Iterator[Report]:
+def unbound_variable(space: ScenarioSpace) -> Iterator[Report]:
     """Every variable of a guard occurs in an `on` in every feasible scenario that contains the guard."""
-    tree = context.tree
+    tree = space.tree
     guarded = [(node, guard_variables(node.when)) for node in tree.top_down() if node.when is not None]
     wanted = tuple(dict.fromkeys(name for _, names in guarded for name in names))
-    if not wanted or not context.space:
+    if not wanted or not space.resolutions:
         return
     bit = {name: 1 << index for index, name in enumerate(wanted)}
     binders: dict[str, list[str]] = {name: [] for name in wanted}
@@ -48,36 +47,36 @@ def unbound_variable(context: Context) -> Iterator[Report]:
     full = (1 << len(wanted)) - 1
     # A scenario that binds everything and one that is no scenario must not look alike: one bit more for the latter.
     never = 1 << len(wanted)
-    bound = inevitable(tree, marks | dict.fromkeys(context.dead, full | never), full | never)
-    budget, late = context.budget(), None
+    bound = inevitable(tree, marks | dict.fromkeys(space.dead, full | never), full | never)
+    budget, late = space.budget(), None
     for node, names in guarded:
         for name in names:
             if not bound[node.name] & bit[name]:
                 try:
-                    kept = context.feasible(budget, [node.name], without=frozenset(binders[name]))
+                    kept = space.feasible(budget, [node.name], without=frozenset(binders[name]))
                 except Undecided as undecided:
-                    if not context.acyclic:
+                    if not space.acyclic:
                         late = undecided
                         continue
                     kept = {}  # There surely is such a scenario, only it was not found in time to be named.
                 if kept is not None:
-                    yield Report(node.place("when"), _unbound(context, node, name, binders[name], kept), (node.name,))
+                    yield Report(node.place("when"), _unbound(space, node, name, binders[name], kept), (node.name,))
     if late is not None:
         raise late
 
 
-def _unbound(context: Context, node: Node, name: str, binders: list[str], kept: Kept) -> str:
-    where = branch_of(context.tree, kept) if kept else "some branch"
+def _unbound(space: ScenarioSpace, node: Node, name: str, binders: list[str], kept: Kept) -> str:
+    where = branch_of(space.tree, kept) if kept else "some branch"
     said = f"variable {name} in the guard of {node.name} is not bound in {where}"
     if binders:
         return f"{said}; only {listing(binders)} binds it: use it in the `on` of a node that is there whenever {node.name} is"
-    guess = did_you_mean(name, context.tree.variables, cutoff=_ONE_OF_TWO_LETTERS)
+    guess = did_you_mean(name, space.tree.variables, cutoff=_ONE_OF_TWO_LETTERS)
     return f"{said}; no `on` binds it{guess}"
 
 
-def variable_once(context: Context) -> Iterator[Report]:
+def variable_once(space: ScenarioSpace) -> Iterator[Report]:
     """A variable written once says nothing; it is often misspelt."""
-    tree = context.tree
+    tree = space.tree
     uses: Counter[str] = Counter()
     where: dict[str, tuple[Place, tuple[str, ...]]] = {}
     for node in tree.top_down():
@@ -134,15 +133,15 @@ Group = dict[str, Guard]
 Core = tuple[str, ...]
 
 
-def contradictory_guards(context: Context) -> Iterator[Report]:
+def contradictory_guards(space: ScenarioSpace) -> Iterator[Report]:
     """Some branch has guards that no values satisfy together."""
-    budget = context.budget()
-    for group in _groups(context):
-        for core, kept in _conflicts(context, group, budget):
+    budget = space.budget()
+    for group in _groups(space):
+        for core, kept in _conflicts(space, group, budget):
             guards = [group[name] for name in core]
             where = f"the guards of {listing(core)}" if len(core) > 1 else f"the guard of {core[0]}"
-            branch = branch_of(context.tree, kept)
-            place = context.tree.nodes[core[0]].place("when")
+            branch = branch_of(space.tree, kept)
+            place = space.tree.nodes[core[0]].place("when")
             if refuted(guards):
                 yield Report(place, f"{where} cannot hold{' together' * (len(core) > 1)} in {branch}; mend one", core)
                 continue
@@ -160,12 +159,12 @@ def contradictory_guards(context: Context) -> Iterator[Report]:
                 yield Report(place, message, core, undecided=True)
 
 
-def _groups(context: Context) -> Iterator[Group]:
+def _groups(space: ScenarioSpace) -> Iterator[Group]:
     """The guards with variables, grouped by shared variables."""
     graph = nx.Graph()
     guards: Group = {}
-    for node in context.tree.top_down():
-        names = guard_variables(node.when) if node.when is not None and node.name in context.space else ()
+    for node in space.tree.top_down():
+        names = guard_variables(node.when) if node.when is not None and node.name in space.resolutions else ()
         if node.when is not None and names:
             guards[node.name] = node.when
             graph.add_edges_from((("node", node.name), ("variable", name)) for name in names)
@@ -176,7 +175,7 @@ def _groups(context: Context) -> Iterator[Group]:
     yield from grouped.values()
 
 
-def _conflicts(context: Context, group: Group, budget: Budget) -> Iterator[tuple[Core, Kept]]:
+def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[tuple[Core, Kept]]:
     """Smallest sets of guards without a witness, each with a feasible scenario that contains it.
 
     At least one for each scenario whose guards have no witness, unless a set found before is part of it or overlaps it.
@@ -188,17 +187,17 @@ def _conflicts(context: Context, group: Group, budget: Budget) -> Iterator[tuple
         core = _core(names, group, budget, hopeful=len(names) == len(group))
         if not core:
             continue
-        kept = context.feasible(budget, core)
+        kept = space.feasible(budget, core)
         rest: list[Core] = []
         if kept is not None:
             yield core, kept
             rest.append(_without(names, core[-1]))
         else:
             pairs = combinations(core, 2)
-            apart = next((pair for pair in pairs if not context.space.possible(pair, budget)), None)
+            apart = next((pair for pair in pairs if not space.resolutions.possible(pair, budget)), None)
             if apart is not None:
                 one = apart[0]
-                together = tuple(n for n in names if n == one or context.space.possible((one, n), budget))
+                together = tuple(n for n in names if n == one or space.resolutions.possible((one, n), budget))
                 rest += [_without(names, one), together]
             else:
                 rest += [_without(names, name) for name in core]

@@ -5,17 +5,17 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Final
 
+from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.errors import RvaftError
 from rvaft.rules import guards, scenarios, structure, usage
-from rvaft.rules.context import Context
 from rvaft.rules.rule import CODES, Report, Rule, Severity
 
 DRAFT_RULES: Final = (*structure.RULES, *structure.DECLARATIONS_RULES, *structure.TOPICS_RULES)
 """The rules that a draft must keep to be a tree."""
 
 
-def _foreign_in_ignores(context: Context) -> Iterable[Report]:
-    return structure.foreign_variables(context.tree.ignores)
+def _foreign_in_ignores(space: ScenarioSpace) -> Iterable[Report]:
+    return structure.foreign_variables(space.tree.ignores)
 
 
 _OF_BOTH: Final = tuple(
@@ -35,7 +35,7 @@ TREE_RULES: Final = (
 """The rules about trees and their scenarios."""
 
 
-def _nothing(_: Context) -> Iterable[Report]:
+def _nothing(_: ScenarioSpace) -> Iterable[Report]:
     return ()
 
 

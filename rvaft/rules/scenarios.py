@@ -4,11 +4,10 @@ from collections.abc import Iterator
 
 import networkx as nx
 
-from rvaft.analysis.scenarios import inevitable, path
+from rvaft.analysis.scenarios import ScenarioSpace, inevitable, path
 from rvaft.analysis.unification import Overlaps
 from rvaft.model.nodes import Gate
 from rvaft.model.patterns import Pattern
-from rvaft.rules.context import Context
 from rvaft.rules.rule import Report, Rule, Severity, branch_of, listing
 from rvaft.support.bits import bits as members
 from rvaft.support.bits import mask_of, union
@@ -19,14 +18,14 @@ from rvaft.support.budget import Budget
 _EVENT, _NEVER = 1, 2
 
 
-def no_scenario(context: Context) -> Iterator[Report]:
+def no_scenario(space: ScenarioSpace) -> Iterator[Report]:
     """Some scenario must be feasible."""
-    if context.feasible_exists:
+    if not space.is_empty:
         return
-    tree = context.tree
+    tree = space.tree
     place = tree.nodes[tree.root].place()
-    if not context.space:
-        dead = tuple(name for name in tree.order if name in context.dead)
+    if not space.resolutions:
+        dead = tuple(name for name in tree.order if name in space.dead)
         why = f"the guard of {listing(dead)} never holds; mend the guard or take the node out"
         yield Report(place, f"the tree has no feasible scenario: {why}", (tree.root, *dead))
         return
@@ -34,13 +33,13 @@ def no_scenario(context: Context) -> Iterator[Report]:
     yield Report(place, f"the tree has no feasible scenario: {why}", (tree.root,))
 
 
-def silent_scenario(context: Context) -> Iterator[Report]:
+def silent_scenario(space: ScenarioSpace) -> Iterator[Report]:
     """Every feasible scenario must have an occurrence; one without is feasible when its guards are: it orders nothing."""
-    tree = context.tree
-    marks = dict.fromkeys(tree.occurrences, _EVENT) | dict.fromkeys(context.dead, _EVENT | _NEVER)
+    tree = space.tree
+    marks = dict.fromkeys(tree.occurrences, _EVENT) | dict.fromkeys(space.dead, _EVENT | _NEVER)
     if inevitable(tree, marks, _EVENT | _NEVER)[tree.root]:
         return
-    kept = context.feasible(context.budget(), without=frozenset(tree.occurrences))
+    kept = space.feasible(space.budget(), without=frozenset(tree.occurrences))
     assert kept is not None
     guards = tuple(name for name in kept if tree.nodes[name].when is not None)
     message = f"{branch_of(tree, kept)}, has no runtime event and would be detected before anything happened"
@@ -49,22 +48,22 @@ def silent_scenario(context: Context) -> Iterator[Report]:
     yield Report(place, message.replace(", has", " has") + mend, guards or (tree.root,))
 
 
-def infeasible_scenario(context: Context) -> Iterator[Report]:
+def infeasible_scenario(space: ScenarioSpace) -> Iterator[Report]:
     """Scenarios that no trace can match are dropped, which is worth knowing."""
-    if not context.space:
+    if not space.resolutions:
         return
-    tree = context.tree
+    tree = space.tree
     for name in tree.order:
-        if name in context.dead:
+        if name in space.dead:
             message = f"the guard of {name} never holds, so every scenario with {name} is dropped"
             yield Report(tree.nodes[name].place("when"), message, (name,))
-    if context.acyclic or not context.feasible_exists:
+    if space.acyclic or space.is_empty:
         return
-    budget = context.budget()
-    for component in nx.strongly_connected_components(context.order):
+    budget = space.budget()
+    for component in nx.strongly_connected_components(space.order):
         if len(component) == 1:
             continue
-        found = context.cyclic(budget, frozenset(component))
+        found = space.cyclic(budget, frozenset(component))
         if found is not None:
             kept, cycle = found
             nodes = tuple(dict.fromkeys(cycle))
@@ -111,12 +110,12 @@ RULES = (
 _SHOWN = 50
 
 
-def ambiguous_event(context: Context) -> Iterator[Report]:
+def ambiguous_event(space: ScenarioSpace) -> Iterator[Report]:
     """Two occurrences that no order separates, and an event that could be either."""
-    tree, budget = context.tree, context.budget()
+    tree, budget = space.tree, space.budget()
     found = 0
-    for one, other in _rivals(context, budget):
-        if not _unordered(context, one, other, budget):
+    for one, other in _rivals(space, budget):
+        if not _unordered(space, one, other, budget):
             continue
         found += 1
         if found > _SHOWN:
@@ -130,27 +129,27 @@ def ambiguous_event(context: Context) -> Iterator[Report]:
         yield Report(tree.nodes[one].place("on"), message, (one, other))
 
 
-def _unordered(context: Context, one: str, other: str, budget: Budget) -> bool:
+def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
     """Whether some feasible scenario contains both nodes and orders neither before the other."""
     apart: tuple[str, str] | None = (one, other)
-    if not context.tree.shared:
+    if not space.tree.shared:
         apart = None  # What orders two nodes of a tree without shared nodes orders them in every scenario.
     else:
-        budget.spend(5 * len(context.tree.order))
-        if not (path(context.order, one, other) or path(context.order, other, one)):
+        budget.spend(5 * len(space.tree.order))
+        if not (path(space.order, one, other) or path(space.order, other, one)):
             apart = None
-    if apart is None and context.acyclic:
-        return context.space.possible((one, other), budget)
-    return context.feasible(budget, (one, other), apart=apart) is not None
+    if apart is None and space.acyclic:
+        return space.resolutions.possible((one, other), budget)
+    return space.feasible(budget, (one, other), apart=apart) is not None
 
 
-def _rivals(context: Context, budget: Budget) -> Iterator[tuple[str, str]]:
+def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
     """Pairs of occurrences with overlapping events that may be unordered in a common scenario, in a stable order."""
-    tree = context.tree
-    names = [name for name in tree.occurrences if name in context.space]
+    tree = space.tree
+    names = [name for name in tree.occurrences if name in space.resolutions]
     having: dict[Pattern, list[int]] = {}
     for index, name in enumerate(names):
-        having.setdefault(_event(context, name), []).append(index)
+        having.setdefault(_event(space, name), []).append(index)
     others = Overlaps(list(having)).exact(budget)
     if len(having) == len(names) and not others:
         return
@@ -161,10 +160,10 @@ def _rivals(context: Context, budget: Budget) -> Iterator[tuple[str, str]]:
         for number, pattern in enumerate(having)
     }
     bits = {name: 1 << index for index, name in enumerate(names)}
-    ordered = _surely_ordered(context, bits)
-    exclusive = _surely_exclusive(context, bits)
+    ordered = _surely_ordered(space, bits)
+    exclusive = _surely_exclusive(space, bits)
     for index, name in enumerate(names):
-        later = matching[_event(context, name)] >> (index + 1) << (index + 1)
+        later = matching[_event(space, name)] >> (index + 1) << (index + 1)
         rest = later & ~ordered[name] & ~exclusive[name]
         while rest:
             budget.spend(1)
@@ -173,39 +172,39 @@ def _rivals(context: Context, budget: Budget) -> Iterator[tuple[str, str]]:
             yield name, names[lowest.bit_length() - 1]
 
 
-def _event(context: Context, name: str) -> Pattern:
-    pattern = context.tree.pattern(name)
+def _event(space: ScenarioSpace, name: str) -> Pattern:
+    pattern = space.tree.pattern(name)
     assert pattern is not None
     return pattern
 
 
-def _only_parent(context: Context) -> dict[str, str]:
+def _only_parent(space: ScenarioSpace) -> dict[str, str]:
     """The nodes that have one parent in the space, with it: where such a node is, its parent is, and keeps it."""
     parents: dict[str, list[str]] = {}
-    for name, children in context.space.union.items():
+    for name, children in space.resolutions.union.items():
         for child in children:
             parents.setdefault(child, []).append(name)
     return {child: above[0] for child, above in parents.items() if len(above) == 1}
 
 
-def _parts(context: Context, bits: dict[str, int], parent: dict[str, str]) -> dict[str, int]:
+def _parts(space: ScenarioSpace, bits: dict[str, int], parent: dict[str, str]) -> dict[str, int]:
     """For each node its own bit and those of the nodes that can only be where it is."""
     parts: dict[str, int] = {}
-    for name in reversed(context.space.union):
+    for name in reversed(space.resolutions.union):
         parts[name] = parts.get(name, 0) | bits.get(name, 0)
         if name in parent:
             parts[parent[name]] = parts.get(parent[name], 0) | parts[name]
     return parts
 
 
-def _surely_ordered(context: Context, bits: dict[str, int]) -> dict[str, int]:
+def _surely_ordered(space: ScenarioSpace, bits: dict[str, int]) -> dict[str, int]:
     """For each node, occurrences that are before or after its event in every scenario that contains both."""
-    tree, parent = context.tree, _only_parent(context)
-    parts = _parts(context, bits, parent)
+    tree, parent = space.tree, _only_parent(space)
+    parts = _parts(space, bits, parent)
     beside: dict[str, int] = {}  # what is surely before or after the whole part of a node, not its ancestors' events
     above: dict[str, int] = {}
     ordered: dict[str, int] = {}
-    for name in context.space.union:
+    for name in space.resolutions.union:
         if name in parent:
             over = parent[name]
             gate = tree.nodes[over].gate
@@ -221,12 +220,12 @@ def _surely_ordered(context: Context, bits: dict[str, int]) -> dict[str, int]:
     return ordered
 
 
-def _surely_exclusive(context: Context, bits: dict[str, int]) -> dict[str, int]:
+def _surely_exclusive(space: ScenarioSpace, bits: dict[str, int]) -> dict[str, int]:
     """For each node, occurrences that no scenario contains with it: those below other children of an `or` above it."""
-    tree, parent = context.tree, _only_parent(context)
-    parts = _parts(context, bits, parent)
+    tree, parent = space.tree, _only_parent(space)
+    parts = _parts(space, bits, parent)
     exclusive: dict[str, int] = {}
-    for name in context.space.union:
+    for name in space.resolutions.union:
         over = parent.get(name)
         exclusive[name] = 0 if over is None else exclusive[over]
         if over is not None and tree.nodes[over].gate is Gate.OR:
@@ -234,19 +233,19 @@ def _surely_exclusive(context: Context, bits: dict[str, int]) -> dict[str, int]:
     return exclusive
 
 
-def shared_under_order(context: Context) -> Iterator[Report]:
+def shared_under_order(space: ScenarioSpace) -> Iterator[Report]:
     """A node with two parents in one scenario whose possible places in the sequences of ordered gates differ."""
-    tree, budget = context.tree, context.budget()
+    tree, budget = space.tree, space.budget()
     if not tree.shared:
         return
     slots: dict[str, int] = {}
     owners: list[str] = []
     for node in tree.top_down():
-        if node.name not in context.space:
+        if node.name not in space.resolutions:
             continue
         sides: dict[str, int] = {}
         for parent in tree.parents(node.name):
-            if parent in context.space and node.name in context.space.union[parent]:
+            if parent in space.resolutions and node.name in space.resolutions.union[parent]:
                 sides[parent] = slots[parent]
                 gate = tree.nodes[parent].gate
                 if gate is not None and gate.ordered:
@@ -255,7 +254,7 @@ def shared_under_order(context: Context) -> Iterator[Report]:
         slots[node.name] = 0
         for side in sides.values():
             slots[node.name] |= side
-        pair = _together(context, node.name, sides, budget)
+        pair = _together(space, node.name, sides, budget)
         if pair is not None:
             one, other = pair
             slot = (sides[one] ^ sides[other]).bit_length() - 1
@@ -267,14 +266,14 @@ def shared_under_order(context: Context) -> Iterator[Report]:
             yield Report(node.place(), message, (node.name, one, other))
 
 
-def _together(context: Context, name: str, sides: dict[str, int], budget: Budget) -> tuple[str, str] | None:
+def _together(space: ScenarioSpace, name: str, sides: dict[str, int], budget: Budget) -> tuple[str, str] | None:
     """Two parents on different sides of an ordered gate that keep the node in one scenario."""
     parents = list(sides)
     for index, one in enumerate(parents):
         for other in parents[index + 1 :]:
             if sides[one] != sides[other]:
                 budget.spend(1)
-                if context.space.possible((), budget, edges=[(one, name), (other, name)]):
+                if space.resolutions.possible((), budget, edges=[(one, name), (other, name)]):
                     return one, other
     return None
 

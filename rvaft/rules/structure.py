@@ -6,13 +6,13 @@ from typing import Final
 
 import networkx as nx
 
+from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.language.draft import BrokenPrune, Draft, DraftTopic, PruneFault
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import EventType, Gate, Ignore, On, Place
 from rvaft.model.patterns import Literal, Pattern, Variable
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.topics import absolute, topic_of, wrong_name, wrong_type
-from rvaft.rules.context import Context
 from rvaft.rules.rule import Report, Rule, Severity, did_you_mean, listing
 
 
@@ -368,9 +368,9 @@ def malformed_topic(draft: Draft) -> Iterator[Report]:
             yield Report(topic.type.place, wrong)
 
 
-def unused_topic(context: Context) -> Iterator[Report]:
+def unused_topic(space: ScenarioSpace) -> Iterator[Report]:
     """A topic over which no event type comes."""
-    tree = context.tree
+    tree = space.tree
     calls = [node.on for node in tree.nodes.values() if node.on is not None] + [ignore.on for ignore in tree.ignores]
     used: set[str] = set()
     for event in tree.events.values():

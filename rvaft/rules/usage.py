@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator
 
+from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.model.expressions import name_text
-from rvaft.rules.context import Context
 from rvaft.rules.rule import Report, Rule, Severity, did_you_mean
 
 
-def undeclared(context: Context) -> Iterator[Report]:
+def undeclared(space: ScenarioSpace) -> Iterator[Report]:
     """A child that no statement defines is perhaps misspelt."""
-    tree = context.tree
+    tree = space.tree
     declared = [name for name, node in tree.nodes.items() if node.declared]
     for node in tree.nodes.values():
         if not node.declared:
@@ -19,9 +19,9 @@ def undeclared(context: Context) -> Iterator[Report]:
             yield Report(node.place(), message, (node.name,))
 
 
-def unreachable(context: Context) -> Iterator[Report]:
+def unreachable(space: ScenarioSpace) -> Iterator[Report]:
     """A node that does not lie below the root takes part in nothing."""
-    tree = context.tree
+    tree = space.tree
     reachable = set(tree.order)
     for node in tree.nodes.values():
         if node.name not in reachable and node.declared:
@@ -29,9 +29,9 @@ def unreachable(context: Context) -> Iterator[Report]:
             yield Report(node.place(), message, (node.name,))
 
 
-def unused_event(context: Context) -> Iterator[Report]:
+def unused_event(space: ScenarioSpace) -> Iterator[Report]:
     """An event type that neither a node nor an `ignore` uses."""
-    tree = context.tree
+    tree = space.tree
     used = {node.on.event for node in tree.nodes.values() if node.on is not None}
     used.update(ignore.on.event for ignore in tree.ignores)
     for event in tree.events.values():
@@ -39,9 +39,9 @@ def unused_event(context: Context) -> Iterator[Report]:
             yield Report(event.place, f"event type {event.name} is not used; use it with `on`, or remove it")
 
 
-def root_event(context: Context) -> Iterator[Report]:
+def root_event(space: ScenarioSpace) -> Iterator[Report]:
     """The undesired event is what the tree concludes, not what it observes."""
-    root = context.tree.nodes[context.tree.root]
+    root = space.tree.nodes[space.tree.root]
     if root.has_event:
         message = f"the root {root.name} carries a runtime event, which every match must contain; move it to a child"
         yield Report(root.place("on"), message, (root.name,))

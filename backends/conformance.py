@@ -15,13 +15,13 @@ from itertools import islice, product
 from random import Random
 from typing import Any, Final, TypeAlias
 
+from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.model.guards import Guard, Operation, Operator, holds
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Literal, Variable, match, variables
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict

@@ -11,11 +11,11 @@ from cross_check.comparison import Comparison, Roster, raised
 from cross_check.generate.trees import Shape, random_tree
 from cross_check.results import Job, Result, Status
 from cross_check.traces import Effort
+from rvaft.analysis.branches import restrict
 from rvaft.errors import TreeError
 from rvaft.language.parser import parse_guard
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Scalar
 from rvaft.rules import require_valid

@@ -32,9 +32,9 @@ from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import Difference, Job, Result, Status
 from cross_check.traces import Effort, Trace, Trials, letters_of
+from rvaft.analysis.branches import restrict
 from rvaft.backend import Observed
 from rvaft.errors import NotExpressible, RvaftError, TooLarge
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict

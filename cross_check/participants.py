@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from rvaft.analysis.branches import restrict
 from rvaft.analysis.scenarios import SCENARIOS, most_scenarios
 from rvaft.api import loads
 from rvaft.backend import Observed, Specification, all_backends, backend, speaking
@@ -16,7 +17,6 @@ from rvaft.model.guards import Guard, Operation
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.model.patterns import variables as pattern_variables
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
+    from rvaft.analysis.branches import Branch
     from rvaft.api import load, loads, monitor, translate
     from rvaft.asynchronous import on_detection, watch
     from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
         WrongType,
     )
     from rvaft.language.printer import dumps
-    from rvaft.model.branches import Branch
     from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
     from rvaft.model.tree import RVAFT
     from rvaft.model.verdict import Semantics, Verdict
@@ -83,7 +83,7 @@ __all__ = [
 _NAMES: Final = {
     "rvaft.api": ("load", "loads", "monitor", "translate"),
     "rvaft.backend": ("Backend", "Metrics", "Specification", "UnknownBackend", "all_backends"),
-    "rvaft.model.branches": ("Branch",),
+    "rvaft.analysis.branches": ("Branch",),
     "rvaft.errors": (
         "LanguageError",
         "NotExpressible",

@@ -9,13 +9,13 @@ from enum import StrEnum
 from types import UnionType
 from typing import Final, TypeVar
 
+from rvaft.analysis.branches import restrict
 from rvaft.backend import Specification, backend
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import OptionError, TreeError, WrongType
 from rvaft.language.draft import Draft
 from rvaft.language.parser import parse, parse_file
 from rvaft.model.nodes import Kind
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor

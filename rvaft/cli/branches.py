@@ -6,10 +6,10 @@ from enum import StrEnum
 
 import click
 
+from rvaft.analysis.branches import Branch, branches
 from rvaft.api import load
 from rvaft.cli.options import tree_argument
 from rvaft.export.property_text import WIDTH, align_latex, kinds_of, property_sign, property_text, property_unicode
-from rvaft.model.branches import Branch, branches
 from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Final
 
+from rvaft.analysis.branches import Branch, branch, branches
 from rvaft.api import narrowed
 from rvaft.coverage.reach import Follower, Reach, alone
 from rvaft.engine.compiled_tree import plan_of
 from rvaft.engine.event_index import Letters
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.branches import Branch, branch, branches
 from rvaft.model.expressions import name_text, on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT

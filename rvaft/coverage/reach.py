@@ -9,6 +9,7 @@ from typing import Final, NamedTuple, Self
 
 import networkx as nx
 
+from rvaft.analysis.branches import Branch
 from rvaft.analysis.scenarios import Kept, Point, cycle, event, precedence
 from rvaft.engine import Engine
 from rvaft.engine.configuration import Configuration, Witness
@@ -17,7 +18,6 @@ from rvaft.engine.event_index import Reading
 from rvaft.engine.scattered_linear import Earliest, Run
 from rvaft.engine.shared_nodes import bits
 from rvaft.errors import TooLarge
-from rvaft.model.branches import Branch
 from rvaft.model.expressions import name_text, on_text
 from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
 
+from rvaft.analysis.branches import branches
 from rvaft.engine.compiled_tree import fingerprint, plan_of
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.contiguous import Following
@@ -19,7 +20,6 @@ from rvaft.engine.explanation import EarliestMatches, narrowed, whole
 from rvaft.engine.scattered_linear import Earliest
 from rvaft.engine.steps import Matching
 from rvaft.errors import TooLarge
-from rvaft.model.branches import branches
 from rvaft.model.expressions import name_text, on_text
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT

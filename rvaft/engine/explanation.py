@@ -6,13 +6,13 @@ from functools import cached_property
 from itertools import islice
 from typing import NamedTuple, Protocol
 
+from rvaft.analysis.branches import branches, number_of
 from rvaft.engine.compiled_tree import plan_of
 from rvaft.engine.configuration import Configuration
 from rvaft.engine.contiguous import Following
 from rvaft.engine.progress import SURE, TOUCHED
 from rvaft.engine.scattered_linear import Earliest, Run
 from rvaft.engine.steps import Matching
-from rvaft.model.branches import branches, number_of
 from rvaft.model.nodes import Gate, Kind
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json

@@ -7,8 +7,7 @@ kinds, labels and `ignore` have no form there either; `losses` says what is lost
 from collections.abc import Iterator
 
 from rvaft.errors import OptionError
-from rvaft.language.words import WORD
-from rvaft.model.expressions import bare_value
+from rvaft.model.expressions import WORD, bare_value
 from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.tree import RVAFT
 

@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 
 import networkx as nx
 
+from rvaft.analysis.branches import branch
 from rvaft.errors import OptionError
 from rvaft.export.line_breaks import wrapped, wrapped_code
-from rvaft.model.branches import branch
 from rvaft.model.expressions import guard_text, on_text
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT

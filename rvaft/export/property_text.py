@@ -18,10 +18,10 @@ several parents share stands wherever it is used.
 from collections.abc import Iterable, Iterator
 from typing import Final
 
+from rvaft.analysis.branches import Branch
+from rvaft.analysis.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
 from rvaft.export import latex
-from rvaft.model.branches import Branch
 from rvaft.model.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text, quoted
-from rvaft.model.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.nodes import Kind, Node, On
 from rvaft.model.tree import RVAFT
@@ -195,8 +195,8 @@ def kinds_of(part: RVAFT | Branch) -> frozenset[Kind]:
 
 def _formula(part: RVAFT | Branch) -> Formula:
     if isinstance(part, Branch):
-        return formula(part.tree, part.nodes, part.children)
-    return formula(part, part.order, lambda name: part.nodes[name].children)
+        return formula(part.tree, part.choices)
+    return formula(part)
 
 
 def _index(part: RVAFT | Branch) -> str:

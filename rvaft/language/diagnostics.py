@@ -14,7 +14,8 @@ from typing import Final, NamedTuple, TypeAlias
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
 from rvaft.errors import LanguageError
-from rvaft.language.words import CLAUSES, DYNAMIC, GATES, OPERATORS, RESERVED, STATEMENTS, TOPIC, expectation, shown
+from rvaft.language.words import expectation, shown
+from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
 from rvaft.support.terminal import visible
 
 _LEXEME: Final = re.compile(
@@ -227,7 +228,9 @@ def _statement_slips(at: Situation) -> Advice:
         known = _meant(bad.text, (*GATES, *CLAUSES))
         mend = f"did you mean {known}?" if known else "the gates are or, and, sand, sand_rl and KofN (2of3)"
         yield f"unknown {'word' if known in CLAUSES else 'gate'} {shown(bad.text)}: {mend}", bad.start
-    possible = tuple(word for word in (*OPERATORS, *CLAUSES, "top_down", "bottom_up") if word.upper() in at.possible)
+    possible = tuple(
+        word for word in (*OPERATOR_WORDS, *CLAUSES, "top_down", "bottom_up") if word.upper() in at.possible
+    )
     if bad.is_word and (known := _meant(bad.text, possible)):
         yield f"unknown word {shown(bad.text)}: did you mean {known}?", bad.start
     if last.text in ("NOT", "AND", "OR") and at.can("PLUS"):
@@ -267,7 +270,7 @@ def _second_gate(at: Situation) -> Advice:
 
 def _goes_on(at: Situation) -> bool:
     """Whether a word on a new line looks like a misspelt operator or clause and not like the name of a node."""
-    if _meant(at.bad.text, (*OPERATORS, *CLAUSES)) is None or not at.after:
+    if _meant(at.bad.text, (*OPERATOR_WORDS, *CLAUSES)) is None or not at.after:
         return False
     return not (at.following.is_gate or at.following.text in CLAUSES or at.following.text in (";", "="))
 

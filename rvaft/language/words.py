@@ -1,36 +1,9 @@
 """The words of the language, and how its terminals are called in messages to people."""
 
-import re
 from typing import Final
 
+from rvaft.model.expressions import STATEMENTS
 from rvaft.support.terminal import visible
-
-STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
-TOPIC: Final = "topic"
-"""Starts a statement, but only before a string, `type` and a string: nodes of this name are read without quotes too."""
-GATES: Final = ("or", "and", "sand", "sand_rl")
-CLAUSES: Final = ("on", "when", "fault", "attack", "label")
-OPERATORS: Final = ("and", "or", "not")
-DYNAMIC: Final = frozenset(
-    {"xor", "nor", "nand", "not", "pand", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
-    | {"spare", "wsp", "csp", "hsp", "fdep", "pdep", "rdep"}
-)
-"""Gates of other fault-tree languages: reserved, so that a forgotten semicolon does not make them names."""
-
-RESERVED: Final = frozenset({*STATEMENTS, *GATES, *CLAUSES, *OPERATORS, *DYNAMIC})
-
-WORD: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_NUMBERED_GATE: Final = re.compile(r"vot[0-9]+")
-
-
-def reserved(word: str) -> bool:
-    """Whether a node of this name needs quotes though it is a word."""
-    return word in RESERVED or _NUMBERED_GATE.fullmatch(word) is not None
-
-
-def bare_name(name: str) -> bool:
-    """Whether a node's name can stand without quotes."""
-    return WORD.fullmatch(name) is not None and not reserved(name) and name != TOPIC
 
 
 def shown(text: str) -> str:

@@ -7,11 +7,38 @@ from dataclasses import dataclass
 from typing import Final
 
 from rvaft.errors import LanguageError
-from rvaft.language.words import WORD, bare_name
 from rvaft.model.guards import MAX_DEPTH, OPERATORS, Guard, Operation, Operator
 from rvaft.model.nodes import Argument, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar
+
+STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
+TOPIC: Final = "topic"
+"""Starts a statement, but only before a string, `type` and a string: nodes of this name are read without quotes too."""
+GATES: Final = ("or", "and", "sand", "sand_rl")
+CLAUSES: Final = ("on", "when", "fault", "attack", "label")
+OPERATOR_WORDS: Final = ("and", "or", "not")
+DYNAMIC: Final = frozenset(
+    {"xor", "nor", "nand", "not", "pand", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
+    | {"spare", "wsp", "csp", "hsp", "fdep", "pdep", "rdep"}
+)
+"""Gates of other fault-tree languages: reserved, so that a forgotten semicolon does not make them names."""
+
+RESERVED: Final = frozenset({*STATEMENTS, *GATES, *CLAUSES, *OPERATOR_WORDS, *DYNAMIC})
+
+WORD: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_NUMBERED_GATE: Final = re.compile(r"vot[0-9]+")
+
+
+def reserved(word: str) -> bool:
+    """Whether a node of this name needs quotes though it is a word."""
+    return word in RESERVED or _NUMBERED_GATE.fullmatch(word) is not None
+
+
+def bare_name(name: str) -> bool:
+    """Whether a node's name can stand without quotes."""
+    return WORD.fullmatch(name) is not None and not reserved(name) and name != TOPIC
+
 
 _ATOM: Final = 8
 _VALUE: Final = re.compile(r'(?!=)(?:(?!//|/\*)[^\s;"#])+')

@@ -21,7 +21,7 @@ from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.topics import by_name
 
 if TYPE_CHECKING:
-    from rvaft.model.branches import Branch
+    from rvaft.analysis.branches import Branch
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +187,7 @@ class RVAFT:
 
     def branches(self) -> "Iterator[Branch]":
         """The branches in the order of their numbers, from 1; lazily, since there may be very many."""
-        found: Iterator[Branch] = import_module("rvaft.model.branches").branches(self)  # branches are above the tree
+        found: Iterator[Branch] = import_module("rvaft.analysis.branches").branches(self)  # branches are above the tree
         return found
 
     # -- pictures -----------------------------------------------------------------------------------------------

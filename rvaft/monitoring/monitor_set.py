@@ -8,10 +8,10 @@ from enum import StrEnum
 from itertools import islice
 from typing import ClassVar, Final, Self
 
+from rvaft.analysis.branches import branches
 from rvaft.api import narrowed
 from rvaft.engine.monitor import Engine
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.branches import branches
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, key

@@ -9,12 +9,11 @@ from typing import TypeAlias
 
 import pytest
 
+from rvaft.analysis.branches import branches, restrict
 from rvaft.analysis.normal_form import NormalForm, Op, normal_form
-from rvaft.model.branches import branches
 from rvaft.model.guards import Operation, Operator, variables
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Literal
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.semantics import feasible_scenarios
 

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from rvaft.model.branches import branch, branches
+from rvaft.analysis.branches import branch, branches
 from tests.benchmarks.trees import chain
 
 

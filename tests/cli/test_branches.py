@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from rvaft import load
+from rvaft.analysis.branches import branches
 from rvaft.export.property_text import align_latex, property_unicode
-from rvaft.model.branches import branches
 from tests.cli.runs import PRUNED, TREES, failed, run
 from tests.tex import unsound
 

@@ -188,7 +188,7 @@ def test_branches_come_one_by_one() -> None:
     """A tree of 2^60 branches: the first lines are there although the last never will be."""
     import itertools
 
-    from rvaft.model.branches import branches
+    from rvaft.analysis.branches import branches
 
     text = "top and " + " ".join(f"o{n}" for n in range(60)) + ";"
     text += "".join(f"o{n} or a{n} b{n}; a{n}; b{n};" for n in range(60))

@@ -16,8 +16,8 @@ from cross_check import counterexamples
 from cross_check.counterexamples import Case, CaseError, Text, case_folders, case_name, load, load_all, save
 from cross_check.generate.strategies import trees_with_traces
 from rvaft import Kind, RvaftError, Semantics, Verdict, dumps, loads
+from rvaft.analysis.branches import restrict
 from rvaft.errors import TraceError
-from rvaft.model.restrict import restrict
 
 UNKNOWN, TRUE, FALSE = Verdict.UNKNOWN, Verdict.TRUE, Verdict.FALSE
 TREE = """event x(p) = { x: p, "näme": "ü\\n" };

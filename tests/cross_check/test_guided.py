@@ -16,9 +16,9 @@ from cross_check.generate.detections import Cyclic, Scenarios, noise, random_ord
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Gate, Node, Semantics, Verdict, loads, monitor
+from rvaft.analysis.branches import restrict
 from rvaft.analysis.guard_solver import witness
 from rvaft.engine import engine
-from rvaft.model.restrict import restrict
 from rvaft.model.values import Json
 from rvaft.semantics import feasible_scenarios
 from rvaft.semantics.reference import relevant

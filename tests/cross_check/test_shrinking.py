@@ -18,10 +18,10 @@ from cross_check.generate.trees import Shape, random_tree
 from cross_check.reductions import Pair
 from cross_check.shrink import NotReproduced, shrink
 from rvaft import RVAFT, Causality, Gate, Node, NotExpressible, OptionError, TreeError, Verdict, dumps, loads
+from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
 from rvaft.model.guards import Operation, Operator
 from rvaft.model.patterns import Literal
-from rvaft.model.restrict import restrict
 from rvaft.model.values import Json
 from rvaft.rules import require_valid
 

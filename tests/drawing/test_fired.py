@@ -10,13 +10,13 @@ import pytest
 
 import rvaft
 from rvaft import RVAFT, Explanation, Gate, Kind, Node, loads
+from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
 from rvaft.export import fired_dot, fired_text, picture
 from rvaft.export.layout import LONGEST
 from rvaft.export.text import MARK, MAX_LEVELS
 from rvaft.model.nodes import EventType, On
 from rvaft.model.patterns import ObjectPattern, Variable
-from rvaft.model.restrict import restrict
 from rvaft.model.verdict import Verdict
 from rvaft.semantics import Reference, branches, feasible_scenarios
 from rvaft.semantics.scenarios import of_branch

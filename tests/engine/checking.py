@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Any
 
+from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
 from rvaft.errors import TreeError
 from rvaft.model.nodes import Kind
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation

@@ -3,8 +3,8 @@
 import pytest
 
 import rvaft
+from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine, engine
-from rvaft.model.restrict import restrict
 from rvaft.model.verdict import Verdict
 from rvaft.semantics import Reference
 from tests.engine.checking import compare

@@ -10,10 +10,10 @@ import pytest
 import rvaft
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
+from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
 from rvaft.errors import TreeError
 from rvaft.model.nodes import Kind
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Awaited, Ended, Pending

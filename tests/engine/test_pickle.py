@@ -13,9 +13,9 @@ import pytest
 import rvaft
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
+from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
 from rvaft.model.nodes import Gate, Kind, Node
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from tests.engine.checking import small_valid_trees

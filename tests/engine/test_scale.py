@@ -5,11 +5,11 @@ from random import Random
 import pytest
 
 import rvaft
+from rvaft.analysis.branches import branches
 from rvaft.engine import Engine
 from rvaft.engine.explanation import lowest_number
 from rvaft.engine.scattered_linear import Earliest
 from rvaft.errors import TooLarge
-from rvaft.model.branches import branches
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict

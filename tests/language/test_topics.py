@@ -10,12 +10,12 @@ import pytest
 from lark import Lark, logger
 
 from rvaft import monitor
+from rvaft.analysis.branches import restrict
 from rvaft.api import load, loads
 from rvaft.errors import LanguageError, TreeError
 from rvaft.language.parser import parse
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Node, Place, Topic
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from tests.cli.runs import run
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from rvaft.errors import LanguageError, TreeError
 from rvaft.language.parser import parse, parse_guard, parse_pattern
 from rvaft.language.printer import dumps
-from rvaft.language.words import RESERVED
+from rvaft.model.expressions import RESERVED
 
 TOKENS = [
     *sorted(RESERVED), "true", "false", "null", "a", "b", "X", "_", "_x", "2of3", "0of0", "vot2", "1", "-1", "1.5e3", "007",

@@ -7,8 +7,8 @@ import pytest
 from lark import Lark
 
 from rvaft.language.parser import parse
-from rvaft.language.words import CLAUSES, DYNAMIC, GATES, OPERATORS, RESERVED, STATEMENTS, bare_name, expectation
-from rvaft.model.expressions import name_text
+from rvaft.language.words import expectation
+from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, bare_name, name_text
 
 GRAMMAR = files("rvaft.language").joinpath("grammar.lark").read_text(encoding="utf-8")
 TERMINALS = {t.name: t for t in Lark(GRAMMAR, parser="lalr", start="tree").terminals}
@@ -21,7 +21,7 @@ def test_reserved_words_are_those_of_the_grammar() -> None:
 
 
 def test_keywords_are_terminals_of_their_own() -> None:
-    for word in (*STATEMENTS, *GATES, *CLAUSES, *OPERATORS):
+    for word in (*STATEMENTS, *GATES, *CLAUSES, *OPERATOR_WORDS):
         assert TERMINALS[word.upper()].pattern.value == rf"{word}(?!\w)"
     assert not DYNAMIC & {*STATEMENTS, *GATES, *CLAUSES}
 

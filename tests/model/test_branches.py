@@ -6,11 +6,10 @@ from random import Random
 
 import pytest
 
+from rvaft.analysis.branches import branch, branches, number_of, restrict
 from rvaft.api import loads
 from rvaft.errors import TreeError
-from rvaft.model.branches import branch, branches, number_of
 from rvaft.model.nodes import Gate, Kind, Node
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.semantics import branches as listed
 from tests.benchmarks.trees import chain

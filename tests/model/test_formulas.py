@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from cross_check.generate.trees import random_tree
 from rvaft import TooLarge
+from rvaft.analysis.branches import Branch, branch, branches, restrict
 from rvaft.api import load, loads
 from rvaft.export import latex
 from rvaft.export.property_text import (
@@ -21,12 +22,10 @@ from rvaft.export.property_text import (
     property_unicode,
 )
 from rvaft.language.parser import parse_guard
-from rvaft.model.branches import Branch, branch, branches
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Operation, Operator
 from rvaft.model.nodes import Argument, EventType, Gate, Node, On
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from tests.cli.runs import PRUNED, TREES
 from tests.tex import compiled, needs_tex, unsound

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import rvaft
-from rvaft.model.branches import branches
+from rvaft.analysis.branches import branches
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference

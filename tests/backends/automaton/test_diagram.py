@@ -13,9 +13,9 @@ from backends.automaton import AutomatonBackend
 from backends.automaton.diagram import joined
 from backends.automaton.hoa_writer import Cube
 from rvaft import NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
+from rvaft.analysis.branches import restrict
 from rvaft.backend import all_backends, backend
 from rvaft.export import picture
-from rvaft.model.restrict import restrict
 from tests.cli.runs import PRUNED, TREES
 from tests.drawing.geometry import measured, overlaps
 from tests.drawing.trees import awkward

@@ -11,9 +11,9 @@ from backends.automaton.hoa_reader import meaning, table
 from backends.automaton.monitor import AutomatonMonitor
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.errors import TooLarge
-from rvaft.model.restrict import restrict
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
 from tests.semantics.cases import CASES, Case

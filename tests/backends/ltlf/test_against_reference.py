@@ -7,8 +7,8 @@ import pytest
 
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
+from rvaft.analysis.branches import restrict
 from rvaft.errors import TreeError
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference

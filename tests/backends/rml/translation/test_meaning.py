@@ -9,11 +9,11 @@ from backends.rml import RmlBackend
 from backends.rml.writer import translation
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.errors import NotExpressible, TooLarge, TreeError
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Causality, Gate, Node
-from rvaft.model.restrict import restrict
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference

@@ -10,9 +10,10 @@ from enum import Enum
 from itertools import takewhile
 from typing import Final, TypeAlias
 
+from rvaft.analysis.normal_form import Op, normal_form
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import guard_text, name_text, on_text
-from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 
 DEFAULT_LIMIT: Final = 100_000
@@ -67,37 +68,32 @@ class Notation:
     """The joins that need no brackets where they join the whole formula."""
 
 
-def formula(tree: RVAFT, order: Iterable[str], children: Callable[[str], tuple[str, ...]]) -> Formula:
-    """The property of the part of a tree that keeps these nodes (parents first) and these children of them."""
-    done: dict[str, Formula] = {}
-    for name in reversed(tuple(order)):
-        node = tree.nodes[name]
-        body = _body(node, tuple(done[child] for child in children(name)))
-        own: list[Formula] = []
-        if node.has_event:
-            own.append(Event(node))
-        if node.when is not None:
-            own.append(Condition(node))
-        first = own if tree.causality is Causality.TOP_DOWN else body
-        last = body if tree.causality is Causality.TOP_DOWN else own
-        done[name] = _joined(Join.SEQUENCE, (*first, *last))
-    return done[tree.root]
-
-
-def _body(node: Node, parts: tuple[Formula, ...]) -> list[Formula]:
-    match node.gate:
-        case None:
-            return []
-        case Gate.SAND:
-            return [_joined(Join.SEQUENCE, parts)]
-        case Gate.SAND_RL:
-            return [_joined(Join.SEQUENCE, parts[::-1])]
-        case Gate.AND:
-            return [_joined(Join.ANY_ORDER, parts)]
-        case Gate.OR:
-            return _choice(parts)
-        case Gate.VOT:
-            return [Joined(Join.AT_LEAST, parts, node.threshold or 0)]
+def formula(tree: RVAFT, choices: Mapping[str, str] | None = None) -> Formula:
+    """The property of a tree, or of the branch that makes these choices."""
+    form = normal_form(tree, choices, as_written=True)
+    done: list[Formula] = []
+    spread: dict[int, list[Formula]] = {}  # what stands in a sequence for a choice
+    for number, part in enumerate(form.parts):
+        inner = tuple(done[inside] for inside in part.parts)
+        match part.op:
+            case Op.EVENT:
+                done.append(Event(tree.nodes[part.node]))
+            case Op.CONDITION:
+                done.append(Condition(tree.nodes[part.node]))
+            case Op.ONE:
+                spread[number] = _choice(inner)
+                done.append(_joined(Join.SEQUENCE, spread[number]))
+            case Op.AT_LEAST:
+                done.append(Joined(Join.AT_LEAST, inner, part.need))
+            case Op.ALL:
+                done.append(_joined(Join.ANY_ORDER, inner))
+            case Op.SEQUENCE:
+                rows = [
+                    spread.get(inside, [done[inside]]) if form.parts[inside].node == part.node else [done[inside]]
+                    for inside in part.parts
+                ]
+                done.append(_joined(Join.SEQUENCE, [one for row in rows for one in row]))
+    return done[form.root]
 
 
 def _choice(parts: tuple[Formula, ...]) -> list[Formula]:
@@ -119,8 +115,8 @@ def _common(rows: Sequence[tuple[Formula, ...]], places: Iterable[int]) -> list[
     return [rows[0][place] for place in same]
 
 
-def _joined(join: Join, parts: tuple[Formula, ...]) -> Formula:
-    return parts[0] if len(parts) == 1 else Joined(join, parts)
+def _joined(join: Join, parts: Sequence[Formula]) -> Formula:
+    return parts[0] if len(parts) == 1 else Joined(join, tuple(parts))
 
 
 def write(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) -> str:

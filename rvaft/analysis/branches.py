@@ -1,0 +1,449 @@
+"""Branches: the unit that properties are extracted from; their numbers, and the part of a tree that is one (semantics, section 2).
+
+A branch resolves the `or` gates and keeps `KofN`. Branches are enumerated lazily, in the order of their numbers: the digits of
+a branch are the choices of the `or` gates in breadth-first order from the root, the first varying fastest; a gate that
+the branch does not reach has digit 0. The search goes from the slowest digit to the fastest and carries the choices that
+digits above 0 force upon the gates nearer the root, so it never enters a dead end.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
+from typing import Final, NamedTuple, TypeAlias
+
+import networkx as nx
+
+from rvaft.analysis.formula import TEXT, formula, write
+from rvaft.analysis.normal_form import Op, body
+from rvaft.errors import TooLarge, TreeError
+from rvaft.model.nodes import Gate, Kind, Node
+from rvaft.model.tree import RVAFT, Whole, reachable
+
+DEFAULT_LIMIT = 20_000
+
+
+@dataclass(frozen=True)
+class Branch:
+    """One branch; `choices` maps each `or` gate it reaches to the child it keeps."""
+
+    tree: RVAFT
+    number: int
+    choices: Mapping[str, str]
+
+    @cached_property
+    def nodes(self) -> tuple[str, ...]:
+        """Its nodes, parents before children."""
+        kept = set(reachable(self.tree.root, self.children))
+        return tuple(name for name in self.tree.order if name in kept)
+
+    @cached_property
+    def kinds(self) -> frozenset[Kind]:
+        """The kinds of its nodes."""
+        return frozenset(kind for name in self.nodes if (kind := self.tree.nodes[name].kind) is not None)
+
+    @cached_property
+    def formula(self) -> str:
+        """The property as text: `;` in sequence, `&` in any order, `|` a choice, conditions in brackets."""
+        return write(formula(self.tree, self.choices), TEXT)
+
+    def children(self, name: str) -> tuple[str, ...]:
+        """The children of a node that the branch keeps."""
+        return (self.choices[name],) if name in self.choices else self.tree.nodes[name].children
+
+
+def branches(tree: RVAFT) -> Iterator[Branch]:
+    """All branches of a tree in the order of their numbers, from 1; lazily, since there may be very many."""
+    search = _Search(tree)
+    for number, digits in enumerate(search.branches(), 1):
+        yield Branch(tree, number, search.choices(digits))
+
+
+def branch(tree: RVAFT, number: int) -> Branch:
+    """The branch of that number; raises `TreeError` where there is none."""
+    search = _Search(tree)
+    count = 0
+    for count, digits in enumerate(islice(search.branches(), max(number, 0)), 1):
+        if count == number:
+            return Branch(tree, number, search.choices(digits))
+    has = f"has {count}" if number >= 1 else "counts them from 1"
+    raise TreeError(f"there is no branch {number}: the tree {has}", rule="no-branch")
+
+
+def number_of(
+    tree: RVAFT, choices: Mapping[str, str], *, kind: Kind | None = None, limit: int = DEFAULT_LIMIT
+) -> int | None:
+    """The lowest number of a branch that makes these choices (and has that kind); None where finding it takes too long.
+
+    Where a node is shared, or a kind asked for, `limit` branches are looked at. Otherwise they are counted: the number is one more than, summed
+    over the gates from the last to the first, the count of branches that agree on the gates after it and have a smaller digit
+    there. Such a count is a product over gates, a sum over the choices of an `or`.
+    """
+    if tree.shared or kind is not None:
+        for candidate in islice(branches(tree), limit):
+            if all(candidate.choices.get(name) == child for name, child in choices.items()) and (
+                kind is None or kind in candidate.kinds
+            ):
+                return candidate.number
+        return None
+    counts = _Counts(tree)
+    number = 1
+    for name in reversed(or_gates(tree)):
+        digit = tree.nodes[name].children.index(choices[name]) if name in choices else 0
+        if digit:
+            number += counts.below(name, digit)
+        counts.fix(name, digit)
+        if number > _MOST or counts.effort > _EFFORT:
+            return None
+    return number
+
+
+def or_gates(tree: RVAFT) -> list[str]:
+    """The reachable `or` gates in breadth-first order: those that the digits of a branch belong to."""
+    order, seen = [tree.root], {tree.root}
+    for name in order:
+        new = [child for child in tree.nodes[name].children if child not in seen]
+        seen.update(new)
+        order.extend(new)
+    return [name for name in order if body(tree.nodes[name]).op is Op.ONE]
+
+
+_MOST: Final = 10**9
+"""Counts stop here; a number beyond is not told."""
+_EFFORT: Final = 20_000_000
+"""How many steps to spend on counting."""
+
+
+class _Counts:
+    """For each node the ways to resolve what is below it, and whether it may stay unreached, given the digits fixed so far."""
+
+    def __init__(self, tree: RVAFT) -> None:
+        self.tree = tree
+        self.effort = 0
+        self._digits: dict[str, range] = {}
+        self._ways: dict[str, int] = {}
+        self._idle: dict[str, bool] = {}
+        for node in tree.bottom_up():
+            self._ways[node.name], self._idle[node.name] = self._evaluate(node.name)
+
+    def _evaluate(self, name: str) -> tuple[int, bool]:
+        node = self.tree.nodes[name]
+        self.effort += 1 + len(node.children)
+        busy = [child for child in node.children if not self._idle[child]]
+        if body(node).op is not Op.ONE:
+            ways = 1
+            for child in node.children:
+                ways = min(ways * self._ways[child], _MOST)
+            return ways, not busy
+        digits = self._digits.get(name, range(len(node.children)))
+        possible = (node.children[digit] for digit in digits)
+        ways = sum(self._ways[child] for child in possible if all(other == child for other in busy))
+        return min(ways, _MOST), not busy and 0 in digits
+
+    def fix(self, name: str, digit: int) -> None:
+        """Fix the digit of a gate."""
+        self._digits[name] = range(digit, digit + 1)
+        self._refresh(name, {})
+
+    def below(self, name: str, digit: int) -> int:
+        """The number of branches where a gate has a smaller digit."""
+        self._digits[name] = range(digit)
+        before: dict[str, tuple[int, bool]] = {}
+        possible = self._refresh(name, before)
+        count = self._ways[self.tree.root] if possible else 0
+        for node, (ways, idle) in before.items():
+            self._ways[node], self._idle[node] = ways, idle
+        return count
+
+    def _refresh(self, name: str, before: dict[str, tuple[int, bool]]) -> bool:
+        """Bring a node and those above it up to date; False, and stop, at one that must be reached and cannot be resolved."""
+        while True:
+            old = self._ways[name], self._idle[name]
+            new = self._evaluate(name)
+            if new == old:
+                return True
+            before[name] = old
+            self._ways[name], self._idle[name] = new
+            if new == (0, False):
+                return False
+            parents = self.tree.parents(name)
+            if not parents:
+                return True
+            name = parents[0]
+
+
+class _Digits(NamedTuple):
+    """The digits of some gates: every gate has a bit per child, of which `bits` holds the one of the child it keeps.
+
+    Integers, so that comparing the digits of all gates is one step.
+    """
+
+    bits: int
+    gates: int
+    """All the bits of those gates."""
+
+    def agree(self, other: "_Digits") -> bool:
+        """Whether no gate has one digit here and another there."""
+        return self.bits & other.gates == other.bits & self.gates
+
+    def join(self, other: "_Digits") -> "_Digits":
+        """The digits here and there."""
+        return _Digits(self.bits | other.bits, self.gates | other.gates)
+
+
+_NONE: Final = _Digits(0, 0)
+
+
+class _Search:
+    """The enumeration of the digits of all branches of one tree.
+
+    A *way* is the digits of the gates on a path from the root to a node, or on one path to each gate whose digit is above 0:
+    a gate with a digit there is reached.
+    """
+
+    def __init__(self, tree: RVAFT) -> None:
+        self.tree = tree
+        self.gates = or_gates(tree)
+        self._first: dict[str, int] = {}
+        self._all: dict[str, int] = {}
+        width = 0
+        for name in self.gates:
+            children = len(tree.nodes[name].children)
+            self._first[name], self._all[name] = width, (1 << children) - 1 << width
+            width += children
+        self._ways = {tree.root: [_NONE]}
+
+    def choices(self, digits: int) -> dict[str, str]:
+        """The choices of the `or` gates that a branch reaches."""
+
+        def kept(name: str) -> tuple[str, ...]:
+            children = self.tree.nodes[name].children
+            if name not in self._first:
+                return children
+            own = (digits & self._all[name]) >> self._first[name]
+            return (children[own.bit_length() - 1],)
+
+        return {name: kept(name)[0] for name in reachable(self.tree.root, kept) if name in self._first}
+
+    def branches(self) -> Iterator[int]:
+        """The digits of all branches in the order of their numbers: the last gate's varies slowest."""
+        if not self.gates:
+            yield 0
+            return
+        # One level per gate, slowest first: its digits that are left, each with the digits so far and the ways they need.
+        levels = [self._options(self.gates[-1], _NONE, [_NONE])]
+        while levels:
+            option = next(levels[-1], None)
+            if option is None:
+                levels.pop()
+            elif len(levels) == len(self.gates):
+                yield option[0].bits
+            else:
+                levels.append(self._options(self.gates[-1 - len(levels)], *option))
+
+    def _options(self, gate: str, slower: _Digits, ways: list[_Digits]) -> Iterator[tuple[_Digits, list[_Digits]]]:
+        """The digits that a gate can have when the slower ones are given, and the ways left then, at least one."""
+        group = self._all[gate]
+        lowest = 1 << self._first[gate]
+        possible = 0
+        for way in ways:
+            possible |= way.bits & group or group
+        while possible:
+            bit = possible & -possible
+            possible ^= bit
+            digit = _Digits(bit, group)
+            allowed = [way for way in ways if way.agree(digit)]
+            if bit != lowest:  # The gate must be reached, as it is where a way goes through it.
+                allowed = self._reaching(gate, slower, allowed)
+            if allowed:
+                yield slower.join(digit), allowed
+
+    def _reaching(self, gate: str, slower: _Digits, ways: list[_Digits]) -> list[_Digits]:
+        """The ways extended so that they also reach a gate."""
+        group = self._all[gate]
+        there = [way for way in ways if way.gates & group]
+        if len(there) == len(ways):
+            return there
+        paths = [path for path in self._paths(gate) if path.agree(slower)]
+        extended = (way.join(path) for way in ways if not way.gates & group for path in paths if way.agree(path))
+        return _shortest([*there, *extended], gate)
+
+    def _paths(self, name: str) -> list[_Digits]:
+        """The ways to reach a node."""
+        todo = [name]
+        while todo:
+            node = todo[-1]
+            parents = self.tree.parents(node)
+            unknown = [parent for parent in parents if parent not in self._ways]
+            todo += unknown
+            if not unknown:
+                paths = (self._step(parent, node, way) for parent in parents for way in self._ways[parent])
+                self._ways.setdefault(node, _shortest(paths, node))
+                todo.pop()
+        return self._ways[name]
+
+    def _step(self, parent: str, child: str, way: _Digits) -> _Digits:
+        if parent not in self._first:
+            return way
+        place = self._first[parent] + self.tree.nodes[parent].children.index(child)
+        return way.join(_Digits(1 << place, self._all[parent]))
+
+
+def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
+    """The ways that no other one is a part of; raises `TooLarge`."""
+    found: dict[_Digits, None] = {}
+    for way in ways:
+        found[way] = None
+        if len(found) > DEFAULT_LIMIT:
+            raise TooLarge(f"ways to reach {name}", limit=DEFAULT_LIMIT)
+    least: list[_Digits] = []
+    for way in sorted(found, key=lambda way: way.bits.bit_count()):
+        if not any(part.bits & way.bits == part.bits for part in least):
+            least.append(way)
+    return least
+
+
+# The part of a tree that a monitor for one branch or one kind looks at (semantics, sections 2 and 3).
+#
+# The result is a tree again, with the alphabet of the whole, so nothing that takes a tree needs to know of branches or kinds.
+# A branch is a sub-DAG. The branches of a kind are a union of sub-DAGs, each given by the children that some `or` gates may
+# keep; where one does not suffice, the result is an `or` over renamed copies.
+
+COPIES: Final = 1_000
+"""The most ways to have a kind."""
+_numbered = branch
+
+Allowed: TypeAlias = Mapping[str, frozenset[str]]
+"""For some `or` gates the children that they may keep."""
+
+
+def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None = None, limit: int = COPIES) -> RVAFT:
+    """The tree with the scenarios of one branch, or of the branches of one kind; the tree itself when neither is given.
+
+    Raises `TreeError` where there is no such branch or kind, `TooLarge` where a kind needs more than `limit` copies.
+    """
+    kind = None if kind is None else Kind(kind)
+    if branch is not None:
+        chosen = _numbered(tree, branch)
+        if kind is not None and kind not in chosen.kinds:
+            raise TreeError(f"branch {branch} does not have the kind {kind}", rule="no-branch")
+        allowed = {gate: frozenset([child]) for gate, child in chosen.choices.items()}
+        return _union(tree, [allowed], branch, kind)
+    if kind is None:
+        return tree
+    ways = _ways_to_kind(tree, kind, limit)
+    if not ways:
+        raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[tree.root])
+    return _union(tree, ways, None, kind)
+
+
+def _union(tree: RVAFT, ways: list[Allowed], branch: int | None, kind: Kind | None) -> RVAFT:
+    """The tree whose scenarios are those that some of the ways allow."""
+    if len(ways) == 1:
+        whole = Whole(tree, branch, kind)
+        nodes = _part(tree, ways[0])
+        return _with(tree, tree.root, nodes, whole)
+    copies: list[Node] = []
+    origins: dict[str, str] = {}
+    for number, allowed in enumerate(ways, 1):
+        for node in _part(tree, allowed):
+            copies.append(_renamed(node, number))
+            origins[copies[-1].name] = node.name
+    top = Node(f"{tree.root}#", Gate.OR, tuple(_copy(tree.root, number) for number in range(1, len(ways) + 1)))
+    whole = Whole(tree, branch, kind, origins)
+    nodes = [top, *copies]
+    return _with(tree, top.name, nodes, whole)
+
+
+def _with(tree: RVAFT, root: str, nodes: list[Node], whole: Whole) -> RVAFT:
+    """The tree with another root and other nodes; what else it declares stays."""
+    return RVAFT(
+        root,
+        nodes,
+        tree.events.values(),
+        ignores=tree.ignores,
+        topics=tree.topics.values(),
+        causality=tree.causality,
+        part_of=whole,
+    )
+
+
+def _part(tree: RVAFT, allowed: Allowed) -> list[Node]:
+    """The nodes reached through the allowed children, with these children only."""
+
+    def kept(name: str) -> tuple[str, ...]:
+        children = tree.nodes[name].children
+        return tuple(child for child in children if child in allowed[name]) if name in allowed else children
+
+    return [replace(tree.nodes[name], children=kept(name)) for name in reachable(tree.root, kept)]
+
+
+def _copy(name: str, number: int) -> str:
+    return f"{name}#{number}"
+
+
+def _renamed(node: Node, number: int) -> Node:
+    return replace(node, name=_copy(node.name, number), children=tuple(_copy(child, number) for child in node.children))
+
+
+def _ways_to_kind(tree: RVAFT, kind: Kind, limit: int) -> list[Allowed]:
+    """Sub-DAGs whose branches together are exactly the branches that have the kind."""
+    dominator = nx.immediate_dominators(tree.graph, tree.root)
+    ways: dict[str, list[Allowed]] = {}
+    for node in tree.bottom_up():
+        if node.kind is kind:
+            ways[node.name] = [{}]
+        elif body(node).op is Op.ONE:
+            ways[node.name] = _through_or(tree, node, ways, dominator)
+        else:
+            ways[node.name] = _distinct(way for child in node.children for way in ways[child])
+        if len(ways[node.name]) > limit:
+            raise TooLarge(f"ways to have the kind {kind} below {node.name}", limit=limit)
+    return ways[tree.root]
+
+
+def _through_or(
+    tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], dominator: Mapping[str, str | None]
+) -> list[Allowed]:
+    """One way per child and its ways; those that touch only what their child alone leads to are merged into one."""
+    merged: dict[str, frozenset[str]] = {}
+    together: set[str] = set()
+    apart: list[Allowed] = []
+    for child in node.children:
+        owned = tree.parents(child) == (node.name,)
+        if len(ways[child]) == 1 and all(owned and _dominates(child, gate, dominator) for gate in ways[child][0]):
+            together.add(child)
+            merged.update(ways[child][0])
+        else:
+            apart.extend({**way, node.name: frozenset([child])} for way in ways[child])
+    if together:
+        apart.append({**merged, node.name: frozenset(together)})
+    return _distinct(_joined(apart, node))
+
+
+def _joined(ways: Iterable[Allowed], node: Node) -> Iterator[Allowed]:
+    """The ways with those made one that differ only in the children of the node; it need not be told that all are allowed."""
+    kept: dict[frozenset[tuple[str, frozenset[str]]], frozenset[str]] = {}
+    for way in ways:
+        rest = frozenset(item for item in way.items() if item[0] != node.name)
+        kept[rest] = kept.get(rest, frozenset()) | way[node.name]
+    for rest, children in kept.items():
+        yield dict(rest) if children == set(node.children) else {**dict(rest), node.name: children}
+
+
+def _dominates(above: str, below: str, dominator: Mapping[str, str | None]) -> bool:
+    name: str | None = below
+    while name is not None and name != above:
+        name = dominator.get(name) if dominator.get(name) != name else None
+    return name == above
+
+
+def _distinct(ways: Iterable[Allowed]) -> list[Allowed]:
+    """The ways without repetition; one that allows everything makes the others superfluous."""
+    found: list[Allowed] = []
+    for way in ways:
+        if not way:
+            return [way]
+        if way not in found:
+            found.append(way)
+    return found

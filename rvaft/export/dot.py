@@ -2,35 +2,47 @@ r"""A tree as a graph for Graphviz, in the manner of fault trees: a box per node
 
 Faults are orange and attacks red, as in the paper's figures, in tints that differ and carry black text when they are printed in grey;
 a condition (a guard without event) has a dashed frame. A gate has its own outline and its short form in it. Text is escaped so that no
-name or label can leave its place.
+name or label can leave its place. In an SVG every box has the name of its node in `id`, its kind in `class`, and all of it in a tooltip.
 """
 
 import re
 import shutil
 import subprocess
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from html import escape
 from typing import Final
+from urllib.parse import quote
 
 from rvaft.errors import ToolFailed, ToolMissing
-from rvaft.export.layout import PLAIN, Entry, Look, Role, Row, Sign, View, caption, entries, is_condition, rows, view
+from rvaft.export.layout import (
+    PLAIN,
+    BoxRow,
+    LegendEntry,
+    Look,
+    Role,
+    Sign,
+    View,
+    entries,
+    gate_text,
+    is_condition,
+    rows,
+    said,
+    view,
+)
 from rvaft.export.line_breaks import wrapped
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
-# Text for Graphviz that cannot leave its place: HTML-like labels, in which Graphviz still replaces `\N` and the like, and names.
-
 _SPECIAL: Final = str.maketrans({"\\": "\\\\", "]": "&#93;"})
 """Beside what is special in HTML: Graphviz replaces escapes, and holds back a text of nothing but `]` until it is misplaced."""
 _TITLE: Final = str.maketrans({"&": "&amp;", "\\": "&#92;", '"': "&quot;"})
-"""In the title of an SVG, Graphviz takes entities as such, and shows an escape as it is written."""
+"""In titles and tooltips of an SVG, Graphviz takes entities as such, and shows an escape as it is written."""
 _SPACE = "&#160;"
 
 
 def html(text: str, width: int) -> str:
-    """The text wrapped and escaped for an HTML-like label."""
+    """The text wrapped and escaped for an HTML-like label, in which Graphviz still replaces some escapes."""
     return html_lines(wrapped(text, width))
 
 
@@ -46,15 +58,12 @@ def table(rows: Iterable[str], *, space: int = 0, cell: str = "") -> str:
 
 
 def title(text: str) -> str:
-    """The text as the name of a graph, which becomes the title of a picture."""
+    """The text in quotes, as the name of a graph, which becomes the title of a picture, or as a tooltip."""
     return f'"{visible(text).translate(_TITLE)}"'
 
 
-# Pictures through Graphviz's program `dot`.
-
 TIMEOUT = 300.0
 """Seconds after which a layout is given up."""
-
 _CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
 """When a PDF was made: `dot` has no option that leaves it out."""
 
@@ -63,21 +72,19 @@ def picture(dot: str, form: str, *, timeout: float = TIMEOUT) -> bytes:
     """A graph in the DOT language as `svg`, `pdf` or `png`, the same bytes every time; raises `ToolMissing`, `ToolFailed`."""
     program = shutil.which("dot")
     if program is None:
-        raise ToolMissing(
-            "dot", remedy="install Graphviz (apt-get install graphviz), or write a .dot file, which needs none"
-        )
+        remedy = "install Graphviz (apt-get install graphviz), or write a .dot file, which needs none"
+        raise ToolMissing("dot", remedy=remedy)
     command = [program, f"-T{form}", *(["-Gdpi=144"] if form == "png" else [])]
     try:
         done = subprocess.run(command, input=dot.encode(), capture_output=True, timeout=timeout, check=False)  # noqa: S603
     except subprocess.TimeoutExpired:
-        raise ToolFailed(
-            "dot", reason=f"no layout after {timeout:g} s; write a .dot file and try another layout"
-        ) from None
+        reason = f"no layout after {timeout:g} s; write a .dot file and try another layout"
+        raise ToolFailed("dot", reason=reason) from None
     except OSError as error:
         raise ToolFailed("dot", reason=error.strerror or type(error).__name__) from error
     if done.returncode != 0 or not done.stdout:
-        said = done.stderr.decode(errors="replace").strip().splitlines()
-        raise ToolFailed("dot", reason=said[0] if said else f"exit status {done.returncode}")
+        complaint = done.stderr.decode(errors="replace").strip().splitlines()
+        raise ToolFailed("dot", reason=complaint[0] if complaint else f"exit status {done.returncode}")
     return _CREATED.sub(b"/CreationDate (D:19700101000000", done.stdout) if form == "pdf" else done.stdout
 
 
@@ -99,6 +106,14 @@ _FOLDED = "shape=triangle, margin=0, fixedsize=true, width=0.6, height=0.44"
 """The transfer symbol of fault trees."""
 _BOLD = "penwidth=2.5"
 """The frame or line of what is marked."""
+_SAMPLES = {
+    Sign.FAULT: f'fillcolor="{_FILL[Kind.FAULT]}"',
+    Sign.ATTACK: f'fillcolor="{_FILL[Kind.ATTACK]}"',
+    Sign.CONDITION: 'style="filled,dashed", fillcolor="#ffffff"',
+    Sign.FOLDED: f'shape=triangle, margin=0, fixedsize=true, height=0.44, fillcolor="{_GATE}"',
+    Sign.ORDER: "shape=plaintext, style=solid",
+    Sign.MARKED: f'fillcolor="#ffffff", {_BOLD}',
+}
 
 
 def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
@@ -106,123 +121,107 @@ def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
 
     With marks, what is marked is bold and the rest grey. Raises `OptionError` for a look that the tree cannot have.
     """
-    return "\n".join(_Drawing(tree, look, view(tree, look)).lines())
+    return "\n".join(_graph(tree, look, view(tree, look)))
 
 
-@dataclass(frozen=True, slots=True)
-class _Drawing:
-    """One tree under one look."""
+def _graph(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
+    number = {name: index for index, name in enumerate(tree.order)}
+    yield f"digraph {title(tree.root)} {{"
+    yield '  graph [margin=0, ordering=out, ranksep=0.25, nodesep=0.1, charset="UTF-8"];'
+    yield f'  node [fontname="Helvetica", fontsize={SIZE}, shape=box, style=filled, margin="0.05,0.06", height=0.25, width=0.4];'
+    yield f'  edge [dir=none, color="#444444", fontname="Helvetica", fontsize={SIZE}];'
+    for node in part.nodes:
+        yield from (f"  {line}" for line in _box(node, tree, look, part, number))
+    if look.legend:
+        yield from (f"  {line}" for line in _legend(look, part, number))
+    if look.marks is not None and look.marks.below:
+        cells = [
+            f'<tr><td align="left" balign="left">{html(line, 3 * look.wrap)}</td></tr>' for line in look.marks.below
+        ]
+        yield f'  label=<<table border="0" cellborder="0" cellspacing="3" cellpadding="1">{"".join(cells)}</table>>;'
+        yield f'  labelloc=b; labeljust=l; fontname="Helvetica"; fontsize={SIZE};'
+    yield from ("}", "")
 
-    tree: RVAFT
-    look: Look
-    view: View
 
-    def lines(self) -> Iterator[str]:
-        number = {name: index for index, name in enumerate(self.tree.order)}
-        yield f"digraph {title(self.tree.root)} {{"
-        yield '  graph [margin=0, ordering=out, ranksep=0.25, nodesep=0.1, charset="UTF-8"];'
-        yield f'  node [fontname="Helvetica", fontsize={SIZE}, shape=box, style=filled, margin="0.05,0.03", height=0.25, width=0.4];'
-        yield f'  edge [dir=none, color="#444444", fontname="Helvetica", fontsize={SIZE}];'
-        for node in self.view.nodes:
-            for line in self._node(node, number):
-                yield f"  {line}"
-        if below := [*self._below()]:
-            yield f"  label=<{_frame_of(below)}>;"
-            yield f'  labelloc=b; labeljust=l; fontname="Helvetica"; fontsize={SIZE};'
-        yield from ("}", "")
+def _box(node: Node, tree: RVAFT, look: Look, part: View, number: dict[str, int]) -> Iterator[str]:
+    """A node, its gate, and the lines from it."""
+    own, marks = number[node.name], look.marks
+    faint = marks is not None and node.name not in marks.kept
+    bold = "" if marks is None else f', color="{_GREY}", fontcolor="{_GREY}"' if faint else f", {_BOLD}"
 
-    def _node(self, node: Node, number: dict[str, int]) -> Iterator[str]:
-        own = number[node.name]
-        style = "filled,dashed" if is_condition(node) else "filled"
-        fill = _PALE if self._faint(node) else _FILL[node.kind]
-        bold = self._outline(node)
-        yield f'n{own} [label=<{self._label(node)}>, fillcolor="{fill}", style="{style}"{bold}];'
-        if node.gate is None:
-            return
-        fill = _PALE if self._faint(node) else _GATE
-        folded = self.view.folded.get(node.name)
-        if folded is not None:
-            count = f"+{folded}" if folded else "…"
-            yield f't{own} [label=<{count}>, {_FOLDED}, fillcolor="{fill}"{bold}];'
-            yield f"n{own} -> t{own} [weight=8{self._line(marked=not self._faint(node), separator=', ')}];"
-            return
-        gate = html(caption(node).gate or "", self.look.wrap)
-        yield f'g{own} [label=<{gate}>, {_OUTLINE[node.gate]}, fillcolor="{fill}", margin="0.06,0.01"{bold}];'
-        yield f"n{own} -> g{own} [weight=8{self._line(marked=not self._faint(node), separator=', ')}];"
-        marks = self.look.marks
-        for place, child in enumerate(self.view.children(node)):
-            looks = [self._line(marked=marks is not None and marks.edge(node.name, child))]
-            if self.look.stagger and place % 2 and self.tree.nodes[child].leaf:
-                looks.append("minlen=2")
-            if node.name in self.view.numbered:
-                looks.append(f"label=<{_turn(node, place)}>")
-            line = ", ".join(filter(None, looks))
-            yield f"g{own} -> n{number[child]}{f' [{line}]' if line else ''};"
-
-    def _faint(self, node: Node) -> bool:
-        return self.look.marks is not None and node.name not in self.look.marks.kept
-
-    def _outline(self, node: Node) -> str:
-        if self.look.marks is None:
+    def line(*, marked: bool) -> str:
+        if marks is None:
             return ""
-        return f', color="{_GREY}", fontcolor="{_GREY}"' if self._faint(node) else f", {_BOLD}"
+        return f'{_BOLD}, color="{_BLACK}"' if marked else f'color="{_GREY}"'
 
-    def _line(self, *, marked: bool, separator: str = "") -> str:
-        if self.look.marks is None:
-            return ""
-        return separator + (f'{_BOLD}, color="{_BLACK}"' if marked else f'color="{_GREY}"')
-
-    def _label(self, node: Node) -> str:
-        """The words of a box as a table without lines, one row per part; a bold name where a label stands below it."""
-        return table(self._row(row, node) for row in rows(node, self.look))
-
-    def _row(self, row: Row, node: Node) -> str:
-        text = html_lines(row.lines)
-        if row.role is Role.PLAIN:
-            return text
-        if row.role is Role.BOLD:
-            return f"<b>{text}</b>"
-        color = _GREY if self._faint(node) else _CODE[row.role] if node.kind is None else _BLACK
-        return f'<font color="{color}"><i>{text}</i></font>'
-
-    def _below(self) -> Iterator[str]:
-        """Rows of two columns below the tree: what the marks say, and the legend."""
-        marks = self.look.marks
-        for line in () if marks is None else marks.below:
-            yield f'<td colspan="2" align="left" balign="left">{html(line, 3 * self.look.wrap)}</td>'
-        for entry in entries(self.view, marks, graph=True) if self.look.legend else ():
-            meaning = f"{entry.meaning} ({_SHAPES[entry.gate]})" if entry.gate else entry.meaning
-            yield f'<td {_SAMPLES[entry.sign]}>{_sample(entry)}</td><td align="left">{html(meaning, 3 * self.look.wrap)}</td>'
-
-
-def _turn(node: Node, place: int) -> int:
-    """When the child at a place comes, counted from 1."""
-    return place + 1 if node.gate is Gate.SAND else len(node.children) - place
-
-
-_SAMPLES = {
-    Sign.FAULT: f'border="1" cellpadding="3" bgcolor="{_FILL[Kind.FAULT]}"',
-    Sign.ATTACK: f'border="1" cellpadding="3" bgcolor="{_FILL[Kind.ATTACK]}"',
-    Sign.CONDITION: 'border="1" cellpadding="4" style="dashed"',
-    Sign.GATE: f'cellpadding="3" bgcolor="{_GATE}"',
-    Sign.FOLDED: f'cellpadding="3" bgcolor="{_GATE}"',
-    Sign.ORDER: "",
-    Sign.MARKED: 'border="3" cellpadding="3"',
-}
-"""A cell has no other outlines than these, so those of gates and of the triangle are said."""
-_SHAPES = {
-    Gate.OR: "pointed roof",
-    Gate.AND: "round corners",
-    Gate.SAND: "arrow",
-    Gate.SAND_RL: "arrow",
-    Gate.VOT: "hexagon",
-}
+    style = "filled,dashed" if is_condition(node) else "filled"
+    label = table(_set(row, node.kind, faint=faint) for row in rows(node, look))
+    kinds = [node.kind.value] if node.kind else []
+    kinds += ["condition"] if is_condition(node) else []
+    name = quote(node.name, safe="")
+    known = f'id="node-{name}", class="{" ".join(kinds)}", tooltip={title(f"{node.name}  {said(node)}".rstrip())}'
+    fill = _PALE if faint else _FILL[node.kind]
+    yield f'n{own} [label=<{label}>, fillcolor="{fill}", style="{style}"{bold}, {known}];'
+    if node.gate is None:
+        return
+    fill = _PALE if faint else _GATE
+    known = f'id="gate-{name}", class="{node.gate.value}"'
+    stem = ", ".join(filter(None, ["weight=8", line(marked=not faint)]))
+    hidden = part.folded.get(node.name)
+    if hidden is not None:
+        yield f't{own} [label=<{f"+{hidden}" if hidden else "…"}>, {_FOLDED}, fillcolor="{fill}"{bold}, {known}];'
+        yield f"n{own} -> t{own} [{stem}];"
+        return
+    gate = html(gate_text(node), look.wrap)
+    yield f'g{own} [label=<{gate}>, {_OUTLINE[node.gate]}, fillcolor="{fill}", margin="0.06,0.01"{bold}, {known}];'
+    yield f"n{own} -> g{own} [{stem}];"
+    for place, child in enumerate(node.children):
+        turn = place + 1 if node.gate is Gate.SAND else len(node.children) - place
+        looks = [
+            line(marked=marks is not None and marks.edge(node.name, child)),
+            "minlen=2" if look.stagger and place % 2 and tree.nodes[child].leaf else "",
+            f"label=<{turn}>" if node.name in part.numbered else "",
+        ]
+        shown = ", ".join(filter(None, looks))
+        yield f"g{own} -> n{number[child]}{f' [{shown}]' if shown else ''};"
 
 
-def _sample(entry: Entry) -> str:
-    return f"△ {html(entry.sample, SIZE)}" if entry.sign is Sign.FOLDED else html(entry.sample, 2 * SIZE)
+def _set(row: BoxRow, kind: Kind | None, *, faint: bool) -> str:
+    """A row of a box: a bold name where a label stands below it, events and guards in colour where the box has none."""
+    text = html_lines(row.lines)
+    if row.role is Role.PLAIN:
+        return text
+    if row.role is Role.BOLD:
+        return f"<b>{text}</b>"
+    color = _GREY if faint else _CODE[row.role] if kind is None else _BLACK
+    return f'<font color="{color}"><i>{text}</i></font>'
 
 
-def _frame_of(rows: list[str]) -> str:
-    cells = "".join(f"<tr>{row}</tr>" for row in rows)
-    return f'<table border="0" cellborder="0" cellspacing="3" cellpadding="1">{cells}</table>'
+def _legend(look: Look, part: View, number: dict[str, int]) -> Iterator[str]:
+    """Samples and meanings, one pair below the other, under what stands deepest in the tree, towards its middle."""
+    places = {part.nodes[0].name: (0, 0.0, 1.0)}  # the level, and the part of the width that is a node's
+    for node in part.nodes:
+        level, left, width = places[node.name]
+        children = part.children(node)
+        for index, child in enumerate(children):
+            below = level + 1 + (look.stagger and index % 2)
+            if child not in places or places[child][0] < below:
+                places[child] = (below, left + width * index / len(children), width / len(children))
+    deepest = max(part.nodes, key=lambda node: places[node.name][0] + (node.name in part.folded))
+    _, left, width = places[deepest.name]
+    above = f"{'t' if deepest.name in part.folded else 'n'}{number[deepest.name]}"
+    first = "l0" if left + width / 2 < 0.5 else "e0"
+    yield "e0 [shape=point, style=invis, width=0];"
+    yield f"{above} -> {first} [style=invis, weight=0];"
+    for place, entry in enumerate(entries(part, look.marks, graph=True)):
+        yield f"l{place} [label=<{html(entry.sample, 2 * SIZE)}>, {_sample(entry)}, width=1.05];"
+        yield f"m{place} [label=<{html(entry.meaning, 3 * look.wrap)}>, shape=plain, style=solid];"
+        yield f"{{ rank=same; l{place} -> m{place}{'' if place else ' -> e0'} [style=invis]; }}"
+        if place:
+            yield f"l{place - 1} -> l{place} [style=invis, weight=9];"
+
+
+def _sample(entry: LegendEntry) -> str:
+    if entry.gate is None:
+        return _SAMPLES[entry.sign]
+    return f'{_OUTLINE[entry.gate]}, fillcolor="{_GATE}", margin="0.06,0.01"'

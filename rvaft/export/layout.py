@@ -1,4 +1,7 @@
-"""Which part of a tree is drawn, where subtrees are left out."""
+"""What a drawing shows of a tree, the same in every format: which nodes, what stands in the box of each, what is marked, what signs mean.
+
+The renderers `text`, `dot` and `tikz` make it their own; no text here is escaped for any of them.
+"""
 
 import json
 from collections import Counter
@@ -21,19 +24,19 @@ from rvaft.model.values import Json
 from rvaft.monitors import Explanation
 from rvaft.support.terminal import visible
 
-# What a drawing of a tree says about one match, or one branch: which nodes and edges it is made of, and where its events are.
-
 LONGEST: Final = 120
 """Characters of a value; what is longer is cut, and a sign says so."""
-_SHOWN_FIELDS: Final = ("time", "topic")
-"""What is shown of an event beside its number, where it has them."""
+WIDTH: Final = 14
+"""Columns of text in a box: so narrow that a tree of the size that papers print is still readable in one column."""
+NARROWEST: Final = 4
+"""Columns of text that a box has at least."""
 
 
 @dataclass(frozen=True, slots=True)
 class Marks:
     """A match on a tree: the scenario's nodes with the children they keep, what stands at a node, and what below the tree.
 
-    `meaning` is what it means to be marked. Texts are not escaped for any format.
+    `meaning` is what it means to be marked.
     """
 
     kept: Mapping[str, frozenset[str]]
@@ -41,17 +44,21 @@ class Marks:
     below: tuple[str, ...]
     meaning: str = "detected"
 
-    def edge(self, parent: str, child: str) -> bool:
+    def edge(self, parent: str | None, child: str) -> bool:
         """Whether the scenario keeps this child of this node."""
-        return child in self.kept.get(parent, ())
+        return parent is not None and child in self.kept.get(parent, ())
 
 
 def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> Marks:
     """The marks of a match; of an event that is not among `events` only the number is known."""
     scenario = {name: frozenset(children) for name, children in explanation.scenario.items()}
     kept = {**dict.fromkeys(explanation.matched, frozenset[str]()), **scenario}
-    notes = {name: _note(number, events.get(number)) for name, number in explanation.matched.items()}
-    return Marks(kept, notes, tuple(_below(tree, explanation)))
+    notes = {name: tuple(_note(number, events.get(number))) for name, number in explanation.matched.items()}
+    order = {name: place for place, name in enumerate(tree.variables)}
+    values = sorted(explanation.variables.items(), key=lambda item: order.get(item[0], len(order)))
+    title = _title(explanation.branch, explanation.kinds)
+    below = [title] * bool(title) + [f"{name} = {_written(value)}" for name, value in values]
+    return Marks(kept, notes, tuple(below))
 
 
 def branch_marks(tree: RVAFT, number: int) -> Marks:
@@ -61,28 +68,18 @@ def branch_marks(tree: RVAFT, number: int) -> Marks:
     return Marks(kept, {}, (_title(number, found.kinds),), f"branch {number}")
 
 
-def _note(number: int, event: Json) -> tuple[str, ...]:
-    shown = [field for field in _SHOWN_FIELDS if field in event] if isinstance(event, Mapping) else []
-    return f"event {number}", *(f"{field} {_bare(event[field])}" for field in shown)
-
-
-def _below(tree: RVAFT, explanation: Explanation) -> Iterator[str]:
-    """The branch with its kinds, then the variables in the order of the tree."""
-    if title := _title(explanation.branch, explanation.kinds):
-        yield title
-    order = {name: place for place, name in enumerate(tree.variables)}
-    for name in sorted(explanation.variables, key=lambda name: order.get(name, len(order))):
-        yield f"{name} = {_written(explanation.variables[name])}"
+def _note(number: int, event: Json) -> Iterator[str]:
+    """What is shown of an event: its number, and its time and topic where it has them."""
+    yield f"event {number}"
+    for field in ("time", "topic"):
+        if isinstance(event, Mapping) and field in event:
+            value = event[field]
+            yield f"{field} {_cut(value) if isinstance(value, str) else _written(value)}"
 
 
 def _title(number: int | None, kinds: Collection[Kind]) -> str:
     words = ("" if number is None else f"branch {number}", ", ".join(sorted(kind.value for kind in kinds)))
     return ": ".join(word for word in words if word)
-
-
-def _bare(value: Json) -> str:
-    """A value as text, a string without its quotes."""
-    return _cut(value) if isinstance(value, str) else _written(value)
 
 
 def _written(value: Json) -> str:
@@ -94,15 +91,6 @@ def _written(value: Json) -> str:
 
 def _cut(text: str) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
-
-
-# What a drawing shows of a tree: the choices that are the same for every format.
-
-WIDTH: Final = 14
-"""Columns of text in a box: so narrow that a tree of the size that papers print is still readable in one column."""
-
-NARROWEST: Final = 4
-"""Columns of text that a box has at least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,11 +109,6 @@ class Look:
     marks: Marks | None = None
     legend: bool = False
     stagger: bool = False
-
-    @property
-    def code_width(self) -> int:
-        """Columns of an event or a guard: a quarter more than of a label, as these do not break as well as words."""
-        return self.wrap + self.wrap // 4
 
 
 PLAIN: Final = Look()
@@ -180,15 +163,13 @@ class View:
 
         What is below them and shared may have to stand elsewhere, as other parents want it.
         """
-        loose: set[str] = set()  # shared, or above something that is
+        loose = set(self.shared)  # shared, or above something that is
         found: set[str] = set()
         for node in reversed(self.nodes):
-            if any(child in loose for child in self.children(node)):
+            if not loose.isdisjoint(self.children(node)):
                 loose.add(node.name)
                 if node.gate is not None and node.gate.ordered:
                     found.add(node.name)
-            if node.name in self.shared:
-                loose.add(node.name)
         return frozenset(found)
 
 
@@ -201,28 +182,16 @@ def view(tree: RVAFT, look: Look) -> View:
         _check_known(tree, name)
     if look.depth is not None and look.depth < 0:
         raise OptionError(f"the depth of a drawing is 0 or more, not {look.depth}")
-    drawn = _drawn(tree, frozenset(look.collapse), look.depth)
-    nodes = tuple(node for node in tree.top_down() if node.name in drawn)
-    return View(nodes, {node.name: _hidden(tree, node, drawn) for node in nodes if _folded(node, look, drawn)})
-
-
-def _folded(node: Node, look: Look, drawn: Collection[str]) -> bool:
-    return bool(node.children) and (node.name in look.collapse or not all(child in drawn for child in node.children))
-
-
-def _drawn(tree: RVAFT, collapse: frozenset[str], depth: int | None) -> frozenset[str]:
-    drawn = {tree.root}
-    level, reached = [tree.root], 0
-    while level and (depth is None or reached < depth):
-        below = [child for name in level if name not in collapse for child in tree.nodes[name].children]
+    drawn, level, reached = {tree.root}, [tree.root], 0
+    while level and (look.depth is None or reached < look.depth):
+        below = [child for name in level if name not in look.collapse for child in tree.nodes[name].children]
         level = [child for child in dict.fromkeys(below) if child not in drawn]
         drawn.update(level)
         reached += 1
-    return frozenset(drawn)
-
-
-def _hidden(tree: RVAFT, node: Node, drawn: Collection[str]) -> int:
-    return sum(name not in drawn for name in nx.descendants(tree.graph, node.name))
+    nodes = tuple(node for node in tree.top_down() if node.name in drawn)
+    cut = [node.name for node in nodes if not drawn.issuperset(node.children)]
+    cut += [name for name in look.collapse if tree.nodes[name].children and name in drawn]
+    return View(nodes, {name: len(nx.descendants(tree.graph, name) - drawn) for name in cut})
 
 
 def _check_known(tree: RVAFT, name: str) -> None:
@@ -235,38 +204,11 @@ def _check_known(tree: RVAFT, name: str) -> None:
     raise OptionError(f"cannot collapse {visible(name)}: the tree has no such node{hint}")
 
 
-# The words of a drawing: what stands at a node, the same in every format.
-
-
-@dataclass(frozen=True, slots=True)
-class Caption:
-    """What is written at a node; a part that the node lacks is None. Texts are not escaped for any format."""
-
-    name: str
-    gate: str | None
-    kind: Kind | None
-    label: str | None
-    on: str | None
-    when: str | None
-
-
-def caption(node: Node) -> Caption:
-    """The words at a node. A default event is not among them: it says no more than the name."""
-    return Caption(
-        node.name,
-        gate_text(node),
-        node.kind,
-        node.label,
-        None if node.on is None else on_text(node.on),
-        None if node.when is None else guard_text(node.when),
-    )
-
-
-def gate_text(node: Node) -> str | None:
-    """The short form of a gate, with the direction of a SAND and the k/n of a VOT."""
+def gate_text(node: Node) -> str:
+    """The short form of a gate, with the direction of a SAND and the k/n of a VOT; nothing for a leaf."""
     match node.gate:
         case None:
-            return None
+            return ""
         case Gate.SAND:
             return "SAND →"
         case Gate.SAND_RL:
@@ -277,11 +219,13 @@ def gate_text(node: Node) -> str | None:
             return node.gate.value.upper()
 
 
-# What stands in the box of a node, row by row, before any format makes it its own.
+def is_condition(node: Node) -> bool:
+    """Whether a node is a leaf with a guard alone."""
+    return node.leaf and node.on is None and node.when is not None
 
 
 class Role(Enum):
-    """What a row is there for."""
+    """What a row of a box is there for."""
 
     PLAIN = auto()
     BOLD = auto()
@@ -289,40 +233,46 @@ class Role(Enum):
     GUARD = auto()
 
 
-class Row(NamedTuple):
-    """The lines of a row. They are not escaped for any format."""
+class BoxRow(NamedTuple):
+    """The lines of a row."""
 
     role: Role
     lines: list[str]
 
 
-def rows(node: Node, look: Look) -> Iterator[Row]:
-    """Name, label, event, guard and notes, as far as the look has them; the first row tells which node it is."""
-    words, width = caption(node), look.wrap
-    if not words.label:
-        yield Row(Role.PLAIN, wrapped(words.name, width))
+def rows(node: Node, look: Look) -> Iterator[BoxRow]:
+    """What stands in the box of a node: name, label, event, guard and notes, as far as the look has them; the first tells which node it is."""
+    width = look.wrap
+    code_width = width + width // 4  # events and guards do not break as well as words
+    if not node.label:
+        yield BoxRow(Role.PLAIN, wrapped(node.name, width))
     elif look.names:
-        yield Row(Role.BOLD, wrapped(words.name, width))
-    if words.label:
-        yield Row(Role.PLAIN, wrapped(words.label, width))
-    if look.events and (event := words.on or _default(node)) is not None:
-        yield Row(Role.EVENT, wrapped_code(event, look.code_width))
-    if look.events and words.when is not None:
-        yield Row(Role.GUARD, wrapped_code(f"when {words.when}", look.code_width))
-    for place, part in enumerate(() if look.marks is None else look.marks.notes.get(node.name, ())):
-        yield Row(Role.PLAIN if place else Role.BOLD, wrapped(part, width))
+        yield BoxRow(Role.BOLD, wrapped(node.name, width))
+    if node.label:
+        yield BoxRow(Role.PLAIN, wrapped(node.label, width))
+    if look.events and node.has_event:
+        event = on_text(node.on) if node.on else f"event: {json.dumps(node.name, ensure_ascii=False)}"
+        yield BoxRow(Role.EVENT, wrapped_code(event, code_width))
+    if look.events and node.when is not None:
+        yield BoxRow(Role.GUARD, wrapped_code(f"when {guard_text(node.when)}", code_width))
+    for place, part in enumerate(look.marks.notes.get(node.name, ()) if look.marks else ()):
+        yield BoxRow(Role.PLAIN if place else Role.BOLD, wrapped(part, width))
 
 
-def _default(node: Node) -> str | None:
-    """The event of a leaf that states nothing: the field that it asks for, with the leaf's name."""
-    return f"event: {json.dumps(node.name, ensure_ascii=False)}" if node.leaf and node.when is None else None
-
-
-# What the signs of a drawing mean: those that are in it, in a fixed order.
+def said(node: Node, *, events: bool = True) -> str:
+    """A node in one line: its gate, kind, event, guard and label. A default event says no more than the name."""
+    parts = [
+        gate_text(node),
+        f"[{node.kind.value}]" if node.kind else "",
+        f"on {on_text(node.on)}" if node.on and events else "",
+        f"when {guard_text(node.when)}" if node.when is not None and events else "",
+        json.dumps(node.label, ensure_ascii=False) if node.label else "",
+    ]
+    return visible("  ".join(part for part in parts if part))
 
 
 class Sign(Enum):
-    """How the sample of an entry is drawn."""
+    """How the sample of an entry of the legend is drawn."""
 
     FAULT = "fault"
     ATTACK = "attack"
@@ -334,8 +284,7 @@ class Sign(Enum):
     MARKED = "marked"
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class LegendEntry(NamedTuple):
     """A sample and what it means; the sample of a gate has that gate's outline."""
 
     sign: Sign
@@ -349,39 +298,34 @@ _MEANINGS = {
     Gate.AND: "all, in any order",
     Gate.SAND: "all, from left to right",
     Gate.SAND_RL: "all, from right to left",
+    Gate.VOT: "at least k of the n",
 }
 
 
-def entries(view: View, marks: Marks | None, *, graph: bool) -> Iterator[Entry]:
-    """The entries for what a drawing has.
+def entries(view: View, marks: Marks | None, *, graph: bool) -> Iterator[LegendEntry]:
+    """The entries for what a drawing has, in a fixed order.
 
     A `graph` has a shared node once and numbers children that may stand out of order, other formats draw a tree and refer.
     """
     kinds = {node.kind for node in view.nodes}
     if Kind.FAULT in kinds:
-        yield Entry(Sign.FAULT, "fault", "caused by a fault")
+        yield LegendEntry(Sign.FAULT, "fault", "caused by a fault")
     if Kind.ATTACK in kinds:
-        yield Entry(Sign.ATTACK, "attack", "caused by an attack")
+        yield LegendEntry(Sign.ATTACK, "attack", "caused by an attack")
     if any(is_condition(node) for node in view.nodes):
-        yield Entry(Sign.CONDITION, "condition", "holds, without an event")
+        yield LegendEntry(Sign.CONDITION, "condition", "holds, without an event")
     gates = {node.gate: node for node in view.nodes if view.children(node)}
     for gate, meaning in _MEANINGS.items():
         if gate in gates:
-            yield Entry(Sign.GATE, gate_text(gates[gate]) or "", meaning, gate)
-    if Gate.VOT in gates:
-        yield Entry(Sign.GATE, "VOT k/n", "at least k of the n", Gate.VOT)
+            sample = "VOT k/n" if gate is Gate.VOT else gate_text(gates[gate])
+            yield LegendEntry(Sign.GATE, sample, meaning, gate)
     if any(view.folded.values()):
-        yield Entry(Sign.FOLDED, "+n", "n nodes not drawn")
+        yield LegendEntry(Sign.FOLDED, "+n", "n nodes not drawn")
     if not all(view.folded.values()):
-        yield Entry(Sign.FOLDED, "…", "nodes drawn elsewhere")
+        yield LegendEntry(Sign.FOLDED, "…", "nodes drawn elsewhere")
     if view.shared and not graph:
-        yield Entry(Sign.AGAIN, "name", "drawn in full elsewhere")
+        yield LegendEntry(Sign.AGAIN, "name", "drawn in full elsewhere")
     if graph and view.numbered:
-        yield Entry(Sign.ORDER, "1, 2", "the order under a SAND")
+        yield LegendEntry(Sign.ORDER, "1, 2", "the order under a SAND")
     if marks is not None:
-        yield Entry(Sign.MARKED, "bold", marks.meaning)
-
-
-def is_condition(node: Node) -> bool:
-    """Whether a node is a leaf with a guard alone."""
-    return node.leaf and node.on is None and node.when is not None
+        yield LegendEntry(Sign.MARKED, "bold", marks.meaning)

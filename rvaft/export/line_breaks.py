@@ -19,7 +19,8 @@ def wrapped(text: str, width: int) -> list[str]:
 def wrapped_code(text: str, width: int) -> list[str]:
     """The lines of an event or a guard of at most `width` columns, not one blank of a string lost.
 
-    Broken is what stands in the fewest brackets, and there at `;`, `and` and `or`, then at commas, then before comparisons.
+    Broken is what stands in the fewest brackets, and there at `;`, `and` and `or`, then at commas, then behind `when`, then before
+    comparisons; a comparison that is a little wider, by half at most, is not broken.
     """
     return [line for paragraph in _paragraphs(text) for line in _of_code(paragraph, width)]
 
@@ -109,6 +110,8 @@ class _Token(NamedTuple):
 
 _TOKEN: Final = re.compile(r"""(\s*)(?=\S)(\[?not\s+\(+|(?:"(?:[^"\\]|\\.)*"?|[^\s"(]+)?[^\s"(]*\(*)""")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"?')
+_INSIDE: Final = 3
+"""The first kind of place that is inside of a comparison or another term."""
 _COMPARISONS: Final = frozenset({"==", "!=", "<", "<=", ">", ">="})
 
 
@@ -133,9 +136,11 @@ def _kind(before: str, blank: str, word: str) -> int:
         return 0
     if before.endswith(","):
         return 1
-    if not blank or before in ("when", "not"):
-        return 4
-    return 2 if word in _COMPARISONS else 3
+    if before == "when":
+        return 2
+    if not blank or before == "not":
+        return 5
+    return _INSIDE if word in _COMPARISONS else 4
 
 
 def _lay(tokens: Sequence[_Token], lines: _Lines) -> None:
@@ -143,12 +148,14 @@ def _lay(tokens: Sequence[_Token], lines: _Lines) -> None:
     blank = tokens[0].blank
     text = "".join(token.blank + token.text for token in tokens).removeprefix(blank)
     columns = _columns(text)
-    if columns <= lines.width:
+    first = min((token.rank for token in tokens[1:]), default=(0, _INSIDE))
+    if columns <= lines.width or (
+        len(tokens) > 1 and first[1] >= _INSIDE and columns <= lines.width + lines.width // 2
+    ):
         lines.add(blank, text, columns)
     elif len(tokens) == 1:
         lines.add_parts(blank, text)
     else:
-        first = min(token.rank for token in tokens[1:])
         start = 0
         for place, token in enumerate(tokens):
             if place > start and token.rank == first:

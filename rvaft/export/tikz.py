@@ -6,7 +6,20 @@
 from collections.abc import Iterator
 
 from rvaft.export import latex
-from rvaft.export.layout import PLAIN, Entry, Look, Role, Row, Sign, View, caption, entries, is_condition, rows, view
+from rvaft.export.layout import (
+    PLAIN,
+    BoxRow,
+    LegendEntry,
+    Look,
+    Role,
+    Sign,
+    View,
+    entries,
+    gate_text,
+    is_condition,
+    rows,
+    view,
+)
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT
 
@@ -96,7 +109,7 @@ def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
         if name in part.folded:
             yield f"[{{{_count(part.folded[name])}}}, folded{mark}]]"
             continue
-        yield f"[{{{_flat(caption(node).gate or '')}}}, {_GATE[node.gate]}{mark}"
+        yield f"[{{{_flat(gate_text(node))}}}, {_GATE[node.gate]}{mark}"
         agenda.append(None)
         agenda.extend((name, child) for child in reversed(node.children))
 
@@ -118,7 +131,7 @@ def _below(look: Look, part: View) -> Iterator[str]:
         yield "};"
 
 
-def _sample(entry: Entry) -> str:
+def _sample(entry: LegendEntry) -> str:
     return _SAMPLES[entry.sign] if entry.gate is None else _GATE[entry.gate]
 
 
@@ -134,7 +147,7 @@ def _text(node: Node, look: Look) -> str:
 _FORMS = {Role.PLAIN: "{}", Role.BOLD: r"\textbf{{{}}}", Role.EVENT: r"\textit{{{}}}", Role.GUARD: r"\textit{{{}}}"}
 
 
-def _set(row: Row) -> str:
+def _set(row: BoxRow) -> str:
     """The lines of a row."""
     return r"\\".join(_FORMS[row.role].format(escaped(line) or "~") for line in row.lines) or "~"
 

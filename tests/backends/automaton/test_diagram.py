@@ -17,8 +17,8 @@ from rvaft.analysis.branches import restrict
 from rvaft.backend import all_backends, backend
 from rvaft.export import picture
 from tests.cli.runs import PRUNED, TREES
-from tests.drawing.geometry import measured, overlaps
-from tests.drawing.trees import awkward
+from tests.export.geometry import measured, overlaps
+from tests.export.trees import awkward
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 EDGE = re.compile(r"^  (\w+) -> (\w+)(?: \[label=<(.*?)>(?:, .*)?\])?;$", re.MULTILINE)

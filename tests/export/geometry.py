@@ -44,7 +44,7 @@ def measured(svg: bytes) -> Picture:
     frames: dict[str, Box] = {}
     for group in document.getElementsByTagName("g"):
         shapes = [*group.getElementsByTagName("polygon"), *group.getElementsByTagName("path")]
-        if group.getAttribute("class") == "node" and shapes:
+        if group.getAttribute("class").split()[:1] == ["node"] and shapes:
             title = group.getElementsByTagName("title")[0].firstChild
             assert title is not None
             outline = shapes[0].getAttribute("points") or shapes[0].getAttribute("d")

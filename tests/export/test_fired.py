@@ -20,10 +20,10 @@ from rvaft.model.patterns import ObjectPattern, Variable
 from rvaft.model.verdict import Verdict
 from rvaft.semantics import Reference, branches, feasible_scenarios
 from rvaft.semantics.scenarios import of_branch
-from tests.drawing.geometry import measured, overlaps
-from tests.drawing.trees import AWKWARD, awkward, chain
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
+from tests.export.geometry import measured, overlaps
+from tests.export.trees import AWKWARD, awkward, chain
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 

@@ -18,7 +18,7 @@ from rvaft.export.layout import WIDTH
 from rvaft.export.line_breaks import wrapped
 from rvaft.export.text import MAX_LEVELS
 from rvaft.export.tikz import escaped
-from tests.drawing.trees import AWKWARD, awkward, chain, every_part
+from tests.export.trees import AWKWARD, awkward, chain, every_part
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 TEXTS = [form for form in Format if form not in (Format.SVG, Format.PDF, Format.PNG)]

@@ -1,0 +1,302 @@
+"""Mistakes of a translation that are the same as having been given another tree: the table `MISTAKES` of functions from tree to tree.
+
+A function returns a tree that is equal to the one it got where the mistake has nothing to work on.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from itertools import combinations
+from typing import Any, Final, TypeAlias
+
+from rvaft import RVAFT, Causality, EventType, Gate, Node, On
+from rvaft.guards import Guard, Operation, Operator
+from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.restrict import restrict
+from rvaft.tree import Whole
+
+Mistake: TypeAlias = Callable[[RVAFT], RVAFT]
+
+NAMED: Final = EventType("named", ("what",), ObjectPattern((("event", Variable("what")),)))
+"""The default event of a leaf, for a copy of the leaf that has another name."""
+
+
+def rebuilt(tree: RVAFT, nodes: Iterable[Node] | None = None, **others: Any) -> RVAFT:
+    """The tree with other nodes, or another part of what it declares."""
+    kept = {"ignores": tree.ignores, "causality": tree.causality, "part_of": tree.part_of}
+    nodes = list(tree.nodes.values() if nodes is None else nodes)
+    named = [NAMED] if any(node.on is not None and node.on.event == NAMED.name for node in nodes) else []
+    return RVAFT(tree.root, nodes, [*tree.events.values(), *named], **{**kept, **others})
+
+
+def each(change: Callable[[Node], Node]) -> Mistake:
+    """The mistake that every node is another one."""
+    return lambda tree: rebuilt(tree, map(change, tree.nodes.values()))
+
+
+def regated(old: Gate, new: Gate | None, *, threshold: int | None = None) -> Mistake:
+    """The mistake that every gate of one type with two children or more is of another type."""
+    return each(
+        lambda node: (
+            replace(node, gate=new, threshold=threshold) if node.gate is old and len(node.children) > 1 else node
+        )
+    )
+
+
+def thresholds(change: int) -> Mistake:
+    """The mistake that K is another number, where a vote can have it."""
+
+    def changed(node: Node) -> Node:
+        wrong = (node.threshold or 0) + change
+        return replace(node, threshold=wrong) if node.gate is Gate.VOT and 1 <= wrong <= len(node.children) else node
+
+    return each(changed)
+
+
+def exactly(tree: RVAFT) -> RVAFT:
+    """K children of a vote, and no more: a choice between all ways to have K."""
+
+    def nodes() -> Iterator[Node]:
+        for node in tree.nodes.values():
+            if node.gate is not Gate.VOT or node.threshold == len(node.children):
+                yield node
+                continue
+            assert node.threshold is not None
+            every = enumerate(combinations(node.children, node.threshold))
+            ways = [Node(f"{node.name}'{number}", Gate.AND, chosen) for number, chosen in every]
+            yield from ways
+            yield replace(node, gate=Gate.OR, threshold=None, children=tuple(way.name for way in ways))
+
+    return rebuilt(tree, nodes())
+
+
+def without_last(*gates: Gate) -> Mistake:
+    """The mistake that the last child of such gates is not there."""
+    return each(
+        lambda node: (
+            replace(node, children=node.children[:-1])
+            if node.gate in gates and len(node.children) > max(1, node.threshold or 0)
+            else node
+        )
+    )
+
+
+def order_of_events_alone(tree: RVAFT) -> RVAFT:
+    """A sequence orders its leaves and not what is below its gates."""
+
+    def nested(node: Node) -> bool:
+        return node.gate in (Gate.SAND, Gate.SAND_RL) and any(tree.nodes[child].children for child in node.children)
+
+    return each(lambda node: replace(node, gate=Gate.AND) if nested(node) else node)(tree)
+
+
+def doubled(tree: RVAFT) -> RVAFT:
+    """A shared leaf is another one below every further parent."""
+    nodes: list[Node] = []
+    seen: set[str] = set()
+    for node in tree.nodes.values():
+        children = []
+        for child in node.children:
+            leaf = tree.nodes[child]
+            if child in seen and leaf.leaf:
+                on = leaf.on or (On(NAMED.name, (Literal(child),)) if leaf.has_event else None)
+                nodes.append(replace(leaf, name=f"{child}'{node.name}", on=on))
+                child = nodes[-1].name  # noqa: PLW2901
+            seen.add(child)
+            children.append(child)
+        nodes.append(replace(node, children=tuple(children)))
+    return rebuilt(tree, nodes)
+
+
+def merged(tree: RVAFT) -> RVAFT:
+    """Two children of one gate that have the same event are one."""
+
+    def changed(node: Node) -> Node:
+        first: dict[object, str] = {}
+        for child in node.children:
+            below = tree.nodes[child]
+            first.setdefault((below.on, below.when) if below.leaf and below.on else child, child)
+        few = node.threshold is not None and node.threshold > len(first)
+        return replace(node, children=tuple(first.values()), threshold=len(first) if few else node.threshold)
+
+    return each(changed)(tree)
+
+
+def turned(tree: RVAFT) -> RVAFT:
+    """The event of a gate comes on the other side of those below it."""
+    other = Causality.TOP_DOWN if tree.causality is Causality.BOTTOM_UP else Causality.BOTTOM_UP
+    return rebuilt(tree, causality=other) if any(node.children and node.on for node in tree.top_down()) else tree
+
+
+def guards(change: Callable[[Guard], Guard]) -> Mistake:
+    """The mistake that every guard, also of an `ignore`, is another one."""
+
+    def wrong(tree: RVAFT) -> RVAFT:
+        nodes = (replace(node, when=change(node.when)) if node.when else node for node in tree.nodes.values())
+        ignores = [replace(one, when=change(one.when)) if one.when else one for one in tree.ignores]
+        return rebuilt(tree, nodes, ignores=ignores)
+
+    return wrong
+
+
+def operators(by: Mapping[Operator, Operator]) -> Mistake:
+    """The mistake that guards have other operators."""
+
+    def changed(guard: Guard) -> Guard:
+        if not isinstance(guard, Operation):
+            return guard
+        return Operation(by.get(guard.operator, guard.operator), tuple(map(changed, guard.operands)))
+
+    return guards(changed)
+
+
+def instead(operator: Operator) -> Mistake:
+    """The mistake that of an operation only the first operand is there."""
+
+    def changed(guard: Guard) -> Guard:
+        if not isinstance(guard, Operation):
+            return guard
+        if guard.operator is operator:
+            return changed(guard.operands[0])
+        return Operation(guard.operator, tuple(map(changed, guard.operands)))
+
+    return guards(changed)
+
+
+def unguarded(which: Callable[[Node], bool]) -> Mistake:
+    """The mistake that such nodes have no guard; a leaf that has nothing else keeps one that holds."""
+    true = Operation(Operator.EQ, (Literal(1), Literal(1)))
+
+    def changed(node: Node) -> Node:
+        silent = node.leaf and node.on is None
+        return replace(node, when=true if silent else None) if node.when and which(node) else node
+
+    return each(changed)
+
+
+def arguments(change: Callable[[Any], Any]) -> Mistake:
+    """The mistake that the arguments of events are others."""
+    return each(
+        lambda node: (
+            replace(node, on=replace(node.on, arguments=tuple(map(change, node.on.arguments)))) if node.on else node
+        )
+    )
+
+
+def literals(change: Callable[[Any], Any]) -> Mistake:
+    """The mistake that the values events are asked for are others."""
+    return arguments(lambda one: Literal(change(one.value)) if isinstance(one, Literal) else one)
+
+
+def as_text(value: Any) -> Any:
+    """A number written as a text."""
+    return str(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else value
+
+
+def unshared(tree: RVAFT) -> RVAFT:
+    """A variable that an earlier node has is another one in a later node."""
+    seen: set[str] = set()
+
+    def changed(node: Node) -> Node:
+        if node.on is None:
+            return node
+        given = [
+            Variable(f"{one.name}0") if isinstance(one, Variable) and one.name in seen else one
+            for one in node.on.arguments
+        ]
+        seen.update(one.name for one in node.on.arguments if isinstance(one, Variable))
+        return replace(node, on=replace(node.on, arguments=tuple(given)))
+
+    return rebuilt(tree, map(changed, tree.nodes.values()))
+
+
+def unified(tree: RVAFT) -> RVAFT:
+    """All variables of the tree that stand at one place of an event are one."""
+
+    def changed(node: Node) -> Node:
+        if node.on is None:
+            return node
+        numbered = enumerate(node.on.arguments)
+        given = (Variable(f"V{number}") if isinstance(one, Variable) else one for number, one in numbered)
+        return replace(node, on=replace(node.on, arguments=tuple(given)))
+
+    return tree if any(node.when for node in tree.nodes.values()) else each(changed)(tree)
+
+
+def relevance(whole: Callable[[RVAFT], RVAFT]) -> Mistake:
+    """The mistake that another tree decides which events are relevant."""
+
+    def wrong(tree: RVAFT) -> RVAFT:
+        other = whole(tree if tree.part_of is None else tree.part_of.tree)
+        if other.alphabet == tree.alphabet:
+            return tree
+        return rebuilt(tree, part_of=Whole(other, origins=tree.origins))
+
+    return wrong
+
+
+def another_branch(tree: RVAFT) -> RVAFT:
+    """The first branch, or for that the second."""
+    if tree.part_of is None or tree.part_of.branch is None:
+        return tree
+    return restrict(tree.part_of.tree, branch=2 if tree.part_of.branch == 1 else 1)
+
+
+MISTAKES: Final[Mapping[str, Mistake]] = {
+    # gates
+    "a sand reversed": regated(Gate.SAND, Gate.SAND_RL),
+    "a sand_rl from left to right": regated(Gate.SAND_RL, Gate.SAND),
+    "a sand in any order": regated(Gate.SAND, Gate.AND),
+    "an and in order": regated(Gate.AND, Gate.SAND),
+    "an and as a choice": regated(Gate.AND, Gate.OR),
+    "an or that wants all": regated(Gate.OR, Gate.AND),
+    "an or of which more may come": regated(Gate.OR, Gate.VOT, threshold=1),
+    "K-1 for K": thresholds(-1),
+    "K+1 for K": thresholds(+1),
+    "exactly K for at least K": exactly,
+    "the last alternative forgotten": without_last(Gate.OR),
+    "the last child of a vote forgotten": without_last(Gate.VOT),
+    "the last child of an and or a sequence forgotten": without_last(Gate.AND, Gate.SAND, Gate.SAND_RL),
+    "an order lost through a nested gate": order_of_events_alone,
+    # events
+    "a gate's own event forgotten": each(lambda node: replace(node, on=None) if node.children else node),
+    "a leaf's event taken for that of its name": each(
+        lambda node: replace(node, on=None) if node.leaf and not node.when else node
+    ),
+    "a shared node twice": doubled,
+    "one event for two nodes": merged,
+    "causality turned": turned,
+    # guards
+    "no guard": unguarded(lambda _: True),
+    "no guard on an event": unguarded(lambda node: node.has_event),
+    "no guard on a node without an event": unguarded(lambda node: not node.has_event),
+    "no guard on a gate": unguarded(lambda node: bool(node.children)),
+    "`>=` for `>`": operators({Operator.GT: Operator.GE}),
+    "`>` for `>=`": operators({Operator.GE: Operator.GT}),
+    "`<` for `<=`": operators({Operator.LE: Operator.LT}),
+    "`==` for `!=`": operators({Operator.NE: Operator.EQ}),
+    "`or` for `and`": operators({Operator.AND: Operator.OR}),
+    "`and` for `or`": operators({Operator.OR: Operator.AND}),
+    "`-` for `+`": operators({Operator.ADD: Operator.SUB}),
+    "a `not` dropped": instead(Operator.NOT),
+    "the first of two conditions alone": instead(Operator.AND),
+    "the first term of a sum alone": instead(Operator.ADD),
+    # values
+    'the number 1 as the text "1"': literals(as_text),
+    'the text "1" as the number 1': literals(lambda value: int(value) if value == "1" else value),
+    "true as 1": literals(lambda value: 1 if value is True else value),
+    "literals not looked at": arguments(lambda one: Anything() if isinstance(one, Literal) else one),
+    "arguments in the other order": each(
+        lambda node: replace(node, on=replace(node.on, arguments=node.on.arguments[::-1])) if node.on else node
+    ),
+    "a variable not shared": unshared,
+    "two variables taken for one": unified,
+    # parts and relevance
+    "another branch": another_branch,
+    "`ignore` forgotten": lambda tree: rebuilt(tree, ignores=()),
+    "an `ignore` without its guard": lambda tree: rebuilt(
+        tree, ignores=[replace(one, when=None) for one in tree.ignores]
+    ),
+    "the events of one branch alone relevant": lambda tree: rebuilt(tree, part_of=None),
+    "an event relevant whatever its guard says": relevance(unguarded(lambda _: True)),
+    "the events of gates not relevant": relevance(each(lambda node: replace(node, on=None) if node.children else node)),
+}

@@ -1,0 +1,88 @@
+"""The numbers of the house: how large it is, how deep its circles are, which names stand twice."""
+
+import ast
+import io
+import json
+import re
+import tokenize
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+import networkx
+
+ROOT: Final = Path(__file__).parent.parent.parent
+TABLE: Final = Path(__file__).with_name("numbers.json")
+PRODUCT: Final = ("rvaft", "backends", "cross_check")
+SMALL: Final = 60
+BLANK: Final = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
+GATES: Final = re.compile(r"\bGate\.(OR|AND|SAND|SAND_RL|VOT)\b")
+BARE: Final = re.compile(r"[a-z]+(ing|ed)")
+
+
+def modules(*folders: str) -> dict[str, Path]:
+    """The files below some folders by the name of the module."""
+    paths = (path for folder in folders for path in sorted((ROOT / folder).rglob("*.py")))
+    return {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in paths}
+
+
+def code_lines(text: str) -> int:
+    """How many lines have a token that is neither a comment nor part of a docstring."""
+    docs: set[int] = set()
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str()), lineno=first, end_lineno=int(last)):
+                docs.update(range(first, last + 1))
+    tokens = (token for token in tokenize.generate_tokens(io.StringIO(text).readline) if token.type not in BLANK)
+    return len({line for token in tokens for line in range(token.start[0], token.end[0] + 1)} - docs)
+
+
+def imports(parent: ast.AST, known: Mapping[str, object], *, inside: bool = False) -> Iterator[tuple[str, bool]]:
+    """Which of the known modules are imported, and whether inside a function; what only type checkers see is left out."""
+    for node in ast.iter_child_nodes(parent):
+        match node:
+            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
+                continue
+            case ast.Import(names=names):
+                found = [name.name for name in names]
+            case ast.ImportFrom(module=str(base), names=names, level=0):
+                found = [inner if (inner := f"{base}.{name.name}") in known else base for name in names]
+            case _:
+                within = inside or isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
+                yield from imports(node, known, inside=within)
+                continue
+        yield from ((name, inside) for name in dict.fromkeys(found) if name in known)
+
+
+def measured() -> dict[str, int]:
+    """The numbers as they are."""
+    files, tests = modules(*PRODUCT), modules("tests")
+    texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()}
+    trees = {name: ast.parse(text) for name, text in texts.items()}
+    lines = {name: len(text.splitlines()) for name, text in texts.items()}
+    edges = [(name, other, inner) for name, tree in trees.items() for other, inner in imports(tree, files)]
+    circles = networkx.strongly_connected_components(networkx.DiGraph([(a, b) for a, b, _ in edges]))
+    classes = Counter(node.name for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    largest = max(map(len, circles), default=0)
+    return {
+        "product files": len(files),
+        "product lines": sum(lines.values()),
+        "lines of code alone": sum(map(code_lines, texts.values())),
+        "files under 60 lines, __init__ aside": sum(
+            lines[name] < SMALL for name, path in files.items() if path.stem != "__init__"
+        ),
+        "most files in one folder": max(Counter(path.parent for path in files.values()).values()),
+        "largest import circle": largest if largest > 1 else 0,
+        "imports of ours inside functions": sum(inner for _, _, inner in edges),
+        "class names used twice": sum(count > 1 for count in classes.values()),
+        "files that name gates": sum(bool(GATES.search(text)) for text in texts.values()),
+        "modules that are bare gerunds or participles": sum(bool(BARE.fullmatch(path.stem)) for path in files.values()),
+        "test lines": sum(len(path.read_text(encoding="utf-8").splitlines()) for path in tests.values()),
+    }
+
+
+def bars() -> dict[str, int]:
+    """The numbers that none may exceed."""
+    found: dict[str, int] = json.loads(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else {}
+    return found

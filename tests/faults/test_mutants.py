@@ -37,7 +37,7 @@ NEED_SPOT: Final = {"automaton", "ltlf"}
 FAST: Final = Size(20, 0.06, 10, of_each=0.3, of_all=0.5)
 """Measured: 57 of 100; the room with the fewest 9 of 20."""
 FULL: Final = Size(200, 0.4, 60, of_each=0.6, of_all=0.65)
-"""Measured: engine 136, automaton 144, rml 145 of 200."""
+"""Measured one by one: engine 136, automaton 144, ltlf 139, rml 145 of 200; shared 39 of 60."""
 
 
 def present() -> list[str]:

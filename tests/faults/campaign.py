@@ -22,14 +22,13 @@ from random import Random
 from typing import Any, Final
 
 import rvaft
-from backends.conformance_trees import examples
-from cross_check.catalogue import catalogue
-from cross_check.effort import Effort
+from backends.conformance import examples
+from cross_check.campaign import catalogue
 from cross_check.participants import Participant, reference_of
 from cross_check.results import Job
-from cross_check.trials import Trials, letters_of
+from cross_check.traces import Effort, Trials, letters_of
 from rvaft import RVAFT, Monitor, NotExpressible, Semantics, TooLarge, Verdict
-from rvaft.restrict import restrict
+from rvaft.analysis.branches import restrict
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
 from tests.engine.dense import dense_tree

@@ -5,12 +5,12 @@ from importlib.util import find_spec
 
 import pytest
 
-from cross_check.catalogue import EFFORT, Entry, catalogue
+from cross_check.campaign import EFFORT, Entry, catalogue
 from cross_check.comparison import Comparison
 from cross_check.participants import ENGINE, REFERENCE, engine_of, faithful_backends, reference_of, translated
 from cross_check.results import Job, Result, Status
 from rvaft import RVAFT, Semantics
-from rvaft.restrict import restrict
+from rvaft.analysis.branches import restrict
 from tests.faults.wrong_trees import MISTAKES
 
 CATALOGUE = tuple(catalogue())

@@ -9,10 +9,10 @@ from itertools import combinations
 from typing import Any, Final, TypeAlias
 
 from rvaft import RVAFT, Causality, EventType, Gate, Node, On
-from rvaft.guards import Guard, Operation, Operator
-from rvaft.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.restrict import restrict
-from rvaft.tree import Whole
+from rvaft.analysis.branches import restrict
+from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft.model.tree import Whole
 
 Mistake: TypeAlias = Callable[[RVAFT], RVAFT]
 

@@ -4,7 +4,8 @@ Galileo has no SAND: it becomes the priority AND (`pand`), `sand_rl` with its ch
 kinds, labels and `ignore` have no form there either; `losses` says what is lost, so that nobody takes the result for the tree.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
+from typing import assert_never
 
 from rvaft.errors import OptionError
 from rvaft.model.expressions import WORD, bare_value
@@ -13,27 +14,34 @@ from rvaft.model.tree import RVAFT
 
 
 def galileo_text(tree: RVAFT) -> str:
-    """The reachable nodes as Galileo statements, parents first; raises `OptionError` for a name it cannot write."""
-    lines = [f"toplevel {_name(tree.root)};"]
-    lines.extend(_statement(node) for node in tree.top_down())
-    return "\n".join(lines) + "\n"
+    """The reachable nodes as Galileo statements, parents first; raises `OptionError` for a name it cannot write.
+
+    >>> import rvaft
+    >>> print(galileo_text(rvaft.loads("top sand_rl a b; a fault;")), end="")
+    toplevel "top";
+    "top" pand "b" "a";
+    "a";
+    "b";
+    """
+    return "\n".join([f"toplevel {_name(tree.root)};", *map(_statement, tree.top_down())]) + "\n"
 
 
 def losses(tree: RVAFT) -> Iterator[str]:
     """What the Galileo text does not say, one clause each."""
     nodes = list(tree.top_down())
-    if count := sum(node.gate is not None and node.gate.ordered for node in nodes):
-        yield f"{count} sand {_plural(count, 'gate')} written as pand, which orders failures, not runtime events"
-    if count := sum(node.on is not None for node in nodes):
-        yield f"{count} runtime {_plural(count, 'event')} left out"
-    if count := sum(node.when is not None for node in nodes):
-        yield f"{count} {_plural(count, 'guard')} left out"
-    if count := sum(node.kind is not None for node in nodes):
-        yield f"{count} fault or attack {_plural(count, 'mark')} left out"
-    if count := sum(node.label is not None for node in nodes):
-        yield f"{count} {_plural(count, 'label')} left out"
-    if count := sum(not _plain(*attribute) for node in nodes for attribute in node.attributes):
-        yield f"{count} {_plural(count, 'attribute')} left out whose name or value Galileo cannot write"
+    counts: dict[str, Sized] = {
+        "sand gate{} written as pand, which orders failures, not runtime events": [
+            n for n in nodes if n.gate is not None and n.gate.ordered
+        ],
+        "runtime event{} left out": [n for n in nodes if n.on is not None],
+        "guard{} left out": [n for n in nodes if n.when is not None],
+        "fault or attack mark{} left out": [n for n in nodes if n.kind is not None],
+        "label{} left out": [n for n in nodes if n.label is not None],
+        "attribute{} left out whose name or value Galileo cannot write": [
+            pair for n in nodes for pair in n.attributes if not _is_plain(*pair)
+        ],
+    }
+    yield from (f"{len(lost)} {what.format('s' * (len(lost) != 1))}" for what, lost in counts.items() if lost)
     if tree.ignores:
         yield "ignore declarations left out"
     if tree.topics:
@@ -41,27 +49,24 @@ def losses(tree: RVAFT) -> Iterator[str]:
     if tree.causality is Causality.BOTTOM_UP:
         yield "causality bottom_up left out"
     if count := sum(node.leaf and not node.attributes for node in nodes):
-        yield f"{count} basic {_plural(count, 'event')} without a rate or probability, which most tools require"
+        yield f"{count} basic event{'s' * (count != 1)} without a rate or probability, which most tools require"
 
 
 def _statement(node: Node) -> str:
-    words = [_name(node.name)]
-    if node.gate is not None:
-        words.append(_gate(node))
-        children = node.children[::-1] if node.gate is Gate.SAND_RL else node.children
-        words.extend(_name(child) for child in children)
-    words.extend(f"{key}={value}" for key, value in node.attributes if _plain(key, value))
-    return " ".join(words) + ";"
-
-
-def _gate(node: Node) -> str:
     match node.gate:
+        case None:
+            gate = []
         case Gate.VOT:
-            return f"{node.threshold}of{len(node.children)}"
+            gate = [f"{node.threshold}of{len(node.children)}"]
         case Gate.SAND | Gate.SAND_RL:
-            return "pand"
-        case _:
-            return str(node.gate)
+            gate = ["pand"]
+        case Gate.AND | Gate.OR:
+            gate = [node.gate.value]
+        case _ as never:
+            assert_never(never)
+    children = node.children[::-1] if node.gate is Gate.SAND_RL else node.children
+    attributes = [f"{key}={value}" for key, value in node.attributes if _is_plain(key, value)]
+    return " ".join([_name(node.name), *gate, *map(_name, children), *attributes]) + ";"
 
 
 def _name(name: str) -> str:
@@ -70,10 +75,6 @@ def _name(name: str) -> str:
     return f'"{name}"'
 
 
-def _plain(key: str, value: str) -> bool:
+def _is_plain(key: str, value: str) -> bool:
     """Whether an attribute can be written; Galileo has no quotes around what comes after a name."""
     return WORD.fullmatch(key) is not None and bare_value(value)
-
-
-def _plural(count: int, noun: str) -> str:
-    return noun if count == 1 else f"{noun}s"

@@ -19,8 +19,7 @@ import json
 from typing import assert_never
 
 from rvaft.model.expressions import guard_text
-from rvaft.model.guards import Guard
-from rvaft.model.nodes import EventType, Ignore, Node, On, Topic
+from rvaft.model.nodes import Node, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -34,51 +33,48 @@ def json_text(tree: RVAFT) -> str:
 
 
 def json_value(tree: RVAFT) -> dict[str, Json]:
-    """The tree as a JSON value."""
+    """The tree as a JSON value.
+
+    >>> import rvaft
+    >>> [node["kind"] for node in json_value(rvaft.loads("top or a b; a fault;"))["nodes"]]
+    [None, 'fault', None]
+    """
     return {
         "format": "rvaft",
         "version": VERSION,
         "root": tree.root,
         "causality": tree.causality.value,
         "nodes": [_node(node) for node in tree.nodes.values()],
-        "events": [_event(event) for event in tree.events.values()],
-        "ignores": [_ignore(ignore) for ignore in tree.ignores],
-        "topics": [_topic(topic) for topic in tree.topics.values()],
+        "events": [
+            {"name": event.name, "parameters": list(event.parameters), "pattern": _pattern(event.pattern)}
+            for event in tree.events.values()
+        ],
+        "ignores": [
+            {"on": _call(ignore.on), "when": ignore.when and guard_text(ignore.when)} for ignore in tree.ignores
+        ],
+        "topics": [
+            {"name": topic.name, "type": topic.type, "publishers": list(topic.publishers)}
+            for topic in tree.topics.values()
+        ],
     }
 
 
 def _node(node: Node) -> Json:
     return {
         "name": node.name,
-        "gate": None if node.gate is None else node.gate.value,
+        "gate": node.gate and node.gate.value,
         "threshold": node.threshold,
         "children": list(node.children),
-        "on": None if node.on is None else _call(node.on),
-        "when": _guard(node.when),
-        "kind": None if node.kind is None else node.kind.value,
+        "on": node.on and _call(node.on),
+        "when": node.when and guard_text(node.when),
+        "kind": node.kind and node.kind.value,
         "label": node.label,
         "attributes": [list(pair) for pair in node.attributes],
     }
 
 
-def _event(event: EventType) -> Json:
-    return {"name": event.name, "parameters": list(event.parameters), "pattern": _pattern(event.pattern)}
-
-
-def _ignore(ignore: Ignore) -> Json:
-    return {"on": _call(ignore.on), "when": _guard(ignore.when)}
-
-
-def _topic(topic: Topic) -> Json:
-    return {"name": topic.name, "type": topic.type, "publishers": list(topic.publishers)}
-
-
 def _call(on: On) -> Json:
     return {"event": on.event, "arguments": [_pattern(argument) for argument in on.arguments]}
-
-
-def _guard(guard: Guard | None) -> Json:
-    return None if guard is None else guard_text(guard)
 
 
 def _pattern(pattern: Pattern) -> Json:

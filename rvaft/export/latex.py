@@ -12,7 +12,7 @@ from typing import Final
 
 from rvaft.backend import Highlighting
 from rvaft.model.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text
-from rvaft.model.guards import Guard, Operator
+from rvaft.model.guards import OPERATORS, Guard, Operator
 from rvaft.model.nodes import On
 from rvaft.model.values import Scalar
 from rvaft.support.terminal import visible
@@ -113,18 +113,13 @@ _STYLE: Final = Style(
     name,
     constant,
     r"\_",
-    {
+    {operator: facts.sign for operator, facts in OPERATORS.items()}
+    | {
         Operator.EQ: "=",
         Operator.NE: r"\neq",
-        Operator.LT: "<",
         Operator.LE: r"\leq",
-        Operator.GT: ">",
         Operator.GE: r"\geq",
-        Operator.ADD: "+",
-        Operator.SUB: "-",
         Operator.MUL: r"\times",
-        Operator.DIV: "/",
-        Operator.NEGATE: "-",
         Operator.NOT: r"\neg ",
         Operator.AND: r"\wedge",
         Operator.OR: r"\vee",

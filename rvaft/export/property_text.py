@@ -22,23 +22,14 @@ from rvaft.analysis.branches import Branch
 from rvaft.analysis.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
 from rvaft.export import latex
 from rvaft.model.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text, quoted
-from rvaft.model.guards import Guard, Operator
-from rvaft.model.nodes import Kind, Node, On
+from rvaft.model.guards import OPERATORS, Guard, Operator
+from rvaft.model.nodes import Kind, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Scalar
 from rvaft.support.terminal import visible
 
-# How papers write the property of a branch: the notations in Unicode and in LaTeX, with the same signs.
-#
-# The signs and their source stand in `rvaft.properties`.
-
 _SUBSCRIPTS: Final = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _MINUS: Final = "−"
-
-
-def subscript(digits: str) -> str:
-    """Digits as an index."""
-    return digits.translate(_SUBSCRIPTS)
 
 
 def name_unicode(name: str) -> str:
@@ -46,18 +37,13 @@ def name_unicode(name: str) -> str:
     if not latex.identifier(name):
         return quoted(name)
     stem, index = latex.numbered(name)
-    return stem + subscript(index)
+    return stem + index.translate(_SUBSCRIPTS)
 
 
 def constant_unicode(value: Scalar) -> str:
     """A literal; a negative number with the sign of mathematics."""
     text = literal_text(value)
     return text if isinstance(value, str) or not text.startswith("-") else f"{_MINUS}{text[1:]}"
-
-
-def event_unicode(on: On) -> str:
-    """An event type applied to arguments."""
-    return on_text(on, _STYLE)
 
 
 def guard_unicode(guard: Guard) -> str:
@@ -70,17 +56,14 @@ _STYLE: Final = Style(
     name_unicode,
     constant_unicode,
     "_",
-    {
+    {operator: facts.sign for operator, facts in OPERATORS.items()}
+    | {
         Operator.EQ: "=",
         Operator.NE: "≠",
-        Operator.LT: "<",
         Operator.LE: "≤",
-        Operator.GT: ">",
         Operator.GE: "≥",
-        Operator.ADD: "+",
         Operator.SUB: _MINUS,
         Operator.MUL: "×",
-        Operator.DIV: "/",
         Operator.NEGATE: _MINUS,
         Operator.NOT: "¬",
         Operator.AND: "∧",
@@ -91,34 +74,20 @@ _STYLE: Final = Style(
 )
 
 
-def _event(node: Node) -> str:
-    return name_unicode(node.name) if node.on is None else event_unicode(node.on)
-
-
-def _condition(node: Node) -> str:
-    return "" if node.when is None else f"[{guard_unicode(node.when)}]"
-
-
-def _event_latex(node: Node) -> str:
-    return latex.name(node.name) if node.on is None else latex.event(node.on)
-
-
 def _condition_latex(node: Node) -> str:
-    if node.when is None:
-        return ""
-    guard = latex.guard(node.when)
-    return rf"\left[{guard}\right]" if r"\frac" in guard else f"[{guard}]"
+    guard = latex.guard(node.when) if node.when is not None else ""
+    return rf"\left[{guard}\right]" if r"\frac" in guard else f"[{guard}]" if guard else ""
 
 
 UNICODE: Final = Notation(
-    _event,
-    _condition,
+    lambda node: name_unicode(node.name) if node.on is None else on_text(node.on, _STYLE),
+    lambda node: "" if node.when is None else f"[{guard_unicode(node.when)}]",
     {Join.SEQUENCE: " · ", Join.ANY_ORDER: " ∧ ", Join.AT_LEAST: ", ", Join.CHOICE: " ∨ "},
     "VOT {}/{}".format,
     whole=frozenset(Join),
 )
 LATEX: Final = Notation(
-    _event_latex,
+    lambda node: latex.name(node.name) if node.on is None else latex.event(node.on),
     _condition_latex,
     {Join.SEQUENCE: r" \cdot ", Join.ANY_ORDER: r" \wedge ", Join.AT_LEAST: ", ", Join.CHOICE: r" \vee "},
     r"\mathrm{{VOT}}_{{{}/{}}}".format,
@@ -128,6 +97,12 @@ LATEX: Final = Notation(
 WIDTH: Final = 72
 """Characters on a line of a formula in LaTeX, roughly what fits a page of one column in 10 pt."""
 _INDENT: Final = 3
+
+
+def _formula(part: RVAFT | Branch) -> Formula:
+    if isinstance(part, Branch):
+        return formula(part.tree, part.choices)
+    return formula(part)
 
 
 def property_text(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
@@ -153,7 +128,15 @@ def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int
     term = _formula(part)
     if width is None:
         return write(term, LATEX, limit=limit)
-    return "\\\\\n  &\\quad".join(_broken(term, width, limit))
+    lines, used = [""], 0
+    for text, shown in zip(breakable(term, LATEX, limit=limit), breakable(term, UNICODE, limit=limit), strict=True):
+        if lines[-1] and used + len(shown) > width:  # how wide a part is, its Unicode tells
+            lines[-1] = f"{lines[-1].rstrip()} "
+            lines.append(" ")
+            used = _INDENT
+        lines[-1] += text.lstrip() if lines[-1] == " " else text
+        used += len(shown)
+    return "\\\\\n  &\\quad".join(lines)
 
 
 def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH, limit: int = DEFAULT_LIMIT) -> str:
@@ -185,18 +168,12 @@ def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -
 def property_sign(part: RVAFT | Branch) -> str:
     """What the property is called, in Unicode: φ for a tree, φ₁ for its branch 1, φ(fault) for the part of a kind."""
     index = _index(part)
-    return f"φ{subscript(index) if index.isdigit() else f'({index})' if index else ''}"
+    return f"φ{index.translate(_SUBSCRIPTS) if index.isdigit() else f'({index})' if index else ''}"
 
 
 def kinds_of(part: RVAFT | Branch) -> frozenset[Kind]:
     """The kinds of the nodes that a property is about."""
     return part.kinds if isinstance(part, Branch) else frozenset(n.kind for n in part.top_down() if n.kind is not None)
-
-
-def _formula(part: RVAFT | Branch) -> Formula:
-    if isinstance(part, Branch):
-        return formula(part.tree, part.choices)
-    return formula(part)
 
 
 def _index(part: RVAFT | Branch) -> str:
@@ -207,15 +184,3 @@ def _index(part: RVAFT | Branch) -> str:
     if whole is None or (whole.branch is None and whole.kind is None):
         return ""
     return str(whole.branch) if whole.kind is None else whole.kind.value
-
-
-def _broken(term: Formula, width: int, limit: int) -> Iterator[str]:
-    """The formula in LaTeX line by line; how wide a part is, its Unicode tells."""
-    line, used = "", 0
-    for part, shown in zip(breakable(term, LATEX, limit=limit), breakable(term, UNICODE, limit=limit), strict=True):
-        if line and used + len(shown) > width:
-            yield f"{line.rstrip()} "
-            line, used = " ", _INDENT
-        line += part.lstrip() if line == " " else part
-        used += len(shown)
-    yield line

@@ -9,7 +9,6 @@ from rvaft.export import latex
 from rvaft.export.layout import (
     PLAIN,
     BoxRow,
-    LegendEntry,
     Look,
     Role,
     Sign,
@@ -20,7 +19,7 @@ from rvaft.export.layout import (
     rows,
     view,
 )
-from rvaft.model.nodes import Gate, Kind, Node
+from rvaft.model.nodes import Gate, Kind
 from rvaft.model.tree import RVAFT
 
 _OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}"})
@@ -80,11 +79,17 @@ _SAMPLES = {
 def tikz_text(tree: RVAFT, look: Look = PLAIN) -> str:
     """The document; raises `OptionError` for a look that the tree cannot have."""
     part = view(tree, look)
-    return "\n".join([_HEAD + "\n".join(_lines(tree, look, part)), *_below(look, part), _TAIL])
+    return "\n".join([_HEAD + "\n".join(_brackets(tree, look, part)), *_below(look, part), _TAIL])
 
 
-def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
+def _brackets(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
     """The nested brackets of the tree, one node or gate on a line."""
+    marks = look.marks
+
+    def edge(*, marked: bool) -> str:
+        """How the line from the parent is drawn."""
+        return "" if marks is None else ", edge={very thick}" if marked else ", edge={draw=black!30}"
+
     drawn: set[str] = set()
     agenda: list[tuple[str | None, str] | None] = [(None, tree.root)]
     while agenda:
@@ -94,45 +99,41 @@ def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
             continue
         parent, name = item
         node = tree.nodes[name]
-        line = _line_to(parent, name, look)
+        led = marks is not None and marks.edge(parent, name)
         if name in drawn:
-            faint = ", unmarked" if look.marks is not None and not look.marks.edge(parent or "", name) else ""
-            yield f"[{{{_set(next(rows(node, look)))}}}, again{faint}{line}]"
+            faint = ", unmarked" if marks is not None and not led else ""
+            yield f"[{{{_set(next(rows(node, look)))}}}, again{faint}{edge(marked=led)}]"
             continue
         drawn.add(name)
-        box = f"[{{{_text(node, look)}}}, {_style(node, look)}{line}"
+        kept = marks is not None and name in marks.kept
+        mark = "" if marks is None else ", marked" if kept else ", unmarked"
+        styles = ", ".join(filter(None, ["box", _FILL[node.kind], "condition" if is_condition(node) else ""]))
+        box = f"[{{{BREAK.join(_set(row) for row in rows(node, look))}}}, {styles}{mark}{edge(marked=led)}"
         if node.gate is None:
             yield f"{box}]"
             continue
-        mark = _mark(name, look) + _edge(look, kept=look.marks is not None and name in look.marks.kept)
         yield box
-        if name in part.folded:
-            yield f"[{{{_count(part.folded[name])}}}, folded{mark}]]"
+        hidden = part.folded.get(name)
+        if hidden is not None:
+            count = f"+{hidden}" if hidden else r"\ldots"
+            yield f"[{{{count}}}, folded{mark}{edge(marked=kept)}]]"
             continue
-        yield f"[{{{_flat(gate_text(node))}}}, {_GATE[node.gate]}{mark}"
+        yield f"[{{{_flat(gate_text(node))}}}, {_GATE[node.gate]}{mark}{edge(marked=kept)}"
         agenda.append(None)
         agenda.extend((name, child) for child in reversed(node.children))
 
 
-def _count(hidden: int) -> str:
-    return f"+{hidden}" if hidden else r"\ldots"
-
-
 def _below(look: Look, part: View) -> Iterator[str]:
     """What the marks say, and the legend, line by line under the tree."""
-    marks = look.marks
-    for text in () if marks is None else marks.below:
+    for text in look.marks.below if look.marks is not None else ():
         yield rf"\node[anchor=north west, font=\footnotesize\sffamily] {_UNDER} {{{_flat(text)}}};"
-    if look.legend and (legend := list(entries(part, marks, graph=False))):
+    if look.legend and (legend := list(entries(part, look.marks, graph=False))):
         yield rf"\matrix[anchor=north west, row sep=2pt, column sep=2pt, ampersand replacement=\&] {_UNDER} {{"
         for entry in legend:
-            sample = rf"\node[{_sample(entry)}, anchor=base] {{{_flat(entry.sample)}}};"
+            style = _SAMPLES[entry.sign] if entry.gate is None else _GATE[entry.gate]
+            sample = rf"\node[{style}, anchor=base] {{{_flat(entry.sample)}}};"
             yield rf"{sample} \& \node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(entry.meaning)}}}; \\"
         yield "};"
-
-
-def _sample(entry: LegendEntry) -> str:
-    return _SAMPLES[entry.sign] if entry.gate is None else _GATE[entry.gate]
 
 
 def escaped(text: str) -> str:
@@ -140,39 +141,14 @@ def escaped(text: str) -> str:
     return latex.escaped(text).translate(_OURS)
 
 
-def _text(node: Node, look: Look) -> str:
-    return r"\\".join(_set(row) for row in rows(node, look))
-
-
+BREAK = r"\\"
 _FORMS = {Role.PLAIN: "{}", Role.BOLD: r"\textbf{{{}}}", Role.EVENT: r"\textit{{{}}}", Role.GUARD: r"\textit{{{}}}"}
 
 
 def _set(row: BoxRow) -> str:
     """The lines of a row."""
-    return r"\\".join(_FORMS[row.role].format(escaped(line) or "~") for line in row.lines) or "~"
+    return BREAK.join(_FORMS[row.role].format(escaped(line) or "~") for line in row.lines) or "~"
 
 
 def _flat(text: str) -> str:
     return " ".join(escaped(line) for line in text.splitlines())
-
-
-def _style(node: Node, look: Look) -> str:
-    condition = "condition" if is_condition(node) else ""
-    return ", ".join(style for style in ("box", _FILL[node.kind], condition) if style) + _mark(node.name, look)
-
-
-def _mark(name: str, look: Look) -> str:
-    if look.marks is None:
-        return ""
-    return ", marked" if name in look.marks.kept else ", unmarked"
-
-
-def _line_to(parent: str | None, name: str, look: Look) -> str:
-    return _edge(look, kept=parent is not None and look.marks is not None and look.marks.edge(parent, name))
-
-
-def _edge(look: Look, *, kept: bool) -> str:
-    """How the line from the parent is drawn."""
-    if look.marks is None:
-        return ""
-    return ", edge={very thick}" if kept else ", edge={draw=black!30}"

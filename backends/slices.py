@@ -1,0 +1,100 @@
+"""Slices of variables: how a monitor of a propositional text follows values.
+
+A *slice* is an assignment of some variables and the state to which the text has come under it. At an event a slice goes on as it
+is, atoms with an unbound variable being false, and for each way in which an atom would take values from the event a slice
+with those values branches off. ⊤ when some slice has detected, ⊥ when none is left that could. A slice that has bound more than another one in
+the same state adds nothing to it and is dropped.
+"""
+
+from collections.abc import Callable, Hashable, Iterable, Mapping, Set
+from itertools import chain, combinations
+from typing import Final, TypeAlias
+
+from rvaft.errors import TooLarge
+from rvaft.model.guards import Guard, holds, variables
+from rvaft.model.patterns import Binding
+from rvaft.model.values import key
+from rvaft.model.verdict import Verdict
+
+LIMIT: Final = 100_000
+"""The most slices that a monitor keeps before it gives up with `TooLarge`."""
+
+FEW: Final = 6
+"""Up to this many variables all smaller assignments are looked for."""
+
+Assignment: TypeAlias = frozenset[tuple[str, Hashable]]
+Slices: TypeAlias = Mapping[tuple[Assignment, int], Binding]
+"""Each slice with its binding; never changed, so that monitors may share it."""
+
+
+def start(state: int) -> Slices:
+    """The one slice before any event."""
+    return {(frozenset(), state): {}}
+
+
+def advance(
+    slices: Slices,
+    extensions: Callable[[int, Binding], Iterable[Binding]],
+    step: Callable[[int, Binding], tuple[Verdict, int]],
+    *,
+    matter: Callable[[int], Set[str]] | None = None,
+    limit: int = LIMIT,
+) -> Slices | None:
+    """The slices after an event, none where there is no hope; None where one of them has detected.
+
+    `extensions` gives what atoms of a state would make of a binding, `step` where an event leads under a binding, and what that means;
+    `matter`, the variables on which a state still depends: others are forgotten. Raises `TooLarge` beyond `limit` slices.
+
+    >>> one = advance(start(0), lambda state, bound: [{"X": 1}], lambda state, bound: (Verdict.UNKNOWN, len(bound)))
+    >>> [(state, binding) for (_, state), binding in one.items()]
+    [(0, {}), (1, {'X': 1})]
+    >>> advance(one, lambda state, bound: [], lambda state, bound: (Verdict.FALSE, state))
+    {}
+    """
+    after: dict[tuple[Assignment, int], Binding] = {}
+    for (known, state), bound in slices.items():
+        seen = {known}
+        for binding in chain([bound], extensions(state, bound)):
+            assignment = known if binding is bound else _assignment(binding)
+            if assignment in seen and binding is not bound:
+                continue
+            seen.add(assignment)
+            verdict, to = step(state, binding)
+            match verdict:
+                case Verdict.TRUE:
+                    return None
+                case Verdict.UNKNOWN:
+                    if matter is not None and not matter(to) >= binding.keys():
+                        names = matter(to)
+                        kept = {name: value for name, value in binding.items() if name in names}
+                        after[_assignment(kept), to] = kept
+                    else:
+                        after[assignment, to] = binding
+                case Verdict.FALSE:
+                    pass
+    if len(after) > 1:
+        after = {one: binding for one, binding in after.items() if not _is_redundant(*one, after)}
+    if len(after) > limit:
+        bound_names = sorted({name for binding in after.values() for name in binding})
+        raise TooLarge(f"slices, one for each assignment of {', '.join(bound_names)}", limit=limit)
+    return after
+
+
+def passes(guard: Guard, binding: Binding) -> bool:
+    """Whether a guard holds, or still has a variable without a value.
+
+    >>> from rvaft.language.parser import parse_guard
+    >>> [passes(parse_guard("X < Y"), binding) for binding in ({}, {"X": 1}, {"X": 1, "Y": 2}, {"X": 2, "Y": 1})]
+    [True, True, True, False]
+    """
+    return not all(name in binding for name in variables(guard)) or holds(guard, binding)
+
+
+def _assignment(binding: Binding) -> Assignment:
+    return frozenset((name, key(value)) for name, value in binding.items())
+
+
+def _is_redundant(assignment: Assignment, state: int, slices: Slices) -> bool:
+    """Whether a smaller assignment is in the same state."""
+    sizes = range(len(assignment)) if len(assignment) <= FEW else (0, len(assignment) - 1)
+    return any((frozenset(part), state) in slices for size in sizes for part in combinations(assignment, size))

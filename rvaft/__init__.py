@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from rvaft.analysis.branches import Branch
-    from rvaft.api import load, loads, monitor, translate
+    from rvaft.api import check, load, loads, monitor, translate
     from rvaft.asynchronous import on_detection, watch
     from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends
     from rvaft.errors import (
@@ -71,6 +71,7 @@ __all__ = [
     "WrongType",
     "__version__",
     "all_backends",
+    "check",
     "dumps",
     "load",
     "loads",
@@ -81,7 +82,7 @@ __all__ = [
 ]
 
 _NAMES: Final = {
-    "rvaft.api": ("load", "loads", "monitor", "translate"),
+    "rvaft.api": ("check", "load", "loads", "monitor", "translate"),
     "rvaft.backend": ("Backend", "Metrics", "Specification", "UnknownBackend", "all_backends"),
     "rvaft.analysis.branches": ("Branch",),
     "rvaft.errors": (
@@ -120,4 +121,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return __all__

@@ -19,7 +19,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
-from rvaft.rules import require_valid
+from rvaft.rules import check_draft, check_tree, require_valid
 from rvaft.rules.rule import Finding, Severity
 
 _TREE: Final = "an RVAFT, as rvaft.load returns it"
@@ -65,6 +65,16 @@ def monitor(
     _expect("branch", branch, int | None, "an int")
     _expect("limit", limit, int, "an int")
     return Engine(narrowed(tree, branch, kind), one_of(Semantics, semantics), limit=limit)
+
+
+def check(tree: RVAFT) -> list[Finding]:
+    """What the rules of `rvaft check` find in a tree, errors and warnings, in the order of their places.
+
+    >>> for finding in check(loads("top or a b; a; b when 1 > 2;")): print(finding.code, finding.severity, *finding.nodes)
+    infeasible-scenario warning b
+    """
+    _expect("tree", tree, RVAFT, _TREE)
+    return check_tree(tree)
 
 
 def _expect(name: str, value: object, kind: type | UnionType, expected: str) -> None:
@@ -124,8 +134,6 @@ def load(path: os.PathLike[str] | str) -> RVAFT:
 
 
 def _checked(draft: Draft) -> RVAFT:
-    from rvaft.rules import check_draft, check_tree, require_valid  # noqa: PLC0415 - the rules look at drafts
-
     _raise_first_error(check_draft(draft))
     tree = draft.build()
     try:

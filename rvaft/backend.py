@@ -5,6 +5,7 @@ monitor. `Specification.monitor` reads the text back and never looks at the tree
 Built-in and third-party backends are found the same way: the entry-point group `rvaft.backends`, imported on use.
 """
 
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -157,9 +158,14 @@ def backend(name: str) -> Backend:
     try:
         made: Backend = found[name].load()()
     except Exception as error:  # a third party's module may fail in any way
-        raise ToolFailed(
-            f"the backend {name}", reason=f"it cannot be loaded: {type(error).__name__}: {error}"
-        ) from error
+        reason = f"it cannot be loaded: {type(error).__name__}: {error}"
+        package = found[name].module.partition(".")[0]
+        if isinstance(error, ModuleNotFoundError) and (error.name or "").startswith(f"{package}."):
+            hiding = getattr(sys.modules.get(package), "__file__", None) or next(
+                iter(getattr(sys.modules.get(package), "__path__", ())), package
+            )
+            reason = f"{hiding} is imported in place of its package {package}; rename that, or move it off the path of Python"
+        raise ToolFailed(f"the backend {name}", reason=reason) from error
     return made
 
 

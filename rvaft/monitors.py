@@ -84,7 +84,13 @@ class Monitor(ABC):
         return self._verdict
 
     def run(self, events: Iterable[Json]) -> Iterator[Verdict]:
-        """The verdict after each event in turn."""
+        """The verdict after each event in turn. Events are read as verdicts are asked for: without a loop over it nothing happens.
+
+        >>> import rvaft
+        >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
+        >>> [verdict.symbol for verdict in watching.run([{"event": "a"}, {"event": "b"}])]
+        ['?', '⊤']
+        """
         return (self.step(event) for event in events)
 
     def fork(self) -> Self:

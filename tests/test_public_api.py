@@ -117,3 +117,48 @@ def test_a_part_without_a_feasible_scenario_is_named() -> None:
         rvaft.monitor(tree, branch=2)
     with pytest.raises(rvaft.TreeError, match="the part of kind attack has no feasible scenario"):
         rvaft.monitor(tree, kind="attack")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: rvaft.Node("x", "orr", ["a"]), "unknown gate 'orr' of x; known: or, and, sand, sand_rl, vot"),  # type: ignore[arg-type]
+        (lambda: rvaft.Node("x", kind="bug"), "unknown kind 'bug' of x; known: fault, attack"),  # type: ignore[arg-type]
+        (lambda: rvaft.Node("x", "or", "ab"), "the children of x must be a tuple of names, not str"),  # type: ignore[arg-type]
+        (lambda: rvaft.Node("x", "or", ["a", 3]), "a child of x must be the name of a node, a str, not int"),  # type: ignore[arg-type, list-item]
+        (lambda: rvaft.Node("x", on="e"), "the event (`on`) of x must be an On, not str"),  # type: ignore[arg-type]
+        (lambda: rvaft.Node("x", when="X > 3"), "the guard (`when`) of x must be a guard, not str"),  # type: ignore[arg-type]
+    ],
+)
+def test_a_node_of_wrong_parts_is_refused(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(rvaft.RvaftError) as caught:
+        call()
+    assert str(caught.value) == said
+
+
+def test_words_stand_for_gates_and_kinds() -> None:
+    node = rvaft.Node("x", "vot", ["a", "b"], 1, kind="fault")  # type: ignore[arg-type]
+    assert node == rvaft.Node("x", rvaft.Gate.VOT, ("a", "b"), 1, kind=rvaft.Kind.FAULT)
+
+
+def test_the_findings_on_a_tree() -> None:
+    tree = rvaft.RVAFT("top", [rvaft.Node("top", rvaft.Gate.OR, ("a",)), rvaft.Node("a"), rvaft.Node("b")])
+    assert [(finding.code, finding.severity) for finding in rvaft.check(tree)] == [
+        ("unreachable", rvaft.Severity.WARNING)
+    ]
+    with pytest.raises(rvaft.WrongType, match="tree must be an RVAFT"):
+        rvaft.check("top or a b;")  # type: ignore[arg-type]
+
+
+def test_the_interpreter_lists_the_public_names_alone() -> None:
+    assert dir(rvaft) == sorted(rvaft.__all__)
+
+
+@pytest.mark.parametrize("hiding", ["backends.py", "backends/__init__.py"])
+def test_a_package_of_the_user_that_hides_the_backends_is_named(tmp_path: Path, hiding: str) -> None:
+    (tmp_path / hiding).parent.mkdir(exist_ok=True)
+    (tmp_path / hiding).touch()
+    (tmp_path / "own.py").write_text("import rvaft; rvaft.translate(rvaft.loads('top or a b;'), 'rml')")
+    done = subprocess.run([sys.executable, "own.py"], capture_output=True, text=True, cwd=tmp_path, check=False)
+    said = f"the backend rml failed: {tmp_path / hiding} is imported in place of its package backends; rename that"
+    assert said in done.stderr.splitlines()[-1]

@@ -6,9 +6,11 @@ Places in a file (`Place`) never take part in equality: two trees that say the s
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from types import UnionType
 from typing import NamedTuple, TypeAlias
 
-from rvaft.model.guards import Guard
+from rvaft.errors import OptionError, WrongType
+from rvaft.model.guards import Guard, Operation
 from rvaft.model.patterns import Anything, Literal, Pattern, Variable
 
 
@@ -95,12 +97,32 @@ class Topic:
     place: Place = field(default=Place(), compare=False)
 
 
+def _expect(what: str, value: object, kind: type | UnionType, expected: str) -> None:
+    if not isinstance(value, kind):
+        raise WrongType(what, value, expected)
+
+
+def _member(what: str, value: object, words: type[StrEnum], node: str) -> StrEnum:
+    """The member of an enumeration that a word names."""
+    if not isinstance(value, str):
+        raise WrongType(f"the {what} of {node}", value, f"a {words.__name__} or its name")
+    try:
+        return words(value)
+    except ValueError:
+        raise OptionError(f"unknown {what} {value!r} of {node}; known: {', '.join(words)}") from None
+
+
 @dataclass(frozen=True, slots=True)
 class Node:
     """One node. A leaf has neither gate nor children; `threshold` is the K of a VOT gate.
 
     `declared` is False for a child that no statement defines. `places` holds where the parts `name`, `gate`, `on`,
-    `when`, `kind`, `label` stand.
+    `when`, `kind`, `label` stand. A gate and a kind may be given by their words, the children as a list.
+
+    >>> Node("top", "or", ["a", "b"]) == Node("top", Gate.OR, ("a", "b"))
+    True
+
+    Raises `WrongType` for a part of a type that it cannot have, and `OptionError` for a word that is no gate or kind.
     """
 
     name: str
@@ -114,6 +136,21 @@ class Node:
     attributes: tuple[tuple[str, str], ...] = ()
     declared: bool = field(default=True, compare=False)
     places: Mapping[str, Place] = field(default_factory=dict, compare=False, hash=False, repr=False)
+
+    def __post_init__(self) -> None:
+        _expect("the name of a node", self.name, str, "a str")
+        if self.gate.__class__ is not Gate and self.gate is not None:
+            object.__setattr__(self, "gate", _member("gate", self.gate, Gate, self.name))
+        if self.children.__class__ is not tuple:
+            _expect(f"the children of {self.name}", self.children, list, "a tuple of names")
+            object.__setattr__(self, "children", tuple(self.children))
+        for child in self.children:
+            _expect(f"a child of {self.name}", child, str, "the name of a node, a str")
+        if self.kind is not None:
+            object.__setattr__(self, "kind", _member("kind", self.kind, Kind, self.name))
+        _expect(f"the threshold of {self.name}", self.threshold, int | None, "an int")
+        _expect(f"the event (`on`) of {self.name}", self.on, On | None, "an On")
+        _expect(f"the guard (`when`) of {self.name}", self.when, Literal | Variable | Operation | None, "a guard")
 
     def place(self, part: str = "name") -> Place:
         """Where a part of the node stands, or, where that is not known, its name."""

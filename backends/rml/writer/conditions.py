@@ -1,216 +1,160 @@
 """Guards as conditions that RML can check: comparisons of numbers, equality of values, and both combined.
 
-A guard of a tree is three-valued. `when_true` and `when_false` say when it is true and when it is false; undefined is neither. What
-comes out has no negation but that of an equality: comparisons of numbers simply fail on anything else.
+A guard of a tree is three-valued; a condition is a guard that says when another one is true, undefined being neither. It is made of
+`and` and `or` over comparisons of numbers, which simply fail on anything else; over *equalities*, of a variable with a literal or
+another variable; and of `not` in front of one of the two kinds of `==`.
 """
 
-from dataclasses import dataclass
-from typing import Final, TypeAlias
+from collections.abc import Iterable
+from typing import Final
 
-from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, value
-from rvaft.model.guards import variables as guard_variables
+from rvaft.model.guards import (
+    ARITHMETIC,
+    JUNCTIONS,
+    OPERATORS,
+    ORDERINGS,
+    UNDEFINED,
+    Guard,
+    Operation,
+    Operator,
+    conjuncts,
+    value,
+    variables,
+)
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import is_number
+
+ALWAYS: Final = Operation(Operator.AND, ())
+NEVER: Final = Operation(Operator.OR, ())
 
 
 class Inexpressible(Exception):
     """A guard that no RML event type can check; the text says why."""
 
 
-@dataclass(frozen=True, slots=True)
-class Compare:
-    """Two numbers compared; fails where a side is not one."""
-
-    operator: Operator
-    left: Guard
-    right: Guard
+def is_equality(condition: Guard) -> bool:
+    """Whether the condition says that a variable has the value of a literal or of another variable."""
+    return isinstance(condition, Operation) and (
+        condition.operator is Operator.EQ and isinstance(condition.operands[0], Variable)
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class Same:
-    """A variable has the value of a literal or of another variable."""
-
-    left: Variable
-    right: Variable | Literal
-
-
-@dataclass(frozen=True, slots=True)
-class Unless:
-    """The condition fails."""
-
-    condition: "Compare | Same"
-
-
-@dataclass(frozen=True, slots=True)
-class Every:
-    """All of the conditions hold; none is always true."""
-
-    parts: tuple["Condition", ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Some:
-    """One of the conditions holds; none is always false."""
-
-    parts: tuple["Condition", ...]
-
-
-Condition: TypeAlias = Compare | Same | Unless | Every | Some
-
-ALWAYS: Final = Every(())
-NEVER: Final = Some(())
-
-_OPPOSITE: Final = {
-    Operator.LT: Operator.GE,
-    Operator.LE: Operator.GT,
-    Operator.GT: Operator.LE,
-    Operator.GE: Operator.LT,
-}
-_TRUTHS: Final = frozenset([*_OPPOSITE, Operator.EQ, Operator.NE, Operator.NOT, Operator.AND, Operator.OR])
-_ARITHMETIC: Final = frozenset([Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV, Operator.NEGATE])
-
-
-def when_true(guard: Guard) -> Condition:
-    """When the value of the guard is `true`; raises `Inexpressible`."""
-    return _when(guard, True)
-
-
-def when_false(guard: Guard) -> Condition:
-    """When the value of the guard is `false`; raises `Inexpressible`."""
-    return _when(guard, False)
-
-
-def conjuncts(condition: Condition) -> tuple[Condition, ...]:
-    """The conditions that must all hold, nested conjunctions taken apart."""
-    if isinstance(condition, Every):
-        return tuple(inner for part in condition.parts for inner in conjuncts(part))
-    return (condition,)
-
-
-def numeric(condition: Condition) -> bool:
+def is_numeric(condition: Guard) -> bool:
     """Whether the condition consists of comparisons of numbers only."""
     match condition:
-        case Compare():
-            return True
-        case Every(parts) | Some(parts):
-            return all(numeric(part) for part in parts)
+        case Operation(operator, parts) if operator in JUNCTIONS:
+            return all(map(is_numeric, parts))
+        case Operation(operator):
+            return operator is not Operator.NOT and not is_equality(condition)
         case _:
             return False
 
 
-def variables(condition: Condition) -> tuple[str, ...]:
-    """The variables of a condition, each once."""
-    match condition:
-        case Compare(_, left, right) | Same(left, right):
-            return tuple(dict.fromkeys((*guard_variables(left), *guard_variables(right))))
-        case Unless(inner):
-            return variables(inner)
-        case Every(parts) | Some(parts):
-            return tuple(dict.fromkeys(name for part in parts for name in variables(part)))
+def when_true(guard: Guard) -> Guard:
+    """The condition under which the value of the guard is `true`; raises `Inexpressible`."""
+    return _when(guard, True)
 
 
-def _when(guard: Guard, wanted: bool) -> Condition:
-    if not guard_variables(guard):
+def _when(guard: Guard, wanted: bool) -> Guard:
+    if not variables(guard):
         return ALWAYS if value(guard, {}) is wanted else NEVER
     match guard:
         case Variable():
-            return Same(guard, Literal(wanted))
+            return _same(guard, Literal(wanted))
         case Operation(Operator.NOT, (operand,)):
             return _when(operand, not wanted)
         case Operation(Operator.AND | Operator.OR as operator, operands):
             return _junction(operands, decides=operator is Operator.OR, wanted=wanted)
         case Operation(Operator.EQ | Operator.NE as operator, (left, right)):
             return _equality(left, right, positive=(operator is Operator.EQ) is wanted)
-        case Operation(operator, (left, right)) if operator in _OPPOSITE:
-            return _comparison(operator if wanted else _OPPOSITE[operator], left, right)
+        case Operation(operator, (left, right)) if operator in ORDERINGS:
+            return _ordering(operator if wanted else OPERATORS[operator].negated or operator, left, right)
         case _:
             return NEVER  # a number is no truth value
 
 
-def _junction(operands: tuple[Guard, ...], *, decides: bool, wanted: bool) -> Condition:
+def _junction(operands: tuple[Guard, ...], *, decides: bool, wanted: bool) -> Guard:
     """Read from left to right: an operand counts only while those before it do not decide."""
     undecided = [_when(operand, not decides) for operand in operands]
     if wanted is not decides:
         return _every(undecided)
-    ways = [_every([*undecided[:i], _when(operand, decides)]) for i, operand in enumerate(operands)]
-    return _some(ways)
+    return _some(_every([*undecided[:i], _when(operand, decides)]) for i, operand in enumerate(operands))
 
 
-def _equality(left: Guard, right: Guard, *, positive: bool) -> Condition:
-    sides = [_folded(left), _folded(right)]
-    if any(side is None for side in sides):
+def _same(left: Guard, right: Guard, *, positive: bool = True) -> Guard:
+    equal = Operation(Operator.EQ, (left, right))
+    return equal if positive else Operation(Operator.NOT, (equal,))
+
+
+def _equality(left: Guard, right: Guard, *, positive: bool) -> Guard:
+    sides = _constant(left), _constant(right)
+    if sides[0] is None or sides[1] is None:
         return NEVER
-    for one, other in (sides, sides[::-1]):
-        if _is(one, _TRUTHS):
-            ways = [_every([_when(one, truth), _equals(other, truth, positive)]) for truth in (True, False)]  # type: ignore[arg-type]
-            return _some(ways)
-    for one, other in (sides, sides[::-1]):
-        if _is(one, _ARITHMETIC):
+    both_ways = (sides, sides[::-1])
+    for one, other in both_ways:
+        if isinstance(one, Operation) and one.operator not in ARITHMETIC:
+            return _some(_every([_when(one, truth), _equals(other, truth, positive)]) for truth in (True, False))  # type: ignore[arg-type]
+    for one, other in both_ways:
+        if isinstance(one, Operation):
             return _equality_of_sum(one, other, positive=positive)  # type: ignore[arg-type]
-    for one, other in (sides, sides[::-1]):
-        if isinstance(one, Variable):
-            if one == other:
-                return ALWAYS if positive else NEVER
-            same = Same(one, other)  # type: ignore[arg-type]
-            return same if positive else Unless(same)
-    raise AssertionError(left, right)
+    left, right = sides if isinstance(sides[0], Variable) else sides[::-1]  # type: ignore[assignment]
+    if left == right:
+        return ALWAYS if positive else NEVER
+    return _same(left, right, positive=positive)
 
 
-def _equals(side: Guard | None, truth: bool, positive: bool) -> Condition:
+def _equals(side: Guard, truth: bool, positive: bool) -> Guard:
     """Whether the side is that truth value (or, not positive, defined and something else)."""
     match side:
         case Variable():
-            same = Same(side, Literal(truth))
-            return same if positive else Unless(same)
+            return _same(side, Literal(truth), positive=positive)
         case Literal(constant):
             return ALWAYS if (constant is truth) is positive else NEVER
-        case Operation(operator) if operator in _TRUTHS:
+        case Operation(operator) if operator not in ARITHMETIC:
             return _when(side, truth is positive)
         case Operation():
             return NEVER if positive else _defined(side)
+
+
+def _equality_of_sum(arithmetic: Guard, other: Guard, *, positive: bool) -> Guard:
+    equal = Operation(Operator.EQ, (arithmetic, other))
+    match other:
+        case _ if not _is_calculable(arithmetic):
+            return NEVER
+        case Variable():
+            return equal if positive else _every([_defined(arithmetic), Operation(Operator.NOT, (equal,))])
+        case Literal(constant) if not is_number(constant):
+            return NEVER if positive else _defined(arithmetic)
+        case _ if not _is_calculable(other):
+            return NEVER
         case _:
-            return NEVER
+            return equal if positive else Operation(Operator.NE, (arithmetic, other))
 
 
-def _equality_of_sum(arithmetic: Guard, other: Guard, *, positive: bool) -> Condition:
-    if not _calculable(arithmetic):
-        return NEVER
-    if _is(other, _ARITHMETIC) or (isinstance(other, Literal) and is_number(other.value)):
-        if not _calculable(other):
-            return NEVER
-        return Compare(Operator.EQ if positive else Operator.NE, arithmetic, other)
-    if isinstance(other, Literal):
-        return NEVER if positive else _defined(arithmetic)
-    equal = Compare(Operator.EQ, arithmetic, other)
-    return equal if positive else _every([_defined(arithmetic), Unless(equal)])
+def _defined(arithmetic: Guard) -> Guard:
+    return Operation(Operator.EQ, (arithmetic, arithmetic)) if _is_calculable(arithmetic) else NEVER
 
 
-def _defined(arithmetic: Guard) -> Condition:
-    return Compare(Operator.EQ, arithmetic, arithmetic) if _calculable(arithmetic) else NEVER
+def _ordering(operator: Operator, left: Guard, right: Guard) -> Guard:
+    sides = [side for side in (_constant(left), _constant(right)) if side is not None]
+    text = any(isinstance(side, Literal) and isinstance(side.value, str) for side in sides)
+    if text and any(isinstance(side, Variable) for side in sides):
+        raise Inexpressible("RML cannot order strings")
+    calculable = len(sides) == 2 and all(map(_is_calculable, sides))
+    return Operation(operator, (left, right)) if calculable else NEVER
 
 
-def _comparison(operator: Operator, left: Guard, right: Guard) -> Condition:
-    sides = (_folded(left), _folded(right))
-    for one, other in (sides, sides[::-1]):
-        if isinstance(one, Literal) and isinstance(one.value, str) and isinstance(other, Variable):
-            raise Inexpressible("RML cannot order strings")
-    if not all(side is not None and _calculable(side) for side in sides):
-        return NEVER
-    return Compare(operator, left, right)
-
-
-def _folded(guard: Guard) -> Guard | None:
+def _constant(guard: Guard) -> Guard | None:
     """A literal for what has no variables, None where that is undefined."""
-    if guard_variables(guard):
+    if variables(guard):
         return guard
     constant = value(guard, {})
     return None if constant is UNDEFINED else Literal(constant)
 
 
-def _calculable(guard: Guard) -> bool:
+def _is_calculable(guard: Guard) -> bool:
     """Whether the expression can be a number at all."""
-    folded = _folded(guard)
-    match folded:
+    match _constant(guard):
         case None:
             return False
         case Literal(constant):
@@ -218,22 +162,21 @@ def _calculable(guard: Guard) -> bool:
         case Variable():
             return True
         case Operation(operator, operands):
-            return operator in _ARITHMETIC and all(_calculable(operand) for operand in operands)
+            return operator in ARITHMETIC and all(map(_is_calculable, operands))
 
 
-def _is(side: Guard | None, operators: frozenset[Operator]) -> bool:
-    return isinstance(side, Operation) and side.operator in operators
-
-
-def _every(parts: list[Condition]) -> Condition:
+def _every(parts: Iterable[Guard]) -> Guard:
     flat = [inner for part in parts for inner in conjuncts(part)]
-    if any(part == NEVER for part in flat):
+    if NEVER in flat:
         return NEVER
-    return flat[0] if len(flat) == 1 else Every(tuple(dict.fromkeys(flat)))
+    return flat[0] if len(flat) == 1 else Operation(Operator.AND, tuple(dict.fromkeys(flat)))
 
 
-def _some(parts: list[Condition]) -> Condition:
-    flat = [inner for part in parts for inner in (part.parts if isinstance(part, Some) else (part,))]
-    if any(part == ALWAYS for part in flat):
+def _some(parts: Iterable[Guard]) -> Guard:
+    flat: list[Guard] = []
+    for part in parts:
+        is_some = isinstance(part, Operation) and part.operator is Operator.OR
+        flat.extend(part.operands if is_some else (part,))  # type: ignore[union-attr]
+    if ALWAYS in flat:
         return ALWAYS
-    return flat[0] if len(flat) == 1 else Some(tuple(dict.fromkeys(flat)))
+    return flat[0] if len(flat) == 1 else Operation(Operator.OR, tuple(dict.fromkeys(flat)))

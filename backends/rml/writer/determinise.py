@@ -13,16 +13,18 @@ from functools import cached_property
 from itertools import groupby
 from typing import Final, Protocol
 
-from backends.rml.writer.conditions import NEVER, Condition, Inexpressible, conjuncts, when_true
-from backends.rml.writer.event_types import Types
-from backends.rml.writer.observations import Call, Observations, Registers, implies, overlaps, pattern
-from backends.rml.writer.scenarios import Scenario, bits
-from backends.rml.writer.terms import ALL, ANY, MAX_DEPTH, NONE, Name, Term, both, either, then
+from backends.rml.writer.conditions import NEVER, Inexpressible, when_true
+from backends.rml.writer.event_types import RmlTypes
+from backends.rml.writer.observations import Call, Observations, Registers
+from backends.rml.writer.scenarios import BitScenario
+from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, Written, join, named, then
+from rvaft.analysis.unification import Overlaps, implies
 from rvaft.errors import TooLarge
-from rvaft.model.guards import Guard
+from rvaft.model.guards import Guard, conjuncts
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
+from rvaft.support.bits import bits
 
 # Letters: what one event has to be for a partial match to go on, and how that is written.
 
@@ -47,12 +49,12 @@ class GuardRefused(Exception):
 class Letters:
     """The letters of one translation; each is called after the node that it was first needed for."""
 
-    def __init__(self, observations: Observations, types: Types) -> None:
+    def __init__(self, observations: Observations, types: RmlTypes) -> None:
         self.observations = observations
         self.types = types
         self._rank = {name: position for position, name in enumerate(observations.tree.order)}
         self._nodes: dict[Call, str] = {}
-        self._guards: dict[Guard, tuple[str, tuple[Condition, ...]]] = {}
+        self._guards: dict[Guard, tuple[str, tuple[Guard, ...]]] = {}
         self._texts: dict[Letter, tuple[str, ...]] = {}
 
     def letter(self, index: int, registers: dict[str, str], guards: Iterable[str]) -> Letter | None:
@@ -72,7 +74,7 @@ class Letters:
                 instances.add(instance)
         return Letter(call, frozenset(instances))
 
-    def _conditions(self, guard: Guard, node: str) -> tuple[Condition, ...]:
+    def _conditions(self, guard: Guard, node: str) -> tuple[Guard, ...]:
         if guard not in self._guards:
             try:
                 self._guards[guard] = (node, conjuncts(when_true(guard)))
@@ -89,7 +91,7 @@ class Letters:
             self._texts[letter] = tuple(self.types.observed(letter.call, conditions, node))
         return self._texts[letter]
 
-    def _place(self, guard: tuple[str, tuple[Condition, ...]]) -> tuple[int, str]:
+    def _place(self, guard: tuple[str, tuple[Guard, ...]]) -> tuple[int, str]:
         return self._rank[guard[0]], repr(guard[1])
 
 
@@ -121,8 +123,9 @@ class Combinations:
         calls = list(dict.fromkeys(letter.call for letter in self.letters))
         number = {call: position for position, call in enumerate(calls)}
         self._call = [number[letter.call] for letter in self.letters]
-        patterns = [pattern(tree, call) for call in calls]
-        self._overlap = overlaps(patterns)
+        patterns = [call.pattern(tree) for call in calls]
+        overlaps = Overlaps(patterns)
+        self._overlap = [overlaps.compatible(i) for i in range(len(patterns))]
         self._implies = [
             sum(1 << j for j in bits(near) if i == j or implies(patterns[i], patterns[j], bound))
             for i, near in enumerate(self._overlap)
@@ -276,11 +279,11 @@ class _Move:
     detects: bool = False
 
 
-class Automaton:
+class Determinised:
     """The alternatives of each state; state 0 is the first. Raises `TooLarge` beyond `limit` alternatives, rejected ones included."""
 
     def __init__(
-        self, scenarios: list[Scenario], letters: Letters, registers: Registers, semantics: Semantics, *, limit: int
+        self, scenarios: list[BitScenario], letters: Letters, registers: Registers, semantics: Semantics, *, limit: int
     ) -> None:
         self._letters = letters
         self._registers = registers
@@ -296,7 +299,7 @@ class Automaton:
         for state in self._waiting:
             self.alternatives.append(list(self._alternatives(state)))
 
-    def _prepare(self, scenarios: list[Scenario]) -> None:
+    def _prepare(self, scenarios: list[BitScenario]) -> None:
         """Turn the scenarios round: for each occurrence and guard, the scenarios that have it."""
         ready: dict[int, dict[int, int]] = {}
         self._complete: dict[int, int] = {}
@@ -502,7 +505,7 @@ def _later_first(states: list[list[Alternative]]) -> Iterator[int]:
 # Equations for an automaton: one per class that several others lead to, the others written where they are needed.
 
 
-def equations(classes: list[Class], letters: Letters) -> tuple[Term, list[tuple[str, Term]]]:
+def equations(classes: list[Class], letters: Letters) -> tuple[Written, list[tuple[str, Written]]]:
     """The expression for the first state, and the equations it needs."""
     return _Writer(classes, letters).result()
 
@@ -515,19 +518,19 @@ class _Writer:
         self.uses = Counter(target for made in classes for target in {choice.target for choice in made})
         self.names = self._names()
 
-    def result(self) -> tuple[Term, list[tuple[str, Term]]]:
-        terms: dict[int, Term] = {}
+    def result(self) -> tuple[Written, list[tuple[str, Written]]]:
+        terms: dict[int, Written] = {}
         for number, choices in enumerate(self.classes):
             body = self._body(number, choices, terms)
             name = self.names.get(number)
-            terms[number] = body if name is None else Name(name)
+            terms[number] = body if name is None else named(name)
             self.bodies[number] = body
         made = [(name, self.bodies[number]) for number, name in self.names.items()]
         return terms[self.first], made
 
     def _names(self) -> dict[int, str]:
         """Names for the classes that get an equation, in the order in which a reader meets them."""
-        self.bodies: dict[int, Term] = {}
+        self.bodies: dict[int, Written] = {}
         deep = self._deep()
         order, seen = [self.first], {self.first}
         for number in order:
@@ -553,22 +556,22 @@ class _Writer:
                 height[number] = 0
         return deep
 
-    def _body(self, number: int, choices: Class, terms: dict[int, Term]) -> Term:
-        parts: list[Term] = []
+    def _body(self, number: int, choices: Class, terms: dict[int, Written]) -> Written:
+        parts: list[Written] = []
         for (target, joint), group in groupby(choices, key=self._alike):
             run = list(group)
             if joint:
-                parts += [both(then(event, ALL) for event in self._events(choice)) for choice in run]
+                parts += [join(AND, (then(event, ALL) for event in self._events(choice))) for choice in run]
                 continue
-            heads = [both(self._events(choice)) if choice.letters else ANY for choice in run]
-            after = {ACCEPT: ALL, STAY: Name(self.names.get(number, ""))}.get(target) or terms[target]
-            parts.append(then(either(heads), after))
-        return either(parts) if parts else NONE  # guards that no event can fulfil
+            heads = [join(AND, self._events(choice)) if choice.letters else ANY for choice in run]
+            after = {ACCEPT: ALL, STAY: named(self.names.get(number, ""))}.get(target) or terms[target]
+            parts.append(then(join(OR, heads), after))
+        return join(OR, parts) if parts else NONE  # guards that no event can fulfil
 
     def _alike(self, choice: Choice) -> tuple[int, bool]:
         """Neighbours that lead to the same are written as one; detecting by several types at once has a form of its own."""
         return choice.target, choice.target == ACCEPT and len(self._events(choice)) > 1
 
-    def _events(self, choice: Choice) -> list[Term]:
+    def _events(self, choice: Choice) -> list[Written]:
         found = dict.fromkeys(text for letter in choice.letters for text in self.letters.texts(letter))
-        return [Name(text) for text in found]
+        return [named(text) for text in found]

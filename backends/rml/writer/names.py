@@ -1,6 +1,11 @@
-"""Names that RML allows: an injective renaming of the names of a tree.
+"""The words of an RML text: names that RML allows, an injective renaming of those of a tree, and literals.
 
-Event types and variables start with a lower-case ASCII letter, equations with an upper-case one; some words are taken.
+Event types and variables start with a lower-case ASCII letter, equations with an upper-case one; some words are taken. Facts that every
+writer of RML text has to know, not translation: the readers keep their own account of the language.
+
+A number is equal to another of the same value, but the published monitor tells 1 from 1.0: where a literal is an integer both
+spellings are written. Its patterns know neither a sign nor an exponent, and no integer beyond 32 bits: such a number stands as
+an argument or, larger still, is compared in a `with`.
 """
 
 import re
@@ -8,10 +13,6 @@ from decimal import Decimal
 from typing import Final
 
 from rvaft.model.values import Scalar, is_number
-
-# What every writer of RML text has to know of the language: words that no name may be, strings, the largest integer.
-#
-# Facts, not translation: the readers keep their own account of the language.
 
 KEYWORDS: Final = frozenset(["not", "matches", "with", "empty", "all", "let", "var", "if", "else"])
 FUNCTIONS: Final = frozenset(["abs", "sin", "cos", "tan", "min", "max"])
@@ -23,21 +24,22 @@ RESERVED: Final = KEYWORDS | FUNCTIONS | VALUES | TYPES
 LARGEST: Final = 2**31 - 1
 """The largest integer that the compiler reads."""
 _ESCAPES: Final = str.maketrans({"\\": "\\\\", "'": "\\'", "\n": "\\n", "\t": "\\t", "\r": "\\r"})
+_CHUNK: Final = 10**9
 
 
-def quoted(text: str) -> str:
-    """A string or a field name."""
-    return f"'{text.translate(_ESCAPES)}'"
-
-
-class Names:
+class RmlNames:
     """Gives out names of one kind; no name twice."""
 
-    def __init__(self, *taken: str) -> None:
-        self._taken = {*RESERVED, *taken}
+    def __init__(self) -> None:
+        self._taken = set(RESERVED)
 
     def fresh(self, wanted: str, *, otherwise: str = "e") -> str:
-        """A new name that resembles the wanted one."""
+        """A new name that resembles the wanted one.
+
+        >>> names = RmlNames()
+        >>> names.fresh("Valve 1"), names.fresh("valve_1"), names.fresh("all")
+        ('valve_1', 'valve_1_2', 'all_2')
+        """
         base = identifier(wanted, otherwise=otherwise)
         name, number = base, 2
         while name in self._taken:
@@ -54,30 +56,30 @@ def identifier(text: str, *, otherwise: str = "e") -> str:
     return plain[0].lower() + plain[1:] if plain[0].isalpha() else f"{otherwise}{plain}"
 
 
-# Literals, field names and patterns as RML text.
-#
-# A number is equal to another of the same value, but the published monitor tells 1 from 1.0: where a literal is an integer both
-# spellings are written. Its patterns know neither a sign nor an exponent, and no integer beyond 32 bits: such a number stands as
-# an argument (`Spelling.argument`) or, larger still, is compared in a `with`.
-
-_CHUNK: Final = 10**9
+def quoted(text: str) -> str:
+    """A string or a field name."""
+    return f"'{text.translate(_ESCAPES)}'"
 
 
 def spellings(value: Scalar) -> tuple[str, ...] | None:
     """The spellings of a literal that together match exactly the equal values, or None for an integer beyond 32 bits.
 
     Those of a negative number can be an argument only, not stand in a pattern.
+
+    >>> spellings(2), spellings(0.5), spellings("two"), spellings(2**31)
+    (('2', '2.0'), ('0.5',), ("'two'",), None)
     """
-    if isinstance(value, bool):
-        return ("true" if value else "false",)
-    if value is None:
-        return ("null",)
-    if isinstance(value, str):
-        return (quoted(value),)
-    if value == int(value):
-        whole = int(value)
-        return (str(whole), f"{whole}.0") if abs(whole) <= LARGEST else None
-    return (_decimal(value),)
+    match value:
+        case bool():
+            return ("true" if value else "false",)
+        case None:
+            return ("null",)
+        case str():
+            return (quoted(value),)
+        case _ if value == int(value):
+            return (str(int(value)), f"{int(value)}.0") if abs(value) <= LARGEST else None
+        case _:
+            return (_decimal(value),)
 
 
 def in_patterns(value: Scalar) -> bool:

@@ -1,27 +1,29 @@
 """The feasible scenarios of a tree as sets of bits (semantics, section 2).
 
-A set of occurrences or of scenarios is an integer, bit i standing for the i-th. Choices are made from the root down; a shared
-gate is met once. Under `scattered` a VOT keeps exactly K children: one more never helps, since any position may be skipped.
+A set of occurrences or of scenarios is an integer, bit i standing for the i-th. Choices are made from the root down; what is shared
+is met once. Under `scattered` a VOT keeps exactly K children: one more never helps, since any position may be skipped.
 """
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TypeAlias
 
+from rvaft.analysis.normal_form import NormalForm, Op, normal_form
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.guards import holds
-from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.guards import variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
+from rvaft.support.bits import bits, union
 
-Kept = Mapping[str, tuple[str, ...]]
-Chosen = tuple[tuple[str, ...], ...]
-"""The children kept of each choice so far, none of one that is not reached."""
+Kept: TypeAlias = Mapping[int, tuple[int, ...]]
+"""The parts of a normal form that a scenario keeps, each with the parts of it that are kept."""
+Way: TypeAlias = tuple[int, tuple[tuple[int, ...], ...]]
+"""The parts that are reached, and those kept of each choice so far."""
 
 
 @dataclass(frozen=True, slots=True)
-class Scenario:
+class BitScenario:
     """Its occurrences, what comes before each of them (generators of the precedence), and its nodes with a guard to check."""
 
     occurrences: int
@@ -29,26 +31,19 @@ class Scenario:
     guards: frozenset[str]
 
 
-def bits(mask: int) -> Iterator[int]:
-    """The members of a set."""
-    while mask:
-        low = mask & -mask
-        yield low.bit_length() - 1
-        mask ^= low
-
-
-def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list[Scenario]:
+def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list[BitScenario]:
     """The feasible scenarios, each once.
 
     Raises `TooLarge` beyond `limit`; `TreeError` where there is none, where one has no occurrence, or leaves a guard unbound.
     """
-    index = {name: position for position, name in enumerate(tree.occurrences)}
-    found: dict[object, Scenario] = {}
-    for kept in _resolutions(tree, semantics, limit):
-        scenario = _scenario(tree, kept, index)
-        if tree.shared and not _acyclic(scenario):
-            continue
-        found.setdefault((scenario.occurrences, tuple(scenario.before.items()), scenario.guards), scenario)
+    form, index = normal_form(tree), {name: position for position, name in enumerate(tree.occurrences)}
+    found: dict[object, BitScenario] = {}
+    for number, kept in enumerate(_resolutions(form, semantics), 1):
+        if number > limit:
+            raise TooLarge("scenarios of the tree", limit=limit)
+        one = _scenario(form, kept, index)
+        if not tree.shared or _is_acyclic(one):
+            found.setdefault((one.occurrences, tuple(sorted(one.before.items())), one.guards), one)
     if not found:
         raise TreeError("no scenario is feasible", rule="no-scenario", nodes=[tree.root])
     for scenario in found.values():
@@ -56,145 +51,75 @@ def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list
     return list(found.values())
 
 
-def constant(node: Node) -> bool:
-    """Whether the node has a guard without variables."""
-    return node.when is not None and not guard_variables(node.when)
-
-
-def impossible(node: Node) -> bool:
-    """Whether the node has a guard without variables that does not hold."""
-    return node.when is not None and constant(node) and not holds(node.when, {})
-
-
-def _resolutions(tree: RVAFT, semantics: Semantics, limit: int) -> Iterator[Kept]:
-    """The ways to resolve the reached choices that keep no impossible node."""
-    order = tree.order
-    position = {name: index for index, name in enumerate(order)}
-    surely = _surely(tree, position)
-    possible = _possible(tree)
-    if tree.root not in possible:
+def _resolutions(form: NormalForm, semantics: Semantics) -> Iterator[Kept]:
+    """The ways to make the choices that are reached."""
+    if not form.feasible:
         return
-    gates = [name for name in order if tree.nodes[name].gate in (Gate.OR, Gate.VOT)]
+    surely: list[
+        int
+    ] = []  # of each part, the parts that are kept whenever it is: those below it up to the next choices
+    for number, part in enumerate(form.parts):
+        below = () if part.chooses else part.parts
+        surely.append(1 << number | union(surely[inner] for inner in below))
+    choices = [number for number in reversed(form.kept()) if form.parts[number].chooses]
 
-    def further(reached: int, chosen: Chosen) -> Iterator[tuple[int, Chosen]]:
-        name = gates[len(chosen)]
-        if not reached >> position[name] & 1:
-            yield reached, (*chosen, ())
-            return
-        for children in _options(tree.nodes[name], possible, semantics):
-            more = reached
-            for child in children:
-                more |= surely[child]
-            yield more, (*chosen, children)
+    def further(reached: int, chosen: tuple[tuple[int, ...], ...]) -> Iterator[Way]:
+        number = choices[len(chosen)]
+        part = form.parts[number]
+        most = part.need if part.op is Op.ONE or semantics is Semantics.SCATTERED else len(part.parts)
+        sizes = range(part.need, most + 1) if reached >> number & 1 else range(1)
+        for kept in (kept for size in sizes for kept in combinations(part.parts, size)):
+            yield reached | union(surely[inner] for inner in kept), (*chosen, kept)
 
-    start: tuple[int, Chosen] = (surely[tree.root], ())
-    agenda: list[Iterator[tuple[int, Chosen]]] = [iter([start])]  # not of ways: a VOT may have more than fit anywhere
-    count = 0
+    start: Way = (surely[form.root], ())
+    agenda: list[Iterator[Way]] = [iter([start])]  # not of ways: a VOT may have more than fit anywhere
     while agenda:
         step = next(agenda[-1], None)
         if step is None:
             agenda.pop()
-            continue
-        reached, chosen = step
-        if len(chosen) < len(gates):
-            agenda.append(further(reached, chosen))
-            continue
-        count += 1
-        if count > limit:
-            raise TooLarge("scenarios of the tree", limit=limit)
-        choice = dict(zip(gates, chosen, strict=True))
-        yield {order[i]: choice.get(order[i], tree.nodes[order[i]].children) for i in bits(reached)}
+        elif len(step[1]) < len(choices):
+            agenda.append(further(*step))
+        else:
+            chosen = dict(zip(choices, step[1], strict=True))
+            yield {number: chosen.get(number, form.parts[number].parts) for number in bits(step[0])}
 
 
-def _possible(tree: RVAFT) -> set[str]:
-    """The nodes that some resolution of the choices below them keeps without an impossible node."""
-    found: set[str] = set()
-    for node in tree.bottom_up():
-        some = sum(child in found for child in node.children)
-        needed = 1 if node.gate is Gate.OR else node.threshold or len(node.children)
-        if some >= needed and not impossible(node):
-            found.add(node.name)
-    return found
-
-
-def _options(node: Node, possible: Container[str], semantics: Semantics) -> Iterable[tuple[str, ...]]:
-    children = [child for child in node.children if child in possible]
-    if node.gate is Gate.OR:
-        return [(child,) for child in children]
-    least = node.threshold or 0
-    most = least if semantics is Semantics.SCATTERED else len(children)
-    return (chosen for size in range(least, most + 1) for chosen in combinations(children, size))
-
-
-def _surely(tree: RVAFT, position: Mapping[str, int]) -> dict[str, int]:
-    """Of each node, the nodes that are kept whenever it is: those below it up to the next choices."""
-    surely: dict[str, int] = {}
-    for node in tree.bottom_up():
-        mask = 1 << position[node.name]
-        if node.gate not in (Gate.OR, Gate.VOT):
-            for child in node.children:
-                mask |= surely[child]
-        surely[node.name] = mask
-    return surely
-
-
-def _scenario(tree: RVAFT, kept: Kept, index: Mapping[str, int]) -> Scenario:
+def _scenario(form: NormalForm, kept: Kept, index: Mapping[str, int]) -> BitScenario:
     """One pass up for the events in each part, one pass down for what comes before it."""
-    part: dict[str, int] = {}
-    for name in reversed(tuple(kept)):
-        mask = 1 << index[name] if name in index else 0
-        for child in kept[name]:
-            mask |= part[child]
-        part[name] = mask
-    earlier = dict.fromkeys(kept, 0)
-    before: dict[int, int] = {}
-    for name, children in kept.items():
-        node = tree.nodes[name]
-        above = earlier[name]
-        if name in index and tree.causality is Causality.TOP_DOWN:
-            before[index[name]] = above
-            above |= 1 << index[name]
-        elif name in index:
-            before[index[name]] = above | part[name] & ~(1 << index[name])
-        in_time = children if node.gate is not Gate.SAND_RL else children[::-1]
-        for child in in_time:
-            earlier[child] |= above
-            if node.gate is not None and node.gate.ordered:
-                above |= part[child]
-    guards = (name for name in kept if tree.nodes[name].when is not None and not constant(tree.nodes[name]))
-    return Scenario(part[tree.root], before, frozenset(guards))
+    events: dict[int, int] = {}
+    for number, parts in kept.items():
+        part = form.parts[number]
+        events[number] = 1 << index[part.node] if part.op is Op.EVENT else union(events[inner] for inner in parts)
+    earlier, before = dict.fromkeys(kept, 0), dict[int, int]()
+    for number, parts in reversed(list(kept.items())):
+        part, above = form.parts[number], earlier[number]
+        if part.op is Op.EVENT:
+            before[index[part.node]] = above
+        for inner in parts:
+            earlier[inner] |= above
+            above |= events[inner] if part.op is Op.SEQUENCE else 0
+    guards = frozenset(form.parts[number].node for number in kept if form.parts[number].op is Op.CONDITION)
+    return BitScenario(events[form.root], before, guards)
 
 
-def _acyclic(scenario: Scenario) -> bool:
+def _is_acyclic(scenario: BitScenario) -> bool:
     """Whether its occurrences have an order in which they can happen."""
     left = scenario.occurrences
     while left:
-        now = 0
-        for index in bits(left):
-            if not scenario.before[index] & left:
-                now |= 1 << index
+        now = [index for index in bits(left) if not scenario.before[index] & left]
         if not now:
             return False
-        left &= ~now
+        left &= ~union(1 << index for index in now)
     return True
 
 
-def _check(tree: RVAFT, scenario: Scenario) -> None:
+def _check(tree: RVAFT, scenario: BitScenario) -> None:
     if not scenario.occurrences:
         raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario", nodes=[tree.root])
-    if not scenario.guards:
-        return
-    bound = {
-        argument.name
-        for i in bits(scenario.occurrences)
-        if (on := tree.nodes[tree.occurrences[i]].on) is not None
-        for argument in on.arguments
-        if hasattr(argument, "name")
-    }
+    ons = [tree.nodes[tree.occurrences[index]].on for index in bits(scenario.occurrences)] if scenario.guards else []
+    bound = {argument.name for on in ons if on is not None for argument in on.arguments if hasattr(argument, "name")}
     for name in sorted(scenario.guards):
-        when = tree.nodes[name].when
-        assert when is not None
-        for variable in guard_variables(when):
+        for variable in variables(tree.nodes[name].when):  # type: ignore[arg-type]
             if variable not in bound:
                 message = f"the guard of {name} speaks of {variable}, which nothing binds in one of its scenarios"
                 raise TreeError(message, rule="unbound-variable", nodes=[name])

@@ -1,154 +1,85 @@
-"""RML expressions as a term, and their text.
+"""RML expressions as they are written, and their text.
 
-Terms are built bottom-up; `depth` is known at once, so that whoever builds them can put a deep one into an equation of its own
+They are built bottom-up; `depth` is known at once, so that whoever builds them can put a deep one into an equation of its own
 and nothing here ever recurses far. Everything that is not a single name is put into parentheses.
 """
 
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from enum import Enum
-from typing import Final, assert_never
+from typing import Final
 
 MAX_DEPTH: Final = 24
 MAX_PARTS: Final = 60
-
-
-class Operator(Enum):
-    """How parts are put together; the value is what stands between them."""
-
-    THEN = " "
-    OR = " \\/ "
-    AND = " /\\ "
-    SHUFFLE = " | "
+THEN: Final = " "
+OR: Final = " \\/ "
+AND: Final = " /\\ "
+SHUFFLE: Final = " | "
 
 
 @dataclass(frozen=True, slots=True)
-class Name:
+class Written:
+    """An expression. `operator` is what joins its parts, the sign behind its only part, `>>` or `let`; a name has none."""
+
+    operator: str
+    parts: tuple["Written", ...] = ()
+    word: str = ""
+    """The name, the event type of a filter, or the variables of a block."""
+    depth: int = field(default=0, compare=False)
+
+    def __str__(self) -> str:
+        match self.operator:
+            case "":
+                return self.word
+            case ">>":
+                return f"{self.word} >> {self.parts[0].inner}"
+            case "let":
+                return f"{{ let {self.word}; {self.parts[0]} }}"
+            case "*" | "?":
+                return f"{self.parts[0].inner}{self.operator}"
+            case _:
+                return self.operator.join(part.inner for part in self.parts)
+
+    @property
+    def inner(self) -> str:
+        """The text as a part of another one."""
+        return str(self) if self.operator in ("", "let", "*", "?") else f"({self})"
+
+
+def named(name: str) -> Written:
     """An event type applied to arguments, an equation, or `all`, as it is written."""
-
-    text: str
-    depth: int = 0
+    return Written("", word=name)
 
 
-@dataclass(frozen=True, slots=True)
-class Join:
-    """Two parts or more."""
-
-    operator: Operator
-    parts: tuple["Term", ...]
-    depth: int = field(compare=False)
+ALL: Final = named("all")
+ANY: Final = named("any")
+NONE: Final = named("none")
 
 
-@dataclass(frozen=True, slots=True)
-class Postfix:
-    """A part repeated: `*` or `?`."""
+def join(operator: str, parts: Iterable[Written]) -> Written:
+    """The parts joined, nested joins of the same operator made one; a single part stays as it is.
 
-    part: "Term"
-    sign: str
-    depth: int = field(compare=False)
-
-
-@dataclass(frozen=True, slots=True)
-class Filter:
-    """`event type >> body`."""
-
-    event: str
-    body: "Term"
-    depth: int = field(compare=False)
-
-
-@dataclass(frozen=True, slots=True)
-class Let:
-    """`{ let variables; body }`."""
-
-    variables: tuple[str, ...]
-    body: "Term"
-    depth: int = field(compare=False)
-
-
-Term = Name | Join | Postfix | Filter | Let
-
-ALL: Final = Name("all")
-ANY: Final = Name("any")
-NONE: Final = Name("none")
-
-
-def join(operator: Operator, parts: Iterable[Term]) -> Term:
-    """The parts joined, nested joins of the same operator made one; a single part stays as it is."""
-    flat: list[Term] = []
+    >>> print(join(THEN, [named("a"), join(SHUFFLE, [named("b"), named("c")]), join(THEN, [ANY, ALL])]))
+    a (b | c) any all
+    """
+    flat: list[Written] = []
     for part in parts:
-        if isinstance(part, Join) and part.operator is operator and len(part.parts) + len(flat) <= MAX_PARTS:
-            flat.extend(part.parts)
-        else:
-            flat.append(part)
+        fits = part.operator == operator and len(part.parts) + len(flat) <= MAX_PARTS
+        flat.extend(part.parts if fits else (part,))
     while len(flat) > MAX_PARTS:  # all four are associative, left preference included
         groups = [flat[start : start + MAX_PARTS] for start in range(0, len(flat), MAX_PARTS)]
         flat = [join(operator, group) for group in groups]
-    if len(flat) == 1:
-        return flat[0]
-    return Join(operator, tuple(flat), 1 + max(part.depth for part in flat))
+    return flat[0] if len(flat) == 1 else Written(operator, tuple(flat), depth=1 + max(part.depth for part in flat))
 
 
-def then(*parts: Term) -> Term:
+def then(*parts: Written) -> Written:
     """One after the other."""
-    return join(Operator.THEN, parts)
+    return join(THEN, parts)
 
 
-def either(parts: Iterable[Term]) -> Term:
-    """The first that can take the event."""
-    return join(Operator.OR, parts)
-
-
-def both(parts: Iterable[Term]) -> Term:
-    """All at once."""
-    return join(Operator.AND, parts)
-
-
-def shuffle(parts: Iterable[Term]) -> Term:
-    """In any order."""
-    return join(Operator.SHUFFLE, parts)
-
-
-def star(part: Term) -> Term:
-    """Any number of times."""
-    return Postfix(part, "*", part.depth + 1)
-
-
-def optional(part: Term) -> Term:
-    """Once or not at all."""
-    return Postfix(part, "?", part.depth + 1)
-
-
-def filtered(event: str, body: Term) -> Term:
-    """The body, looking only at events of the type."""
-    return Filter(event, body, body.depth + 1)
-
-
-def let(variables: tuple[str, ...], body: Term) -> Term:
-    """The body with variables, or just the body where there are none."""
-    return Let(variables, body, body.depth + 1) if variables else body
-
-
-def written(term: Term) -> str:
-    """The text of a term."""
-    match term:
-        case Name(text):
-            return text
-        case Join(operator, parts):
-            return operator.value.join(_inner(part) for part in parts)
-        case Postfix(part, sign):
-            return f"{_inner(part)}{sign}"
-        case Filter(event, body):
-            return f"{event} >> {_inner(body)}"
-        case Let(variables, body):
-            return f"{{ let {', '.join(variables)}; {written(body)} }}"
-        case _:
-            assert_never(term)
-
-
-def _inner(term: Term) -> str:
-    return written(term) if isinstance(term, Name | Let | Postfix) else f"({written(term)})"
+def around(part: Written, operator: str, word: str = "") -> Written:
+    """The part repeated (`*`), optional (`?`), behind a filter (`>>`) or in a block (`let`)."""
+    return Written(operator, (part,), word, part.depth + 1)
 
 
 _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[0-9]+\.[0-9]+|\w+|>>|\\/|/\\|\S", re.DOTALL)
@@ -161,20 +92,16 @@ def symbols(text: str) -> int:
 
 @dataclass(slots=True)
 class Equations:
-    """Equations under construction, each a name and a term."""
+    """Equations under construction, each a name and an expression."""
 
-    prefix: str
-    made: list[tuple[str, Term]] = field(default_factory=list)
+    made: list[tuple[str, Written]] = field(default_factory=list)
 
-    def named(self, term: Term) -> Term:
-        """A new equation for the term; its name."""
-        self.made.append((f"{self.prefix}{len(self.made) + 1}", term))
-        return Name(self.made[-1][0])
+    def called(self, term: Written) -> Written:
+        """A new equation for the expression; its name."""
+        self.made.append((f"P{len(self.made) + 1}", term))
+        return named(self.made[-1][0])
 
-    def shallow(self, term: Term) -> Term:
-        """The term, or, where it is deep, the name of an equation for it."""
-        return self.named(term) if term.depth >= MAX_DEPTH or _long(term) else term
-
-
-def _long(term: Term) -> bool:
-    return isinstance(term, Join) and term.operator is Operator.THEN and len(term.parts) >= MAX_PARTS
+    def shallow(self, term: Written) -> Written:
+        """The expression, or, where it is deep or long, the name of an equation for it."""
+        long = term.operator == THEN and len(term.parts) >= MAX_PARTS
+        return self.called(term) if term.depth >= MAX_DEPTH or long else term

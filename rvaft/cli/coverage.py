@@ -110,5 +110,6 @@ def _add(coverage: Coverage, tree: RVAFT, log: str | OSError) -> int:
     return 0
 
 
-def _width() -> int:
-    return max(shutil.get_terminal_size((80, 24)).columns, _NARROWEST)
+def _width() -> int | None:
+    """The columns of a terminal; what is piped keeps whole lines."""
+    return max(shutil.get_terminal_size((80, 24)).columns, _NARROWEST) if sys.stdout.isatty() else None

@@ -6,7 +6,7 @@ to the end of a scenario were n - m. So m is n exactly where the branch was dete
 largest number of its occurrences that were matched.
 """
 
-from rvaft.coverage.measure import DEFAULT_BRANCHES, BranchCoverage, Coverage, Report, Unseen
+from rvaft.coverage.measure import DEFAULT_BRANCHES, BranchCoverage, Coverage, CoverageReport
 from rvaft.coverage.report import json_text, table_text
 
-__all__ = ["DEFAULT_BRANCHES", "BranchCoverage", "Coverage", "Report", "Unseen", "json_text", "table_text"]
+__all__ = ["DEFAULT_BRANCHES", "BranchCoverage", "Coverage", "CoverageReport", "json_text", "table_text"]

@@ -1,18 +1,18 @@
 """Coverage of the branches of a tree by several logs."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Final
 
 from rvaft.analysis.branches import Branch, branch, branches
 from rvaft.api import narrowed
-from rvaft.coverage.reach import Follower, Reach, alone
-from rvaft.engine.compiled_tree import plan_of
-from rvaft.engine.event_index import Letters
+from rvaft.coverage.reach import BranchFollower
+from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
+from rvaft.engine.expectation import awaited
+from rvaft.engine.explanation import chosen_part
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.expressions import name_text, on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -43,19 +43,11 @@ class BranchCoverage:
 
 
 @dataclass(frozen=True, slots=True)
-class Unseen:
-    """A node whose runtime event, `event` as text, no event of any log was."""
-
-    node: str
-    event: str
-
-
-@dataclass(frozen=True, slots=True)
-class Report:
+class CoverageReport:
     """What the logs covered.
 
     `infeasible` are the numbers of branches without a feasible scenario, which nothing can detect and which do not count. `nodes` is the number of nodes
-    with a runtime event in the branches that do.
+    with a runtime event in the branches that do, `unseen` are those whose event no event of any log was.
     """
 
     semantics: Semantics
@@ -63,7 +55,7 @@ class Report:
     branches: tuple[BranchCoverage, ...]
     infeasible: tuple[int, ...]
     nodes: int
-    unseen: tuple[Unseen, ...]
+    unseen: tuple[Awaited, ...]
 
     @property
     def exercised(self) -> int:
@@ -77,19 +69,13 @@ class Report:
 
 
 @dataclass(slots=True)
-class _Row:
-    """A branch and the best that any log so far did."""
+class CoveredBranch:
+    """A branch with the best that any log so far did, and the monitor that each log gets a copy of."""
 
-    branch: Branch
     nodes: frozenset[int]
     """Its nodes by their numbers in the whole tree."""
-    fresh: Follower
-    """Has read nothing; each log gets a copy."""
-    needed: int
-    start: tuple[Awaited, ...]
-    best: tuple[int, int, str, tuple[Awaited, ...]] | None = None
-    """Events lacking, last event, log, what could have come next; None where nothing was matched."""
-    detected: int = 0
+    fresh: BranchFollower
+    best: BranchCoverage
 
 
 class Coverage:
@@ -97,6 +83,12 @@ class Coverage:
 
     Raises `OptionError`, `TreeError` for a tree that breaks a rule, that has no such branch or kind, or of which no such branch is feasible, and
     `TooLarge` beyond `limit` branches; `configurations` bounds the partial matches that are followed in each.
+
+    >>> import rvaft
+    >>> coverage = Coverage(rvaft.loads("top or a x; x sand b c;"))
+    >>> coverage.add("monday.jsonl", [{"event": "b"}])
+    >>> [(branch.reached, branch.needed) for branch in coverage.report().branches]
+    [(0, 1), (1, 2)]
     """
 
     def __init__(
@@ -112,15 +104,15 @@ class Coverage:
         narrowed(tree, branch, kind)  # all that can be wrong with these is said here
         self.tree = tree
         self.semantics = Semantics(semantics)
-        self._rows: list[_Row] = []
+        self._branches: list[CoveredBranch] = []
         self._infeasible: list[int] = []
         self._logs = 0
         self._seen: set[int] = set()
-        self._plan = plan_of(tree)
-        self._letters = Letters(tree, self._plan)
-        number = {name: node for node, name in enumerate(self._plan.names)}
+        self._compiled = CompiledTree(tree)
+        self._letters = TreeLetters(tree, self._compiled)
+        number = {name: node for node, name in enumerate(self._compiled.names)}
         for chosen in _chosen(tree, branch, kind, limit):
-            part = alone(chosen)
+            part = chosen_part(tree, chosen.choices)
             try:
                 require_valid(part)
             except TreeError as error:
@@ -128,15 +120,16 @@ class Coverage:
                     raise
                 self._infeasible.append(chosen.number)
             else:
-                fresh = Follower(part, self.semantics, limit=configurations)
+                fresh = BranchFollower(part, self.semantics, limit=configurations)
                 start = fresh.fork().reach()
+                none = BranchCoverage(chosen.number, chosen.kinds, start.lacking, 0, awaited=start.awaited)
                 nodes = frozenset(number[name] for name in chosen.nodes)
-                self._rows.append(_Row(chosen, nodes, fresh, start.lacking, start.awaited))
+                self._branches.append(CoveredBranch(nodes, fresh, none))
 
     def add(self, log: str, events: Iterable[Json]) -> None:
         """Read a whole log. Raises what reading its events raises, and `TooLarge`; a log that raises does not count."""
-        followers = [row.fresh.fork() for row in self._rows]
-        live, seen, number = list(zip(self._rows, followers, strict=True)), set[int](), 0
+        followers = [(one, one.fresh.fork()) for one in self._branches]
+        live, seen, number = list(followers), set[int](), 0
         try:
             for number, event in enumerate(events, 1):
                 reading = self._letters.read(event)
@@ -145,35 +138,38 @@ class Coverage:
                 seen |= hit
                 if hit or self.semantics is Semantics.STRICT:
                     live = [one for one in live if not self._follow(*one, number, event, hit).final]
-            reached = [follower.reach() for follower in followers]
+            reached = [follower.reach() for _, follower in followers]
         except TooLarge as error:
             remedy = "" if getattr(error, "__notes__", ()) else "; --max-configurations allows more"
             error.add_note(f"at event {number} of {log}{remedy}")
             raise
         self._logs += 1
         self._seen |= seen
-        for row, follower, reach in zip(self._rows, followers, reached, strict=True):
-            _merge(row, log, reach, detected=follower.verdict is Verdict.TRUE)
+        for (one, follower), reach in zip(followers, reached, strict=True):
+            known = one.best
+            detected = known.detected + (follower.verdict is Verdict.TRUE)
+            came = known.needed - reach.lacking
+            one.best = replace(known, detected=detected)
+            if came > known.reached:
+                one.best = replace(one.best, reached=came, log=log, event=reach.event, awaited=reach.awaited)
 
-    def _follow(self, row: _Row, follower: Follower, number: int, event: Json, hit: set[int]) -> Verdict:
+    def _follow(self, one: CoveredBranch, follower: BranchFollower, number: int, event: Json, hit: set[int]) -> Verdict:
         """The verdict of a branch after an event that counts and is the event of these nodes."""
-        fits = not row.nodes.isdisjoint(hit)
+        fits = not one.nodes.isdisjoint(hit)
         if not fits and self.semantics is Semantics.SCATTERED:
             return follower.verdict  # no partial match can use it, and none is ended by it
         return follower.follow(number, event, relevant=True, fits=fits)
 
-    def report(self) -> Report:
+    def report(self) -> CoverageReport:
         """What the logs so far covered."""
-        kept = {name for row in self._rows for name in row.branch.nodes}
-        nodes = [node for node, name in enumerate(self._plan.names) if self._plan.own[node] and name in kept]
-        unseen = (self.tree.nodes[self._plan.names[node]] for node in nodes if node not in self._seen)
-        return Report(
+        kept = {node for one in self._branches for node in one.nodes if self._compiled.own[node]}
+        return CoverageReport(
             self.semantics,
             self._logs,
-            tuple(map(_covered, self._rows)),
+            tuple(one.best for one in self._branches),
             tuple(self._infeasible),
-            len(nodes),
-            tuple(Unseen(n.name, name_text(n.name) if n.on is None else on_text(n.on)) for n in unseen),
+            len(kept),
+            awaited(self.tree, (self._compiled.names[node] for node in kept - self._seen)),
         )
 
 
@@ -187,18 +183,3 @@ def _chosen(tree: RVAFT, number: int | None, kind: Kind | str | None, limit: int
         error.add_note("--limit allows more; or choose one with --branch N, or prune the tree")
         raise error
     return [candidate for candidate in found if kind is None or Kind(kind) in candidate.kinds]
-
-
-def _merge(row: _Row, log: str, reach: Reach, *, detected: bool) -> None:
-    """Take over what a log did, where it is better than what those before it did."""
-    row.detected += detected
-    if reach.lacking < (row.needed if row.best is None else row.best[0]):
-        row.best = reach.lacking, reach.event, log, reach.awaited
-
-
-def _covered(row: _Row) -> BranchCoverage:
-    number, kinds = row.branch.number, row.branch.kinds
-    if row.best is None:
-        return BranchCoverage(number, kinds, row.needed, 0, awaited=row.start)
-    lacking, event, log, awaited = row.best
-    return BranchCoverage(number, kinds, row.needed, row.needed - lacking, row.detected, log, event, awaited)

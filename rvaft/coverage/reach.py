@@ -1,37 +1,27 @@
 """How far one branch has come in one log: a monitor that looks at its partial matches (semantics, section 4)."""
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Collection, Hashable, Iterator, Mapping
+from dataclasses import dataclass
 from itertools import combinations
 from math import inf
 from typing import Final, NamedTuple, Self
 
 import networkx as nx
 
-from rvaft.analysis.branches import Branch
-from rvaft.analysis.scenarios import Kept, Point, cycle, event, precedence
+from rvaft.analysis.normal_form import Op, body, is_impossible
+from rvaft.analysis.scenarios import Fewest, Kept, Point, cycle, event, fewest_events, precedence
 from rvaft.engine import Engine
+from rvaft.engine.compiled_tree import CompiledTree, Reading
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.contiguous import Following
-from rvaft.engine.event_index import Reading
-from rvaft.engine.scattered_linear import Earliest, Run
-from rvaft.engine.shared_nodes import bits
+from rvaft.engine.expectation import admitted, awaited
+from rvaft.engine.scattered_linear import Earliest, EarliestRun
 from rvaft.errors import TooLarge
-from rvaft.model.expressions import name_text, on_text
-from rvaft.model.guards import holds
-from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Gate
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Awaited
-
-# The fewest events that a partial match of a branch still lacks, over all feasible scenarios that it is a part of.
-#
-# A branch leaves only KofN gates to choose, which keep K children or more. Where no node is shared, the cheapest children are the
-# answer, gate by gate. The gates above shared nodes (the *core*) depend on each other: their choices are tried one by one,
-# and each scenario is looked at as a whole.
+from rvaft.support.bits import bits
 
 DEFAULT_LIMIT: Final = 20_000
 """How many ways to keep children of core gates are tried."""
@@ -44,56 +34,53 @@ class Lack(NamedTuple):
     nodes: frozenset[str]
 
 
-class Shortest:
-    """The scenarios of one branch; the tree is restricted to it, so that every `or` has one child."""
+class LackingEvents:
+    """The fewest events that a partial match of a branch still lacks, over all feasible scenarios that it is a part of.
+
+    The tree is restricted to the branch, which leaves only KofN gates to choose: they keep K children or more. Where no node is shared,
+    the cheapest children are the answer, gate by gate. The gates above shared nodes (the *core*) depend on each other: their choices
+    are tried one by one, and each scenario is looked at as a whole.
+    """
 
     def __init__(self, tree: RVAFT, *, limit: int = DEFAULT_LIMIT) -> None:
         self.tree = tree
         self.limit = limit
         self.occurrences = frozenset(tree.occurrences)
-        self.core = self._core()
-        self.chooses = any(node.gate is Gate.VOT for node in tree.top_down())
+        self.chooses = any(body(node).op is Op.AT_LEAST for node in tree.top_down())
         """Whether there is a KofN gate; else the branch is one scenario."""
+        compiled = CompiledTree(tree)
+        self.core = frozenset(compiled.names[node] for node in compiled.core)
+        self._never = frozenset(node.name for node in tree.top_down() if is_impossible(node))
 
-    def _core(self) -> frozenset[str]:
-        found, agenda = set[str](), sorted(self.tree.shared)
-        while agenda:
-            name = agenda.pop()
-            if name not in found:
-                found.add(name)
-                agenda += self.tree.parents(name)
-        return frozenset(found)
-
-    @cached_property
-    def never(self) -> frozenset[str]:
-        """The nodes with a guard without variables that does not hold."""
-        guards = ((node.name, node.when) for node in self.tree.top_down())
-        return frozenset(n for n, g in guards if g is not None and not guard_variables(g) and not holds(g, {}))
-
-    def lacking(self, taken: Mapping[str, int], dead: Collection[str], *, exact: bool) -> Lack | None:
-        """What is lacking when these occurrences are taken and the guards of the dead nodes do not hold; None for no scenario.
+    def fewest(self, taken: Mapping[str, int], dead: Collection[str] = (), *, exact: bool = True) -> Lack:
+        """What is lacking when these occurrences are taken and the guards of the dead nodes do not hold.
 
         `taken` maps each occurrence to the position of its event. If `exact`, the scenario contains all that is taken; otherwise it
-        may do without some of it. Raises `TooLarge`.
+        may do without some of it. There has to be such a scenario. Raises `TooLarge`.
         """
         if not self.chooses:
             return Lack(len(self.occurrences) - len(taken), frozenset(self.tree.order))
-        parts = _Parts(self.tree, taken, frozenset(dead) | self.never, self.core, exact=exact)
+        forced: set[str] = set()
+        below = [node for node in self.tree.bottom_up() if node.name not in self.core]
+        for node in below:
+            if exact and (node.name in taken or not forced.isdisjoint(node.children)):
+                forced.add(node.name)
+        dead = self._never | frozenset(dead)
+        parts = fewest_events(below, without=dead, taken=taken, forced=forced)
         best: Lack | None = None
-        for kept in self._resolutions(parts):
-            nodes = frozenset(kept)
-            lacking = len(self.occurrences & nodes - taken.keys())
-            if (best is None or lacking < best.lacking) and self._fits(kept, taken, exact=exact):
-                best = Lack(lacking, nodes)
+        for kept in self._resolutions(parts, forced, dead):
+            lack = Lack(len(self.occurrences & kept.keys() - taken.keys()), frozenset(kept))
+            if best is None or lack.lacking < best.lacking:
+                if exact and not taken.keys() <= kept.keys():
+                    continue
+                if not self.core or _keeps_order(self.tree, kept, taken):
+                    best = lack
+        assert best is not None, "a partial match is part of a feasible scenario"
         return best
 
-    def _fits(self, kept: Kept, taken: Mapping[str, int], *, exact: bool) -> bool:
-        """Whether a scenario is feasible and what is taken is a partial match of it."""
-        if exact and not taken.keys() <= kept.keys():
-            return False
-        return not self.core or _keeps_order(self.tree, kept, taken)
-
-    def _resolutions(self, parts: "_Parts") -> Iterator[Kept]:
+    def _resolutions(
+        self, parts: Mapping[str, Fewest], forced: Collection[str], dead: Collection[str]
+    ) -> Iterator[Kept]:
         """Scenarios, each node with the children it keeps: every choice in the core, the cheapest below it."""
         agenda: list[tuple[dict[str, tuple[str, ...]], tuple[str, ...]]] = [({}, (self.tree.root,))]
         tried = 0
@@ -101,78 +88,37 @@ class Shortest:
             kept, reached = agenda.pop()
             waiting = next((name for name in reached if name in self.core and name not in kept), None)
             if waiting is not None:
-                if waiting not in parts.dead:
-                    choices = self._choices(waiting, parts)
-                    agenda += [({**kept, waiting: children}, (*reached, *children)) for children in choices]
+                if waiting not in dead:
+                    ways = self._ways(waiting, parts, forced)
+                    agenda.extend(({**kept, waiting: children}, (*reached, *children)) for children in ways)
                 continue
             tried += 1
             if tried > self.limit:
-                gates = [name for name in self.tree.order if name in self.core and self._votes(name)]
+                gates = [name for name in self.tree.order if name in self.core and self._has_need(name)]
                 what = f"ways to keep children of {', '.join(gates[:10])}, which share nodes"
                 error = TooLarge(what, limit=self.limit)
                 error.add_note("choose a branch without them with --branch N, or prune the tree")
                 raise error
-            if all(name in self.core or name in parts.cost for name in reached):
-                below = parts.kept(name for name in reached if name not in self.core)
-                yield {**kept, **below}
+            if all(name in self.core or name in parts for name in reached):
+                roots = [name for name in reached if name not in self.core]
+                below = (name for root in roots for name in reachable(root, lambda name: parts[name].kept))
+                yield kept | {name: parts[name].kept for name in below}
 
-    def _choices(self, name: str, parts: "_Parts") -> Iterator[tuple[str, ...]]:
+    def _ways(self, name: str, parts: Mapping[str, Fewest], forced: Collection[str]) -> Iterator[tuple[str, ...]]:
         """The children that a core gate may keep."""
         node = self.tree.nodes[name]
-        if not self._votes(name):
+        if not self._has_need(name):
             yield node.children
             return
-        able = [child for child in node.children if child in self.core or child in parts.cost]
-        forced = {child for child in node.children if child in parts.forced}
-        for size in range(node.threshold or 0, len(able) + 1):
+        able = [child for child in node.children if child in self.core or child in parts]
+        must = {child for child in node.children if child in forced}
+        for size in range(body(node).need, len(able) + 1):
             for chosen in combinations(able, size):
-                if forced <= set(chosen):
+                if must <= set(chosen):
                     yield chosen
 
-    def _votes(self, name: str) -> bool:
-        return self.tree.nodes[name].gate is Gate.VOT
-
-
-class _Parts:
-    """The nodes outside the core: what each lacks at the least (absent where it is in no scenario), with which children."""
-
-    def __init__(
-        self, tree: RVAFT, taken: Collection[str], dead: frozenset[str], core: frozenset[str], *, exact: bool
-    ) -> None:
-        self.tree = tree
-        self.dead = dead
-        self.cost: dict[str, int] = {}
-        self.forced: set[str] = set()
-        """Nodes that a scenario with their parent has to keep."""
-        self._children: dict[str, tuple[str, ...]] = {}
-        for node in tree.bottom_up():
-            name = node.name
-            if name in core:
-                continue
-            if exact and (name in taken or any(child in self.forced for child in node.children)):
-                self.forced.add(name)
-            kept = self._cheapest(name)
-            if kept is not None and name not in dead:
-                own = node.has_event and name not in taken
-                self._children[name] = kept
-                self.cost[name] = own + sum(self.cost[child] for child in kept)
-
-    def _cheapest(self, name: str) -> tuple[str, ...] | None:
-        node = self.tree.nodes[name]
-        able = [child for child in node.children if child in self.cost]
-        if node.gate is not Gate.VOT:
-            return node.children if len(able) == len(node.children) else None
-        forced = [child for child in node.children if child in self.forced]
-        if any(child not in self.cost for child in forced) or len(able) < (node.threshold or 0):
-            return None
-        rest = sorted((child for child in able if child not in self.forced), key=self.cost.__getitem__)
-        chosen = {*forced, *rest[: max((node.threshold or 0) - len(forced), 0)]}
-        return tuple(child for child in node.children if child in chosen)
-
-    def kept(self, roots: Iterable[str]) -> Mapping[str, tuple[str, ...]]:
-        """The nodes from these down, each with the children it keeps."""
-        names = dict.fromkeys(name for root in roots for name in reachable(root, self._children.__getitem__))
-        return {name: self._children[name] for name in names}
+    def _has_need(self, name: str) -> bool:
+        return body(self.tree.nodes[name]).op is Op.AT_LEAST
 
 
 def _keeps_order(tree: RVAFT, kept: Kept, taken: Mapping[str, int]) -> bool:
@@ -200,28 +146,19 @@ class Reach:
     awaited: tuple[Awaited, ...]
 
 
-def alone(branch: Branch) -> RVAFT:
-    """The tree of a branch and nothing else: what events are relevant has to be asked of the whole."""
-    tree = branch.tree
-    nodes = [replace(tree.nodes[name], children=branch.children(name)) for name in branch.nodes]
-    events = dict.fromkeys(node.on.event for node in nodes if node.on is not None)
-    return RVAFT(tree.root, nodes, (tree.events[event] for event in events), causality=tree.causality)
+class BranchFollower(Engine):
+    """The monitor of one branch, `tree` being that branch alone, that remembers the best of the partial matches it met.
 
-
-class Follower(Engine):
-    """The monitor of one branch, `tree` being that branch `alone`, that remembers the best of the partial matches it met.
-
-    It is given only the events that may matter to it, with what the whole tree says of them, since there may be very many branches. Under `strict` and `projected` partial matches end, so they are looked at whenever they grow; under `scattered` none is lost
+    It is given only the events that may matter to it, with what the whole tree says of them, since there may be very many branches.
+    Under `strict` and `projected` partial matches end, so they are looked at whenever they grow; under `scattered` none is lost
     but to a better one, and the end of the log is early enough. Raises `TooLarge`.
     """
 
     def __init__(self, tree: RVAFT, semantics: Semantics | str, *, limit: int) -> None:
         super().__init__(tree, semantics, limit=limit)
-        self.shortest = shortest = Shortest(tree)
+        self.shortest = LackingEvents(tree)
         self._size = 0
-        start = shortest.lacking({}, (), exact=True)
-        assert start is not None, "the branch has a feasible scenario"
-        self._lacking, self._last = start.lacking, 0
+        self._lacking, self._last = self.shortest.fewest({}).lacking, 0
         self._best: list[Witness | None] = [None]
 
     def fork(self) -> Self:
@@ -250,21 +187,25 @@ class Follower(Engine):
             return self._reach_of_run(strategy)
         if self.semantics is Semantics.SCATTERED:
             self._look()
-        names = {name for witness in self._best for name in _open(strategy, witness)}
-        return Reach(self._lacking, self._last, self._awaited(names))
+        names: set[str] = set()
+        for witness in self._best:
+            history = reversed(list(Configuration(0, 0, witness=witness).history()))
+            match = strategy.matching.replayed((step.node, step.values, step.position) for step in history)
+            assert match is not None, "a partial match can be made again"
+            names.update(admitted(strategy.matching, match))
+        return Reach(self._lacking, self._last, awaited(self.tree, names))
 
     def _reach_of_run(self, strategy: Earliest) -> Reach:
         """What has fired in the linear way; the best match may do without some of it, and is then played again alone."""
-        names = strategy.plan.names
+        names = strategy.compiled.names
         fired = {names[node]: position for node, (position, _) in strategy.run.fired.items()}
-        lack = self.shortest.lacking(fired, (), exact=False)
-        assert lack is not None, "the branch has a feasible scenario"
-        alone, last = Run(strategy.plan, strategy.starts), 0
+        lack = self.shortest.fewest(fired, exact=False)
+        best, last = EarliestRun(strategy.compiled, strategy.starts), 0
         for node, (position, values) in strategy.run.fired.items():
             if names[node] in lack.nodes:
-                alone.fire([(node, values)], position)
+                best.fire([(node, values)], position)
                 last = position
-        return Reach(lack.lacking, last, self._awaited({names[node] for node in alone.awaited()}))
+        return Reach(lack.lacking, last, awaited(self.tree, {names[node] for node in best.awaited()}))
 
     def _look(self) -> None:
         """Compare the partial matches with the best so far."""
@@ -276,50 +217,24 @@ class Follower(Engine):
             if size == self._size:
                 return
             self._size = size
-        for configuration in _alike(partial):
-            lacking, last, witness = self._lack(configuration), _last(configuration), configuration.witness
+        alike: dict[
+            Hashable, tuple[int, Configuration]
+        ] = {}  # of those that lack the same, one whose last event came first
+        for match in partial:
+            last = 0 if match.witness is None else match.witness.position
+            place = match.taken, match.dead, match.inversions
+            if place not in alike or last < alike[place][0]:
+                alike[place] = last, match
+        for last, match in alike.values():
+            lacking = self._lack(match)
             if (lacking, last) < (self._lacking, self._last):
                 self._lacking, self._last, self._best = lacking, last, []
-            if (lacking, last) == (self._lacking, self._last) and witness not in self._best:
-                self._best.append(witness)
+            if (lacking, last) == (self._lacking, self._last) and match.witness not in self._best:
+                self._best.append(match.witness)
 
     def _lack(self, partial: Configuration) -> int:
         if not self.shortest.chooses:
             return len(self.shortest.occurrences) - partial.taken.bit_count()
-        names = self._strategy.plan.names
+        names = self._strategy.compiled.names
         taken = {names[step.node]: step.position for step in partial.history()}
-        lack = self.shortest.lacking(taken, [names[node] for node in bits(partial.dead)], exact=True)
-        assert lack is not None, "a partial match is part of a scenario"
-        return lack.lacking
-
-    def _awaited(self, names: set[str]) -> tuple[Awaited, ...]:
-        nodes = (self.tree.nodes[name] for name in self.tree.order if name in names)
-        return tuple(Awaited(n.name, name_text(n.name) if n.on is None else on_text(n.on)) for n in nodes)
-
-
-def _alike(partial: list[Configuration]) -> Iterable[Configuration]:
-    """Of the partial matches that lack the same, one whose last event came first."""
-    found: dict[Hashable, Configuration] = {}
-    for configuration in partial:
-        key = configuration.taken, configuration.dead, configuration.inversions
-        known = found.setdefault(key, configuration)
-        if _last(configuration) < _last(known):
-            found[key] = configuration
-    return found.values()
-
-
-def _last(configuration: Configuration) -> int:
-    """The position of the last event of a partial match."""
-    return 0 if configuration.witness is None else configuration.witness.position
-
-
-def _open(strategy: Following, witness: Witness | None) -> Iterator[str]:
-    """The nodes whose event could come next in a partial match."""
-    matching, names = strategy.matching, strategy.plan.names
-    steps: list[Witness] = []
-    while witness is not None:
-        steps.append(witness)
-        witness = witness.before
-    configuration = matching.replayed((step.node, step.values, step.position) for step in reversed(steps))
-    assert configuration is not None, "a partial match can be made again"
-    return (names[n] for n, own in enumerate(strategy.plan.own) if own and matching.admits(configuration, n))
+        return self.shortest.fewest(taken, [names[node] for node in bits(partial.dead)]).lacking

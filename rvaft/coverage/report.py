@@ -14,15 +14,17 @@ import io
 import json
 from typing import Final
 
-from rvaft.coverage.measure import BranchCoverage, Report
+from rvaft.coverage.measure import BranchCoverage, CoverageReport
 from rvaft.support.terminal import visible
 
 VERSION: Final = 1
 _LISTED: Final = 20
 """Nodes that are listed one by one."""
+_UNBOUNDED: Final = 1_000_000
+"""Columns that no line fills."""
 
 
-def json_text(report: Report) -> str:
+def json_text(report: CoverageReport) -> str:
     """The report as one JSON object."""
     value = {
         "format": "rvaft-coverage",
@@ -54,10 +56,10 @@ def json_text(report: Report) -> str:
     return json.dumps(value, indent=2) + "\n"
 
 
-def table_text(report: Report, *, width: int) -> str:
-    """The report as a table of at most so many columns, the nodes never seen, and a line of totals; long texts are wrapped.
+def table_text(report: CoverageReport, *, width: int | None = None) -> str:
+    """The report as a table, the nodes never seen, and a line of totals; one line without any log.
 
-    Without any log it is one line.
+    With a `width` in columns long texts are wrapped; else each row is one line.
     """
     if not report.logs:
         return f"no log could be used; branches: {len(report.branches)}, nodes: {report.nodes}\n"
@@ -80,7 +82,8 @@ def table_text(report: Report, *, width: int) -> str:
             _where(branch),
         )
         table.add_row(*(Text(visible(cell)) for cell in cells))
-    console = Console(file=io.StringIO(), width=width, color_system=None, legacy_windows=False, force_jupyter=False)
+    columns = _UNBOUNDED if width is None else width
+    console = Console(file=io.StringIO(), width=columns, color_system=None, legacy_windows=False, force_jupyter=False)
     with console.capture() as captured:
         console.print(table)
         for line in _below(report):
@@ -105,7 +108,7 @@ def _where(branch: BranchCoverage) -> str:
     return f"{place}; {waits}" if place else waits
 
 
-def _below(report: Report) -> list[str]:
+def _below(report: CoverageReport) -> list[str]:
     lines = [""]
     if report.infeasible:
         numbers = ", ".join(map(str, report.infeasible[:_LISTED]))

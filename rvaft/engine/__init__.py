@@ -1,7 +1,7 @@
 """The monitor that people run: incremental, explained, and built without enumerating scenarios.
 
-Two strategies share what is compiled from the tree (`plan`, `letters`): the general one follows the set of all partial matches
-(`following`), the linear one serves `scattered` where nothing competes for events (`earliest`).
+A tree is compiled (`compiled_tree`), and one of three strategies follows its partial matches: `contiguous` under `strict` and
+`projected`; under `scattered` the general one, or the linear one where nothing competes for events.
 """
 
 from rvaft.engine.monitor import Engine, engine

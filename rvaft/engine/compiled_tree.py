@@ -1,87 +1,52 @@
 """A tree compiled to numbers: what the engine looks up while events come in.
 
-Nodes are numbered in the order of the tree, parents before children; sets of nodes are bit masks. The children of an ordered gate
+Nodes are numbered in the order of the tree, parents before children; sets of nodes are bit masks. The children of a sequence
 stand in the order of time. Where no node is shared the tree is one *part*. Otherwise the ancestors of shared nodes (and the
 shared nodes) form the *core*, and every other child of a core node roots a part: a read-once tree that only the core relates to
 the rest.
+
+A variable that only one node's event and that node's own guard mention is no variable of the tree at all: whether the event fits
+can be said from the event. The guard then is a *filter* of the event; what remains are the *exported* variables, which a
+configuration has to remember, and the guards that wait for them.
 """
 
 from collections import Counter
-from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Final
+from collections.abc import Callable, Container, Hashable, Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
 
-from rvaft.model.guards import Guard, holds
+from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
+from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, reader
+from rvaft.model.guards import Predicate, predicate
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.nodes import Causality
 from rvaft.model.patterns import rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, key
-
-# Which variables tie the nodes of a tree together, and which concern one event alone.
-#
-# A variable that only one node's event and that node's own guard mention is no variable of the tree at all: whether the event fits
-# can be said from the event. The guard then is a *filter* of the event; what remains are the *exported* variables, which a
-# configuration has to remember, and the guards that wait for them.
+from rvaft.support.bits import mask_of
 
 _PLAIN: Final = (str, int, float, bool, type(None))
 
 
-class Uses:
-    """Who mentions which variable in a tree."""
-
-    def __init__(self, tree: RVAFT) -> None:
-        self._bound: dict[str, tuple[str, ...]] = {}
-        mentioned: Counter[str] = Counter()
-        for node in tree.top_down():
-            pattern = tree.pattern(node.name)
-            self._bound[node.name] = () if pattern is None else rigid_variables(pattern)
-            mentioned.update({*self._bound[node.name], *_of_guard(node)})
-        self._mentioned = mentioned
-
-    def _private(self, node: Node) -> frozenset[str]:
-        """The variables that nothing but this node mentions."""
-        return frozenset(name for name in self._bound[node.name] if self._mentioned[name] == 1)
-
-    def filter(self, node: Node) -> Guard | None:
-        """The node's guard where its event alone decides it."""
-        names = _of_guard(node)
-        return node.when if names and names <= self._private(node) else None
-
-    def waiting(self, node: Node) -> Guard | None:
-        """The node's guard where it is constant or needs variables that a configuration remembers."""
-        return None if self.filter(node) is not None else node.when
-
-    def exported(self, node: Node) -> tuple[str, ...]:
-        """The variables of the node's event that a configuration has to remember."""
-        waits = self.waiting(node)
-        local = self._private(node) - (frozenset() if waits is None else frozenset(guard_variables(waits)))
-        return tuple(name for name in self._bound[node.name] if name not in local)
-
-
-def _of_guard(node: Node) -> frozenset[str]:
-    return frozenset() if node.when is None else frozenset(guard_variables(node.when))
-
-
 def fingerprint(binding: Mapping[str, Json]) -> Hashable:
-    """A hashable stand-in for a binding. Finer than equality of values: a guard may tell 2**60 from 2.0**60, since whole
-    numbers are exact and the rest are IEEE doubles.
-    """  # noqa: D205
+    """A hashable stand-in for a binding. Finer than equality of values: a guard may tell 2**60 from 2.0**60.
+
+    Whole numbers are exact and the rest are IEEE doubles.
+    """
     return frozenset((name, exact(value)) for name, value in binding.items())
 
 
 def exact(value: Json) -> Hashable:
-    """The same for one value."""
+    """The same for one value: equal where nothing can tell two values apart.
+
+    >>> exact(1) == exact(1.0), exact([1]) == exact([1])
+    (False, True)
+    """
     kind = type(value)
-    return (kind, value) if kind in _PLAIN else (key(value), _kinds(value))
+    return (kind, value) if kind in _PLAIN else (key(value), tuple(_types(value)))
 
 
-def _kinds(value: Json) -> Hashable:
-    """The types of the numbers in a value."""
-    if not isinstance(value, (Mapping, list)):
-        return (type(value),)
-    found: list[Hashable] = []
+def _types(value: Json) -> Iterator[type]:
+    """The types of the scalars in a value."""
     agenda = [value]
     while agenda:
         part = agenda.pop()
@@ -90,147 +55,216 @@ def _kinds(value: Json) -> Hashable:
         elif isinstance(part, list):
             agenda.extend(part)
         else:
-            found.append(type(part))
-    return tuple(found)
+            yield type(part)
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The structure of a tree; `parent` and `slot` are -1 for the root of a part and for the nodes of the core."""
+class CompiledTree:
+    """The structure of a tree; `parent` and `slot` are -1 for the root of a part and for the nodes of the core.
 
-    names: tuple[str, ...]
-    gates: tuple[Gate | None, ...]
-    children: tuple[tuple[int, ...], ...]
-    thresholds: tuple[int, ...]
-    own: tuple[bool, ...]
-    guards: tuple[Guard | None, ...]
-    exported: tuple[tuple[str, ...], ...]
-    filters: tuple[Guard | None, ...]
-    top_down: bool
-    core: tuple[int, ...]
-    parts: tuple[int, ...]
-    part_of: tuple[int, ...]
-    parent: tuple[int, ...]
-    slot: tuple[int, ...]
+    >>> import rvaft
+    >>> compiled = CompiledTree(rvaft.loads("top sand a b; a or c d;"))
+    >>> compiled.names, compiled.children[0], compiled.need[1]
+    (('top', 'a', 'c', 'd', 'b'), (1, 4), 1)
+    """
 
-    @property
-    def root(self) -> int:
-        """The root of the tree: the first node of the order."""
-        return 0
+    root: Final = 0
+    """The first node of the order."""
 
-    def least(self, node: int) -> int:
+    def __init__(self, tree: RVAFT) -> None:
+        self.names = tree.order
+        nodes = [tree.nodes[name] for name in self.names]
+        number = {name: node for node, name in enumerate(self.names)}
+        bodies = [body(node) for node in nodes]
+        self.ops = tuple(one.op for one in bodies)
+        self.children = tuple(tuple(number[child] for child in one.children) for one in bodies)
+        self.need = tuple(one.need for one in bodies)
         """The least number of children that a scenario with a node keeps."""
-        match self.gates[node]:
-            case Gate.OR:
-                return 1
-            case Gate.VOT:
-                return self.thresholds[node]
-            case _:
-                return len(self.children[node])
-
-    @cached_property
-    def closed(self) -> int:
-        """The nodes without a guard that waits for variables."""
-        return sum(1 << node for node, guard in enumerate(self.guards) if not guard or not guard_variables(guard))
-
-    @cached_property
-    def dead(self) -> int:
+        self.chooses = mask_of(node for node, one in enumerate(bodies) if one.chooses)
+        """The nodes that need not keep all of their children."""
+        self.own = tuple(node.has_event for node in nodes)
+        self.top_down = tree.causality is Causality.TOP_DOWN
+        self._note_variables(tree)
+        self._note_parts(number, tree)
+        self.dead = mask_of(index for index, node in enumerate(nodes) if is_impossible(node))
         """The nodes that a constant guard rules out."""
-        constant = ((n, g) for n, g in enumerate(self.guards) if g is not None and not guard_variables(g))
-        return sum(1 << node for node, guard in constant if not holds(guard, {}))
+        waiting = (index for index, node in enumerate(nodes) if self.needs[index] and not is_constant(node))
+        self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
+        """The nodes without a guard that waits for variables."""
+        self.freezer = self._freezer()
+        self.picks = self._picks()
+        """The nodes that keep one child, or have such a node below."""
 
-    @cached_property
-    def guarded_by(self) -> dict[str, tuple[int, ...]]:
-        """The nodes whose guard waits for a variable."""
-        found: dict[str, list[int]] = {}
-        for node, guard in enumerate(self.guards):
-            for name in guard_variables(guard) if guard is not None else ():
-                found.setdefault(name, []).append(node)
-        return {name: tuple(nodes) for name, nodes in found.items()}
-
-    @cached_property
-    def needs(self) -> tuple[tuple[str, ...], ...]:
-        """The variables of each node's guard."""
-        return tuple(() if guard is None else guard_variables(guard) for guard in self.guards)
-
-    @cached_property
-    def mentions(self) -> dict[str, int]:
-        """The occurrences that bind or compare a variable."""
-        found: dict[str, int] = {}
+    def _note_variables(self, tree: RVAFT) -> None:
+        """Who mentions which variable, and what therefore has to be remembered."""
+        nodes = list(tree.top_down())
+        patterns = [tree.pattern(node.name) for node in nodes]
+        bound = [() if pattern is None else rigid_variables(pattern) for pattern in patterns]
+        needs = [() if node.when is None else guard_variables(node.when) for node in nodes]
+        mentioned = Counter(name for node in range(len(nodes)) for name in {*bound[node], *needs[node]})
+        private = [{name for name in names if mentioned[name] == 1} for names in bound]
+        filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
+        self.filters = tuple(node.when if only else None for node, only in zip(nodes, filters, strict=True))
+        """For each node the guard that its event alone decides."""
+        self.guards = tuple(None if only else node.when for node, only in zip(nodes, filters, strict=True))
+        """For each node the guard that is constant or waits for variables that are remembered."""
+        self.needs = tuple(() if only else names for names, only in zip(needs, filters, strict=True))
+        """The variables of these guards."""
+        self.exported = tuple(
+            tuple(name for name in names if name not in private[node] or name in self.needs[node])
+            for node, names in enumerate(bound)
+        )
+        """For each node the variables of its event that have to be remembered."""
+        self.predicates: tuple[Predicate | None, ...] = tuple(
+            None if guard is None else predicate(guard) for guard in self.guards
+        )
+        self.guarded_by: dict[str, list[int]] = {}
+        """For each variable the nodes whose guard waits for it."""
+        self.mentions: dict[str, int] = {}
+        """For each variable the nodes whose event binds or compares it."""
+        for node, names in enumerate(self.needs):
+            for name in names:
+                self.guarded_by.setdefault(name, []).append(node)
         for node, names in enumerate(self.exported):
             for name in names:
-                found[name] = found.get(name, 0) | 1 << node
-        return found
+                self.mentions[name] = self.mentions.get(name, 0) | 1 << node
 
-    @cached_property
-    def freezer(self) -> tuple[int, ...]:
-        """The nearest of a node and its ancestors (in its part) that something later can end: a child of an ordered gate
-        that is not the last, or of a gate whose own event comes after its children; -1 where there is none.
-        """  # noqa: D205
-        found: list[int] = []
-        for node, parent in enumerate(self.parent):
-            if parent < 0:
-                found.append(-1)
-            elif self._freezes(parent, self.slot[node]):
-                found.append(node)
-            else:
-                found.append(found[parent])
-        return tuple(found)
-
-    def _freezes(self, gate: int, slot: int) -> bool:
-        if self.own[gate] and not self.top_down:
-            return True
-        kind = self.gates[gate]
-        return kind is not None and kind.ordered and slot + 1 < len(self.children[gate])
-
-    @cached_property
-    def chooses(self) -> int:
-        """The nodes that are an `or` or have one below."""
-        found = 0
+    def _note_parts(self, number: Mapping[str, int], tree: RVAFT) -> None:
+        """The shared nodes with their ancestors, and the parts below them."""
+        core = {number[name] for name in tree.shared}
         for node in range(len(self.names) - 1, -1, -1):
-            if self.gates[node] is Gate.OR or any(found >> child & 1 for child in self.children[node]):
-                found |= 1 << node
+            if not core.isdisjoint(self.children[node]):
+                core.add(node)
+        size = len(self.names)
+        self.parent, self.slot, self.part_of = [-1] * size, [-1] * size, list(range(size))
+        for node, children in enumerate(self.children):
+            if node not in core:
+                for slot, child in enumerate(children):
+                    self.parent[child], self.slot[child], self.part_of[child] = node, slot, self.part_of[node]
+        self.core = tuple(sorted(core))
+        self.members = frozenset(core)
+        """The nodes of the core, as a set."""
+        self.parts = tuple(node for node in range(size) if node not in core and self.parent[node] < 0)
+
+    def _freezer(self) -> list[int]:
+        """The nearest of a node and its ancestors in its part that something later can end, or -1.
+
+        Such is a child of a sequence that is not the last, or of a gate whose own event comes after its children.
+        """
+        found: list[int] = []
+        for node, (parent, slot) in enumerate(zip(self.parent, self.slot, strict=True)):
+            later = self.ops[parent] is Op.SEQUENCE and slot + 1 < len(self.children[parent])
+            freezes = parent >= 0 and (later or (self.own[parent] and not self.top_down))
+            found.append(node if freezes else -1 if parent < 0 else found[parent])
         return found
 
-
-def plan_of(tree: RVAFT) -> Plan:
-    """Compile a tree."""
-    number = {name: index for index, name in enumerate(tree.order)}
-    nodes = [tree.nodes[name] for name in tree.order]
-    uses = Uses(tree)
-    core = _core(tree)
-    children = [
-        tuple(number[c] for c in (reversed(node.children) if node.gate is Gate.SAND_RL else node.children))
-        for node in nodes
-    ]
-    parent, slot, part_of = [-1] * len(nodes), [-1] * len(nodes), list(range(len(nodes)))
-    for index, node in enumerate(nodes):
-        if node.name not in core:
-            for place, child in enumerate(children[index]):
-                parent[child], slot[child], part_of[child] = index, place, part_of[index]
-    return Plan(
-        names=tuple(tree.order),
-        gates=tuple(node.gate for node in nodes),
-        children=tuple(children),
-        thresholds=tuple(node.threshold or 0 for node in nodes),
-        own=tuple(node.has_event for node in nodes),
-        guards=tuple(uses.waiting(node) for node in nodes),
-        exported=tuple(uses.exported(node) for node in nodes),
-        filters=tuple(uses.filter(node) for node in nodes),
-        top_down=tree.causality is Causality.TOP_DOWN,
-        core=tuple(index for index, node in enumerate(nodes) if node.name in core),
-        parts=tuple(i for i, node in enumerate(nodes) if node.name not in core and parent[i] < 0),
-        part_of=tuple(part_of),
-        parent=tuple(parent),
-        slot=tuple(slot),
-    )
+    def _picks(self) -> int:
+        found = bytearray(len(self.names))
+        for node in range(len(self.names) - 1, -1, -1):
+            found[node] = self.ops[node] is Op.ONE or any(found[child] for child in self.children[node])
+        return mask_of(node for node, picks in enumerate(found) if picks)
 
 
-def _core(tree: RVAFT) -> frozenset[str]:
-    """The shared nodes and their ancestors."""
-    found, agenda = set(tree.shared), sorted(tree.shared)
-    while agenda:
-        new = [name for name in tree.parents(agenda.pop()) if name not in found]
-        found.update(new)
-        agenda.extend(new)
-    return frozenset(found)
+# What an event means to a tree: which nodes it can serve, and whether it is relevant.
+#
+# Equal patterns with equal guards are one *letter*, tried once per event. What the shape of an event decides is worked out once for
+# each shape, so an event that concerns nothing costs one look-up, however large the tree.
+
+
+class Hit(NamedTuple):
+    """A letter that an event is, the nodes whose runtime event that is, and the values it gives to their variables."""
+
+    letter: int
+    nodes: tuple[int, ...]
+    values: Mapping[str, Json]
+
+
+class Reading(NamedTuple):
+    """What one event means to a tree."""
+
+    relevant: bool
+    hits: Sequence[Hit]
+
+
+_new: Final = tuple.__new__  # half the time of the classes' own; they add nothing
+NOTHING: Final = Reading(relevant=False, hits=())
+"""What an event means that fits no pattern."""
+
+
+class Admission(NamedTuple):
+    """How an event that may be some letter becomes a hit."""
+
+    letter: int
+    nodes: tuple[int, ...]
+    relevant: bool
+    test: Predicate | None
+    """What the event itself has to say, beside its shape."""
+    values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
+    """The values of the variables; None where the event is not this letter after all."""
+
+
+class Sketch(NamedTuple):
+    """What events of one shape may be: the letters, those of them that serve a node, and those that are ignored."""
+
+    letters: tuple[Admission, ...]
+    serving: tuple[Admission, ...]
+    ignored: tuple[Reader, ...]
+
+
+class TreeLetters:
+    """All letters of a tree: those of its occurrences, those of its alphabet, and those it ignores."""
+
+    def __init__(self, tree: RVAFT, compiled: CompiledTree) -> None:
+        serves: dict[Letter, list[int]] = {}
+        for node, name in enumerate(compiled.names):
+            pattern = tree.pattern(name)
+            if pattern is not None:
+                serves.setdefault(Letter(pattern, compiled.filters[node]), []).append(node)
+        alphabet = dict.fromkeys(Letter(entry.pattern, entry.when) for entry in tree.alphabet)
+        self.letters = tuple(dict.fromkeys([*serves, *alphabet]))
+        self.serves = tuple(tuple(serves.get(letter, ())) for letter in self.letters)
+        """For each letter the nodes whose runtime event it is."""
+        ignored = [Letter(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores]
+        self._relevant = [letter in alphabet for letter in self.letters]
+        self._readers = [reader(number, letter) for number, letter in enumerate((*self.letters, *ignored))]
+        self.sketch = PatternIndex((one.pattern for one in self._readers), self._sketch).of
+        """What the shape of an event says: for who reads many events of few shapes."""
+
+    def _sketch(self, decided: Decided) -> Sketch:
+        readers = [self._readers[number] for number in sorted((*decided.fits, *decided.open))]
+        letters = tuple(self._admission(one) for one in readers if one.number < len(self.letters))
+        ignored = tuple(one for one in readers if one.number >= len(self.letters))
+        return Sketch(letters, tuple(one for one in letters if one.nodes), ignored)
+
+    def _admission(self, one: Reader) -> Admission:
+        test, values = (one.holds, one.values) if one.plain else (None, one.read)
+        return Admission(one.number, self.serves[one.number], self._relevant[one.number], test, values)
+
+    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
+        """What an event means; `sketch` is what its shape says, where that is known."""
+        letters, _, ignored = self.sketch(event) if sketch is None else sketch
+        if not letters:
+            return NOTHING
+        relevant = False
+        hits: list[Hit] = []
+        for number, nodes, matters, test, values_of in letters:
+            if test is None or test(event):
+                values = values_of(event)
+                if values is not None:
+                    relevant = relevant or matters
+                    if nodes:
+                        hits.append(_new(Hit, (number, nodes, values)))
+        if relevant and ignored:
+            relevant = not any(one.admits(event) for one in ignored)
+        return _new(Reading, (relevant, hits))
+
+    def served(
+        self, event: Mapping[str, Json], sketch: Sketch | None = None, wanted: Container[int] | None = None
+    ) -> Reading:
+        """The same but for relevance; of the letters only those `wanted` are tried."""
+        hits: list[Hit] = []
+        for number, nodes, _, test, values_of in (self.sketch(event) if sketch is None else sketch).serving:
+            if (wanted is None or number in wanted) and (test is None or test(event)):
+                values = values_of(event)
+                if values is not None:
+                    hits.append(_new(Hit, (number, nodes, values)))
+        return _new(Reading, (False, hits)) if hits else NOTHING

@@ -1,15 +1,8 @@
-"""A configuration: one partial match, and what its future depends on.
-
-`taken` are the occurrences that have their event. `dead` are the nodes whose guard does not hold, `closed` those whose guard
-waits for nothing. `binding` keeps the variables that still matter. `inversions` says which orders between two shared elements of the
-tree the match has broken: harmless while some scenario does not demand them (always empty where no node is shared).
-`flags` and `tallies` are what `Progress` knows, where it differs from the start; both follow from the rest. `witness` is how the
-match came about and no part of the state.
-"""
+"""A configuration: one partial match, what its future depends on, and its form in a pickle."""
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any, Final, NamedTuple, Optional
+from dataclasses import dataclass, field
+from typing import NamedTuple, Optional
 
 from rvaft.engine.compiled_tree import fingerprint
 from rvaft.model.values import Json
@@ -21,12 +14,19 @@ class Witness(NamedTuple):
     before: Optional["Witness"]
     node: int
     position: int
-    values: dict[str, Json]
+    values: Mapping[str, Json]
 
 
 @dataclass(slots=True)
 class Configuration:
-    """One partial match; see the module."""
+    """One partial match.
+
+    `taken` are the occurrences that have their event. `dead` are the nodes whose guard does not hold, `closed` those whose guard
+    waits for nothing. `binding` keeps the variables that still matter. `inversions` says which orders between two shared elements of
+    the tree the match has broken: harmless while some scenario does not demand them (always empty where no node is shared).
+    `flags` and `tallies` are what `Progress` knows, where it differs from the start; both follow from the rest. `witness` is how
+    the match came about and no part of the state.
+    """
 
     dead: int
     closed: int
@@ -43,10 +43,10 @@ class Configuration:
             self.dead,
             self.closed,
             self.taken,
-            dict(self.binding),
+            self.binding.copy(),
             self.inversions,
-            dict(self.flags),
-            dict(self.tallies),
+            self.flags.copy(),
+            self.tallies.copy(),
             self.witness,
         )
 
@@ -63,52 +63,47 @@ class Configuration:
             step = step.before
 
 
-# Configurations in a form to be pickled: flat, since the chain of a long match is deeper than Python can recurse.
-#
-# Configurations share the beginnings of their matches; a step that several share is written once.
+class Snapshot(NamedTuple):
+    """Groups of configurations in a form to be pickled: flat, since the chain of a long match is deeper than Python can recurse.
 
-_FIELDS: Final = tuple(field.name for field in fields(Configuration) if field.name != "witness")
+    A step that several matches share is written once: the number of the one before (-1 for none), node, position, values. Each
+    configuration stands without its witness, with the number of its last step.
+    """
 
+    steps: list[tuple[int, int, int, Mapping[str, Json]]]
+    groups: list[list[tuple[Configuration, int]]]
 
-@dataclass(frozen=True, slots=True)
-class Packed:
-    """Groups of configurations: the fields of each with the number of its last step; -1 stands for no step."""
+    @classmethod
+    def of(cls, groups: Iterable[Iterable[Configuration]]) -> "Snapshot":
+        """What `groups_again` makes the same groups of."""
+        found = cls([], [])
+        numbers: dict[int, int] = {}
+        for group in groups:
+            found.groups.append([])
+            for one in group:
+                new: list[Witness] = []
+                for step in one.history():
+                    if id(step) in numbers:
+                        break
+                    new.append(step)
+                for step in reversed(new):
+                    before = -1 if step.before is None else numbers[id(step.before)]
+                    numbers[id(step)] = len(found.steps)
+                    found.steps.append((before, step.node, step.position, step.values))
+                kept = one.copy()  # monitors go on while a snapshot waits to be written
+                kept.witness = None
+                found.groups[-1].append((kept, -1 if one.witness is None else numbers[id(one.witness)]))
+        return found
 
-    steps: tuple[tuple[int, int, int, Mapping[str, Json]], ...]
-    """For each step the number of the one before, the node, the position, the values."""
-    groups: tuple[tuple[tuple[tuple[Any, ...], int], ...], ...]
-
-
-def packed(groups: Iterable[Iterable[Configuration]]) -> Packed:
-    """What `unpacked` makes the same groups of."""
-    steps: list[tuple[int, int, int, Mapping[str, Json]]] = []
-    number: dict[int, int] = {}
-
-    def last(configuration: Configuration) -> int:
-        new: list[Witness] = []
-        for step in configuration.history():
-            if id(step) in number:
-                break
-            new.append(step)
-        for step in reversed(new):
-            before = -1 if step.before is None else number[id(step.before)]
-            number[id(step)] = len(steps)
-            steps.append((before, step.node, step.position, step.values))
-        return -1 if configuration.witness is None else number[id(configuration.witness)]
-
-    made = tuple(tuple((tuple(getattr(c, name) for name in _FIELDS), last(c)) for c in group) for group in groups)
-    return Packed(tuple(steps), made)
-
-
-def unpacked(pack: Packed) -> list[list[Configuration]]:
-    """The groups again."""
-    steps: list[Witness] = []
-    for before, node, position, values in pack.steps:
-        steps.append(Witness(None if before < 0 else steps[before], node, position, dict(values)))
-    return [
-        [
-            Configuration(**dict(zip(_FIELDS, parts, strict=True)), witness=None if last < 0 else steps[last])
-            for parts, last in group
-        ]
-        for group in pack.groups
-    ]
+    def groups_again(self) -> list[list[Configuration]]:
+        """The groups."""
+        steps: list[Witness | None] = []
+        for before, node, position, values in self.steps:
+            steps.append(Witness(None if before < 0 else steps[before], node, position, values))
+        steps.append(None)  # found by -1
+        found = []
+        for group in self.groups:
+            found.append([one.copy() for one, _ in group])
+            for made, (_, last) in zip(found[-1], group, strict=True):
+                made.witness = steps[last]
+        return found

@@ -7,32 +7,21 @@ count that the engine follows: one that another can replace waits for nothing th
 All of this is found when it is asked for, from how the partial matches came about; monitoring does nothing for it.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from itertools import islice
-from typing import NamedTuple
 
 from rvaft.analysis.branches import branches
-from rvaft.engine.compiled_tree import fingerprint, plan_of
+from rvaft.engine.compiled_tree import CompiledTree, fingerprint
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.contiguous import Following
-from rvaft.engine.explanation import EarliestMatches, narrowed, whole
+from rvaft.engine.explanation import EarliestMatches, chosen_part, whole
 from rvaft.engine.scattered_linear import Earliest
 from rvaft.engine.steps import Matching
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import name_text, on_text
-from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitors import Awaited, Pending
-
-
-@dataclass(frozen=True, slots=True)
-class Selected:
-    """A branch by its number and choices; without a number all branches together."""
-
-    number: int | None
-    choices: Mapping[str, str]
 
 
 def pending(
@@ -42,96 +31,76 @@ def pending(
 
     Beyond `limit` branches all are taken together. Raises `TooLarge` as the monitor does.
     """
-    selected = _selected(tree, limit)
+    selected, all_of = _selected(tree, limit), whole(tree)
     if isinstance(strategy, Earliest):
-        return tuple(_of_runs(tree, strategy, selected))
+        finder = EarliestMatches(tree, strategy)
+        waiting = ((number, finder.awaited(choices)) for number, choices in selected)
+        return tuple(Pending(number, awaited(all_of, names), {}) for number, names in waiting if names)
     histories = [
-        tuple(step for step in reversed(list(configuration.history())) if before is None or step.position < before)
+        [step for step in reversed(list(configuration.history())) if before is None or step.position < before]
         for configuration in (strategy.partial if before is None else strategy.lost)
     ]
     return tuple(
-        record
-        for branch in selected
-        for record in _of_matches(_place(tree, strategy, branch), branch.number, histories)
+        Pending(number, awaited(all_of, names), variables)
+        for number, choices in selected
+        for names, variables in _waiting(tree, strategy, number, choices, histories)
+        if names
     )
 
 
-def _selected(tree: RVAFT, limit: int) -> list[Selected]:
-    """The branches that the monitor of a tree looks at, or, beyond the limit, one that stands for all."""
+def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
+    """The nodes of a tree with these names, each once, in the order of the tree, with their events as text."""
+    wanted = set(names)
+    nodes = (tree.nodes[name] for name in tree.order if name in wanted)
+    return tuple(Awaited(n.name, name_text(n.name) if n.on is None else on_text(n.on)) for n in nodes)
+
+
+def admitted(matching: Matching, configuration: Configuration) -> Iterator[str]:
+    """The nodes whose event may come next."""
+    compiled = matching.compiled
+    return (compiled.names[n] for n, own in enumerate(compiled.own) if own and matching.admits(configuration, n))
+
+
+def _selected(tree: RVAFT, limit: int) -> list[tuple[int | None, Mapping[str, str]]]:
+    """The branches that the monitor of a tree looks at, with their choices; beyond the limit one without a number stands for all."""
     part = tree.part_of
     if part is not None and part.branch is not None:
-        return [Selected(part.branch, {})]
+        return [(part.branch, {})]
     kind = None if part is None else part.kind
-    together = [Selected(None, {})]
     try:
         first = list(islice(branches(whole(tree)), limit + 1))
     except TooLarge:
-        return together
+        return [(None, {})]
     if len(first) > limit:
-        return together
-    return [Selected(branch.number, branch.choices) for branch in first if kind is None or kind in branch.kinds]
+        return [(None, {})]
+    return [(branch.number, branch.choices) for branch in first if kind is None or kind in branch.kinds]
 
 
-def _awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
-    """The nodes of the whole tree with these names, each once, in the order of that tree."""
-    wanted = set(names)
-    return tuple(Awaited(name, _event(tree.nodes[name])) for name in tree.order if name in wanted)
-
-
-def _event(node: Node) -> str:
-    return name_text(node.name) if node.on is None else on_text(node.on)
-
-
-def _of_runs(tree: RVAFT, strategy: Earliest, selected: Iterable[Selected]) -> Iterator[Pending]:
-    """The linear way: what the run of each branch listens for."""
-    finder = EarliestMatches(tree, strategy)
-    for branch in selected:
-        names = finder.awaited(branch.choices)
-        if names:
-            yield Pending(branch.number, _awaited(whole(tree), names), {})
-
-
-class _Place(NamedTuple):
-    """Where a branch is looked at: the whole tree, a matching, the names that its nodes have in that tree, and its nodes by the plan's."""
-
-    tree: RVAFT
-    matching: Matching
-    names: Sequence[str]
-    node: Mapping[int, int]
-
-
-def _place(tree: RVAFT, strategy: Following, branch: Selected) -> _Place:
-    names = [tree.origins.get(name, name) for name in strategy.plan.names]
-    if branch.number is None:
-        return _Place(whole(tree), strategy.matching, names, {node: node for node in range(len(names))})
-    chosen_already = tree.part_of is not None and tree.part_of.branch is not None
-    part = narrowed(tree if chosen_already else whole(tree), branch.choices)
-    matching = Matching(plan_of(part), limit=strategy.limit)
-    number = {name: node for node, name in enumerate(matching.plan.names)}
-    nodes = {node: number[name] for node, name in enumerate(names) if name in number}
-    return _Place(whole(tree), matching, matching.plan.names, nodes)
-
-
-def _of_matches(place: _Place, branch: int | None, histories: Iterable[tuple[Witness, ...]]) -> Iterator[Pending]:
-    """The general way: what the partial matches that can be made in the branch too have yet to take."""
-    records: dict[Hashable, tuple[Mapping[str, Json], set[str]]] = {}
+def _waiting(
+    tree: RVAFT,
+    strategy: Following,
+    branch: int | None,
+    choices: Mapping[str, str],
+    histories: Iterable[list[Witness]],
+) -> Iterator[tuple[set[str], Mapping[str, Json]]]:
+    """What the partial matches that can be made in the branch too have yet to take, by the values they remember."""
+    names = [tree.origins.get(name, name) for name in strategy.compiled.names]
+    if branch is None:
+        matching, node_of = strategy.matching, {node: node for node in range(len(names))}
+    else:
+        of_branch = tree.part_of is not None and tree.part_of.branch is not None
+        compiled = CompiledTree(chosen_part(tree if of_branch else whole(tree), choices))
+        matching = Matching(compiled, limit=strategy.limit)
+        number = {name: node for node, name in enumerate(compiled.names)}
+        node_of = {node: number[name] for node, name in enumerate(names) if name in number}
+    found: dict[Hashable, tuple[set[str], Mapping[str, Json]]] = {}
     known: dict[Hashable, set[str]] = {}
     for history in histories:
-        if any(step.node not in place.node for step in history):
-            continue
-        steps = ((place.node[step.node], step.values, step.position) for step in history)
-        match = place.matching.replayed(steps)
-        if match is None:
-            continue
-        shape = match.taken, match.dead, match.closed, match.inversions
-        if shape not in known:
-            known[shape] = {place.names[node] for node in _open(place.matching, match)}
-        records.setdefault(fingerprint(match.binding), (dict(match.binding), set()))[1].update(known[shape])
-    for variables, names in records.values():
-        if names:
-            yield Pending(branch, _awaited(place.tree, names), variables)
-
-
-def _open(matching: Matching, configuration: Configuration) -> Iterator[int]:
-    """The nodes whose event may come next."""
-    return (node for node, own in enumerate(matching.plan.own) if own and matching.admits(configuration, node))
+        if all(step.node in node_of for step in history):
+            match = matching.replayed((node_of[step.node], step.values, step.position) for step in history)
+            if match is not None:
+                place = match.taken, match.dead, match.closed, match.inversions
+                if place not in known:
+                    known[place] = {tree.origins.get(name, name) for name in admitted(matching, match)}
+                found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0].update(known[place])
+    yield from found.values()

@@ -1,21 +1,20 @@
 """The engine as a monitor."""
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from typing import Any, Final, Self
 
-from rvaft.engine.compiled_tree import plan_of
-from rvaft.engine.contiguous import Consuming, Following
-from rvaft.engine.event_index import NOTHING, Letters, Reading, Sketch
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
+from rvaft.engine.contiguous import Contiguous, Following
 from rvaft.engine.expectation import pending
 from rvaft.engine.explanation import explain
-from rvaft.engine.scattered_general import Skipping
+from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import Earliest, linear_starts
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
 
-DEFAULT_LIMIT = 100_000
+DEFAULT_LIMIT: Final = 100_000
 _UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
 
 
@@ -25,6 +24,11 @@ class Engine(Monitor):
     The tree has to keep the rules of `rvaft check`. Raises `TooLarge`, from `step` too, where there are more than `limit` partial
     matches to follow, or events to keep for the explanation, or where resolving the choices that share nodes takes more than
     `limit` steps; it names the variables or the nodes that are the cause.
+
+    >>> import rvaft
+    >>> monitor = Engine(rvaft.loads("top sand a b;"))
+    >>> [monitor.step({"event": name}).symbol for name in "ab"], monitor.explanation.matched
+    (['?', '⊤'], {'a': 1, 'b': 2})
     """
 
     def __init__(
@@ -48,14 +52,14 @@ class Engine(Monitor):
         self._strategy = _strategy(self.tree, self.semantics, limit=self._limit)
         self._strategy.restore(state["_strategy"])
 
-    def read(self, event: Json, sketch: Sketch | None = None) -> Reading:
-        """What an event means, for `take`; `sketch` is what its shape says, where that is known."""
-        return self._strategy.read(event, sketch)
-
     @property
-    def letters(self) -> Letters:
+    def letters(self) -> TreeLetters:
         """The patterns of the runtime events, which say what an event means."""
         return self._strategy.letters
+
+    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
+        """What an event means, for `take`; `sketch` is what its shape says, where that is known."""
+        return self._strategy.read(event, sketch)
 
     @property
     def noted(self) -> bool:
@@ -72,7 +76,7 @@ class Engine(Monitor):
 
     def skip(self, count: int) -> Verdict:
         """As that many times `step`, for events that fit no pattern of the tree."""
-        if count > 0 and self._verdict is Verdict.UNKNOWN:
+        if count > 0 and self._verdict is _UNKNOWN:
             # The first ends a match under `strict`; otherwise none changes anything.
             self._verdict = self._strategy.advance(NOTHING, self._position + 1)
             self._position += 1 if self._verdict.final else count
@@ -115,14 +119,14 @@ class Engine(Monitor):
 
 
 def _strategy(tree: RVAFT, semantics: Semantics, *, limit: int) -> Earliest | Following:
-    plan = plan_of(tree)
-    letters = Letters(tree, plan)
-    starts = linear_starts(plan, letters) if semantics is Semantics.SCATTERED else None
-    if starts is not None:
-        return Earliest(plan, letters, starts, limit=limit)
-    if semantics is Semantics.SCATTERED:
-        return Skipping(plan, letters, limit=limit)
-    return Consuming(plan, letters, semantics, limit=limit)
+    compiled = CompiledTree(tree)
+    letters = TreeLetters(tree, compiled)
+    if semantics is not Semantics.SCATTERED:
+        return Contiguous(compiled, letters, semantics, limit=limit)
+    starts = linear_starts(compiled, letters)
+    if starts is None:
+        return ScatteredMatches(compiled, letters, limit=limit)
+    return Earliest(compiled, letters, starts, limit=limit)
 
 
 def engine(tree: RVAFT, semantics: Semantics | str = Semantics.PROJECTED, *, limit: int = DEFAULT_LIMIT) -> Engine:

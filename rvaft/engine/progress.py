@@ -12,133 +12,112 @@ A touched node that is neither DONE nor MORE is in no scenario, and neither is a
 of its children are numbers of flags, so one event costs a few additions per node on its path, however wide the gates are.
 """
 
-from rvaft.engine.compiled_tree import Plan
+from operator import add
+from typing import Final, TypeAlias
+
+from rvaft.analysis.normal_form import Op
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import Configuration
-from rvaft.model.nodes import Gate
 
 TOUCHED, DONE, MORE, SURE = 1, 2, 4, 8
-POSSIBLE = DONE | MORE
+POSSIBLE: Final = DONE | MORE
 
-Tally = tuple[int, ...]
+Tally: TypeAlias = tuple[int, ...]
+"""What a gate knows of its children.
+
+Of a sequence: the last child touched (or -1); how many before it are not done; how many of all are done, and sure; and how many
+from it on are possible, and have more. Of another gate: how many are touched, possible, done, have more, are sure; and how many of
+those touched are the same.
+"""
 
 
-def _weights(flags: int) -> Tally:
-    touched, done, more, sure = (int(bool(flags & flag)) for flag in (TOUCHED, DONE, MORE, SURE))
-    possible = int(bool(flags & POSSIBLE))
+def _counted(flags: int) -> Tally:
+    touched, possible, done, more, sure = (int(flags & mask > 0) for mask in (TOUCHED, POSSIBLE, DONE, MORE, SURE))
     return (touched, possible, done, more, sure, *(touched * n for n in (possible, done, more, sure)))
 
 
-# Children that are: touched, possible, done, more, sure; and touched and possible, done, more, sure.
-_WEIGHTS = tuple(_weights(flags) for flags in range(16))
+_COUNTED: Final = [_counted(flags) for flags in range(16)]
+_CHANGES: Final = [[tuple(b - a for a, b in zip(x, y, strict=True)) for y in _COUNTED] for x in _COUNTED]
+"""From the flags of a child before and after to the change of the tally."""
 
 
 class Progress:
     """The flags of all nodes before any event, and their change as occurrences are taken."""
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
-        self._flags = [0] * len(plan.names)
-        self._tallies: list[Tally] = [()] * len(plan.names)
-        start = self.start()
-        core = set(plan.core)
-        for node in range(len(plan.names) - 1, -1, -1):
-            if node not in core:
-                self._tallies[node] = self._count(node)
+    def __init__(self, compiled: CompiledTree) -> None:
+        self.compiled = compiled
+        self._sequence = [op is Op.SEQUENCE for op in compiled.ops]
+        self._flags = [0] * len(compiled.names)
+        self._tallies: list[Tally] = [()] * len(compiled.names)
+        start = Configuration(compiled.dead, compiled.closed)
+        for node in range(len(compiled.names) - 1, -1, -1):
+            if node not in compiled.members:
+                counts = [
+                    sum(n) for n in zip(*(_COUNTED[self._flags[c]] for c in compiled.children[node]), strict=True)
+                ]
+                if self._sequence[node]:
+                    _, possible, done, more, sure, *_ = counts
+                    counts = [-1, 0, done, sure, possible, more]
+                self._tallies[node] = tuple(counts)
                 self._flags[node] = self._evaluate(start, node)
-
-    def start(self) -> Configuration:
-        """The configuration before any event."""
-        return Configuration(self.plan.dead, self.plan.closed)
 
     def flags(self, configuration: Configuration, node: int) -> int:
         """The flags of a node of a part."""
-        return configuration.flags.get(node, self._flags[node])
-
-    def take(self, configuration: Configuration, node: int) -> bool:
-        """Take a node's occurrence; False where the configuration is then in no scenario (and useless)."""
-        if self.over(configuration, node):
-            return False
-        configuration.taken |= 1 << node
-        return self.refresh(configuration, node)
+        found = configuration.flags.get(node)
+        return self._flags[node] if found is None else found
 
     def over(self, configuration: Configuration, node: int) -> bool:
         """Whether something that comes after the node, or after a part that it is in, has been taken."""
-        frozen = self.plan.freezer[node]
+        compiled = self.compiled
+        frozen = compiled.freezer[node]
         while frozen >= 0:
-            gate = self.plan.parent[frozen]
-            if self._ended(configuration, gate, self.plan.slot[frozen]):
+            gate = compiled.parent[frozen]
+            if compiled.own[gate] and not compiled.top_down and configuration.taken >> gate & 1:
                 return True
+            if self._sequence[gate]:
+                tally = configuration.tallies.get(gate)
+                if tally is not None and tally[0] > compiled.slot[frozen]:
+                    return True
             if self.flags(configuration, gate) & (TOUCHED | DONE) == TOUCHED:
                 return False  # what is in use and not done cannot be over, and no more can what contains it
-            frozen = self.plan.freezer[gate]
+            frozen = compiled.freezer[gate]
         return False
-
-    def _ended(self, configuration: Configuration, gate: int, slot: int) -> bool:
-        """Whether something that comes after a child of a gate has been taken."""
-        if self.plan.own[gate] and not self.plan.top_down and configuration.taken >> gate & 1:
-            return True
-        kind = self.plan.gates[gate]
-        return kind is not None and kind.ordered and self._tally(configuration, gate)[0] > slot
 
     def refresh(self, configuration: Configuration, node: int) -> bool:
         """Bring the flags of a node and of those above it up to date; False where one in use is ruled out."""
-        plan = self.plan
+        flags, parents = configuration.flags, self.compiled.parent
         while True:
             old = self.flags(configuration, node)
             new = self._evaluate(configuration, node)
             if new == old:
                 return True
-            configuration.flags[node] = new
+            flags[node] = new
             if new & TOUCHED and not new & POSSIBLE:
                 return False
-            parent = plan.parent[node]
+            parent = parents[node]
             if parent < 0:
                 return True
-            configuration.tallies[parent] = self._recount(configuration, parent, plan.slot[node], old, new)
+            if self._sequence[parent]:
+                tally = self._in_sequence(configuration, node, old, new)
+            else:
+                tally = tuple(map(add, configuration.tallies.get(parent) or self._tallies[parent], _CHANGES[old][new]))
+            configuration.tallies[parent] = tally
             node = parent
 
-    # -- what a gate knows of its children ----------------------------------------------------------------------
-
-    def _tally(self, configuration: Configuration, gate: int) -> Tally:
-        return configuration.tallies.get(gate) or self._tallies[gate]
-
-    def _count(self, gate: int) -> Tally:
-        """The tally before any event, when no child is touched."""
-        counts = [0] * 9
-        for child in self.plan.children[gate]:
-            counts = [a + b for a, b in zip(counts, _WEIGHTS[self._flags[child]], strict=True)]
-        kind = self.plan.gates[gate]
-        if kind is not None and kind.ordered:
-            _, possible, done, more, sure, *_ = counts
-            return (-1, 0, done, sure, possible, more)
-        return tuple(counts)
-
-    def _recount(self, configuration: Configuration, gate: int, slot: int, old: int, new: int) -> Tally:
-        kind = self.plan.gates[gate]
-        if kind is not None and kind.ordered:
-            return self._recount_ordered(configuration, gate, slot, old, new)
-        before = self._tally(configuration, gate)
-        return tuple([n - a + b for n, a, b in zip(before, _WEIGHTS[old], _WEIGHTS[new], strict=True)])
-
-    def _recount_ordered(self, configuration: Configuration, gate: int, slot: int, old: int, new: int) -> Tally:
-        """The tally of an ordered gate.
-
-        It is: the last child touched (or -1); how many before it are not done; how many of all are done, and sure; and how many
-        from it on are possible, and have more.
-        """
-        last, late, done, sure, possible, more = self._tally(configuration, gate)
-        _, was_possible, was_done, was_more, was_sure, *_ = _WEIGHTS[old]
-        _, is_possible, is_done, is_more, is_sure, *_ = _WEIGHTS[new]
-        done += is_done - was_done
-        sure += is_sure - was_sure
+    def _in_sequence(self, configuration: Configuration, node: int, old: int, new: int) -> Tally:
+        """The tally of a sequence after a change of the flags of one child."""
+        gate, slot = self.compiled.parent[node], self.compiled.slot[node]
+        last, late, done, sure, possible, more = configuration.tallies.get(gate) or self._tallies[gate]
+        _, possible_now, done_now, more_now, sure_now, *_ = _CHANGES[old][new]
+        done += done_now
+        sure += sure_now
         if slot < last:
-            late += was_done - is_done
-            return (last, late, done, sure, possible, more)
-        possible += is_possible - was_possible
-        more += is_more - was_more
+            return (last, late - done_now, done, sure, possible, more)
+        possible += possible_now
+        more += more_now
         if new & TOUCHED and slot > last:
-            for child in self.plan.children[gate][max(last, 0) : slot]:
-                _, child_possible, child_done, child_more, *_ = _WEIGHTS[self.flags(configuration, child)]
+            for child in self.compiled.children[gate][max(last, 0) : slot]:
+                _, child_possible, child_done, child_more, *_ = _COUNTED[self.flags(configuration, child)]
                 late += 1 - child_done
                 if late:
                     break  # the gate is in no scenario any more, whatever the rest
@@ -147,58 +126,55 @@ class Progress:
             last = slot
         return (last, late, done, sure, possible, more)
 
-    # -- the flags of one node ------------------------------------------------------------------------------------
-
     def _evaluate(self, configuration: Configuration, node: int) -> int:
-        inner = self.inner(configuration, node)
-        if self.plan.own[node]:
-            inner = self._with_own(inner, taken=bool(configuration.taken >> node & 1))
+        """The flags of a node from what is taken and what it knows of its children."""
+        compiled = self.compiled
+        found = self.inner(configuration, node)
+        if compiled.own[node]:
+            taken = configuration.taken >> node & 1
+            if not taken:
+                more = MORE if found & POSSIBLE else 0
+                found &= TOUCHED
+                if not (found and compiled.top_down):
+                    found |= more
+            elif compiled.top_down:
+                found |= TOUCHED
+            else:
+                found = TOUCHED | found & (DONE | SURE)
         if configuration.dead >> node & 1:
-            return inner & TOUCHED
-        if not configuration.closed >> node & 1:
-            return inner & ~SURE
-        return inner
-
-    def _with_own(self, inner: int, *, taken: bool) -> int:
-        """The flags of a node with a runtime event, from those of its children taken together."""
-        if self.plan.top_down:
-            if taken:
-                return inner | TOUCHED
-            return TOUCHED if inner & TOUCHED else MORE if inner & POSSIBLE else 0
-        if taken:
-            return TOUCHED | (inner & (DONE | SURE))
-        return inner & TOUCHED | (MORE if inner & POSSIBLE else 0)
+            return found & TOUCHED
+        return found if configuration.closed >> node & 1 else found & ~SURE
 
     def inner(self, configuration: Configuration, node: int) -> int:
         """The flags of a node's children taken together; without children there is nothing left to do."""
-        gate = self.plan.gates[node]
-        if gate is None:
+        compiled = self.compiled
+        size = len(compiled.children[node])
+        if not size:
             return DONE | SURE
-        tally = self._tally(configuration, node)
-        if gate.ordered:
-            last, late, done, sure, possible, more = tally
-            size = len(self.plan.children[node])
-            able = late == 0 and possible == size - max(last, 0)
-            return _flags(last >= 0, able and done == size, able and more > 0, able and sure == size)
-        if gate is Gate.AND:
-            touched, possible, done, more, sure, *_ = tally
-            size = len(self.plan.children[node])
-            return _flags(touched, done == size, possible == size and more > 0, sure == size)
-        return self._choice(tally, gate, self.plan.thresholds[node])
-
-    def _choice(self, tally: Tally, gate: Gate, threshold: int) -> int:
-        touched, possible, done, more, sure, touched_possible, touched_done, touched_more, touched_sure = tally
-        if gate is Gate.OR:
-            if touched == 0:
-                return _flags(0, done, more, sure)
-            return _flags(1, *((touched_done, touched_more, touched_sure) if touched == 1 else (0, 0, 0)))
-        return _flags(
-            touched,
-            touched_done == touched and done >= threshold,
-            touched_possible == touched and possible >= threshold and more > 0,
-            touched_sure == touched and sure >= threshold,
-        )
-
-
-def _flags(touched: int, done: int, more: int, sure: int) -> int:
-    return (TOUCHED if touched else 0) | (DONE if done else 0) | (MORE if more else 0) | (SURE if sure else 0)
+        tally = configuration.tallies.get(node) or self._tallies[node]
+        if self._sequence[node]:
+            last, late, is_done, is_sure, possible, more = tally
+            if late or possible != size - max(last, 0):
+                return TOUCHED if last >= 0 else 0
+            return (
+                (TOUCHED if last >= 0 else 0)
+                | (DONE if is_done == size else 0)
+                | (MORE if more else 0)
+                | (SURE if is_sure == size else 0)
+            )
+        touched, possible, done, more, sure, able_touched, done_touched, more_touched, sure_touched = tally
+        if compiled.ops[node] is not Op.ONE:  # those touched and as many others as are needed
+            need = compiled.need[node]
+            found = TOUCHED if touched else 0
+            if done_touched == touched and done >= need:
+                found |= DONE
+            if more and able_touched == touched and possible >= need:
+                found |= MORE
+            if sure_touched == touched and sure >= need:
+                found |= SURE
+            return found
+        if not touched:
+            return (DONE if done else 0) | (MORE if more else 0) | (SURE if sure else 0)
+        if touched > 1:
+            return TOUCHED
+        return TOUCHED | (DONE if done_touched else 0) | (MORE if more_touched else 0) | (SURE if sure_touched else 0)

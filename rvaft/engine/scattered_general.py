@@ -1,40 +1,37 @@
 """`scattered` in general: a partial match may pass over any event, so that the ones before an event stay beside the ones after it.
 
+How far a match has come does not depend on the values it saw, but for whether the guards held that were decided. So what taking an event
+does to the structure is worked out once for a *stage*, a node and the outcomes of the guards decided there; for each partial match
+there remain those guards, and the values to remember.
+
 Most events of a long trace change nothing. So it is kept what is known to change nothing as long as the partial matches are the same:
 letters that none of them can take, outcomes of guards that the event alone decides with which none can, values that were there
 before. Where an event may do something, the partial matches that it concerns are found by their stages and by the values that it must
-repeat.
-
-A partial match is dropped where another can do all that it can (see `commitment` and `dominance`).
+repeat. A partial match is dropped where another can do all that it can (see `subsumption`).
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
-from copy import copy
 from dataclasses import dataclass, field
 from itertools import islice, product
-from typing import Final, NamedTuple, Self, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.engine.compiled_tree import Plan, exact
+from rvaft.engine.compiled_tree import CompiledTree, Hit, Reading, Sketch, TreeLetters, exact
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.contiguous import Following
-from rvaft.engine.event_index import Hit, Letters, Reading, Sketch
 from rvaft.engine.steps import Matching
 from rvaft.engine.subsumption import Directions, at_least, commits, scale
 from rvaft.model.guards import Predicate
 from rvaft.model.values import Json, key
 from rvaft.model.verdict import Verdict
 
-# Stages: what partial matches that differ in their values alone have in common, and where an event takes all of them.
-#
-# How far a match has come does not depend on the values it saw, but for whether the guards held that were decided. So what taking an event
-# does to the structure is worked out once for a stage, a node and the outcomes of the guards decided there; for each partial match
-# there remain those guards, and the values to remember. All of it is found when first needed, and forgotten when it gets large.
-
 MEMORY: Final = 500_000
-"""How much is remembered: stages, each with the nodes that it knows flags of."""
-
+"""How much is remembered of stages: each with the nodes that it knows flags of."""
+QUIET: Final = 20_000
+"""How many values are remembered that change nothing."""
 _MANY: Final = 4
 """Guards of which all outcomes are looked at."""
+_PLAIN: Final = (str, int, float)
+_UNKNOWN: Final = Verdict.UNKNOWN
 
 
 @dataclass(slots=True, eq=False)
@@ -54,13 +51,6 @@ class Stage:
         return tuple([exact(binding[name]) for name in self.names])
 
 
-class Step(NamedTuple):
-    """Where a move leads, and whether the one that took it need not be followed any more."""
-
-    stage: Stage
-    commits: bool
-
-
 @dataclass(slots=True, eq=False)
 class Move:
     """A node's event from a stage on: what has to agree, and what is to be decided.
@@ -78,33 +68,20 @@ class Move:
     """What the joint guards say."""
     mask: int
     """The guards in `alone` as a set."""
-    steps: dict[tuple[int, tuple[bool, ...]], Step | None] = field(default_factory=dict)
+    outcomes: dict[tuple[int, tuple[bool, ...]], tuple[Stage, bool] | None] = field(default_factory=dict)
+    """Where it leads, and whether the one that took it need not be followed any more; None where it leads nowhere."""
 
 
 class Stages:
-    """The stages of a tree, as far as they are known."""
+    """The stages of a tree, found when first needed and forgotten when they get many."""
 
     def __init__(self, matching: Matching) -> None:
         self.matching = matching
         self.forgotten = 0
         """How often everything was forgotten; stages from before must not be mixed with those after."""
-        plan = matching.plan
-        self._directions = Directions(plan)
+        self._directions = Directions(matching.compiled)
         self._known: dict[Hashable, Stage] = {}
         self._size = 0
-        own = [
-            [
-                other
-                for other in dict.fromkeys(n for name in names for n in plan.guarded_by.get(name, ()))
-                if set(plan.needs[other]) <= set(names)
-            ]
-            for names in plan.exported
-        ]
-        self.alone: tuple[tuple[tuple[int, Predicate], ...], ...] = tuple(
-            tuple((1 << other, holds) for other in guards if (holds := matching.predicates[other]) is not None)
-            for guards in own
-        )
-        """For each node the guards that its own event may decide, each as a set of one, with what it says."""
 
     def tidy(self) -> None:
         """Forget everything where it is too much."""
@@ -115,16 +92,15 @@ class Stages:
 
     def of(self, configuration: Configuration) -> Stage:
         """The stage of a configuration."""
-        key = configuration.taken, configuration.dead, configuration.closed, configuration.inversions
-        found = self._known.get(key)
+        place = configuration.taken, configuration.dead, configuration.closed, configuration.inversions
+        found = self._known.get(place)
         if found is None:
             self._size += 1 + len(configuration.flags)
             sample = configuration.copy()
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
             is_match, _ = self.matching.standing(sample)
-            found = self._known[key] = Stage(
-                sample, is_match, tuple(sorted(sample.binding)), self._directions.of(sample)
-            )
+            directions = self._directions.of(sample)
+            found = self._known[place] = Stage(sample, is_match, tuple(sorted(sample.binding)), directions)
         return found
 
     def move(self, stage: Stage, node: int) -> Move | None:
@@ -135,47 +111,39 @@ class Stages:
         return stage.moves[node]
 
     def _move(self, stage: Stage, node: int) -> Move:
-        sample, names = stage.sample, self.matching.plan.exported[node]
-        bound = sample.copy()
+        compiled, remembered = self.matching.compiled, stage.sample.binding
+        names = compiled.exported[node]
+        bound = stage.sample.copy()
         bound.binding.update(dict.fromkeys(names))
         closing = list(self.matching.closing(bound, names))
-        needs = self.matching.plan.needs
-        alone = tuple(guard for guard in closing if not any(name in sample.binding for name in needs[guard]))
+        alone = tuple(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
         joint = tuple(guard for guard in closing if guard not in alone)
-        return Move(
-            stage,
-            node,
-            tuple(name for name in names if name in sample.binding),
-            alone,
-            joint,
-            tuple(holds for guard in joint if (holds := self.matching.predicates[guard]) is not None),
-            sum(1 << guard for guard in alone),
-        )
+        compared = tuple(name for name in names if name in remembered)
+        predicates = tuple(holds for guard in joint if (holds := compiled.predicates[guard]) is not None)
+        return Move(stage, node, compared, alone, joint, predicates, sum(1 << guard for guard in alone))
 
-    def step(self, move: Move, held: int, outcomes: tuple[bool, ...]) -> Step | None:
+    def outcome(self, move: Move, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
         """Where a move leads if, of the guards that its event decides, these hold, and the others have these outcomes."""
-        key = (held & move.mask, outcomes)
-        if key not in move.steps:
+        place = (held & move.mask, outcomes)
+        if place not in move.outcomes:
             self._size += 1
             judged = {guard: bool(held >> guard & 1) for guard in move.alone}
             judged.update(zip(move.joint, outcomes, strict=True))
             before, node = move.stage.sample, move.node
-            values = dict.fromkeys(self.matching.plan.exported[node])
+            values = dict.fromkeys(self.matching.compiled.exported[node])
             after = self.matching.extended(before, node, values, 0, judged=judged)
-            step = None if after is None else Step(self.of(after), commits(self.matching, before, after, node))
-            move.steps[key] = step
-        return move.steps[key]
+            found = None if after is None else (self.of(after), commits(self.matching, before, after, node))
+            move.outcomes[place] = found
+        return move.outcomes[place]
 
-    def hopeful(self, move: Move, held: int) -> bool:
+    def is_hopeful(self, move: Move, held: int) -> bool:
         """Whether a move may lead anywhere if, of the guards that its event decides, these hold."""
         if len(move.joint) > _MANY:
             return True
-        return any(self.step(move, held, outcomes) for outcomes in product((True, False), repeat=len(move.joint)))
+        return any(self.outcome(move, held, outcomes) for outcomes in product((True, False), repeat=len(move.joint)))
 
 
 # The partial matches of one stage, found by the values they remember.
-
-_PLAIN: Final = (str, int, float)
 
 
 class Member(NamedTuple):
@@ -188,7 +156,7 @@ class Member(NamedTuple):
 _Index: TypeAlias = dict[Hashable, dict[int, Member]]
 
 
-class Group:
+class StageGroup:
     """The members of one stage."""
 
     def __init__(self, stage: Stage) -> None:
@@ -207,8 +175,9 @@ class Group:
         if index is None:
             index = self._by_values[names] = {}
             for member in self.members.values():
-                _add(index, _keys(names, member.configuration.binding), member)
-        return index.get(_keys(names, values), {}).values()
+                place = _equal_values(names, member.configuration.binding)
+                index.setdefault(place, {})[member.number] = member
+        return index.get(_equal_values(names, values), {}).values()
 
     def excels(self, binding: Mapping[str, Json]) -> bool:
         """Whether some member can do all that one with this binding could."""
@@ -220,30 +189,30 @@ class Group:
         directions = self.stage.directions
         return [r for r in self._comparable(binding) if at_least(binding, r.configuration.binding, directions)]
 
-    def has(self, member: Member) -> bool:
-        """Whether this very member is here."""
-        return self.members.get(self.stage.key(member.configuration.binding)) is member
-
     def add(self, member: Member) -> None:
         """Take a member in."""
         binding = member.configuration.binding
         self.members[self.stage.key(binding)] = member
         for index, place in self._places(binding):
-            _add(index, place, member)
+            index.setdefault(place, {})[member.number] = member
 
-    def remove(self, member: Member) -> None:
-        """Leave a member out."""
+    def remove(self, member: Member) -> bool:
+        """Leave a member out; False where it is not here (any more)."""
         binding = member.configuration.binding
-        del self.members[self.stage.key(binding)]
+        name = self.stage.key(binding)
+        if self.members.get(name) is not member:
+            return False
+        del self.members[name]
         for index, place in self._places(binding):
             del index[place][member.number]
             if not index[place]:
                 del index[place]
+        return True
 
     def _places(self, binding: Mapping[str, Json]) -> Iterator[tuple[_Index, Hashable]]:
         """Where a member is found."""
         for names, index in self._by_values.items():
-            yield index, _keys(names, binding)
+            yield index, _equal_values(names, binding)
         if self.stage.directions:
             yield self._rivals, self._contest(binding)
 
@@ -257,48 +226,33 @@ class Group:
         return tuple([exact(value) if kind is None else kind for kind, value in kinds])
 
 
-def _add(index: _Index, place: Hashable, member: Member) -> None:
-    index.setdefault(place, {})[member.number] = member
-
-
-def _keys(names: tuple[str, ...], binding: Mapping[str, Json]) -> Hashable:
+def _equal_values(names: tuple[str, ...], binding: Mapping[str, Json]) -> Hashable:
     """Equal for bindings to which these variables have equal values."""
     return tuple([value if type(value) in _PLAIN else key(value) for value in (binding[name] for name in names)])
 
 
-SKIPPING_MEMORY: Final = 20_000
-"""How many values are remembered that were there before."""
-
-_SKIPPING_PLAIN: Final = (str, int, float)
-_UNKNOWN: Final = Verdict.UNKNOWN
+# What is known of a letter, and what an event makes of the partial matches.
 
 
 @dataclass(slots=True)
-class Watch:
+class LetterWatch:
     """What an event of one letter may do to the partial matches."""
 
     alone: tuple[tuple[int, Predicate], ...]
     """The guards that the event may decide, each as a set of one, with what it says."""
     names: tuple[str, ...]
     """The variables of the event that matter."""
-    moves: list[tuple[Group, Move, int]] = field(default_factory=list)
+    moves: list[tuple[StageGroup, Move, int]] = field(default_factory=list)
     """What the groups can take, with the place of the node in the letter."""
     groups: int = 0
     """How many groups were looked at."""
     hopeful: dict[int, bool] = field(default_factory=dict)
     """For the guards that hold whether anything may come of it."""
+    quiet: set[Hashable] = field(default_factory=set)
+    """Values that are known to change nothing."""
 
 
-class Call(NamedTuple):
-    """A letter of an event that may change something: which guards decided by the event hold, and what stands for the values."""
-
-    hit: Hit
-    watch: Watch
-    held: int
-    key: Hashable
-
-
-class New(NamedTuple):
+class NewMatch(NamedTuple):
     """A partial match to be: its place in the order, what was before, the event, and what it will remember."""
 
     order: tuple[int, int, int]
@@ -311,35 +265,27 @@ class New(NamedTuple):
     def made(self, position: int) -> Configuration:
         """The configuration."""
         sample = self.stage.sample
-        return Configuration(
-            sample.dead,
-            sample.closed,
-            sample.taken,
-            self.binding,
-            sample.inversions,
-            sample.flags,
-            sample.tallies,
-            Witness(self.before.witness, self.node, position, dict(self.values)),
-        )
+        fields = sample.inversions, sample.flags, sample.tallies
+        witness = Witness(self.before.witness, self.node, position, self.values)
+        return Configuration(sample.dead, sample.closed, sample.taken, self.binding, *fields, witness)
 
 
-class Skipping(Following):
+class ScatteredMatches(Following):
     """The partial matches by their stages; none changes once it is there."""
 
-    def __init__(self, plan: Plan, letters: Letters, *, limit: int) -> None:
-        super().__init__(plan, letters, limit=limit)
+    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int) -> None:
+        super().__init__(compiled, letters, limit=limit)
         self._stages = Stages(self.matching)
         """What is known of the stages, the same for all copies."""
-        self.follow(self._beginning())
+        self.follow(self._beginning)
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
         """Follow these, and nothing else."""
-        self._groups: dict[Stage, Group] = {}
-        self._watches: dict[int, Watch] = {}
-        self._quiet: set[Hashable] = set()
-        """Letters with values that are known to change nothing."""
-        self._added = 0
-        self._count = 0
+        self._groups: dict[Stage, StageGroup] = {}
+        self._watches: dict[int, LetterWatch] = {}
+        self._hushed: list[LetterWatch] = []
+        """Those that know values which change nothing."""
+        self._added = self._count = self._quiet = 0
         self._epoch = self._stages.forgotten
         for configuration in configurations:
             self._add(self._stages.of(configuration), configuration)
@@ -350,15 +296,9 @@ class Skipping(Following):
         members = [member for group in self._groups.values() for member in group.members.values()]
         return [member.configuration for member in sorted(members, key=lambda member: member.number)]
 
-    def fork(self) -> Self:
-        """An independent copy."""
-        twin = copy(self)
-        twin.follow(self.partial)
-        return twin
-
-    def read(self, event: Json, sketch: Sketch | None = None) -> Reading:
+    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means; whether it is relevant does not matter here."""
-        return self.letters.read(event, sketch, relevance=False)
+        return self.letters.served(event, sketch)
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""
@@ -366,7 +306,7 @@ class Skipping(Following):
             return self._at_once()
         if self._epoch != self._stages.forgotten:
             self.follow(self.partial)
-        loud: list[Call] = []
+        loud: list[tuple[Hit, LetterWatch, int, Hashable]] = []
         for hit in reading.hits:
             letter, _, values = hit
             watch = self._watches.get(letter)
@@ -380,25 +320,33 @@ class Skipping(Following):
                     held |= guard
             hopeful = watch.hopeful.get(held)
             if hopeful is None:
-                hopeful = watch.hopeful[held] = any(self._stages.hopeful(move, held) for _, move, _ in watch.moves)
+                hopeful = any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves)
+                watch.hopeful[held] = hopeful
             if hopeful:
-                key: Hashable
-                if len(watch.names) == 1 and type(value := values[watch.names[0]]) in _SKIPPING_PLAIN:
-                    key = (letter, type(value), value)
+                name: Hashable
+                if len(watch.names) == 1 and type(value := values[watch.names[0]]) in _PLAIN:
+                    name = (type(value), value)
                 else:
-                    key = (letter, *[exact(values[name]) for name in watch.names])
-                if key not in self._quiet:
-                    loud.append(Call(hit, watch, held, key))
+                    name = tuple([exact(values[name]) for name in watch.names])
+                if name not in watch.quiet:
+                    loud.append((hit, watch, held, name))
         self.noted = bool(loud)
         return self._answer(loud, position) if loud else _UNKNOWN
 
-    def _watch(self, hit: Hit) -> Watch:
+    def _watch(self, hit: Hit) -> LetterWatch:
         """What is known of a letter, up to date."""
         watch = self._watches.get(hit.letter)
         if watch is None:
-            exported = (name for node in hit.nodes for name in self.plan.exported[node])
-            alone = (guard for node in hit.nodes for guard in self._stages.alone[node])
-            watch = self._watches[hit.letter] = Watch(tuple(dict.fromkeys(alone)), tuple(dict.fromkeys(exported)))
+            compiled = self.compiled
+            exported = dict.fromkeys(name for node in hit.nodes for name in compiled.exported[node])
+            alone: dict[int, Predicate] = {}
+            for node in hit.nodes:
+                own = set(compiled.exported[node])
+                for guard in dict.fromkeys(n for name in own for n in compiled.guarded_by.get(name, ())):
+                    holds = compiled.predicates[guard]
+                    if holds is not None and own.issuperset(compiled.needs[guard]):
+                        alone[1 << guard] = holds
+            watch = self._watches[hit.letter] = LetterWatch(tuple(alone.items()), tuple(exported))
         for group in islice(self._groups.values(), watch.groups, None):
             for place, node in enumerate(hit.nodes):
                 move = self._stages.move(group.stage, node)
@@ -408,82 +356,83 @@ class Skipping(Following):
         watch.groups = len(self._groups)
         return watch
 
-    def _answer(self, loud: list[Call], position: int) -> Verdict:
+    def _answer(self, loud: list[tuple[Hit, LetterWatch, int, Hashable]], position: int) -> Verdict:
         """The verdict after an event that may change something."""
-        found: dict[Hashable, New] = {}
-        ended: dict[int, tuple[Group, Member]] = {}
-        for order, call in enumerate(loud):
-            values = call.hit.values
-            for group, move, place in call.watch.moves:
+        found: dict[Hashable, NewMatch] = {}
+        ended: dict[int, tuple[StageGroup, Member]] = {}
+        for order, (hit, watch, held, _) in enumerate(loud):
+            values = hit.values
+            for group, move, place in watch.moves:
                 for member in group.fitting(move.compared, values):
                     before = member.configuration
                     bound = {**values, **before.binding} if before.binding else values
-                    step = self._stages.step(move, call.held, tuple([holds(bound) for holds in move.predicates]))
-                    if step is None:
-                        continue
-                    if step.commits:
-                        ended[member.number] = group, member
-                    binding = {name: bound[name] for name in step.stage.names}
-                    new = New((member.number, order, place), before, move.node, values, step.stage, binding)
-                    self._note(new, found, len(ended))
-        if not found and not ended:
-            if len(self._quiet) > SKIPPING_MEMORY:
-                self._quiet.clear()
-            self._quiet.update(call.key for call in loud)
-            return Verdict.UNKNOWN
-        self._quiet.clear()
-        return self._change(sorted(found.values(), key=_order), ended.values(), position)
+                    outcomes = tuple([holds(bound) for holds in move.predicates])
+                    outcome = self._stages.outcome(move, held, outcomes)
+                    if outcome is not None:
+                        stage, commits_to_it = outcome
+                        if commits_to_it:
+                            ended[member.number] = group, member
+                        binding = {name: bound[name] for name in stage.names}
+                        new = NewMatch((member.number, order, place), before, move.node, values, stage, binding)
+                        self._note(new, found, len(ended))
+        if found or ended:
+            self._speak()
+            return self._change(sorted(found.values(), key=lambda new: new.order), ended.values(), position)
+        if self._quiet > QUIET:
+            self._speak()
+        self._quiet += len(loud)
+        for _, watch, _, name in loud:
+            if not watch.quiet:
+                self._hushed.append(watch)
+            watch.quiet.add(name)
+        return _UNKNOWN
 
-    def _note(self, new: New, found: dict[Hashable, New], ended: int) -> None:
+    def _speak(self) -> None:
+        """Forget which values change nothing."""
+        for watch in self._hushed:
+            watch.quiet.clear()
+        self._hushed.clear()
+        self._quiet = 0
+
+    def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], ended: int) -> None:
         """Keep what is not there yet; of two that are alike the first."""
-        key = new.stage.key(new.binding)
+        name = new.stage.key(new.binding)
         group = self._groups.get(new.stage)
-        if group is None or not (key in group.members or group.excels(new.binding)):
-            other = found.get((new.stage, key))
+        if group is None or not (name in group.members or group.excels(new.binding)):
+            other = found.get((new.stage, name))
             if other is None or new.order < other.order:
-                found[new.stage, key] = new
+                found[new.stage, name] = new
                 self._bound(self._count + len(found) - ended)
 
-    def _change(self, found: Iterable[New], ended: Iterable[tuple[Group, Member]], position: int) -> Verdict:
+    def _change(self, found: Iterable[NewMatch], ended: Iterable[tuple[StageGroup, Member]], position: int) -> Verdict:
         """The verdict with these partial matches and without those."""
-        matches: list[Configuration] = []
+        self.matches = []
         for new in found:
             group = self._groups.get(new.stage)
             if group is not None:
                 if group.excels(new.binding):
                     continue
                 for member in group.excelled(new.binding):
-                    self._leave(group, member)
+                    self._count -= group.remove(member)
             configuration = new.made(position)
             self._add(new.stage, configuration)
             if new.stage.is_match:
-                matches.append(configuration)
-        if matches:
-            self.matches = matches
+                self.matches.append(configuration)
+        if self.matches:
             self.follow([])
             return Verdict.TRUE
         for group, member in ended:
-            self._leave(group, member)
+            self._count -= group.remove(member)
         for stage in [stage for stage, group in self._groups.items() if not group.members]:
             del self._groups[stage]
             self._watches.clear()
         self._stages.tidy()
-        return Verdict.UNKNOWN
+        return _UNKNOWN
 
     def _add(self, stage: Stage, configuration: Configuration) -> None:
         group = self._groups.get(stage)
         if group is None:
-            group = self._groups[stage] = Group(stage)
+            group = self._groups[stage] = StageGroup(stage)
         group.add(Member(self._added, configuration))
         self._added += 1
         self._count += 1
-
-    def _leave(self, group: Group, member: Member) -> None:
-        """Follow a member no more, if it is still followed."""
-        if group.has(member):
-            group.remove(member)
-            self._count -= 1
-
-
-def _order(new: New) -> tuple[int, int, int]:
-    return new.order

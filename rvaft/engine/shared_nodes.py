@@ -1,89 +1,172 @@
-"""The search for the resolutions of a core that fit a configuration.
+"""Trees with shared nodes: what the core allows a configuration to be.
 
-It walks the core from the root and resolves only the choices it reaches. A resolution in the making is dropped as soon as what was
-taken cannot be reached any more, or breaks an order among the nodes it keeps: neither can be mended by choices to come.
+The core (see `compiled_tree`) is what shared nodes tie together: a shared gate is resolved once, and whether one of its events precedes
+another depends on which gates above are in the scenario. Parts stand in it as single *elements*: whatever orders one event
+of a part against the rest of the tree orders all of them.
+
+The search for the resolutions that fit a configuration walks the core from the root and resolves only the choices it reaches. A
+resolution in the making is dropped as soon as what was taken cannot be reached any more, or breaks an order among the nodes it
+keeps: neither can be mended by choices to come.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from functools import cached_property
 from itertools import combinations
-from typing import NamedTuple, Optional, TypeAlias
+from typing import Final, NamedTuple, Optional, TypeAlias
 
-from rvaft.engine.compiled_tree import Plan
+from rvaft.analysis.normal_form import Op
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import Configuration
 from rvaft.engine.progress import DONE, MORE, POSSIBLE, SURE, TOUCHED, Progress
 from rvaft.errors import TooLarge
-from rvaft.model.nodes import Gate
+from rvaft.support.bits import bits, mask_of
 
-# Precedence among the elements of a core: its events, and its parts as wholes (semantics, section 2).
+MEMORY: Final = 20_000
+"""How many answers are remembered; then the memory starts afresh."""
 
-
-def bits(mask: int) -> Iterator[int]:
-    """The members of a set, ascending."""
-    while mask:
-        low = mask & -mask
-        yield low.bit_length() - 1
-        mask ^= low
+Resolution: TypeAlias = Mapping[int, tuple[int, ...]]
+"""The nodes of the core that a scenario reaches, parents first, each with the children it keeps."""
 
 
-class Order:
-    """The precedence of each resolution of one core."""
+class KeptNode(NamedTuple):
+    """A node of a resolution in the making with the children it keeps, and the node before it."""
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
+    before: Optional["KeptNode"]
+    node: int
+    children: tuple[int, ...]
+
+
+class SharedNodes:
+    """The core of a tree; raises `TooLarge` where one search takes more than `limit` steps."""
+
+    def __init__(self, compiled: CompiledTree, progress: Progress, *, limit: int) -> None:
+        self.compiled = compiled
+        self.progress = progress
+        self.limit = limit
+        self._mask = mask_of(compiled.core)
+        self.free = self._mask & compiled.chooses > 0
+        """Whether the core leaves a choice."""
+        inner = [node for node in compiled.core if compiled.children[node]]
+        self._ordered = any(compiled.own[node] or compiled.ops[node] is Op.SEQUENCE for node in inner)
+        """Whether the core orders anything: by a sequence, or by an event that is not at a childless node."""
+        self._memory: dict[Hashable, tuple[bool, bool]] = {}
+
+    # -- what a configuration may become --------------------------------------------------------------------------
+
+    def classify(self, configuration: Configuration) -> tuple[bool, bool]:
+        """Whether what is taken is all of some feasible scenario, and, if not, whether it is a proper part of one."""
+        mask = self._mask
+        key = (
+            configuration.taken & mask,
+            configuration.dead & mask,
+            configuration.closed & mask,
+            tuple([self.progress.flags(configuration, part) for part in self.compiled.parts]),
+            configuration.inversions,
+        )
+        found = self._memory.get(key)
+        if found is None:
+            if len(self._memory) >= MEMORY:
+                self._memory.clear()
+            complete = next(self.resolutions(configuration, complete=True), None) is not None
+            found = self._memory[key] = (complete, not complete and self._unfinished(configuration))
+        return found
+
+    def possible(self, configuration: Configuration) -> bool:
+        """Whether what is taken is all or a part of some feasible scenario, guards that are open left aside."""
+        return next(self.resolutions(configuration, complete=False), None) is not None
+
+    def _unfinished(self, configuration: Configuration) -> bool:
+        """Whether something remains in a resolution that has what is taken as a part.
+
+        Parts are looked at as finished as they can be: where that leaves nothing to come, there is a match already.
+        """
+        for kept in self.resolutions(configuration, complete=False):
+            present, finished = self._elements(configuration, kept)
+            if present & ~finished:
+                return True
+        return False
+
+    def inverted(self, configuration: Configuration, node: int) -> frozenset[tuple[int, int]]:
+        """The orders between elements that taking this node's event breaks."""
+        element = self.compiled.part_of[node]
+        later = self._after[element] & self._touched(configuration) & ~(1 << element)
+        return frozenset((element, other) for other in bits(later))
+
+    def settled(self, configuration: Configuration, node: int) -> bool:
+        """Whether every scenario has, before this node's element, only what is taken (for a core without choices)."""
+        for element in bits(self._before[self.compiled.part_of[node]]):
+            if element in self.compiled.members:
+                if not configuration.taken >> element & 1:
+                    return False
+            else:
+                flags = self.progress.flags(configuration, element)
+                if not flags & SURE or (flags & MORE and self.compiled.picks >> element & 1):
+                    return False
+        return True
+
+    # -- the elements: the events of the core, and its parts as wholes ---------------------------------------------
+
+    def _touched(self, configuration: Configuration) -> int:
+        """The elements of which something is taken."""
+        parts = (part for part in self.compiled.parts if self.progress.flags(configuration, part) & TOUCHED)
+        return configuration.taken & self._mask | mask_of(parts)
+
+    def _elements(self, configuration: Configuration, kept: Resolution) -> tuple[int, int]:
+        """The elements of a resolution that have events, and those of them that are finished; parts as finished as can be.
+
+        The resolution may be in the making: what it has reached but not resolved is looked at too.
+        """
+        compiled = self.compiled
+        present, finished = int(compiled.own[compiled.root]), 0
+        for children in kept.values():
+            for child in children:
+                if child in compiled.members:
+                    present |= compiled.own[child] << child
+                else:
+                    flags = self.progress.flags(configuration, child)
+                    if not flags & DONE or flags & TOUCHED:
+                        present |= 1 << child
+                    if flags & DONE and flags & TOUCHED:
+                        finished |= 1 << child
+        return present, finished | present & configuration.taken & self._mask
+
+    def _has(self, configuration: Configuration, child: int, flag: int) -> bool:
+        """Whether a child of a core node is a part with a flag."""
+        return child not in self.compiled.members and self.progress.flags(configuration, child) & flag > 0
+
+    # -- precedence among the elements (semantics, section 2) ------------------------------------------------------
 
     @cached_property
-    def before(self) -> dict[int, int]:
+    def _before(self) -> dict[int, int]:
         """What may precede each element, in whichever scenario."""
-        kept = {node: self.plan.children[node] for node in self.plan.core}
-        events = sum(1 << node for node in self.plan.core if self.plan.own[node])
-        return self._before(kept, events | sum(1 << part for part in self.plan.parts))
+        kept = {node: self.compiled.children[node] for node in self.compiled.core}
+        events = mask_of(node for node in self.compiled.core if self.compiled.own[node])
+        return self._precedence(kept, events | mask_of(self.compiled.parts))
 
     @cached_property
-    def after(self) -> dict[int, int]:
+    def _after(self) -> dict[int, int]:
         """What each element may precede."""
-        found = dict.fromkeys(self.before, 0)
-        for element, earlier in self.before.items():
+        found = dict.fromkeys(self._before, 0)
+        for element, earlier in self._before.items():
             for other in bits(earlier):
                 found[other] |= 1 << element
         return found
 
-    def allows(
-        self, configuration: Configuration, kept: Mapping[int, tuple[int, ...]], elements: tuple[int, int], touched: int
-    ) -> bool:
-        """Whether a resolution is feasible and the configuration is downward closed in it, with an order it allows.
-
-        `elements` are those that have events in the scenario and those of them that are finished.
-        """
-        present, finished = elements
-        before = self._before(kept, present)
-        if any(before[element] & ~finished for element in bits(present & touched)):
-            return False
-        if any(before.get(late, 0) >> early & 1 for early, late in configuration.inversions):
-            return False
-        if any(before[element] >> element & 1 for element in bits(present)):
-            return False
-        return _acyclic(before, present & ~finished)
-
-    def _before(self, kept: Mapping[int, tuple[int, ...]], present: int) -> dict[int, int]:
+    def _precedence(self, kept: Resolution, present: int) -> dict[int, int]:
         """What directly precedes each present element; the rest of the precedence follows by transitivity."""
-        plan = self.plan
+        compiled = self.compiled
         within: dict[int, int] = {}
         before = dict.fromkeys(bits(present), 0)
         for node in reversed(list(kept)):
             below = 0
             for child in kept[node]:
-                below |= within[child] if child in kept else 1 << child & present
-            gate = plan.gates[node]
-            if gate is not None and gate.ordered:
-                earlier = 0
-                for child in kept[node]:
-                    part = within[child] if child in kept else 1 << child & present
-                    for element in bits(part) if earlier else ():
-                        before[element] |= earlier
-                    earlier |= part
+                part = within[child] if child in kept else 1 << child & present
+                if below and compiled.ops[node] is Op.SEQUENCE:
+                    for element in bits(part):
+                        before[element] |= below
+                below |= part
             own = 1 << node & present
-            if own and plan.top_down:
+            if own and compiled.top_down:
                 for element in bits(below):
                     before[element] |= own
             elif own:
@@ -91,219 +174,130 @@ class Order:
             within[node] = below | own
         return before
 
-
-def _acyclic(before: Mapping[int, int], elements: int) -> bool:
-    """Whether the elements can be put in an order."""
-    while elements:
-        free = [element for element in bits(elements) if not before[element] & elements]
-        if not free:
+    def _allows(self, configuration: Configuration, kept: Resolution, touched: int) -> bool:
+        """Whether a resolution is feasible and the configuration is downward closed in it, with an order it allows."""
+        present, finished = self._elements(configuration, kept)
+        before = self._precedence(kept, present)
+        if any(before[element] & ~finished for element in bits(present & touched)):
             return False
-        for element in free:
-            elements ^= 1 << element
-    return True
+        if any(before.get(late, 0) >> early & 1 for early, late in configuration.inversions):
+            return False
+        if any(before[element] >> element & 1 for element in bits(present)):
+            return False
+        left = present & ~finished
+        while left:  # unless there is a cycle some element has none of those left before it
+            free = mask_of(element for element in bits(left) if not before[element] & left)
+            if not free:
+                return False
+            left ^= free
+        return True
 
-
-# The elements of a core as a configuration has them: its events, and its parts as wholes.
-
-Resolution: TypeAlias = Mapping[int, tuple[int, ...]]
-"""The nodes of the core that a scenario reaches, parents first, each with the children it keeps."""
-
-
-class Elements:
-    """Which elements are there, taken, finished."""
-
-    def __init__(self, plan: Plan, progress: Progress) -> None:
-        self.plan = plan
-        self.progress = progress
-
-    @cached_property
-    def members(self) -> frozenset[int]:
-        """The nodes of the core."""
-        return frozenset(self.plan.core)
-
-    @cached_property
-    def mask(self) -> int:
-        """The same as a set of bits."""
-        return sum(1 << node for node in self.plan.core)
-
-    def touched(self, configuration: Configuration) -> int:
-        """The elements of which something is taken."""
-        touched = configuration.taken & self.mask
-        for part in self.plan.parts:
-            if self.progress.flags(configuration, part) & TOUCHED:
-                touched |= 1 << part
-        return touched
-
-    def present(self, configuration: Configuration, kept: Resolution) -> tuple[int, int]:
-        """The elements of a resolution that have events, and those of them that are finished; parts as finished as can be.
-
-        The resolution may be in the making: what it has reached but not resolved is looked at too.
-        """
-        present = 1 << self.plan.root if self.plan.own[self.plan.root] else 0
-        finished = present & configuration.taken
-        for children in kept.values():
-            for child in children:
-                if child in self.members:
-                    own = 1 << child if self.plan.own[child] else 0
-                    present |= own
-                    finished |= own & configuration.taken
-                else:
-                    flags = self.progress.flags(configuration, child)
-                    if not flags & DONE or flags & TOUCHED:
-                        present |= 1 << child
-                    if flags & DONE and flags & TOUCHED:
-                        finished |= 1 << child
-        return present, finished
-
-    def has(self, configuration: Configuration, child: int, flag: int) -> bool:
-        """Whether a child of a core node is a part with a flag."""
-        return child not in self.members and bool(self.progress.flags(configuration, child) & flag)
-
-
-class Kept(NamedTuple):
-    """A node of a resolution in the making with the children it keeps, and the node before it."""
-
-    before: Optional["Kept"]
-    node: int
-    children: tuple[int, ...]
-
-
-class Frame(NamedTuple):
-    """A resolution in the making: the place in the core, the nodes reached, those resolved."""
-
-    place: int
-    reached: int
-    kept: Kept | None
-
-
-class Search:
-    """Searches of one core; raises `TooLarge` where one takes more than `limit` steps."""
-
-    def __init__(self, plan: Plan, progress: Progress, elements: Elements, order: Order, *, limit: int) -> None:
-        self.plan = plan
-        self.progress = progress
-        self.elements = elements
-        self.order = order
-        self.limit = limit
+    # -- the search ------------------------------------------------------------------------------------------------
 
     def resolutions(self, configuration: Configuration, *, complete: bool) -> Iterator[Resolution]:
         """Resolutions with a feasible scenario in which what is taken is downward closed; some, if there are any.
 
         If `complete`, only such where nothing remains to be taken.
         """
+        core = self.compiled.core
         able = self._able(configuration, complete=complete)
-        touched = self.elements.touched(configuration)
-        needed = [node for node in self.plan.core if self._needed(configuration, node)]
-        agenda = [Frame(0, 1, None)] if able & 1 else []
+        touched = self._touched(configuration)
+        needed = [node for node in core if self._needed(configuration, node)]
+        # Resolutions in the making: the place in the core, the nodes reached, those resolved.
+        agenda: list[tuple[int, int, KeptNode | None]] = [(0, 1, None)] if able & 1 else []
         seen: set[tuple[int, int]] = set()
         steps = 0
         while agenda:
             place, reached, kept = agenda.pop()
             steps += 1
-            if steps > self.limit:
-                raise TooLarge(f"resolutions of the choices that share nodes: {self._choices}", limit=self.limit)
             options: list[tuple[int, ...]] = []
-            while place < len(self.plan.core):
-                node = self.plan.core[place]
+            while place < len(core):
+                node = core[place]
                 if reached >> node & 1:
                     steps += 1
-                    if steps > self.limit:
-                        raise TooLarge(
-                            f"resolutions of the choices that share nodes: {self._choices}", limit=self.limit
-                        )
                     options = list(self._options(configuration, node, able, complete=complete))
                     if len(options) != 1:
                         break
-                    kept = Kept(kept, node, options[0])
-                    reached |= _mask(options[0])
+                    kept = KeptNode(kept, node, options[0])
+                    reached |= mask_of(options[0])
                 place += 1
+            if steps > self.limit:
+                raise TooLarge(f"resolutions of the choices that share nodes: {self._choices}", limit=self.limit)
             ahead = (place, reached & self._ahead[place])
             if ahead in seen or not self._within_reach(place, reached, able, needed):
                 continue
-            if self._unordered:
+            if not self._ordered:
                 seen.add(ahead)  # what is reached ahead is all that matters
             resolution = _unrolled(kept)
-            present = self.elements.present(configuration, resolution)
-            if not self.order.allows(configuration, resolution, present, touched):
+            if not self._allows(configuration, resolution, touched):
                 continue
-            if place == len(self.plan.core):
+            if place == len(core):
                 yield resolution
-                continue
-            agenda.extend(
-                Frame(place + 1, reached | _mask(children), Kept(kept, node, children))
-                for children in reversed(options)
-            )
+            else:
+                agenda.extend(
+                    (place + 1, reached | mask_of(children), KeptNode(kept, node, children))
+                    for children in reversed(options)
+                )
 
     @cached_property
-    def _ahead(self) -> tuple[int, ...]:
+    def _ahead(self) -> list[int]:
         """For each place in the core the nodes from there on."""
         masks = [0]
-        for node in reversed(self.plan.core):
+        for node in reversed(self.compiled.core):
             masks.append(masks[-1] | 1 << node)
-        return tuple(reversed(masks))
+        return masks[::-1]
 
-    @cached_property
+    @property
     def _choices(self) -> str:
-        names = [self.plan.names[n] for n in self.plan.core if self.plan.gates[n] in (Gate.OR, Gate.VOT)]
+        names = [self.compiled.names[node] for node in self.compiled.core if self.compiled.chooses >> node & 1]
         return ", ".join(names[:10]) + (", …" if len(names) > 10 else "")
 
     def _needed(self, configuration: Configuration, node: int) -> bool:
         """Whether something taken is in a scenario only if this node is."""
-        if configuration.taken >> node & 1:
-            return True
-        return any(self.elements.has(configuration, child, TOUCHED) for child in self.plan.children[node])
+        children = self.compiled.children[node]
+        return configuration.taken >> node & 1 > 0 or any(self._has(configuration, c, TOUCHED) for c in children)
 
     def _within_reach(self, place: int, reached: int, able: int, needed: list[int]) -> bool:
         """Whether all that is needed is reached, or may be by choices to come."""
-        for node in self.plan.core[place:]:
+        for node in self.compiled.core[place:]:
             if reached >> node & able >> node & 1:
-                reached |= _mask(self.plan.children[node])
+                reached |= mask_of(self.compiled.children[node])
         return all(reached >> node & 1 for node in needed)
 
     def _able(self, configuration: Configuration, *, complete: bool) -> int:
         """The nodes that are in some scenario of this kind, looking at each alone."""
-        able = 0
-        for part in self.plan.parts:
-            if self.progress.flags(configuration, part) & (SURE if complete else POSSIBLE):
-                able |= 1 << part
-        for node in reversed(self.plan.core):
-            unfit = configuration.dead >> node & 1
-            if complete:
-                unfit = unfit or not configuration.closed >> node & 1
-                unfit = unfit or (self.plan.own[node] and not configuration.taken >> node & 1)
-            count = sum(able >> child & 1 for child in self.plan.children[node])
-            if not unfit and count >= self.plan.least(node):
+        compiled = self.compiled
+        wanted = SURE if complete else POSSIBLE
+        able = mask_of(part for part in compiled.parts if self.progress.flags(configuration, part) & wanted)
+        for node in reversed(compiled.core):
+            fit = not configuration.dead >> node & 1
+            if complete and fit:
+                fit = configuration.closed >> node & 1 > 0
+                fit = fit and (not compiled.own[node] or configuration.taken >> node & 1 > 0)
+            if fit and sum(able >> child & 1 for child in compiled.children[node]) >= compiled.need[node]:
                 able |= 1 << node
         return able
-
-    # -- the choices at one node --------------------------------------------------------------------------------
-
-    @cached_property
-    def _unordered(self) -> bool:
-        """Whether the core orders nothing: no ordered gate, and no event but at childless nodes."""
-        inner = [node for node in self.plan.core if self.plan.children[node]]
-        return not any(self.plan.own[node] or self.plan.gates[node] in (Gate.SAND, Gate.SAND_RL) for node in inner)
 
     def _options(
         self, configuration: Configuration, node: int, able: int, *, complete: bool
     ) -> Iterator[tuple[int, ...]]:
         """The ways to keep children of a node, given that it is kept. Alike ones are represented by one."""
+        compiled = self.compiled
+        children = compiled.children[node]
         if not able >> node & 1:
             return
-        children = self.plan.children[node]
-        gate = self.plan.gates[node]
-        if gate not in (Gate.OR, Gate.VOT):
+        if not compiled.chooses >> node & 1:
             yield children
             return
-        touched = [child for child in children if self.elements.has(configuration, child, TOUCHED)]
+        touched = [child for child in children if self._has(configuration, child, TOUCHED)]
         if any(not able >> child & 1 for child in touched):
             return
         rest = [child for child in children if able >> child & 1 and child not in touched]
-        parts = [child for child in rest if child not in self.elements.members]
-        silent = [child for child in parts if self.elements.has(configuration, child, SURE if complete else DONE)]
+        parts = [child for child in rest if child not in compiled.members]
+        silent = [child for child in parts if self._has(configuration, child, SURE if complete else DONE)]
         waiting = [child for child in parts if child not in silent]
-        shared = [child for child in rest if child in self.elements.members]
-        if gate is Gate.OR:
+        shared = [child for child in rest if child in compiled.members]
+        if compiled.ops[node] is Op.ONE:
             # Waiting parts are alike, since what orders one orders the other, and so are silent ones, except that they
             # are in different branches.
             picks = silent if complete else [*silent[:1], *waiting[:1]]
@@ -311,110 +305,17 @@ class Search:
             yield from ((child,) for child in ways)
             return
         # Silent parts cost nothing; where nothing is ordered, no child that is able does.
-        sizes = [len(shared)] if self._unordered else range(len(shared) + 1)
-        for size in sizes:
-            missing = max(self.plan.thresholds[node] - size - len(touched) - len(silent), 0)
+        for size in range(len(shared) + 1) if self._ordered else [len(shared)]:
+            missing = max(compiled.need[node] - size - len(touched) - len(silent), 0)
             if missing <= len(waiting):
                 for picked in combinations(shared, size):
                     chosen = {*picked, *touched, *silent, *waiting[:missing]}
                     yield tuple(child for child in children if child in chosen)
 
 
-def _mask(nodes: tuple[int, ...]) -> int:
-    mask = 0
-    for node in nodes:
-        mask |= 1 << node
-    return mask
-
-
-def _unrolled(kept: Kept | None) -> Resolution:
+def _unrolled(kept: KeptNode | None) -> Resolution:
     found: list[tuple[int, tuple[int, ...]]] = []
     while kept is not None:
         found.append((kept.node, kept.children))
         kept = kept.before
     return dict(reversed(found))
-
-
-# Trees with shared nodes: what the core allows a configuration to be.
-#
-# The core (see `plan`) is what shared nodes tie together: a shared gate is resolved once, and whether one of its events precedes
-# another depends on which gates above are in the scenario. Parts stand in it as single *elements*: whatever orders one event
-# of a part against the rest of the tree orders all of them.
-
-MEMORY = 20_000
-"""How many answers are remembered; then the memory starts afresh."""
-
-
-class Core:
-    """The core of a plan; `limit` bounds the steps of one search."""
-
-    def __init__(self, plan: Plan, progress: Progress, *, limit: int) -> None:
-        self.plan = plan
-        self.progress = progress
-        self.elements = Elements(plan, progress)
-        self.order = Order(plan)
-        self._search = Search(plan, progress, self.elements, self.order, limit=limit)
-        self._memory: dict[object, tuple[bool, bool]] = {}
-
-    @property
-    def members(self) -> frozenset[int]:
-        """The nodes of the core."""
-        return self.elements.members
-
-    @cached_property
-    def free(self) -> bool:
-        """Whether the core leaves a choice."""
-        return any(self.plan.gates[node] in (Gate.OR, Gate.VOT) for node in self.plan.core)
-
-    def classify(self, configuration: Configuration) -> tuple[bool, bool]:
-        """Whether what is taken is all of some feasible scenario, and, if not, whether it is a proper part of one."""
-        key = self._key(configuration)
-        found = self._memory.get(key)
-        if found is None:
-            if len(self._memory) >= MEMORY:
-                self._memory.clear()
-            complete = next(self.complete(configuration), None) is not None
-            alive = not complete and any(self._unfinished(configuration))
-            found = self._memory[key] = (complete, alive)
-        return found
-
-    def complete(self, configuration: Configuration) -> Iterator[Resolution]:
-        """Resolutions whose occurrences are exactly those taken; some, if there are any."""
-        return self._search.resolutions(configuration, complete=True)
-
-    def possible(self, configuration: Configuration) -> bool:
-        """Whether what is taken is all or a part of some feasible scenario, guards that are open left aside."""
-        return next(self._search.resolutions(configuration, complete=False), None) is not None
-
-    def _unfinished(self, configuration: Configuration) -> Iterator[int]:
-        """What remains in resolutions that have what is taken as a part.
-
-        Parts are looked at as finished as they can be: where that leaves nothing to come, there is a match already.
-        """
-        for kept in self._search.resolutions(configuration, complete=False):
-            present, finished = self.elements.present(configuration, kept)
-            yield present & ~finished
-
-    def inverted(self, configuration: Configuration, node: int) -> frozenset[tuple[int, int]]:
-        """The orders between elements that taking this node's event breaks."""
-        element = self.plan.part_of[node]
-        later = self.order.after[element] & self.elements.touched(configuration) & ~(1 << element)
-        return frozenset((element, other) for other in bits(later))
-
-    def settled(self, configuration: Configuration, node: int) -> bool:
-        """Whether every scenario has, before this node's element, only what is taken (for a core without choices)."""
-        before = self.order.before[self.plan.part_of[node]]
-        return all(self._settled(configuration, element) for element in bits(before))
-
-    def _settled(self, configuration: Configuration, element: int) -> bool:
-        if element in self.members:
-            return bool(configuration.taken >> element & 1)
-        flags = self.progress.flags(configuration, element)
-        return bool(flags & SURE) and not (flags & MORE and self.plan.chooses >> element & 1)
-
-    def _key(self, configuration: Configuration) -> object:
-        """What the answers depend on."""
-        flags = tuple(self.progress.flags(configuration, part) for part in self.plan.parts)
-        mask = self.elements.mask
-        dead, closed = configuration.dead & mask, configuration.closed & mask
-        return configuration.taken & mask, dead, closed, flags, configuration.inversions

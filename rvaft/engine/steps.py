@@ -2,34 +2,31 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from rvaft.engine.compiled_tree import Plan
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.progress import MORE, SURE, Progress
-from rvaft.engine.shared_nodes import Core
-from rvaft.model.guards import predicate
+from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.model.values import Json, equal
 
 
 class Matching:
-    """The partial matches of a tree, whatever the semantics; `limit` bounds one search through a core."""
+    """The partial matches of a tree, whatever the semantics; `limit` bounds one search through shared nodes."""
 
-    def __init__(self, plan: Plan, *, limit: int) -> None:
-        self.plan = plan
-        self.progress = Progress(plan)
-        self.core = Core(plan, self.progress, limit=limit)
-        self.predicates = tuple(None if guard is None else predicate(guard) for guard in plan.guards)
-        """What each node's guard says of a binding of its variables."""
+    def __init__(self, compiled: CompiledTree, *, limit: int) -> None:
+        self.compiled = compiled
+        self.progress = Progress(compiled)
+        self.shared = SharedNodes(compiled, self.progress, limit=limit)
 
     def start(self) -> Configuration:
         """The configuration before any event."""
-        return self.progress.start()
+        return Configuration(self.compiled.dead, self.compiled.closed)
 
     def standing(self, configuration: Configuration) -> tuple[bool, bool]:
         """Whether it is a match, and, if not, whether it is a partial match."""
-        if self.plan.core:
-            return self.core.classify(configuration)
-        flags = self.progress.flags(configuration, self.plan.root)
-        return bool(flags & SURE), bool(flags & MORE)
+        if self.compiled.core:
+            return self.shared.classify(configuration)
+        flags = self.progress.flags(configuration, self.compiled.root)
+        return flags & SURE > 0, flags & MORE > 0
 
     def extended(
         self,
@@ -46,21 +43,46 @@ class Matching:
         `values` are those that the event gives to the variables of its pattern. With `reuse` the configuration itself changes. Where
         the guards are `judged` already, that is believed of those that can now be decided.
         """
-        bound, names = configuration.binding, self.plan.exported[node]
-        if configuration.taken >> node & 1 or any(n in bound and not equal(bound[n], values[n]) for n in names):
-            return None
-        new = configuration if reuse else configuration.copy()
-        if self.plan.core:
-            new.inversions |= self.core.inverted(configuration, node)
-        if not self._take(new, node):
+        compiled, bound = self.compiled, configuration.binding
+        names = compiled.exported[node]
+        if configuration.taken >> node & 1:
             return None
         for name in names:
-            new.binding.setdefault(name, values[name])
-        if not self._close(new, names, judged):
+            if name in bound and not equal(bound[name], values[name]):
+                return None
+        new = self._taken(configuration, node, reuse=reuse)
+        if new is None:
             return None
-        self._forget(new)
-        new.witness = Witness(configuration.witness, node, position, dict(values))
+        if names:
+            for name in names:
+                new.binding.setdefault(name, values[name])
+            settled = set(names)
+            for waiting in self.closing(new, names):
+                new.closed |= 1 << waiting
+                settled.update(compiled.needs[waiting])
+                holds = compiled.predicates[waiting]
+                if holds is not None and not (holds(new.binding) if judged is None else judged[waiting]):
+                    new.dead |= 1 << waiting
+                if waiting not in compiled.members and not self.progress.refresh(new, waiting):
+                    return None
+            for name in settled:  # forget the variables that nothing to come mentions
+                if not compiled.mentions[name] & ~new.taken and all(
+                    new.closed >> waiting & 1 for waiting in compiled.guarded_by.get(name, ())
+                ):
+                    del new.binding[name]
+        new.witness = Witness(configuration.witness, node, position, values)
         return new if any(self.standing(new)) else None
+
+    def _taken(self, configuration: Configuration, node: int, *, reuse: bool = False) -> Configuration | None:
+        """The configuration with a node taken, or None where it is then in no scenario (looking at its part alone)."""
+        in_core = node in self.compiled.members
+        if not in_core and self.progress.over(configuration, node):
+            return None
+        new = configuration if reuse else configuration.copy()
+        if self.compiled.core:
+            new.inversions |= self.shared.inverted(configuration, node)
+        new.taken |= 1 << node
+        return new if in_core or self.progress.refresh(new, node) else None
 
     def replayed(self, steps: Iterable[tuple[int, Mapping[str, Json], int]]) -> Configuration | None:
         """The configuration after these nodes took their events, each with values and position, or None where none is left."""
@@ -72,41 +94,14 @@ class Matching:
 
     def admits(self, configuration: Configuration, node: int) -> bool:
         """Whether a node's event could come next, whatever its values."""
-        if configuration.taken >> node & 1 or (
-            node not in self.core.members and self.progress.over(configuration, node)
-        ):
+        if configuration.taken >> node & 1:
             return False
-        new = configuration.copy()
-        if self.plan.core:
-            new.inversions |= self.core.inverted(configuration, node)
-        return self._take(new, node) and (not self.plan.core or self.core.possible(new))
-
-    def _take(self, configuration: Configuration, node: int) -> bool:
-        if node in self.core.members:
-            configuration.taken |= 1 << node
-            return True
-        return self.progress.take(configuration, node)
+        new = self._taken(configuration, node)
+        return new is not None and (not self.compiled.core or self.shared.possible(new))
 
     def closing(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
         """The nodes whose guard has waited for these variables alone, which are bound now."""
-        for node in dict.fromkeys(node for name in names for node in self.plan.guarded_by.get(name, ())):
-            if not configuration.closed >> node & 1 and all(n in configuration.binding for n in self.plan.needs[node]):
+        guarded_by, needs = self.compiled.guarded_by, self.compiled.needs
+        for node in dict.fromkeys(node for name in names for node in guarded_by.get(name, ())):
+            if not configuration.closed >> node & 1 and all(name in configuration.binding for name in needs[node]):
                 yield node
-
-    def _close(self, configuration: Configuration, names: tuple[str, ...], judged: Mapping[int, bool] | None) -> bool:
-        """Decide the guards that waited for these variables alone; False where one that is needed does not hold."""
-        for node in self.closing(configuration, names):
-            configuration.closed |= 1 << node
-            holds = self.predicates[node]
-            if holds is not None and not (holds(configuration.binding) if judged is None else judged[node]):
-                configuration.dead |= 1 << node
-            if node not in self.core.members and not self.progress.refresh(configuration, node):
-                return False
-        return True
-
-    def _forget(self, configuration: Configuration) -> None:
-        """Drop the variables that nothing to come mentions."""
-        for name in list(configuration.binding):
-            waiting = any(not configuration.closed >> node & 1 for node in self.plan.guarded_by.get(name, ()))
-            if not waiting and not self.plan.mentions[name] & ~configuration.taken:
-                del configuration.binding[name]

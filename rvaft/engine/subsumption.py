@@ -1,6 +1,11 @@
-"""Which of two partial matches can do all that the other can, though their values differ.
+"""Which partial matches another one makes superfluous.
 
-Take two partial matches that have come equally far (the same occurrences taken, the same guards decided, with the same outcome, the
+**Taken or passed over.** Under `scattered` a configuration may pass over every event. Passing over is of no use where the occurrence
+belongs to all that the configuration can still become and taking it costs nothing: no variable is bound by it, no choice made. Then
+whatever the configuration could do later, it can do with the event taken, within the same branch (so that the explanation still
+finds the lowest).
+
+**Different values.** Take two partial matches that have come equally far (the same occurrences taken, the same guards decided, with the same outcome, the
 same orders broken) and whose bindings agree but for some variables. Such a variable is of no consequence but through the
 guards still open if no occurrence to come mentions it. Say an open guard is *for greater values* of it if, whatever the values of
 the other variables, the guard holds for y where it holds for x < y; and likewise for smaller values. If all open guards that mention the
@@ -9,7 +14,7 @@ same occurrences, so every guard of the completed scenario that held for x holds
 the same branches. With several such variables replace one after the other. So the match with the lesser value may be dropped, now and as
 long as the other, or one that can do all that it can, is kept; verdicts stay what they are, and so does the lowest branch.
 
-What makes a guard one for greater (smaller) values, as `rvaft.guards` evaluates it:
+What makes a guard one for greater (smaller) values, as `rvaft.model.guards` evaluates it:
 
 - Rounding is monotone: of two values of one type, x <= y, and a constant c, x + c <= y + c holds for the computed results too, for whole
   numbers exactly and for IEEE doubles after rounding (a whole number is first rounded to a double where c is one). The
@@ -31,68 +36,63 @@ if nothing can tell the values apart (`fingerprint`).
 """
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, assert_never
 
-from rvaft.engine.compiled_tree import Plan
+from rvaft.analysis.normal_form import Op
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import Configuration
 from rvaft.engine.progress import MORE, POSSIBLE, SURE, TOUCHED
 from rvaft.engine.steps import Matching
 from rvaft.model.guards import Guard, Operation, Operator, variables
-from rvaft.model.nodes import Gate
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json, is_number
-
-# When a partial match under `scattered` need not be kept without the event it could take.
-#
-# Under `scattered` a configuration may pass over every event. Passing over is of no use where the occurrence belongs to all that
-# the configuration can still become and taking it costs nothing: no variable is bound by it, no choice made. Then whatever the
-# configuration could do later, it can do with the event taken, within the same branch (so that the explanation still finds the lowest).
 
 
 def commits(matching: Matching, before: Configuration, after: Configuration, node: int) -> bool:
     """Whether the configuration after a node's event can do all that the one before it can."""
-    plan, progress = matching.plan, matching.progress
+    compiled = matching.compiled
     if after.binding != before.binding or after.closed != before.closed:
         return False
-    if plan.core and matching.core.free:
+    if any(name not in before.binding for name in compiled.exported[node]):
         return False
-    if any(name not in before.binding for name in plan.exported[node]):
+    if compiled.core and (matching.shared.free or not matching.shared.settled(before, node)):
         return False
-    if node not in matching.core.members:
-        if plan.own[node] and not plan.top_down and not _ends(matching, node, progress.inner(after, node)):
+    if node in compiled.members:
+        return True
+    if compiled.own[node] and not compiled.top_down and not _ends(compiled, node, matching.progress.inner(after, node)):
+        return False
+    child = node
+    while compiled.parent[child] >= 0:
+        if not _keeps(matching, before, after, child):
             return False
-        child = node
-        while plan.parent[child] >= 0:
-            if not _keeps(matching, before, after, child):
-                return False
-            child = plan.parent[child]
-    return not plan.core or matching.core.settled(before, node)
+        child = compiled.parent[child]
+    return True
 
 
-def _ends(matching: Matching, node: int, flags: int) -> bool:
+def _ends(compiled: CompiledTree, node: int, flags: int) -> bool:
     """Whether what stands before the event has nothing more to come in the same branch."""
-    return bool(flags & SURE) and not (flags & MORE and matching.plan.chooses >> node & 1)
+    return flags & SURE > 0 and not (flags & MORE and compiled.picks >> node & 1)
 
 
 def _keeps(matching: Matching, before: Configuration, after: Configuration, child: int) -> bool:
     """Whether a child's parent loses nothing by what happened below the child."""
-    plan, progress = matching.plan, matching.progress
-    gate = plan.parent[child]
-    siblings = plan.children[gate]
-    match plan.gates[gate]:
-        case Gate.AND | None:
+    compiled, flags = matching.compiled, matching.progress.flags
+    gate = compiled.parent[child]
+    siblings = compiled.children[gate]
+    match compiled.ops[gate]:
+        case Op.ALL:
             return True
-        case Gate.SAND | Gate.SAND_RL:
-            elders = siblings[: plan.slot[child]]
-            return all(_ends(matching, elder, progress.flags(before, elder)) for elder in elders)
-        case Gate.OR | Gate.VOT as kind:
-            if progress.flags(before, child) & TOUCHED:
+        case Op.SEQUENCE:
+            return all(_ends(compiled, elder, flags(before, elder)) for elder in siblings[: compiled.slot[child]])
+        case Op.ONE | Op.AT_LEAST as op:
+            able = sum(flags(before, sibling) & POSSIBLE > 0 for sibling in siblings)
+            if flags(before, child) & TOUCHED or able <= compiled.need[gate]:
                 return True
-            able = sum(bool(progress.flags(before, sibling) & POSSIBLE) for sibling in siblings)
-            if able <= (1 if kind is Gate.OR else plan.thresholds[gate]):
-                return True
-            whole = bool(progress.flags(after, child) & SURE) and not plan.chooses >> child & 1
-            return kind is Gate.VOT and whole
+            return op is Op.AT_LEAST and flags(after, child) & SURE > 0 and not compiled.picks >> child & 1
+        case Op.EVENT | Op.CONDITION:
+            raise AssertionError("a body joins children")
+        case _ as never:
+            assert_never(never)
 
 
 MOST: Final = 10**100
@@ -103,22 +103,22 @@ _COMPARISONS: Final = (*_FIRST_GREATER, Operator.LT, Operator.LE)
 
 
 class Directions:
-    """For the partial matches of a plan, the variables of which a greater (1) or a smaller (-1) value can do more."""
+    """For the partial matches of a tree, the variables of which a greater (1) or a smaller (-1) value can do more."""
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
+    def __init__(self, compiled: CompiledTree) -> None:
+        self._mentions = compiled.mentions
         self._tendency = {
-            name: {node: tendency(guard, name) for node in nodes if (guard := plan.guards[node]) is not None}
-            for name, nodes in plan.guarded_by.items()
+            name: [(node, tendency(guard, name)) for node in nodes if (guard := compiled.guards[node]) is not None]
+            for name, nodes in compiled.guarded_by.items()
         }
 
     def of(self, configuration: Configuration) -> dict[str, int]:
         """The variables that a configuration binds of which it can be said."""
         found = {}
         for name in configuration.binding:
-            if not self.plan.mentions[name] & ~configuration.taken:
-                guards = self._tendency.get(name, {})
-                signs = {sign for node, sign in guards.items() if not configuration.closed >> node & 1}
+            if not self._mentions[name] & ~configuration.taken:
+                tendencies = self._tendency.get(name, ())
+                signs = {sign for node, sign in tendencies if not configuration.closed >> node & 1}
                 if signs in ({1}, {-1}):
                     found[name] = 1 if 1 in signs else -1
         return found

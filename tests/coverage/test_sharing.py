@@ -1,13 +1,10 @@
 """What makes many branches and many logs affordable: each branch is compiled once, and from what concerns it alone."""
 
-from typing import Any
-
 import pytest
 
 from rvaft import loads
 from rvaft.coverage import Coverage
-from rvaft.engine.compiled_tree import Plan
-from rvaft.engine.event_index import Letters
+from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.model.tree import RVAFT
 
 BRANCHES = 20
@@ -18,28 +15,22 @@ TREE = (
 )
 
 
-@pytest.fixture
-def compiled(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """How many letters there are in each compilation, from now on."""
+@pytest.mark.parametrize("semantics", ["strict", "projected", "scattered"])
+def test_a_branch_is_compiled_once_and_alone(monkeypatch: pytest.MonkeyPatch, semantics: str) -> None:
     sizes: list[int] = []
-    plain = Letters.__init__
+    plain = TreeLetters.__init__
 
-    def counting(self: Letters, tree: RVAFT, plan: Plan, *args: Any, **options: Any) -> None:
-        plain(self, tree, plan, *args, **options)
+    def counting(self: TreeLetters, tree: RVAFT, compiled: CompiledTree) -> None:
+        plain(self, tree, compiled)
         sizes.append(len(self.letters))
 
-    monkeypatch.setattr(Letters, "__init__", counting)
-    return sizes
-
-
-@pytest.mark.parametrize("semantics", ["strict", "projected", "scattered"])
-def test_a_branch_is_compiled_once_and_alone(compiled: list[int], semantics: str) -> None:
+    monkeypatch.setattr(TreeLetters, "__init__", counting)
     coverage = Coverage(loads(TREE), semantics)
-    assert len(compiled) == 1 + BRANCHES
-    assert sum(compiled) == BRANCHES + 2 * BRANCHES
+    assert len(sizes) == 1 + BRANCHES
+    assert sum(sizes) == BRANCHES + 2 * BRANCHES
     for number in range(5):
         coverage.add(f"log {number}", [{"number": number, "x": 1}, {"number": number + 1, "x": 1}])
-    assert len(compiled) == 1 + BRANCHES
+    assert len(sizes) == 1 + BRANCHES
     assert [branch.detected for branch in coverage.report().branches] == [1] * 5 + [0] * (BRANCHES - 5)
 
 

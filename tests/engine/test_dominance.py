@@ -8,7 +8,7 @@ import pytest
 
 import rvaft
 from rvaft.engine import Engine
-from rvaft.engine.scattered_general import Skipping
+from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.subsumption import Directions, scale, tendency
 from rvaft.errors import TreeError
 from rvaft.language.parser import parse_guard
@@ -190,7 +190,7 @@ def trees(random: Random, count: int) -> Iterator[RVAFT]:
 def followed(tree: RVAFT, trace: list[dict[str, Any]]) -> tuple[Engine, list[Verdict], list[int]]:
     """A monitor after a trace, its verdicts, and how many partial matches it followed."""
     monitor = Engine(tree, "scattered")
-    assert isinstance(monitor._strategy, Skipping)
+    assert isinstance(monitor._strategy, ScatteredMatches)
     verdicts, sizes = [], []
     for event in trace:
         verdicts.append(monitor.step(event))
@@ -237,7 +237,7 @@ def test_an_earlier_time_that_comes_later_takes_over() -> None:
     monitor = Engine(tree, "scattered", limit=5)
     for time in range(1000, 0, -1):
         assert monitor.step({"n": "a", "v": time}) is Verdict.UNKNOWN
-    assert isinstance(monitor._strategy, Skipping)
+    assert isinstance(monitor._strategy, ScatteredMatches)
     for group in monitor._strategy._groups.values():  # what was dropped is found nowhere
         for index in (*group._by_values.values(), group._rivals):
             assert sum(map(len, index.values())) <= len(group.members) == 1

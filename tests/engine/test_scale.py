@@ -5,9 +5,8 @@ from random import Random
 import pytest
 
 import rvaft
-from rvaft.analysis.branches import branches
+from rvaft.analysis.branches import branches, number_of
 from rvaft.engine import Engine
-from rvaft.engine.explanation import lowest_number
 from rvaft.engine.scattered_linear import Earliest
 from rvaft.errors import TooLarge
 from rvaft.model.nodes import Gate, Node
@@ -90,8 +89,8 @@ def test_a_scattered_log_does_not_grow() -> None:
         for _ in range(2_000):
             monitor.step(random.choice(letters))
         assert isinstance(monitor._strategy, Earliest)
-        assert monitor._strategy._log is not None
-        sizes.append(len(monitor._strategy._log.entries))
+        assert monitor._strategy.useful is not None
+        sizes.append(len(monitor._strategy.useful.entries))
     assert sizes[0] == sizes[1] < 50
     assert monitor.step({"event": "g"}) is Verdict.TRUE
 
@@ -155,4 +154,4 @@ def test_branch_numbers_are_counted() -> None:
     for _ in range(150):
         tree = dense_tree(random, SHAPES["plain"])
         for branch in branches(tree):
-            assert lowest_number(tree, branch.choices) == branch.number
+            assert number_of(tree, branch.choices) == branch.number

@@ -19,6 +19,7 @@ _COMMANDS: Final = {
     "show": "Draw a tree, or write it in another format.",
     "branches": "List the branches of a tree: number, kinds, property.",
     "emit": "Write a specification of a tree.",
+    "test": "Compare a tree's own traces with the verdicts expected of them.",
     "monitor": "Watch events for a tree and give verdicts.",
     "coverage": "Say which branches some logs exercise.",
     "traces": "Write example logs for a tree.",
@@ -30,7 +31,10 @@ _COMMANDS: Final = {
     "explain": "Explain what a finding means.",
 }
 """The commands and what they do; each is a function, `check_command` for `check`, in the module of its name or in the one named here."""
-_MODULES: Final = {"backends": "information", "explain": "information", "rosmonitoring": "ros", "serve": "ros"}
+_MODULES: Final = {
+    **dict.fromkeys(["backends", "branches", "explain"], "information"),
+    **dict.fromkeys(["rosmonitoring", "serve"], "ros"),
+}
 
 
 class Commands(click.Group):
@@ -150,4 +154,4 @@ def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 def main(ctx: click.Context) -> None:
     """Attack-fault trees with runtime events: check, draw, translate and monitor them."""
     if ctx.invoked_subcommand is None:
-        raise click.UsageError(f"name a command: {', '.join(_COMMANDS)}", ctx)
+        click.echo(ctx.get_help())

@@ -35,6 +35,7 @@ from rvaft.api import load, narrowed
 from rvaft.cli.failure import FAILED, INTERRUPTED, Stopped, report
 from rvaft.cli.options import exclusive, finite, part_options, some_backends, some_semantics
 from rvaft.errors import RvaftError
+from rvaft.language.parser import NoTree
 from rvaft.model.nodes import Kind
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.files import deliver
@@ -146,7 +147,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class Failures:
-    """Reports what fails, so that the rest still runs."""
+    """Reports what fails, so that the rest still runs; files that only declare what trees import are left out."""
 
     met: bool = False
 
@@ -156,8 +157,9 @@ class Failures:
             try:
                 yield make(one)
             except (RvaftError, OSError) as error:
-                report(error)
-                self.met = True
+                if not (isinstance(error, NoTree) and error.is_part):
+                    report(error)
+                    self.met = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,6 +339,9 @@ def cross_check_command(
     if trees:
         part = partial(_entry, branch=branch, kind=None if kind is None else Kind(kind))
         found = list(failures.collect(part, trees))
+        if not found and not failures.met:
+            click.echo("nothing to compare: these files only declare what trees import")
+            return 0
         entries, count, effort = (
             found,
             len(found),

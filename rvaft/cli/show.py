@@ -1,14 +1,15 @@
 """`rvaft show`: draw a tree, or write it in another format."""
 
 import re
+import sys
 from collections.abc import Mapping
-from pathlib import PurePath
+from pathlib import Path, PurePath
 
 import click
 
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.api import load, monitor
-from rvaft.cli.options import output_option, semantics_option, tree_argument
+from rvaft.api import monitor
+from rvaft.cli.options import load_tree, output_option, semantics_option, tree_argument
 from rvaft.errors import OptionError
 from rvaft.export import SUFFIXES, Format, Look, draw, format_of, losses
 from rvaft.export.layout import NARROWEST, WIDTH, Marks, branch_marks, marks
@@ -33,6 +34,8 @@ def highlighted(tree: RVAFT, what: str, semantics: str) -> Marks:
         if not re.fullmatch(r"[0-9]{1,9}", found[1]):
             raise OptionError(f"--highlight branch:N takes the number of a branch, not {found[1]!r}")
         return branch_marks(tree, int(found[1]))
+    if re.fullmatch(r"[0-9]{1,9}", what) and not Path(what).exists():
+        raise OptionError(f"{what}: no such trace; a branch is marked by --highlight branch:{what}")
     watching = monitor(tree, semantics=semantics)
     events = {}
     for number, event in enumerate(read(what, reads=TreeReads(tree)), 1):
@@ -94,7 +97,7 @@ def show_command(
     legend: bool | None,
     stagger: bool | None,
 ) -> int:
-    """Draw a tree, or write it in another format."""
+    """Draw a tree, or write it in another format. The TREE - is standard input."""
     chosen = Format(form) if form is not None else _suggested(output)
     everywhere = {
         "--events": events,
@@ -111,7 +114,9 @@ def show_command(
         _refuse({"--stagger": stagger}, chosen, "which forest lays out")
     if len(highlight) > 1:
         raise click.UsageError("--highlight marks one branch or one trace: give it once", click.get_current_context())
-    loaded = load(tree)
+    if chosen.binary and output in (None, "-") and sys.stdout.isatty():
+        raise click.UsageError("this format is binary: name a file with -o, or redirect standard output")
+    loaded = load_tree(tree)
     look = Look(
         events=chosen is Format.TREE if events is None else events,
         names=names is not False,
@@ -122,7 +127,7 @@ def show_command(
         legend=bool(legend),
         stagger=bool(stagger),
     )
-    deliver(draw(loaded, chosen, look), output, binary=chosen.binary)
+    deliver(draw(loaded, chosen, look), output)
     if chosen is Format.GALILEO:
         for loss in losses(loaded):
             click.echo(f"rvaft: warning: galileo: {loss}", err=True)

@@ -101,7 +101,7 @@ def parse_file(path: os.PathLike[str] | str) -> Draft:
 
 def parse_bytes(data: bytes, file: str) -> Draft:
     """As `parse`, from the bytes of a file or stream; what is no UTF-8 text is a `LanguageError` too."""
-    return parse(_decoded(data, file), file)
+    return parse(decoded(data, file), file)
 
 
 def _text_of(name: str) -> str:
@@ -112,10 +112,11 @@ def _text_of(name: str) -> str:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", name) from error
     except ValueError as error:  # a path that no system can have
         raise LanguageError(f"cannot read the file: {error}", file=name) from error
-    return _decoded(data, name)
+    return decoded(data, name)
 
 
-def _decoded(data: bytes, name: str) -> str:
+def decoded(data: bytes, name: str) -> str:
+    """The text in the bytes of a file; raises `LanguageError` for what is too large, or no UTF-8."""
     if len(data) > MAX_FILE:
         raise LanguageError(f"the file is larger than {MAX_FILE // 1024**2} MiB, which is no tree", file=name)
     try:

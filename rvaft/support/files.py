@@ -6,7 +6,6 @@ import io
 import os
 import shutil
 import stat
-import sys
 import tempfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -94,13 +93,11 @@ def _zstandard() -> Any:
 # Where the output of a command goes: standard output, or a file that is whole or not there.
 
 
-def deliver(data: bytes, output: str | None, *, binary: bool = False) -> None:
-    """Write to a file, or to standard output without one or for `-`; binary data is refused by a terminal."""
+def deliver(data: bytes, output: str | None) -> None:
+    """Write to a file, or to standard output without one or for `-`."""
     if output is not None and output != "-":
         write_whole(Path(output), data)
         return
-    if binary and sys.stdout.isatty():
-        raise click.UsageError("this format is binary: name a file with -o, or redirect standard output")
     click.echo(data, nl=False)
 
 

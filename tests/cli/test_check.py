@@ -131,3 +131,48 @@ def test_every_code_that_is_reported_is_explained(warned: Path, wrong: Path) -> 
         assert explained.exit_code == 0
         assert code in explained.stdout
     failed(run("explain", "undeclard"), "undeclard", "undeclared")
+
+
+def test_all_codes_are_listed() -> None:
+    listed = run("explain")
+    assert listed.exit_code == 0
+    assert {"cycle", "syntax", "undeclared"} <= {line.split()[0] for line in listed.stdout.splitlines()}
+
+
+def test_a_file_for_import_is_fine(tmp_path: Path, warned: Path) -> None:
+    part, nothing = tmp_path / "events.rvaft", tmp_path / "nothing.rvaft"
+    part.write_text("event e(x) = { a: x };\n")
+    nothing.write_text("toplevel a;\n")
+    assert (run("check", part).exit_code, run("check", part).output) == (0, "")
+    assert run("check", part, warned, "--strict").exit_code == 1
+    failed(run("check", nothing), "there is no tree here")
+    compared = run("cross-check", part)
+    assert (compared.exit_code, compared.stderr) == (0, "")
+    part.write_text("event e(x) = { a: };\n")
+    assert run("check", part).exit_code == 2
+
+
+def test_annotations_for_github(tmp_path: Path, wrong: Path) -> None:
+    torn = tmp_path / "a,b: 100%.rvaft"
+    torn.write_text("toplevel a;\na and and b;\n")
+    result = run("check", wrong, torn, "--format", "github")
+    assert result.exit_code == 2
+    lines = result.stdout.splitlines()
+    assert any(
+        re.match(rf"::error file={re.escape(str(wrong))},line=3,col=7,title=rvaft cycle::.*\[cycle\]", line)
+        for line in lines
+    )
+    assert any("a%2Cb%3A 100%25.rvaft,line=2,col=7,title=rvaft syntax::" in line for line in lines)
+    assert run("check", PRUNED, "--format", "github", "--strict").output == run("check", PRUNED).output
+
+
+def test_sarif(wrong: Path, warned: Path) -> None:
+    result = run("check", wrong, warned, "--format", "sarif")
+    assert result.exit_code == 1
+    (said,) = json.loads(result.stdout)["runs"]
+    levels = {found["ruleId"]: found["level"] for found in said["results"]}
+    assert (levels["cycle"], levels["undeclared"]) == ("error", "warning")
+    assert {rule["id"] for rule in said["tool"]["driver"]["rules"]} == levels.keys()
+    place = said["results"][0]["locations"][0]["physicalLocation"]
+    assert place["artifactLocation"]["uri"] == str(wrong)
+    assert place["region"].keys() == {"startLine", "startColumn"}

@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -235,3 +237,28 @@ def test_a_missing_library_is_named_where_a_backend_needs_it(monkeypatch: pytest
     rows = {line.split()[0]: line for line in run("backends").stdout.splitlines()}
     assert rows["ltlf"].endswith("no: spot is not installed: pip install spottl")
     assert run("emit", SAND, "--to", "ltlf").stderr == "rvaft: error: spot is not installed: pip install spottl\n"
+
+
+@pytest.mark.parametrize("command", ["show", "branches"])
+def test_a_dash_is_standard_input(command: str) -> None:
+    assert run(command, "-", data=SAND.read_bytes()).stdout == run(command, SAND).stdout
+    assert run(command, "-", data=b"a or").stderr.startswith("rvaft: error: <stdin>:1:5: the text ends")
+
+
+def test_a_branch_alone_is_a_hint() -> None:
+    failed(run("show", SAND, "--highlight", "1"), "--highlight branch:1")
+
+
+def test_branches_can_be_few() -> None:
+    result = run("branches", PRUNED, "--limit", "2")
+    assert (result.exit_code, result.stdout.count("\n")) == (0, 2)
+    assert result.stderr == "rvaft: warning: the tree has more than 2 branches\n"
+    assert run("branches", PRUNED, "--limit", "4").stderr == ""
+
+
+def test_without_a_command_there_is_help() -> None:
+    result = run()
+    assert result.exit_code == 0
+    assert "branches" in result.stdout
+    module = subprocess.run([sys.executable, "-m", "rvaft"], capture_output=True, text=True, check=True)
+    assert module.stdout.startswith("Usage: rvaft")

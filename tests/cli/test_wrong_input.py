@@ -70,7 +70,6 @@ def test_the_path_in_an_error_stays_on_its_line(command: str) -> None:
 
 
 WRONG_USE: dict[str, tuple[list[object], list[str]]] = {
-    "no command": ([], ["check, show"]),
     "unknown command": (["draw"], ["'draw'", "check, show"]),
     "unknown option": (["--fast"], ["--fast"]),
     "unknown option of a command": (["check", SAND, "--fast"], ["--fast", "rvaft check --help"]),
@@ -91,7 +90,6 @@ WRONG_USE: dict[str, tuple[list[object], list[str]]] = {
     "kind that no branch has": (["monitor", SAND, "--word", "a", "--kind", "fault"], ["fault"]),
     "branch and kind": (["emit", PRUNED, "--to", "rml", "--branch", 1, "--kind", "fault"], ["--branch and --kind"]),
     "word and trace": (["monitor", SAND, "trace.jsonl", "--word", "a"], ["--word and TRACE"]),
-    "no code": (["explain"], ["CODE"]),
     "unknown code": (["explain", "cycl"], ["cycl", "did you mean cycle"]),
 }
 

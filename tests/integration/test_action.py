@@ -1,5 +1,6 @@
 """The GitHub Action and the hooks for pre-commit: the very commands they contain, run on a repository of trees."""
 
+import json
 import os
 import re
 import shlex
@@ -56,7 +57,7 @@ def repository(tmp_path: Path) -> Path:
 
 def test_nothing_is_interpolated_into_a_script() -> None:
     """What a user gives reaches the shell by the environment only, so that it cannot be a command."""
-    assert steps().keys() == {"Install rvaft", "Check the trees", "Cross-check the trees"}
+    assert steps().keys() == {"Install rvaft", "Check the trees", "Test the trees", "Cross-check the trees"}
     assert not any("${{" in step["run"] for step in steps().values())
 
 
@@ -81,6 +82,25 @@ def test_a_bad_tree_fails_the_check(repository: Path) -> None:
     done = run_step("Check the trees", repository)
     assert done.returncode == 1
     assert "[cycle]" in done.stdout
+
+
+def test_what_is_found_is_an_annotation_and_a_report(repository: Path) -> None:
+    (repository / "bad.rvaft").write_text(BAD)
+    (repository / "events.rvaft").write_text("event e(x) = { a: x };\n")
+    done = run_step("Check the trees", repository)
+    assert done.stdout.startswith("::error file=bad.rvaft,line=1,col=")
+    report = json.loads((repository / "rvaft-reports" / "check.sarif").read_text())
+    assert report["runs"][0]["results"][0]["ruleId"] == "cycle"
+
+
+def test_the_traces_of_the_trees_are_run(repository: Path) -> None:
+    assert run_step("Test the trees", repository).stdout == "", "no tree has traces"
+    (repository / "top.traces").mkdir()
+    (repository / "top.traces" / "x.jsonl").write_text('{"event": "a"}\n')
+    (repository / "top.verdicts.json").write_text('{"x": {"strict": {"tree": "⊤"}}}', encoding="utf-8")
+    done = run_step("Test the trees", repository)
+    assert done.returncode == 1
+    assert "expected ⊤, got ?" in done.stdout
 
 
 def test_a_tree_that_cannot_be_compared_fails_the_run_and_still_leaves_reports(repository: Path) -> None:

@@ -1,0 +1,164 @@
+"""`rvaft test`: a tree's own traces against the verdicts that are expected of them.
+
+Beside `NAME.rvaft` stand the traces `NAME.traces/*.jsonl` and `NAME.verdicts.json`: for each trace, each semantics, and the tree or a
+branch by its number, the signs ⊤, ⊥ and ? after every event. What the file does not state is not looked at.
+"""
+
+import json
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Final, NamedTuple, TypeAlias
+from xml.etree import ElementTree as ET
+
+import click
+import msgspec
+
+from rvaft.analysis.branches import branches
+from rvaft.api import load, monitor
+from rvaft.cli.failure import FAILED, FOUND, report
+from rvaft.errors import OptionError, RvaftError, TreeError
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.reader import read
+from rvaft.support.files import write_whole
+from rvaft.support.terminal import visible
+
+TREE: Final = "tree"
+"""The word for the whole tree in place of the number of a branch."""
+MOST_BRANCHES: Final = 1_000
+"""How many branches get a row in a new file."""
+
+ExpectedVerdicts: TypeAlias = dict[str, dict[Semantics, dict[str, str]]]
+"""Trace name -> semantics -> "tree" or the number of a branch -> the signs after every event."""
+
+
+class Expectation(NamedTuple):
+    """What was expected of one trace, and what came; None where the trace, or what is expected of it, is not there."""
+
+    tree: str
+    trace: str
+    semantics: str
+    part: str
+    expected: str | None
+    actual: str | None
+
+    @property
+    def complaint(self) -> str:
+        """What differs, or nothing."""
+        if self.expected == self.actual:
+            return ""
+        if self.expected is None:
+            return f"{self.trace}: no verdicts are expected of this trace; --update writes them"
+        if self.actual is None:
+            return f"{self.trace}: verdicts are expected of this trace, which is not there"
+        pairs = zip(self.expected, self.actual, strict=False)
+        first = next(
+            (at for at, (a, b) in enumerate(pairs, 1) if a != b), min(len(self.expected), len(self.actual)) + 1
+        )
+        part = TREE if self.part == TREE else f"branch {self.part}"
+        return f"{self.trace}: {self.semantics}, {part}: expected {self.expected}, got {self.actual} (event {first})"
+
+
+@click.command("test")
+@click.argument("trees", nargs=-1, required=True, metavar="TREE...")
+@click.option("--update", is_flag=True, help="Write NAME.verdicts.json anew from what the engine says now.")
+@click.option(
+    "--format", "form", type=click.Choice(["text", "junit"]), default="text", show_default=True, help="What to print."
+)
+def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
+    """Run the traces NAME.traces/*.jsonl beside each TREE, and compare with the verdicts in NAME.verdicts.json.
+
+    Exit with 1 where a verdict differs. With --update the verdicts are those of the engine: look at the difference before you commit it.
+    """
+    status, rows = 0, list[Expectation]()
+    for tree in trees:
+        try:
+            rows += _updated(tree) if update else _compared(tree)
+        except (RvaftError, OSError) as error:
+            report(error)
+            status = FAILED
+    wrong = [row.complaint for row in rows if row.complaint]
+    traces = len({(row.tree, row.trace) for row in rows})
+    if form == "junit":
+        click.echo(_junit(rows))
+    elif not update:
+        click.echo("".join(f"{visible(complaint)}\n" for complaint in wrong), nl=False)
+        told = "all as expected" if not wrong else f"{len(wrong):,} not as expected"
+        click.echo(f"{len({row.tree for row in rows})} trees, {traces} traces, {len(rows):,} rows of verdicts; {told}")
+    return max(status, FOUND if wrong else 0)
+
+
+def _compared(name: str) -> Iterator[Expectation]:
+    path, tree, traces = _opened(name)
+    try:
+        expected = msgspec.json.decode(path.read_bytes(), type=ExpectedVerdicts)
+    except FileNotFoundError as error:
+        raise OSError(error.errno, "no verdicts are expected yet; --update writes them", str(path)) from None
+    except msgspec.MsgspecError as error:
+        raise OptionError(f"{path}: not a file of expected verdicts: {error}") from error
+    for trace in sorted(expected.keys() | traces.keys()):
+        file = str(path.with_name(f"{Path(name).stem}.traces") / f"{trace}.jsonl")
+        if trace not in traces or trace not in expected:
+            came = (None, "") if trace not in expected else ("", None)
+            yield Expectation(name, file, "", "", *came)
+            continue
+        for semantics, parts in expected[trace].items():
+            for part, signs in parts.items():
+                yield Expectation(name, file, semantics, part, signs, _signs(tree, semantics, part, traces[trace]))
+
+
+def _updated(name: str) -> Iterator[Expectation]:
+    """Write the file of a tree anew."""
+    path, tree, traces = _opened(name)
+    parts = [TREE, *(str(branch.number) for branch in islice(branches(tree), MOST_BRANCHES))]
+    found = {
+        trace: {semantics: {part: _signs(tree, semantics, part, events) for part in parts} for semantics in Semantics}
+        for trace, events in traces.items()
+    }
+    text = json.dumps(found, indent=1, ensure_ascii=False) + "\n"
+    same = path.exists() and path.read_text(encoding="utf-8") == text
+    if not same:
+        write_whole(path, text.encode())
+    click.echo(f"{path}: {'as it was' if same else 'written from the engine'}, {len(traces)} traces", err=True)
+    return iter(())
+
+
+def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
+    """The file of verdicts, the tree and its traces by name."""
+    folder = Path(name).with_suffix(".traces")
+    tree = load(name)
+    files = sorted(folder.glob("*.jsonl"))
+    if not files:
+        raise OptionError(f"{name}: no traces: put them into {folder}/ as NAME.jsonl")
+    return Path(name).with_suffix(".verdicts.json"), tree, {file.stem: list(read(str(file))) for file in files}
+
+
+def _signs(tree: RVAFT, semantics: Semantics, part: str, events: list[Json]) -> str:
+    """What the engine says after every event; nothing can be detected in a branch without a feasible scenario."""
+    try:
+        engine = monitor(tree, semantics=semantics, branch=None if part == TREE else int(part))
+    except ValueError as error:
+        if isinstance(error, TreeError) and error.rule == "no-scenario":
+            return Verdict.FALSE.symbol * len(events)
+        if isinstance(error, TreeError):
+            raise
+        raise OptionError(f"{part!r} is neither {TREE!r} nor the number of a branch") from None
+    return "".join(verdict.symbol for verdict in engine.run(events))
+
+
+def _junit(rows: list[Expectation]) -> str:
+    """A suite for each tree and a case for each row."""
+    root = ET.Element("testsuites")
+    for tree in dict.fromkeys(row.tree for row in rows):
+        own = [row for row in rows if row.tree == tree]
+        failures = str(sum(bool(row.complaint) for row in own))
+        suite = ET.SubElement(root, "testsuite", name=visible(tree), tests=str(len(own)), failures=failures)
+        for row in own:
+            name = " ".join(filter(None, (Path(row.trace).stem, row.semantics, row.part)))
+            case = ET.SubElement(suite, "testcase", classname=visible(tree), name=visible(name))
+            if row.complaint:
+                ET.SubElement(case, "failure", message=visible(row.complaint))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode")

@@ -7,7 +7,7 @@
         plots.write(figure, folder, "name")
 
 Everything that draws text stands inside of `style()`: matplotlib looks its settings up when a text is made. Matplotlib comes with the
-extra `rvaft[papers]` and is imported on use.
+extra `papers` and is imported on use.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -84,7 +84,7 @@ def style() -> Iterator[None]:
     try:
         import matplotlib as mpl  # noqa: PLC0415 (an extra, imported on use)
     except ImportError as error:
-        raise ToolMissing("matplotlib", remedy="pip install 'rvaft[papers]'") from error
+        raise ToolMissing("matplotlib", remedy="pip install '.[papers]' in a checkout") from error
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)

@@ -82,8 +82,8 @@ FINDINGS: Final = (
     ),
     Finding(
         "The published compiler rejects the Listing as printed",
-        "In print the variables of event types begin with capitals, strings stand without quotes and guards are joined by `and`. In RML "
-        "variables are written in lower case, strings in quotes, and guards join by `&&`. `in_print.rml` is a small text in the manner of "
+        "In print the variables of event types begin with capitals, some strings stand without quotes (topics have them) and guards are joined "
+        "by `and`. In RML variables are written in lower case, every string in quotes, and guards join by `&&`. `in_print.rml` is a small text in the manner of "
         "the Listing, since the Listing itself is its authors'.",
         (
             Step(
@@ -216,8 +216,8 @@ FINDINGS: Final = (
         ),
     ),
     Finding(
-        "A goal 1.0 after a command to waypoint 1 is a false alarm",
-        "By value, as in JSON, 1 and 1.0 are equal. The trace is the third of Table 3, where nothing was altered.",
+        "The published monitor takes a goal 1.0 after a command to waypoint 1 for an attack",
+        "By value, as in JSON, 1 and 1.0 are equal. The trace is the third of Table 3, where nothing was altered; rvaft's monitor, asked first, raises no alarm.",
         (
             Step(
                 f'sed \'s/"goal": 1,/"goal": 1.0,/\' {_TRACES}/table3_row3.jsonl'
@@ -233,12 +233,12 @@ FINDINGS: Final = (
             Step(_RUN.format("$OUT/faithful.pl", "$OUT/decimal.jsonl"), _ACCEPTED, MONITOR),
             Step(_RUN.format("$OUT/faithful.pl", f"{_TRACES}/table3_row3.jsonl"), _REJECTED, MONITOR),
         ),
-        asked="Whether a goal 1.0 after a command to waypoint 1 is a false alarm",
+        asked="Whether the published monitor takes a goal 1.0 after a command to waypoint 1 for an attack",
         seen="The published monitor tells 1 from 1.0: it takes the trace with 1.0 for an attack. So a planner that writes its goals as decimals "
         "looks like an attacker.",
     ),
     Finding(
-        "All participants agree on every cell of Tables 2 and 3",
+        "About the tool, not the paper: all participants agree on every cell of Tables 2 and 3",
         "The reference, the engine and the texts of all faithful backends, each run by the reader of its own language, are asked for "
         "a verdict after every event of the completed traces. Those of the engine are the cells of the generated tables.",
         (Step("python -m papers.fmas2022.verdict_table", " agree"),),

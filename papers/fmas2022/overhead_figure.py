@@ -39,8 +39,8 @@ def draw(cells: Sequence[Cell], folder: Path) -> tuple[Path, ...]:
                 _spreads(attacked, hit, lambda cell: _milliseconds(cell.dearest), line)
         whole.set_ylabel("CPU time of\na mission (ms)")
         each.set_ylabel("added to\nan event (µs)")
-        calm.set_ylabel("dearest event (ms)")
-        attacked.set_ylabel("dearest event (ms),\nattacked")
+        calm.set_ylabel("slowest event (ms)")
+        attacked.set_ylabel("slowest event (ms),\nattacked")
         attacked.set_xlabel("waypoints")
         attacked.set_xticks(sorted({cell.waypoints for cell in cells}))
         for axes in (whole, each):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import comb
 from typing import Final
 
-from cross_check.benchmark.measurement import Outcome, Row
+from cross_check.benchmark.measurement import Measurement, Outcome
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 
@@ -19,20 +19,20 @@ class Finding:
     """A sentence, and what it says of every cell that it is about; `concerns` picks those."""
 
     title: str
-    concerns: Callable[[Row], bool]
-    holds: Callable[[Row], bool]
+    concerns: Callable[[Measurement], bool]
+    holds: Callable[[Measurement], bool]
 
-    def cells(self, rows: Iterable[Row]) -> list[Row]:
+    def cells(self, rows: Iterable[Measurement]) -> list[Measurement]:
         """The rows that it is about."""
         return [row for row in rows if self.concerns(row)]
 
 
-def counted_subsets(row: Row) -> int:
+def counted_subsets(row: Measurement) -> int:
     """How many sets of fewer than k of the n children there are: what has happened before a VOT k/n is detected."""
     return sum(comb(_n(row), size) for size in range(_k(row)))
 
 
-def unrolled(row: Row) -> int:
+def unrolled(row: Measurement) -> int:
     """The symbols of the paper's VOT k/n: for each set of fewer than k children an equation with an option for each child that is left."""
     n, k = _n(row), _k(row)
     inner = sum(comb(n, size) * (5 * (n - size) + 2) for size in range(k - 1))
@@ -40,32 +40,34 @@ def unrolled(row: Row) -> int:
     return inner + last + 5 + _filter(row)
 
 
-def _filter(row: Row) -> int:
+def _filter(row: Measurement) -> int:
     """The symbols of `relevant >> (…)`, which RML has around the whole under `projected`."""
     return 4 if row.semantics is PROJECTED else 0
 
 
-def _n(row: Row) -> int:
+def _n(row: Measurement) -> int:
     return row.children or 0
 
 
-def _k(row: Row) -> int:
+def _k(row: Measurement) -> int:
     return row.threshold or 0
 
 
-def _between(row: Row) -> bool:
+def _between(row: Measurement) -> bool:
     return 1 < _k(row) < _n(row)
 
 
-def _of(language: str, *gates: Gate, semantics: Sequence[Semantics] = tuple(Semantics)) -> Callable[[Row], bool]:
-    def concerns(row: Row) -> bool:
+def _of(
+    language: str, *gates: Gate, semantics: Sequence[Semantics] = tuple(Semantics)
+) -> Callable[[Measurement], bool]:
+    def concerns(row: Measurement) -> bool:
         named = row.language == language and row.gate in gates and row.semantics in semantics
         return named and row.result is Outcome.OK
 
     return concerns
 
 
-def _all(row: Row) -> bool:
+def _all(row: Measurement) -> bool:
     return row.gate is not None
 
 
@@ -141,7 +143,7 @@ FINDINGS: Final = (
 )
 
 
-def missed(rows: Sequence[Row]) -> list[str]:
+def missed(rows: Sequence[Measurement]) -> list[str]:
     """The titles of findings that some cell contradicts, or that no cell is about."""
     return [
         finding.title

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from cross_check.benchmark.measurement import Outcome, Row
+from cross_check.benchmark.measurement import Measurement, Outcome
 from cross_check.benchmark.tables import milliseconds
 from papers.languages.findings import FINDINGS, Finding
 from rvaft.model.nodes import Gate
@@ -43,7 +43,7 @@ tells what the language costs.
 """
 
 
-def note(rows: Sequence[Row]) -> str:
+def note(rows: Sequence[Measurement]) -> str:
     """The page, in Markdown."""
     most = max(row.children or 0 for row in rows)
     counts = [(outcome, sum(_ended(row) is outcome for row in rows)) for outcome in Outcome]
@@ -54,27 +54,27 @@ def note(rows: Sequence[Row]) -> str:
     return "".join([*parts, _TIMES.format(most=most), "\n".join(times), "\n"])
 
 
-def short(rows: Sequence[Row]) -> list[Row]:
+def short(rows: Sequence[Measurement]) -> list[Measurement]:
     """The rows of the short table."""
     return [row for row in rows if row.children in SHORT and row.threshold in (None, _half(row))]
 
 
-def _half(row: Row) -> int:
+def _half(row: Measurement) -> int:
     return ((row.children or 0) + 1) // 2
 
 
-def _ended(row: Row) -> Outcome | None:
+def _ended(row: Measurement) -> Outcome | None:
     return row.run if row.result is Outcome.OK else row.result
 
 
-def _finding(finding: Finding, rows: Sequence[Row]) -> str:
+def _finding(finding: Finding, rows: Sequence[Measurement]) -> str:
     cells = finding.cells(rows)
     against = [row for row in cells if not finding.holds(row)]
     said = f"{len(cells):,} cells" if not against else f"NOT CONFIRMED: {len(against)} of {len(cells)} cells differ"
     return f"- {finding.title} ({said})\n"
 
 
-def _large(rows: Sequence[Row]) -> Iterator[str]:
+def _large(rows: Sequence[Measurement]) -> Iterator[str]:
     """What was too much for a language, or took too long."""
     for outcome in (Outcome.TOO_LARGE, Outcome.TIMEOUT):
         met = [row for row in rows if _ended(row) is outcome]
@@ -83,7 +83,7 @@ def _large(rows: Sequence[Row]) -> Iterator[str]:
             yield f"- {outcome} in `{language}` under `{semantics}`: {', '.join(trees)}.\n"
 
 
-def _times(rows: Sequence[Row]) -> Iterator[str]:
+def _times(rows: Sequence[Measurement]) -> Iterator[str]:
     """A table with a row per gate and a group of columns per language."""
     languages = list(dict.fromkeys(row.language for row in rows))
     columns = ("ms", "first", "again")
@@ -98,7 +98,7 @@ def _times(rows: Sequence[Row]) -> Iterator[str]:
             )
 
 
-def _cells(row: Row) -> tuple[str, str, str]:
+def _cells(row: Measurement) -> tuple[str, str, str]:
     time = "-" if row.seconds is None else milliseconds(row.seconds)
     return (time, _thousands(row.events_per_second), _thousands(row.again_per_second))
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cross_check.benchmark import Outcome, Row, gate_subjects
+from cross_check.benchmark import Measurement, Outcome, gate_subjects
 from cross_check.benchmark.tables import latex_text, read_rows
 from papers.languages.__main__ import FOLDER, main
 from papers.languages.findings import FINDINGS, missed
@@ -13,35 +13,35 @@ from rvaft import NotExpressible, translate
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[Row]:
+def rows() -> list[Measurement]:
     return list(read_rows((FOLDER / "languages.csv").read_text(encoding="utf-8")))
 
 
-def test_all_was_measured(rows: list[Row]) -> None:
+def test_all_was_measured(rows: list[Measurement]) -> None:
     assert len(rows) == (4 * 12 + 78) * 3 * 4
     assert {row.children for row in rows} == set(range(1, 13))
     assert not any(row.result is not None and row.result.broken for row in rows)
     assert not any(row.run is not None and row.run.broken for row in rows)
 
 
-def test_every_finding_holds(rows: list[Row]) -> None:
+def test_every_finding_holds(rows: list[Measurement]) -> None:
     assert missed(rows) == []
     assert len(FINDINGS) > 10
 
 
-def test_a_finding_that_does_not_hold_is_told(rows: list[Row]) -> None:
+def test_a_finding_that_does_not_hold_is_told(rows: list[Measurement]) -> None:
     few = [row for row in rows if row.result is Outcome.TOO_LARGE]
     assert len(missed(few)) > 10
 
 
-def test_the_pages_are_those_of_the_measurements(rows: list[Row]) -> None:
+def test_the_pages_are_those_of_the_measurements(rows: list[Measurement]) -> None:
     assert (FOLDER / "README.md").read_text(encoding="utf-8") == note(rows)
     assert (FOLDER / "short.tex").read_text(encoding="utf-8") == latex_text(short(rows))
     assert (FOLDER / "languages.tex").read_text(encoding="utf-8") == latex_text(rows)
 
 
 @pytest.mark.spot
-def test_committed_sizes_are_those_of_the_texts(rows: list[Row]) -> None:
+def test_committed_sizes_are_those_of_the_texts(rows: list[Measurement]) -> None:
     pytest.importorskip("spot")
     trees = {subject.name: subject.tree for subject in gate_subjects(max_arity=5)}
     small = [row for row in rows if row.tree in trees]
@@ -59,7 +59,7 @@ def test_committed_sizes_are_those_of_the_texts(rows: list[Row]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.spot
-def test_a_small_one(tmp_path: Path, rows: list[Row], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_small_one(tmp_path: Path, rows: list[Measurement], capsys: pytest.CaptureFixture[str]) -> None:
     """The sizes are those that are committed; a finding about larger gates has nothing to stand on here."""
     pytest.importorskip("spot")
     assert main(["--out", str(tmp_path), "--max-arity", "2", "--texts"]) == 1
@@ -73,10 +73,10 @@ def test_a_small_one(tmp_path: Path, rows: list[Row], capsys: pytest.CaptureFixt
     assert {path.name for path in tmp_path.iterdir()} == {"README.md", "languages.csv", "languages.tex", "short.tex"}
 
 
-def _cell(row: Row) -> tuple[object, ...]:
+def _cell(row: Measurement) -> tuple[object, ...]:
     return (row.tree, row.digest, row.semantics, row.language)
 
 
-def _sizes(row: Row) -> tuple[object, ...]:
+def _sizes(row: Measurement) -> tuple[object, ...]:
     sizes = (row.symbols, row.subformulas, row.states, row.edges, row.characters)
     return (row.result, row.reason, *sizes, row.run, row.events, row.walks, row.differing)

@@ -4,12 +4,15 @@ from collections import Counter
 
 import pytest
 
+import rvaft
 from cross_check.benchmark import Subject, cells_of, default_languages, gate_subjects
-from cross_check.benchmark.plan import gate_subject
+from cross_check.benchmark.workload import EVENTS, LONGEST, gate_subject, walks
+from rvaft.engine import engine
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Gate
-from rvaft.model.verdict import Semantics
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.rules import require_valid
+from tests.cli.runs import PRUNED
 
 
 def test_every_gate_with_every_number_of_children_and_every_threshold() -> None:
@@ -21,11 +24,6 @@ def test_every_gate_with_every_number_of_children_and_every_threshold() -> None:
     assert len({subject.name for subject in subjects}) == len({subject.digest for subject in subjects}) == len(subjects)
     for subject in subjects:
         require_valid(subject.tree)
-
-
-def test_names() -> None:
-    assert gate_subject(Gate.AND, 3).name == "and 3"
-    assert gate_subject(Gate.VOT, 3, 2).name == "vot 2/3"
 
 
 def test_cells_are_in_order() -> None:
@@ -60,3 +58,35 @@ def test_trees_that_would_be_called_the_same_are_refused() -> None:
 def test_the_languages_of_a_comparison() -> None:
     """All but the second form of another one; the one that is not faithful is beside the others."""
     assert default_languages() == ("automaton", "ltlf", "rml", "rml-paper")
+
+
+@pytest.mark.parametrize("semantics", Semantics)
+def test_walks(semantics: Semantics) -> None:
+    """The same for the same seed, all of them of use, and with the verdicts of the tree."""
+    tree = rvaft.load(PRUNED)
+    found = walks(tree, semantics, 5)
+    assert found == walks(tree, semantics, 5)
+    assert found != walks(tree, semantics, 6)
+    assert sum(len(walk.events) for walk in found) == EVENTS
+    for walk in found:
+        assert 0 < len(walk.events) <= LONGEST
+        assert tuple(engine(tree, semantics).run(walk.events)) == walk.verdicts
+        assert not any(verdict.final for verdict in walk.verdicts[:-1])
+    assert any(walk.verdicts[-1] is Verdict.TRUE for walk in found)
+
+
+@pytest.mark.parametrize("gate", Gate)
+@pytest.mark.parametrize("semantics", Semantics)
+def test_walks_through_gates_detect_or_lose_all_hope(gate: Gate, semantics: Semantics) -> None:
+    tree = gate_subject(gate, 5, 3 if gate is Gate.VOT else None).tree
+    ends = Counter(walk.verdicts[-1] for walk in walks(tree, semantics, 0))
+    assert ends[Verdict.UNKNOWN] <= 1  # the last, which ends where the events do
+    hopeless = semantics is Semantics.STRICT or (semantics is Semantics.PROJECTED and gate is not Gate.OR)
+    assert (ends[Verdict.FALSE] >= len(list(ends.elements())) // 4 - 1) if hopeless else ends[Verdict.FALSE] == 0
+    assert ends[Verdict.TRUE] >= ends.total() // 2
+
+
+def test_walks_end_in_time() -> None:
+    tree = gate_subject(Gate.AND, 5).tree
+    assert walks(tree, Semantics.STRICT, 0, seconds=0) == ()
+    assert 0 < len(walks(tree, Semantics.STRICT, 0, seconds=0.002)) < len(walks(tree, Semantics.STRICT, 0))

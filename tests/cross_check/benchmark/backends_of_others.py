@@ -75,4 +75,6 @@ def reading(does: Callable[[], None]) -> Odd:
 def plant(monkeypatch: pytest.MonkeyPatch, odd: Odd) -> None:
     """Let `odd` be measured; processes are forked, so they have it too. Nothing warms it up."""
     real = registry.backend
+    warm_up = measurement._warm_up
     monkeypatch.setattr(measurement, "backend", lambda name: odd if name == "odd" else real(name))
+    monkeypatch.setattr(measurement, "_warm_up", lambda name, semantics: name == "odd" or warm_up(name, semantics))

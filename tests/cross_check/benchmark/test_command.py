@@ -11,12 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from cross_check.benchmark import Cell, Outcome, Row, Settings, measured, measurement
+from cross_check.benchmark import Cell, Measurement, Outcome, Settings, measured, measurement
 from cross_check.benchmark.tables import COLUMNS, read_rows
 from rvaft.cli import compare
-from rvaft.cli.compare import KeptRows
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
-from tests.comparison.rows import ROW
 
 VOT = TREES / "gates" / "vot.rvaft"
 RML = ("--languages", "rml")
@@ -29,7 +27,7 @@ def _few_readers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measurement, "PATIENCE", 0.01)
 
 
-def kept(path: Path) -> list[Row]:
+def kept(path: Path) -> list[Measurement]:
     return list(read_rows(path.read_text(encoding="utf-8"), str(path)))
 
 
@@ -88,7 +86,9 @@ def test_csv_to_standard_output_is_all_there_is() -> None:
 
 
 def stopping(after: int) -> object:
-    def some(cells: Iterable[Cell], settings: Settings, *, jobs: int = 1) -> Generator[tuple[Cell, Row], None, None]:
+    def some(
+        cells: Iterable[Cell], settings: Settings, *, jobs: int = 1
+    ) -> Generator[tuple[Cell, Measurement], None, None]:
         yield from islice(measured(list(cells), settings, jobs=jobs), after)
         raise KeyboardInterrupt
 
@@ -208,15 +208,6 @@ def test_a_tree_is_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for option in ("--csv", "--latex"):
         failed(run("compare", "t.rvaft", option, tmp_path / "t.rvaft"), "it is one of the trees")
     assert (tmp_path / "t.rvaft").read_text() == VOT.read_text()
-
-
-def test_two_runs_do_not_share_a_file(tmp_path: Path) -> None:
-    table = tmp_path / "x.csv"
-    with KeptRows(str(table)) as kept_rows:
-        failed(run("compare", VOT, *RML, "--csv", table), "x.csv: cannot write: another run is writing to it")
-        kept_rows.add(ROW)
-        failed(run("compare", VOT, *RML, "--csv", table, "--resume"), "another run is writing to it")
-    assert kept(table) == [ROW]
 
 
 def test_no_figures(tmp_path: Path) -> None:

@@ -1,13 +1,14 @@
 """Rows to write."""
 
-from dataclasses import replace
 from typing import Final
 
-from cross_check.benchmark import Outcome, Row
+from msgspec.structs import replace
+
+from cross_check.benchmark import Measurement, Outcome
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 
-ROW: Final = Row(
+ROW: Final = Measurement(
     tree="and 3",
     gate=Gate.AND,
     children=3,
@@ -35,7 +36,7 @@ ROW: Final = Row(
 UNABLE: Final = (Outcome.NOT_EXPRESSIBLE, Outcome.TOO_LARGE, Outcome.TIMEOUT)
 
 
-def unable(outcome: Outcome, language: str = "rml") -> Row:
+def unable(outcome: Outcome, language: str = "rml") -> Measurement:
     """A row without numbers."""
     nothing = {"symbols": None, "characters": None, "seconds": None, "run": None, "read_seconds": None, "events": None}
     speeds = {
@@ -45,10 +46,10 @@ def unable(outcome: Outcome, language: str = "rml") -> Row:
         "differing": None,
         "first_events": None,
     }
-    return replace(ROW, language=language, result=outcome, reason="why", **nothing, **speeds)  # type: ignore[arg-type]
+    return replace(ROW, language=language, result=outcome, reason="why", **nothing, **speeds)
 
 
-def growing(language: str, most: int = 6) -> list[Row]:
+def growing(language: str, most: int = 6) -> list[Measurement]:
     """AND and VOT with up to so many children; the last ones end in each of the three words."""
     found = []
     for gate in (Gate.AND, Gate.VOT):

@@ -1,18 +1,22 @@
-"""CSV and back."""
+"""CSV and back; LaTeX; figures."""
 
-from dataclasses import replace
+import io
+import re
+from itertools import islice
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from cross_check.benchmark import Outcome, Row
-from cross_check.benchmark.tables import COLUMNS, csv_text, read_rows
+from cross_check.benchmark import Measurement, Outcome
+from cross_check.benchmark.plots import figures, plots
+from cross_check.benchmark.tables import COLUMNS, Width, csv_text, latex_text, read_rows
 from rvaft.errors import LanguageError
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
-from tests.comparison.rows import ROW
+from tests.cross_check.benchmark.rows import ROW, growing
 
 texts = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1)
 words = st.text(st.characters(exclude_categories=["Cs", "Cc"]))
@@ -21,7 +25,7 @@ numbers = st.none() | st.floats(0, 1e12).map(lambda number: float(f"{number:.4g}
 
 
 @st.composite
-def rows(draw: st.DrawFn) -> Row:
+def rows(draw: st.DrawFn) -> Measurement:
     some: dict[str, Any] = {
         **{name: draw(counts) for name in ("children", "threshold", "symbols", "subformulas", "states", "edges")},
         **{
@@ -32,7 +36,7 @@ def rows(draw: st.DrawFn) -> Row:
         **{name: draw(words) for name in ("reason", "run_reason", "digest", "version")},
         **{name: draw(texts) for name in ("tree", "language")},
     }
-    return Row(
+    return Measurement(
         gate=draw(st.none() | st.sampled_from(Gate)),
         semantics=draw(st.sampled_from(Semantics)),
         result=draw(st.sampled_from(Outcome)),
@@ -44,7 +48,7 @@ def rows(draw: st.DrawFn) -> Row:
 
 
 @given(st.lists(rows(), max_size=4))
-def test_what_is_written_is_read(found: list[Row]) -> None:
+def test_what_is_written_is_read(found: list[Measurement]) -> None:
     text = csv_text(found)
     assert text.splitlines()[0] == ",".join(COLUMNS)
     assert list(read_rows(text)) == found
@@ -70,17 +74,16 @@ def test_columns_that_are_not_there_are_empty() -> None:
     few = "".join(",".join(line[:3] + line[4:-2]) + "\n" for line in lines)
     (row,) = read_rows(few)
     assert row == replace(ROW, threshold=None, first_events=None, memory=None)
-    assert not row.serves(replace(ROW, result=None, run=None))
 
 
 @pytest.mark.parametrize(
     ("text", "line", "said"),
     [
         ("a,b\n1,2\n", 1, "no comparison of languages"),
-        (csv_text([ROW]) + "x,y\n", 3, "2 columns instead of"),
-        (csv_text([ROW]).replace("and 3,and", "and 3,xand"), 2, "column gate: 'xand' is not what belongs there"),
-        (csv_text([ROW]).replace(",ok,,15", ",,,15"), 2, "column result is empty"),
-        (csv_text([ROW]).replace(",ok,,15", ",ok,,many"), 2, "column symbols: 'many'"),
+        (csv_text([ROW]) + "x,y\n", 3, "not 29 columns"),
+        (csv_text([ROW]).replace("and 3,and", "and 3,xand"), 2, "gate"),
+        (csv_text([ROW]).replace("and 3,and", ",and"), 2, "tree"),
+        (csv_text([ROW]).replace(",ok,,15", ",ok,,many"), 2, "symbols"),
     ],
 )
 def test_what_is_no_comparison(text: str, line: int, said: str) -> None:
@@ -106,3 +109,53 @@ def test_which_rows_answer_for_which() -> None:
     for missing in (Outcome.TOOL_MISSING, Outcome.FAILED):
         assert not replace(ROW, result=missing).serves(wanted)
         assert not replace(ROW, run=missing).serves(wanted)
+
+
+# -- for papers -----------------------------------------------------------------------------------------------------
+
+ROWS = [*growing("rml"), *growing("automaton")]
+TREES = [
+    replace(ROW, tree=tree, gate=None, children=None, semantics=semantics)
+    for tree in ("a_$x$_{1}.rvaft", "樹/木\n.rvaft", "trees/" + "long" * 40 + ".rvaft")
+    for semantics in Semantics
+]
+
+
+@pytest.mark.parametrize("width", Width)
+def test_latex_tables_have_a_row_for_each_tree_and_fit_a_page(width: Width) -> None:
+    pytest.importorskip("pandas")
+    text = latex_text([*ROWS, *TREES, replace(ROW, tree="wrong", differing=2)], width)
+    tables = text.split(r"\begin{table")[1:]
+    assert len({re.search(r"label\{(.*?)}", table)[1] for table in tables}) == len(tables)  # type: ignore[index]
+    assert all(table.count(r"\\") < 60 for table in tables)
+    assert {"and 1", "vot 6/6", r"a\_\$x\$\_\{1\}.rvaft"} <= {line.split(" &")[0] for line in text.splitlines()}
+    assert r"\textdagger{}15" in text
+    assert "not expressible" in text
+    assert "木\n" not in text
+
+
+def test_panels() -> None:
+    names = [figure.name for figure in figures([*ROWS, *TREES])]
+    assert names == [
+        *("gates-symbols-strict", "trees-symbols", "gates-seconds-strict", "trees-seconds"),
+        *("gates-speed-strict", "trees-speed", "gates-speed-again-strict", "trees-speed-again"),
+    ]
+    figure = next(figures(ROWS))
+    assert [panel.title for panel in figure.panels] == ["AND", "VOT ⌈n/2⌉ of n", "VOT k of 6"]
+    points = [(x, row.symbols) for x, row in figure.panels[0].points if row.language == "rml"]
+    assert points == [(1, 3), (2, 9), (3, 27), (4, None), (5, None), (6, None)]
+
+
+@pytest.mark.parametrize("width", Width)
+def test_pictures(width: Width) -> None:
+    image = pytest.importorskip("matplotlib.image")
+    files = dict(islice(plots([*ROWS, *TREES], width), 4))
+    assert files == dict(islice(plots([*ROWS, *TREES], width), 4))
+    centimetres = 17.4 if width is Width.PAGE else 8.5
+    for name in ("gates-symbols-strict", "trees-symbols"):
+        assert files[f"{name}.pdf"].startswith(b"%PDF-")
+        pixels = image.imread(io.BytesIO(files[f"{name}.png"]), format="png")
+        assert abs(pixels.shape[1] - centimetres / 2.54 * 300) <= 1
+        assert 0.005 < (pixels[:, :, :3].min(axis=2) < 0.5).mean() < 0.2
+    many = [replace(ROW, tree=str(number), gate=None) for number in range(14)]
+    assert [name for name, _ in islice(plots(many), 3)][::2] == ["trees-symbols-1.pdf", "trees-symbols-2.pdf"]

@@ -403,7 +403,7 @@ def _ran(cell: Cell, text: str, trodden: Sequence[Walk], *, warm: bool = True) -
     reading, runs, differing = thread_time() - start, [], 0
     for walk in trodden:
         monitor, got = reader.fork(), []
-        with _no_collection():
+        with no_collection():
             start = thread_time()
             for event in walk.events:
                 got.append(monitor.step(event))
@@ -415,7 +415,7 @@ def _ran(cell: Cell, text: str, trodden: Sequence[Walk], *, warm: bool = True) -
 
 
 @contextmanager
-def _no_collection() -> Iterator[None]:
+def no_collection() -> Iterator[None]:
     """The collector of cyclic garbage rests meanwhile, as in `timeit`."""
     gc.disable()
     try:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from time import perf_counter, process_time, process_time_ns
 from typing import Final, TypedDict
 
+from cross_check.benchmark.measurement import no_collection
 from papers.fmas2022.mission import Event, Mission, Mode
 from rvaft.api import monitor
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.monitor_set import Per, columns, parts
 from rvaft.monitors import Monitor
-from rvaft.support.processes import no_collection
 
 SEMANTICS: Final = Semantics.SCATTERED
 """A mission is full of events between those of a match: under `strict` and `projected` all is lost with the second one."""

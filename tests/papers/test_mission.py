@@ -279,7 +279,7 @@ def test_without_matplotlib_the_extra_is_named_and_nothing_is_measured(tmp_path:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 2
-    assert done.stderr == "overhead: error: matplotlib is not installed: pip install 'rvaft[papers]'\n"
+    assert done.stderr == "overhead: error: matplotlib is not installed: pip install '.[papers]' in a checkout\n"
     assert not list(tmp_path.iterdir())
 
 

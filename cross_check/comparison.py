@@ -11,330 +11,44 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Final
+from typing import Final, TypeAlias
 
+from cross_check.letters import VARIABLES
 from cross_check.participants import (
     ENGINE,
+    MONA,
     REFERENCE,
     Absent,
+    Enlisted,
     Handwritten,
     Outside,
     Participant,
     engine_of,
     faithful_backends,
-    mona_of,
+    handwritten,
     reference_of,
     translated,
 )
-from cross_check.participants import NAME as MONA
 from cross_check.product import explore
 from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import Difference, Job, Result, Status
-from cross_check.traces import Effort, Trace, Trials, letters_of
+from cross_check.traces import Effort, Trace, Trials, proof_letters
 from rvaft.analysis.branches import restrict
+from rvaft.api import narrowed
 from rvaft.backend import Observed
 from rvaft.errors import NotExpressible, RvaftError, TooLarge
+from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Verdict
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.budget import Expired, within
 
-Enlist = Callable[[], Participant | Outside | Absent]
-
-
-@dataclass(slots=True)
-class _Row:
-    """What is known of one participant so far."""
-
-    name: str
-    seconds: float
-    participant: Participant | None = None
-    outside: Outside | None = None
-    status: Status | None = None
-    why: str = ""
-    verdicts: int = 0
-    difference: tuple[tuple[Json, ...], tuple[Verdict, ...]] | None = None
-    masked: int = 0
-    masks: Counter[str] = field(default_factory=Counter)
-    runs: int = 0
-    longest: int = 0
-
-    @property
-    def observed(self) -> tuple[Observed, ...] | None:
-        """What it asks of events, if that is known."""
-        return None if self.participant is None else self.participant.observed
-
-    def differs(self, trace: Trace, got: Sequence[Verdict]) -> None:
-        """It says something else than it should; the shortest trace is kept."""
-        self.status = Status.DIFFERS
-        if self.difference is None or len(trace) < len(self.difference[0]):
-            self.difference = tuple(trace), tuple(got)
-
-    def fail(self, error: RvaftError) -> None:
-        """It stopped with an error."""
-        self.status, self.why = Status(Absent(self.name, error).status), _reason(error)
-
-
-_EXPIRED: Final = "no result within the time limit"
-
-
-@dataclass(slots=True)
-class Comparison:
-    """The steps of one comparison; `run` takes them all."""
-
-    tree: RVAFT
-    job: Job
-    effort: Effort
-    rows: list[_Row] = field(default_factory=list)
-
-    def run(self, candidates: Iterable[tuple[str, Enlist]]) -> list[Result]:
-        """Compare; `candidates` are named before they are made, since making one can take too long."""
-        for name, enlist in candidates:
-            self._enlist(name, enlist)
-        if len(self._present) > 1:
-            self._prove()
-        while self._comparable and not self._test():
-            pass
-        met = any(row.status is Status.DIFFERS or (row.status and row.status.agrees) for row in self.rows)
-        baseline = self._present[0] if met and self._present else None
-        if baseline is not None:
-            baseline.status, baseline.why = Status.BASELINE, ""
-        return [self._result(row, baseline) for row in self.rows]
-
-    def _enlist(self, name: str, enlist: Enlist) -> None:
-        started = perf_counter()
-        found: Participant | Outside | Absent
-        try:
-            with within(self.effort.seconds):
-                found = enlist()
-        except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; that is no agreement)
-            found = Absent(name, raised(error))
-        except Expired:
-            self.rows.append(_Row(name, perf_counter() - started, status=Status.TIMEOUT, why=_EXPIRED))
-            return
-        row = _Row(name, perf_counter() - started)
-        if isinstance(found, Absent):
-            row.fail(found.error)
-        elif isinstance(found, Outside):
-            row.outside = found
-        else:
-            row.participant = found
-        self.rows.append(row)
-
-    @property
-    def _present(self) -> list[_Row]:
-        """Those that can be compared; the others are compared with the first."""
-        return [row for row in self.rows if row.participant is not None and row.status in (None, Status.PROVED)]
-
-    @property
-    def _comparable(self) -> bool:
-        return len(self._present) + any(row.outside is not None and row.status is None for row in self.rows) > 1
-
-    # -- proof --------------------------------------------------------------------------------------------------
-
-    def _prove(self) -> None:
-        """Prove what can be proved; the rest gets the reason why it is only tested."""
-        if not self.effort.states:
-            for row in self._present:
-                row.why = "no proof was asked for"
-            return
-        present = self._present
-        gaps = self._gaps(present)
-        for row, gap in zip(present, gaps, strict=True):
-            # whatever the others are, there is nothing to prove them against where the first has a gap
-            row.why = gap or gaps[0]
-        able = [row for row in present if not row.why]
-        if len(able) > 1:
-            self._explore(able)
-
-    def _gaps(self, present: list[_Row]) -> list[str]:
-        """For each why nothing can be proved about it; empty where something can."""
-        known = [row.observed for row in present if row.observed is not None]
-        unknown = "what it observes is not known"
-        try:
-            with within(self.effort.seconds):
-                if not letters_of(known).gap:
-                    return ["" if row.observed is not None else unknown for row in present]
-                return [unknown if row.observed is None else letters_of([row.observed]).gap for row in present]
-        except Expired:
-            return ["no letters within the time limit"] * len(present)
-        except TooLarge as error:
-            return [f"no letters: {_reason(error)}"] * len(present)
-
-    def _explore(self, able: list[_Row]) -> None:
-        participants = [row.participant for row in able if row.participant is not None]
-        try:
-            with within(self.effort.seconds):
-                alphabet = letters_of(row.observed or () for row in able)
-                found = explore(participants, alphabet.events, limit=self.effort.states)
-        except (Expired, TooLarge) as stopped:
-            why = (
-                "no proof within the time limit" if isinstance(stopped, Expired) else f"no letters: {_reason(stopped)}"
-            )
-            for row in able:
-                row.why = why
-            return
-        for number, row in enumerate(able):
-            row.verdicts += found.verdicts if number else 0
-            if number in found.failed:
-                row.fail(raised(found.failed[number]))
-            elif number in found.differ:
-                assert row.participant is not None
-                row.differs(found.differ[number], list(row.participant.start().run(found.differ[number])))
-            elif number and found.complete:
-                row.status = Status.PROVED
-            elif number:
-                row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {self.effort.states} reached"
-
-    # -- tests --------------------------------------------------------------------------------------------------
-
-    def _test(self) -> bool:
-        """Run the traces; False where the one that the others are compared with fails."""
-        baseline, *others = self._present
-        outside = [row for row in self.rows if row.outside is not None]
-        unproved = bool(outside) or any(row.status is None for row in others)
-        traces = list(self._trials().traces(words=unproved)) if unproved or self.effort.recheck else []
-        expected = self._runs(baseline, traces)
-        if expected is None:
-            return False
-        if traces and not any(Verdict.TRUE in wanted for wanted in expected):
-            for row in (*others, *outside):
-                row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
-        if not traces and any(row.status is None for row in (*others, *outside)):
-            for row in (*others, *outside):
-                row.status = row.status or Status.COULD_NOT_RUN
-                row.why = row.why if row.status is Status.PROVED else "there was no trace to try"
-            return True
-        for row in others:
-            for trace, wanted, got in zip(traces, expected, self._runs(row, traces) or [], strict=False):
-                self._compare(row, trace, wanted, got)
-            self._shorten(row, baseline)
-            row.status = row.status or Status.TESTED
-        for row in outside:
-            self._ask(row, traces, expected)
-            row.status = row.status or Status.TESTED
-        return True
-
-    def _shorten(self, row: _Row, baseline: _Row) -> None:
-        """Leave out the events of a difference that it does not need."""
-        assert row.participant is not None
-        assert baseline.participant is not None
-        position = 0
-        with suppress(Exception, Expired), within(self.effort.seconds):
-            while row.difference is not None and position < len(row.difference[0]):
-                trace = row.difference[0]
-                fewer = trace[:position] + trace[position + 1 :]
-                wanted = list(baseline.participant.start().run(fewer))
-                before = len(trace)
-                self._compare(row, fewer, wanted, list(row.participant.start().run(fewer)))
-                position += len(row.difference[0]) == before
-
-    @staticmethod
-    def _compare(row: _Row, trace: Trace, wanted: list[Verdict], got: list[Verdict]) -> None:
-        if wanted != got:
-            length = next(i for i, (one, other) in enumerate(zip(wanted, got, strict=True), 1) if one is not other)
-            row.differs(trace[:length], got[:length])
-
-    def _ask(self, row: _Row, traces: Sequence[Trace], expected: Sequence[list[Verdict]]) -> None:
-        """Compare what a program of others answers; where it is known to deviate, that is only counted."""
-        assert row.outside is not None
-        try:
-            answers = row.outside.answers(traces)
-        except RvaftError as error:
-            row.fail(error)
-            return
-        row.why = "its states are not known"
-        for trace, wanted, answer in zip(traces, expected, answers, strict=True):
-            got = None if answer.verdicts is None else list(answer.verdicts)
-            if got != wanted and answer.deviations and not answer.expired:
-                row.masks.update(answer.deviations)
-                row.masked += 1
-            elif got is None:
-                row.status, row.why = Status.TIMEOUT if answer.expired else Status.COULD_NOT_RUN, answer.error
-                return
-            else:
-                self._compare(row, trace, wanted, got)
-                row.runs, row.longest = row.runs + 1, max(row.longest, len(trace))
-                row.verdicts += len(got)
-        if not row.runs:
-            row.status, row.why = Status.COULD_NOT_RUN, f"all traces are masked: {', '.join(row.masks)}"
-
-    def _trials(self) -> Trials:
-        part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
-        participants = [row.participant for row in self._present if row.participant is not None]
-        return Trials(part, self.job, self.effort, participants)
-
-    def _runs(self, row: _Row, traces: Sequence[Trace]) -> list[list[Verdict]] | None:
-        """The verdicts after every prefix of every trace, or None where the participant fails."""
-        assert row.participant is not None
-        try:
-            with within(self.effort.seconds):
-                found = [list(row.participant.start().run(trace)) for trace in traces]
-        except Expired:
-            row.status, row.why = Status.TIMEOUT, _EXPIRED
-            return None
-        except Exception as error:  # noqa: BLE001 (see above)
-            row.fail(raised(error))
-            return None
-        row.runs, row.longest = len(traces), max(map(len, traces), default=0)
-        row.verdicts += sum(map(len, traces))
-        return found
-
-    # -- results ------------------------------------------------------------------------------------------------
-
-    def _result(self, row: _Row, baseline: _Row | None) -> Result:
-        source = row.participant or row.outside
-        specification = None if source is None else source.specification
-        metrics = None if specification is None else specification.metrics
-        alone = Status.COULD_NOT_RUN, "there is nobody to compare it with"
-        status, why = (row.status, row.why) if row.status is not None else alone
-        return Result(
-            self.job,
-            row.name,
-            status,
-            seconds=row.seconds,
-            symbols=None if metrics is None else metrics.symbols,
-            states=None if metrics is None else metrics.states,
-            verdicts=row.verdicts,
-            traces=row.runs,
-            longest=row.longest,
-            why=why,
-            difference=_difference(row, baseline),
-            masked=row.masked,
-            masks=tuple(sorted(row.masks)),
-        )
-
-
-def raised(error: Exception) -> RvaftError:
-    """What somebody raised, as an error of this project."""
-    if isinstance(error, RvaftError):
-        return error
-    return RvaftError(f"{type(error).__name__}: {' '.join(str(error).split())}")
-
-
-def _reason(error: RvaftError) -> str:
-    """Why, beside a status that says the rest."""
-    match error:
-        case NotExpressible():
-            return error.reason
-        case TooLarge():
-            return f"{error.what} (limit {error.limit})"
-        case _:
-            return str(error).splitlines()[0]
-
-
-def _difference(row: _Row, baseline: _Row | None) -> Difference | None:
-    if row.difference is None or baseline is None or baseline.participant is None:
-        return None
-    trace, got = row.difference
-    return Difference(trace, baseline.name, tuple(baseline.participant.start().run(trace)), got)
-
-
-# Who is asked to take part, before anybody is made.
+Enlist: TypeAlias = Callable[[], Enlisted]
 
 PATIENCE: Final = 60.0
 """Seconds for all traces of one comparison."""
+_EXPIRED: Final = "no result within the time limit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -358,9 +72,10 @@ class Roster:
         """The name of each participant, every name once, and what makes it; the reference first."""
         taken: set[str] = set()
         for name, enlist in self._candidates(tree, job):
-            number = 1
-            while (unique := name if number == 1 else f"{name} ({number})") in taken:
+            unique, number = name, 1
+            while unique in taken:
                 number += 1
+                unique = f"{name} ({number})"
             taken.add(unique)
             yield unique, enlist
 
@@ -375,9 +90,317 @@ class Roster:
         for name in names:
             yield name, partial(translated, name, part, job.semantics, limit=self.limit)
         if self.rml_monitor is not None:
-            checkout, seconds = self.rml_monitor, self.patience
-            yield PUBLISHED, partial(published_of, part, job.semantics, checkout, timeout=seconds)
+            yield PUBLISHED, partial(published_of, part, job.semantics, self.rml_monitor, timeout=self.patience)
         if self.mona:
-            yield MONA, partial(mona_of, part, job.semantics)
+            yield MONA, partial(translated, "ltlf", part, job.semantics, tool="mona")
         for text in self.against:
             yield text.path, partial(text.enlist, tree, job.semantics)
+
+
+def cross_check(
+    tree: RVAFT,
+    *semantics: Semantics | str,
+    backends: Iterable[str] | None = None,
+    against: Iterable[str] = (),
+    branch: int | None = None,
+    kind: Kind | str | None = None,
+    name: str = "tree",
+    effort: Effort | None = None,
+) -> list[Result]:
+    """Compare the reference, the engine and backends on a tree or a part of it, under these semantics or, without any, under all.
+
+    `backends` names some, else all faithful ones take part; `against` has specifications to hold against the tree instead, each as
+    `[LANG:]FILE`. One result says how it ended for one participant under one semantics; `name` is what the tree is called there.
+    Raises `OptionError` and `LanguageError` for `against`, `TreeError` for a tree that breaks a rule or has no such part.
+
+    >>> import rvaft
+    >>> [result.text for result in cross_check(rvaft.loads("top and a b;"), "projected", backends=["ltlf"])]
+    ['baseline', 'proved', 'proved']
+    """
+    narrowed(tree, branch, kind)
+    roster = Roster(None if backends is None else tuple(backends), tuple(map(handwritten, against)))
+    results: list[Result] = []
+    for one in map(Semantics, semantics or Semantics):
+        job = Job(name, one, branch, None if kind is None else Kind(kind))
+        results += Comparison(tree, job, effort or Effort()).run(roster.candidates(tree, job))
+    return results
+
+
+@dataclass(slots=True)
+class _Standing:
+    """What is known of one participant so far."""
+
+    name: str
+    seconds: float
+    participant: Participant | None = None
+    outside: Outside | None = None
+    status: Status | None = None
+    why: str = ""
+    verdicts: int = 0
+    difference: tuple[tuple[Json, ...], tuple[Verdict, ...]] | None = None
+    masks: Counter[str] = field(default_factory=Counter)
+    masked: int = 0
+    runs: int = 0
+    longest: int = 0
+
+    def end(self, status: Status, why: str = "") -> None:
+        """Nothing more is asked of it, for that reason."""
+        self.status, self.why = status, why
+
+    def fail(self, error: Exception) -> None:
+        """It stopped with an error, that of somebody else perhaps."""
+        known = raised(error)
+        self.end(Status.of(known), _reason(known))
+
+    def compare(self, trace: Trace, wanted: Sequence[Verdict], got: Sequence[Verdict]) -> None:
+        """Look at what it says of a trace; the shortest trace on which it says something else is kept."""
+        for length, (one, other) in enumerate(zip(wanted, got, strict=True), 1):
+            if one is not other:
+                self.status = Status.DIFFERS
+                if self.difference is None or length < len(self.difference[0]):
+                    self.difference = tuple(trace[:length]), tuple(got[:length])
+                return
+
+    def said(self, trace: Trace) -> list[Verdict]:
+        """What it says after every prefix."""
+        assert self.participant is not None
+        return list(self.participant.start().run(trace))
+
+    def runs_of(self, traces: Sequence[Trace], seconds: float | None) -> list[list[Verdict]] | None:
+        """The verdicts after every prefix of every trace, or None where it fails."""
+        try:
+            with within(seconds):
+                found = [self.said(trace) for trace in traces]
+        except Expired:
+            self.end(Status.TIMEOUT, _EXPIRED)
+            return None
+        except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; that is no agreement)
+            self.fail(error)
+            return None
+        self.runs, self.longest = len(traces), max(map(len, traces), default=0)
+        self.verdicts += sum(map(len, traces))
+        return found
+
+
+@dataclass(slots=True)
+class Comparison:
+    """The steps of one comparison; `run` takes them all."""
+
+    tree: RVAFT
+    job: Job
+    effort: Effort
+    rows: list[_Standing] = field(default_factory=list)
+
+    def run(self, candidates: Iterable[tuple[str, Enlist]]) -> list[Result]:
+        """Compare; `candidates` are named before they are made, since making one can take too long."""
+        for name, enlist in candidates:
+            self.rows.append(self._enlisted(name, enlist))
+        if len(self._present) > 1:
+            self._prove()
+        while len(self._present) + any(row.status is None for row in self._outside) > 1 and not self._test():
+            pass
+        met = any(row.status is Status.DIFFERS or (row.status and row.status.agrees) for row in self.rows)
+        baseline = self._present[0] if met and self._present else None
+        if baseline is not None:
+            baseline.end(Status.BASELINE)
+        return [self._result(row, baseline) for row in self.rows]
+
+    def _enlisted(self, name: str, enlist: Enlist) -> _Standing:
+        started = perf_counter()
+        row = _Standing(name, 0)
+        try:
+            with within(self.effort.seconds):
+                match enlist():
+                    case Absent(error=error):
+                        row.fail(error)
+                    case Outside() as outside:
+                        row.outside = outside
+                    case Participant() as participant:
+                        row.participant = participant
+        except Expired:
+            row.end(Status.TIMEOUT, _EXPIRED)
+        except Exception as error:  # noqa: BLE001 (see above)
+            row.fail(error)
+        row.seconds = perf_counter() - started
+        return row
+
+    @property
+    def _present(self) -> list[_Standing]:
+        """Those that can be compared; the others are compared with the first."""
+        return [row for row in self.rows if row.participant is not None and row.status in (None, Status.PROVED)]
+
+    @property
+    def _outside(self) -> list[_Standing]:
+        return [row for row in self.rows if row.outside is not None]
+
+    # -- proof --------------------------------------------------------------------------------------------------
+
+    def _prove(self) -> None:
+        """Prove what can be proved; the rest gets the reason why it is only tested."""
+        present = self._present
+        if not self.effort.states:
+            for row in present:
+                row.why = "no proof was asked for"
+            return
+        try:
+            with within(self.effort.seconds):
+                gaps = _gaps([row.participant.observed for row in present if row.participant is not None])
+        except Expired:
+            gaps = ["no letters within the time limit"] * len(present)
+        except TooLarge as error:
+            gaps = [f"no letters: {_reason(error)}"] * len(present)
+        for row, gap in zip(present, gaps, strict=True):
+            # whatever the others are, there is nothing to prove them against where the first has a gap
+            row.why = gap or gaps[0]
+        able = [row for row in present if not row.why]
+        if len(able) > 1:
+            self._explore(able)
+
+    def _explore(self, able: list[_Standing]) -> None:
+        participants = [row.participant for row in able if row.participant is not None]
+        try:
+            with within(self.effort.seconds):
+                found = explore(
+                    participants, proof_letters(one.observed or () for one in participants), limit=self.effort.states
+                )
+        except (Expired, TooLarge) as stopped:
+            late = isinstance(stopped, Expired)
+            for row in able:
+                row.why = "no proof within the time limit" if late else f"no letters: {_reason(stopped)}"
+            return
+        for number, row in enumerate(able):
+            row.verdicts += found.verdicts if number else 0
+            if number in found.failed:
+                row.fail(found.failed[number])
+            elif number in found.tied or (number and 0 in found.tied):
+                row.why = VARIABLES
+            elif number in found.differ:
+                trace = found.differ[number]
+                row.status, row.difference = Status.DIFFERS, (trace, tuple(row.said(trace)))
+            elif number and found.complete:
+                row.status = Status.PROVED
+            elif number:
+                row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {self.effort.states} reached"
+
+    # -- tests --------------------------------------------------------------------------------------------------
+
+    def _test(self) -> bool:
+        """Run the traces; False where the one that the others are compared with fails."""
+        baseline, *others = self._present
+        rest = [*others, *self._outside]
+        unproved = any(row.status is None for row in others) or bool(self._outside)
+        traces: list[Trace] = []
+        if unproved or self.effort.recheck:
+            part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
+            participants = [row.participant for row in self._present if row.participant is not None]
+            traces = list(Trials(part, self.job, self.effort, participants).traces(words=unproved))
+        expected = baseline.runs_of(traces, self.effort.seconds)
+        if expected is None:
+            return False
+        if traces and not any(Verdict.TRUE in wanted for wanted in expected):
+            for row in rest:
+                row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
+        if not traces and any(row.status is None for row in rest):
+            for row in rest:
+                if row.status is not Status.PROVED:
+                    row.end(row.status or Status.COULD_NOT_RUN, "there was no trace to try")
+            return True
+        for row in others:
+            for trace, wanted, got in zip(
+                traces, expected, row.runs_of(traces, self.effort.seconds) or [], strict=False
+            ):
+                row.compare(trace, wanted, got)
+            self._shorten(row, baseline)
+            row.status = row.status or Status.TESTED
+        for row in self._outside:
+            self._ask(row, traces, expected)
+            row.status = row.status or Status.TESTED
+        return True
+
+    def _shorten(self, row: _Standing, baseline: _Standing) -> None:
+        """Leave out the events of a difference that it does not need."""
+        position = 0
+        with suppress(Exception, Expired), within(self.effort.seconds):
+            while row.difference is not None and position < len(trace := row.difference[0]):
+                fewer = trace[:position] + trace[position + 1 :]
+                row.compare(fewer, baseline.said(fewer), row.said(fewer))
+                position += len(row.difference[0]) == len(trace)
+
+    @staticmethod
+    def _ask(row: _Standing, traces: Sequence[Trace], expected: Sequence[list[Verdict]]) -> None:
+        """Compare what a program of others answers; where it is known to deviate, that is only counted."""
+        assert row.outside is not None
+        try:
+            answers = row.outside.answers(traces)
+        except RvaftError as error:
+            row.fail(error)
+            return
+        row.why = "its states are not known"
+        for trace, wanted, answer in zip(traces, expected, answers, strict=True):
+            got = None if answer.verdicts is None else list(answer.verdicts)
+            if got != wanted and answer.deviations and not answer.expired:
+                row.masks.update(answer.deviations)
+                row.masked += 1
+            elif got is None:
+                row.end(Status.TIMEOUT if answer.expired else Status.COULD_NOT_RUN, answer.error)
+                return
+            else:
+                row.compare(trace, wanted, got)
+                row.runs, row.longest = row.runs + 1, max(row.longest, len(trace))
+                row.verdicts += len(got)
+        if not row.runs:
+            row.end(Status.COULD_NOT_RUN, f"all traces are masked: {', '.join(row.masks)}")
+
+    # -- results ------------------------------------------------------------------------------------------------
+
+    def _result(self, row: _Standing, baseline: _Standing | None) -> Result:
+        source = row.participant or row.outside
+        metrics = None if source is None or source.specification is None else source.specification.metrics
+        if row.status is None:
+            row.end(Status.COULD_NOT_RUN, "there is nobody to compare it with")
+        assert row.status is not None
+        difference = None
+        if row.difference is not None and baseline is not None:
+            trace, got = row.difference
+            difference = Difference(trace, baseline.name, tuple(baseline.said(trace)), got)
+        return Result(
+            self.job,
+            row.name,
+            row.status,
+            seconds=row.seconds,
+            symbols=None if metrics is None else metrics.symbols,
+            states=None if metrics is None else metrics.states,
+            verdicts=row.verdicts,
+            traces=row.runs,
+            longest=row.longest,
+            why=row.why,
+            difference=difference,
+            masked=row.masked,
+            masks=tuple(sorted(row.masks)),
+        )
+
+
+def _gaps(observed: Sequence[tuple[Observed, ...] | None]) -> list[str]:
+    """For each participant why nothing can be proved about it; empty where something can."""
+    unknown = "what it observes is not known"
+    if not proof_letters(one for one in observed if one is not None).gap:
+        return ["" if one is not None else unknown for one in observed]
+    return [unknown if one is None else proof_letters([one]).gap for one in observed]
+
+
+def raised(error: Exception) -> RvaftError:
+    """What somebody raised, as an error of this project."""
+    if isinstance(error, RvaftError):
+        return error
+    return RvaftError(f"{type(error).__name__}: {' '.join(str(error).split())}")
+
+
+def _reason(error: BaseException) -> str:
+    """Why, beside a status that says the rest."""
+    match error:
+        case NotExpressible():
+            return error.reason
+        case TooLarge():
+            return f"{error.what} (limit {error.limit})"
+        case _:
+            return str(error).splitlines()[0]

@@ -1,22 +1,27 @@
 """Who takes part in a comparison: the reference, the engine, and the text of each backend run by its own reader."""
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
+from cross_check.letters import ties, untied
+from cross_check.results import Status
 from rvaft.analysis.branches import restrict
 from rvaft.analysis.scenarios import SCENARIOS, most_scenarios
 from rvaft.api import loads
 from rvaft.backend import Observed, Specification, all_backends, backend, speaking
 from rvaft.engine import engine
-from rvaft.errors import LanguageError, NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
+from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed
 from rvaft.language.printer import dumps
-from rvaft.model.guards import Guard, Operation
+from rvaft.model.guards import Guard
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Kind
-from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute, walk
-from rvaft.model.patterns import variables as pattern_variables
+from rvaft.model.patterns import Literal, Pattern, rigid_variables, walk
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -25,6 +30,7 @@ from rvaft.semantics import Reference
 
 REFERENCE: Final = "reference"
 ENGINE: Final = "engine"
+MONA: Final = "ltlf-mona"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +46,11 @@ class Participant:
     specification: Specification | None = None
     observed: tuple[Observed, ...] | None = None
     tree: RVAFT | None = None
+
+    @property
+    def ties(self) -> bool:
+        """Whether a variable may tie events together in what it asks."""
+        return any(map(ties, self.observed or ()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,21 +86,16 @@ class Absent:
     error: RvaftError
 
     @property
-    def status(self) -> str:
+    def status(self) -> Status:
         """In two words what the matter is."""
-        match self.error:
-            case NotExpressible():
-                return "not expressible"
-            case TooLarge():
-                return "too large"
-            case ToolMissing():
-                return "tool missing"
-            case _:
-                return "could not run"
+        return Status.of(self.error)
+
+
+Enlisted: TypeAlias = Participant | Outside | Absent
 
 
 def faithful_backends() -> tuple[str, ...]:
-    """The backends whose texts should mean the tree, each in one form."""
+    """The backends whose texts should mean the tree, each in one form, and that somebody here reads."""
     return tuple(name for name in all_backends() if _compared(name))
 
 
@@ -102,43 +108,34 @@ def _compared(name: str) -> bool:
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
-    """What the meaning of a tree asks of events: its runtime events, its alphabet, and what it ignores."""
-    patterns = (tree.pattern(name) for name in tree.occurrences)
-    served = [Observed(pattern) for pattern in patterns if pattern is not None]
-    relevant = [Observed(*_own(entry.pattern, entry.when)) for entry in tree.alphabet]
-    ignored = [Observed(*_own(tree.instantiate(ignore.on), ignore.when)) for ignore in tree.ignores]
-    return tuple(dict.fromkeys([*served, *relevant, *ignored]))
+    """What the meaning of a tree asks of events: its runtime events, its alphabet, and what it ignores.
+
+    A variable that only one runtime event has ties nothing, if every guard that looks at it looks at that event alone.
+    """
+    patterns = [pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None]
+    uses = Counter(name for pattern in patterns for name in rigid_variables(pattern))
+    guards: dict[str, list[Guard]] = {}
+    for guard in (node.when for node in tree.top_down() if node.when is not None):
+        for name in guard_variables(guard):
+            guards.setdefault(name, []).append(guard)
+    found: list[Observed] = []
+    for pattern in patterns:
+        names = rigid_variables(pattern)
+        about = {name: guards.get(name, []) for name in names if uses[name] == 1}
+        own = [name for name, some in about.items() if all(set(guard_variables(g)) <= set(names) for g in some)]
+        found += [untied(Observed(pattern, guard), own) for guard in (None, *chain(*(about[name] for name in own)))]
+    found += [untied(Observed(entry.pattern, entry.when)) for entry in tree.alphabet]
+    found += [untied(Observed(tree.instantiate(ignore.on), ignore.when)) for ignore in tree.ignores]
+    return tuple(dict.fromkeys(found))
 
 
-def literals(term: Pattern | Guard) -> Iterator[Json]:
-    """The constants in a pattern or a guard."""
-    todo: list[Pattern | Guard] = [term]
-    while todo:
-        match todo.pop():
-            case Literal(value):
-                yield value
-            case Operation(_, operands):
-                todo.extend(operands)
-            case ObjectPattern() | ListPattern() as pattern:
-                todo.extend(part for part in walk(pattern) if isinstance(part, Literal))
-            case _:
-                pass
+def literals(question: Observed) -> Iterator[Json]:
+    """The constants in a question."""
+    guard = () if question.when is None else guard_walk(question.when)
+    return (part.value for part in (*walk(question.pattern), *guard) if isinstance(part, Literal))
 
 
-def _own(pattern: Pattern, when: Guard | None) -> tuple[Pattern, Guard | None]:
-    """The same question with variables of its own: some value each, whatever they are elsewhere."""
-    by = {name: Variable(f"_{name}") for name in pattern_variables(pattern) if not name.startswith("_")}
-    return substitute(pattern, dict(by)), None if when is None else _renamed(when, by)
-
-
-def _renamed(guard: Guard, by: dict[str, Variable]) -> Guard:
-    match guard:
-        case Variable(name):
-            return by.get(name, guard)
-        case Operation(_, operands):
-            return replace(guard, operands=tuple(_renamed(operand, by) for operand in operands))
-        case _:
-            return guard
+# -- the participants ---------------------------------------------------------------------------------------------
 
 
 def engine_of(part: RVAFT, semantics: Semantics) -> Participant | Absent:
@@ -161,25 +158,27 @@ def reference_of(
         first = Reference(tree, semantics, branch=branch, kind=kind)
     except RvaftError as error:
         return Absent(name, error)
-    observed = observed_by(restrict(tree, branch=branch, kind=kind))
-    return Participant(name, first.fork, observed=observed)
+    return Participant(name, first.fork, observed=observed_by(restrict(tree, branch=branch, kind=kind)))
 
 
-def translated(name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Participant | Absent:
-    """The text of one backend, run by its own reader; `limit` is that of the translation, None the backend's own."""
+def translated(
+    name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None, tool: str | None = None
+) -> Participant | Absent:
+    """The text of one backend, run by its own reader, or by a tool of others; `limit` is that of the translation, None the backend's own."""
+    called = name if tool is None else f"{name}-{tool}"
     try:
         language = backend(name)
         if not language.readable:
             raise OptionError(f"{name} is only emitted: nothing here runs its texts, so there is nothing to compare")
         specification = language.translate(part, semantics, limit=limit)
-        first = specification.monitor()
+        first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
         observed = language.observed(specification.text)
     except RvaftError as error:
-        return Absent(name, error)
-    return Participant(name, first.fork, specification, observed)
+        return Absent(called, error)
+    return Participant(called, first.fork, specification, observed)
 
 
-def verdicts_of(participant: Participant | Outside | Absent, trace: Sequence[Json]) -> tuple[Verdict, ...] | RvaftError:
+def verdicts_of(participant: Enlisted, trace: Sequence[Json]) -> tuple[Verdict, ...] | RvaftError:
     """What one participant says after every prefix, or why it says nothing."""
     try:
         match participant:
@@ -194,7 +193,7 @@ def verdicts_of(participant: Participant | Outside | Absent, trace: Sequence[Jso
         return error
 
 
-# Specifications written by hand, or by another tool, to be held against a tree.
+# -- specifications written by hand, or by another tool, to be held against a tree --------------------------------------
 
 TREE: Final = "rvaft"
 """The language of trees, beside those of the backends."""
@@ -215,73 +214,12 @@ class Handwritten:
             found = reference_of(other, semantics, name=self.path)
             return found if isinstance(found, Absent) else replace(found, tree=other)
         reader = backend(self.language)
-        atoms = _Events(self.path, tree)
+        atoms = _NodeEvents(self.path, tree)
         first = reader.read(self.text, atoms=atoms)
         return Participant(self.path, first.fork, observed=reader.observed(self.text, atoms=atoms))
 
 
-def handwritten(named: str) -> Handwritten:
-    """What `[LANG:]FILE` names; the language follows the suffix where it is not given, and the file `-` is standard input.
-
-    Raises `OSError` where the file cannot be read, `OptionError` where nobody can tell its language, `LanguageError` where it is no
-    text in that language.
-    """
-    language, path = _split(named)
-    data = sys.stdin.buffer.read() if path == "-" else Path(path).read_bytes()
-    file = "<stdin>" if path == "-" else path
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        message = f"not UTF-8 (byte {error.start + 1})"
-        raise LanguageError(message, file=file) from None
-    shown = file.encode(errors="surrogateescape").decode(errors="replace")
-    if language == TREE:  # with what it imports
-        return Handwritten(shown, language, dumps(loads(text, file)))
-    found = Handwritten(shown, language, text)
-    _check(found)
-    return found
-
-
-def is_specification(path: str) -> bool:
-    """Whether the name of a file says that it is a specification and no tree."""
-    suffix = Path(path).suffix.removeprefix(".")
-    return suffix != TREE and bool(suffix) and _language(suffix) is not None
-
-
-def _split(named: str) -> tuple[str, str]:
-    """The name of what reads a file, and its path."""
-    before, colon, path = named.partition(":")
-    if colon and path and (language := _language(before)) is not None:
-        return language, path
-    if colon and path and before.isidentifier() and not Path(named).exists():
-        raise OptionError(f"{named}: unknown language {before}; known: {', '.join(_known())}")
-    suffix = Path(named).suffix
-    if (language := _language(suffix.removeprefix("."))) is not None and suffix:
-        return language, named
-    reason = f"the suffix {suffix} tells no language" if suffix else "without a suffix nobody can tell its language"
-    raise OptionError(f"{named}: {reason}; write LANG:{Path(named).name} with LANG one of {', '.join(_known())}")
-
-
-def _known() -> tuple[str, ...]:
-    return (TREE, *all_backends())
-
-
-def _language(word: str) -> str | None:
-    """The name of what reads a language: its own, or that of the backend whose language or suffix the word is."""
-    return word.lower() if word.lower() in _known() else speaking(word)
-
-
-def _check(found: Handwritten) -> None:
-    """Read the text once, so that what is wrong with it is said before anything runs."""
-    try:
-        backend(found.language).read(found.text)
-    except LanguageError as error:
-        raise LanguageError(
-            error.message, file=found.path, line=error.line, column=error.column, source=error.source
-        ) from None
-
-
-class _Events(dict[str, Pattern]):
+class _NodeEvents(dict[str, Pattern]):
     """The events of a tree's nodes; an atom of another name is an error and not the default event."""
 
     def __init__(self, path: str, tree: RVAFT) -> None:
@@ -297,20 +235,51 @@ class _Events(dict[str, Pattern]):
         return self[name]
 
 
-# The participant `ltlf-mona`: the emitted formula run by the automaton that ltlf2dfa and MONA make of it.
-#
-# It checks our own reading of formulas, which the participant `ltlf` runs; it is for small trees without variables.
+def handwritten(named: str) -> Handwritten:
+    """What `[LANG:]FILE` names; the language follows the suffix where it is not given, and the file `-` is standard input.
 
-NAME: Final = "ltlf-mona"
-
-
-def mona_of(part: RVAFT, semantics: Semantics) -> Participant | Absent:
-    """MONA's verdicts for a tree; absent where a tool is missing, the tree has variables, or it is too large for MONA."""
-    ltlf = backend("ltlf")
+    Raises `OSError` where the file cannot be read, `OptionError` where nobody can tell its language, `LanguageError` where it is no
+    text in that language.
+    """
+    language, path = _split(named)
+    data = sys.stdin.buffer.read() if path == "-" else Path(path).read_bytes()
+    file = "<stdin>" if path == "-" else path
     try:
-        specification = ltlf.translate(part, semantics)
-        first = ltlf.read_with("mona", specification.text)
-        observed = ltlf.observed(specification.text)
-    except RvaftError as error:
-        return Absent(NAME, error)
-    return Participant(NAME, first.fork, specification, observed)
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise LanguageError(f"not UTF-8 (byte {error.start + 1})", file=file) from None
+    shown = file.encode(errors="surrogateescape").decode(errors="replace")
+    if language == TREE:  # with what it imports
+        return Handwritten(shown, language, dumps(loads(text, file)))
+    try:
+        backend(language).read(text)  # so that what is wrong with it is said before anything runs
+    except LanguageError as error:
+        error.file = shown
+        raise
+    return Handwritten(shown, language, text)
+
+
+def is_specification(path: str) -> bool:
+    """Whether the name of a file says that it is a specification and no tree."""
+    suffix = Path(path).suffix.removeprefix(".")
+    return suffix != TREE and bool(suffix) and _language(suffix) is not None
+
+
+def _split(named: str) -> tuple[str, str]:
+    """The name of what reads a file, and its path."""
+    known = ", ".join((TREE, *all_backends()))
+    before, colon, path = named.partition(":")
+    if colon and path and (language := _language(before)) is not None:
+        return language, path
+    if colon and path and before.isidentifier() and not Path(named).exists():
+        raise OptionError(f"{named}: unknown language {before}; known: {known}")
+    suffix = Path(named).suffix
+    if suffix and (language := _language(suffix.removeprefix("."))) is not None:
+        return language, named
+    reason = f"the suffix {suffix} tells no language" if suffix else "without a suffix nobody can tell its language"
+    raise OptionError(f"{named}: {reason}; write LANG:{Path(named).name} with LANG one of {known}")
+
+
+def _language(word: str) -> str | None:
+    """The name of what reads a language: its own, or that of the backend whose language or suffix the word is."""
+    return word.lower() if word.lower() in (TREE, *all_backends()) else speaking(word)

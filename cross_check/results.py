@@ -1,9 +1,10 @@
 """What a comparison says of each participant. Its words are never blurred: proved is not tested, and neither is absence."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -24,6 +25,19 @@ class Status(StrEnum):
     TIMEOUT = "timeout"
     TOOL_MISSING = "tool missing"
     COULD_NOT_RUN = "could not run"
+
+    @classmethod
+    def of(cls, error: RvaftError) -> "Status":
+        """What an error comes to for the one whom it kept from taking part; never agreement."""
+        match error:
+            case NotExpressible():
+                return cls.NOT_EXPRESSIBLE
+            case TooLarge():
+                return cls.TOO_LARGE
+            case ToolMissing():
+                return cls.TOOL_MISSING
+            case _:
+                return cls.COULD_NOT_RUN
 
     @property
     def agrees(self) -> bool:
@@ -53,10 +67,9 @@ class Job:
     @property
     def title(self) -> str:
         """The name, with the part."""
-        part = (
-            f" branch {self.branch}" if self.branch is not None else f" {self.kind}s" if self.kind is not None else ""
-        )
-        return f"{self.name}{part}"
+        if self.branch is not None:
+            return f"{self.name} branch {self.branch}"
+        return self.name if self.kind is None else f"{self.name} {self.kind}s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,23 +113,14 @@ class Result:
                 return f"{self.status}: {self.why}" if self.why else str(self.status)
 
 
-def exit_status(
-    results: Iterable[Result],
-    *,
-    fail_on_not_expressible: bool = False,
-    fail_on_too_large: bool = False,
-    fail_on_timeout: bool = False,
-) -> int:
-    """0 where all that ran agree, 1 where some differ, 2 where something could not run or nothing was compared; 2 wins."""
+def exit_status(results: Iterable[Result], *, failing: Collection[Status] = ()) -> int:
+    """0 where all that ran agree, 1 where some differ, 2 where something could not run or nothing was compared; 2 wins.
+
+    `failing` has further statuses that count as what could not run.
+    """
     every = list(results)
-    failing = {Status.COULD_NOT_RUN, Status.TOOL_MISSING}
-    asked = {
-        Status.NOT_EXPRESSIBLE: fail_on_not_expressible,
-        Status.TOO_LARGE: fail_on_too_large,
-        Status.TIMEOUT: fail_on_timeout,
-    }
-    failing |= {status for status, fails in asked.items() if fails}
+    failed = {Status.COULD_NOT_RUN, Status.TOOL_MISSING, *failing}
     compared = {result.job for result in every if result.status.agrees or result.status is Status.DIFFERS}
-    if any(result.status in failing or result.job not in compared for result in every):
+    if any(result.status in failed or result.job not in compared for result in every):
         return 2
     return 1 if any(result.status is Status.DIFFERS for result in every) else 0

@@ -9,16 +9,22 @@ from typing import Final, TypeAlias
 
 from cross_check.generate import NoTraceFound, disturbed, guided, with_constant
 from cross_check.generate.traces import random_trace
-from cross_check.letters import Letters, letters
+from cross_check.letters import Letters, letters, with_twins
 from cross_check.participants import Participant, literals
 from cross_check.results import Job
 from rvaft.analysis.scenarios import least_events
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
+from rvaft.model.patterns import Anything
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 
-# How hard a comparison looks.
+Trace: TypeAlias = Sequence[Json]
+
+SHORTEST: Final = 8
+"""Traces are at least so long, unless a length is asked for."""
+LONGEST: Final = 500
+"""And at most so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,28 +43,6 @@ class Effort:
     length: int | None = None
     seconds: float | None = None
     seed: str = "0"
-
-
-# All words over some letters: the traces that leave nothing out, up to a length.
-
-
-def words(events: Iterable[Json], longest: int) -> Iterator[tuple[Json, ...]]:
-    """Every sequence of at most `longest` of these events, the empty one first, shorter before longer, one at a time.
-
-    Within a length they come in the order of the letters, the last place varying fastest. There are
-    k⁰ + k¹ + … + kⁿ of them for k letters and length n.
-    """
-    letters = tuple(events)
-    for length in range(longest + 1):
-        yield from product(letters, repeat=length)
-
-
-SHORTEST: Final = 8
-"""Traces are at least so long, unless a length is asked for."""
-LONGEST: Final = 500
-"""And at most so long."""
-
-Trace: TypeAlias = Sequence[Json]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +79,7 @@ class Trials:
         return self.effort.length or max(SHORTEST, min(least_events(self.part) + 2, LONGEST))
 
     def _words(self) -> Iterator[Trace]:
+        """All sequences of letters, shorter before longer, as long as there are not too many events in them."""
         try:
             alphabet = letters_of(participant.observed or () for participant in self.participants).events
         except TooLarge:
@@ -102,7 +87,8 @@ class Trials:
         length, many, longest = 0, 1, self._longest
         while many * len(alphabet) * (length + 1) <= self.effort.words and length < longest:
             length, many = length + 1, many * len(alphabet)
-        yield from words(alphabet, length) if length else ()
+        for size in range(length + 1 if length else 0):
+            yield from product(alphabet, repeat=size)
 
     def _guided(self, random: Random, tree: RVAFT) -> list[Json] | None:
         """A trace that is led through a scenario, where one is found."""
@@ -116,16 +102,20 @@ class Trials:
         questions = [question for participant in self.participants for question in participant.observed or ()]
         guards = [node.when for tree in trees for node in tree.top_down() if node.when is not None]
         guards += [question.when for question in questions if question.when is not None]
-        values = [value for question in questions for value in literals(question.pattern)]
-        constants = [value for guard in guards for value in literals(guard)]
-        return values + constants, constants
+        constants = [value for guard in guards for value in literals(Observed(Anything(), guard))]
+        return [v for question in questions for v in literals(Observed(question.pattern))] + constants, constants
 
 
 def letters_of(observed: Iterable[Iterable[Observed]]) -> Letters:
-    """The letters of several participants together; raises `TooLarge`."""
-    return _remembered(frozenset(chain.from_iterable(observed)))
+    """The letters of several participants together, as far as there are any; raises `TooLarge`."""
+    return _remembered(frozenset(chain.from_iterable(observed)), proof=False)
+
+
+def proof_letters(observed: Iterable[Iterable[Observed]]) -> Letters:
+    """The letters of several participants together, each with its twin where a variable may tie events together; raises `TooLarge`."""
+    return _remembered(frozenset(chain.from_iterable(observed)), proof=True)
 
 
 @lru_cache(maxsize=16)
-def _remembered(questions: frozenset[Observed]) -> Letters:
-    return letters(sorted(questions, key=repr))
+def _remembered(questions: frozenset[Observed], *, proof: bool) -> Letters:
+    return (with_twins if proof else letters)(sorted(questions, key=repr))

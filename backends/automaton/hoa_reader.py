@@ -9,6 +9,7 @@ import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib import import_module
 from typing import Any, Final, TypeAlias
 
@@ -313,7 +314,7 @@ LIMIT: Final = 100_000
 _PLACE: Final = re.compile(r"^<hoa>:(\d+)\.(\d+)[-.\d]*: (.*)$", re.MULTILINE)
 
 
-@dataclass(slots=True)
+@dataclass
 class Table:
     """Deterministic and complete; `names` are the propositions by number, `alive` left out of letters."""
 
@@ -325,6 +326,23 @@ class Table:
     _buddy: Any
     _seen: dict[int, tuple[int, ...]] = field(default_factory=dict)
     _next: dict[tuple[int, tuple[bool, ...]], int] = field(default_factory=dict)
+
+    @cached_property
+    def ahead(self) -> list[frozenset[int]]:
+        """For each state the numbers of the propositions on which it or a state that can follow depends."""
+        found = [frozenset(self.seen(state)) for state in range(len(self._edges))]
+        before: list[list[int]] = [[] for _ in found]
+        for state, edges in enumerate(self._edges):
+            for _, to in edges:
+                before[to].append(state)
+        changed = list(range(len(found)))
+        while changed:
+            state = changed.pop()
+            for earlier in before[state]:
+                if not found[state] <= found[earlier]:
+                    found[earlier] |= found[state]
+                    changed.append(earlier)
+        return found
 
     def seen(self, state: int) -> tuple[int, ...]:
         """The numbers of the propositions on which the next state depends."""

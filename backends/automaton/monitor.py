@@ -137,7 +137,8 @@ class AutomatonMonitor(Monitor):
                     case Verdict.TRUE:
                         return Verdict.TRUE
                     case Verdict.UNKNOWN:
-                        after[_assignment(binding), to] = binding
+                        kept = self._remembered(binding, to)
+                        after[_assignment(kept), to] = kept
                     case Verdict.FALSE:
                         pass
         self._slices = {one: binding for one, binding in after.items() if not _redundant(one, after)}
@@ -156,6 +157,14 @@ class AutomatonMonitor(Monitor):
                 if more is not None and len(more) > len(bound) and (name := _assignment(more)) not in seen:
                     seen.add(name)
                     yield more
+
+    def _remembered(self, binding: Binding, state: int) -> Binding:
+        """The values that may still be asked for."""
+        asked: set[str] = set()
+        for number in self._run.ahead[state] if binding else ():
+            asked |= set(rigid_variables(self._events[number]) if number in self._events else ())
+            asked |= set(guard_variables(self._said.guards[number]) if number in self._said.guards else ())
+        return {name: value for name, value in binding.items() if name in asked}
 
     def _holds(self, number: int, event: Json, bound: Binding, relevant: bool) -> bool:
         if number in self._events:

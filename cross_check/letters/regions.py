@@ -10,7 +10,18 @@ from typing import Final, TypeAlias
 
 from cross_check.letters.unification import ROOT, Demands, Fresh, Place, plain
 from rvaft.errors import TooLarge
-from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, holds, value, variables
+from rvaft.model.guards import (
+    ARITHMETIC,
+    COMPARISONS,
+    ORDERINGS,
+    UNDEFINED,
+    Guard,
+    Operation,
+    Operator,
+    holds,
+    value,
+    variables,
+)
 from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute
 from rvaft.model.values import Json, Scalar, is_number, key
 
@@ -19,10 +30,6 @@ from rvaft.model.values import Json, Scalar, is_number, key
 # Between neighbouring constants an atomic comparison of one variable with a constant does not change, for numbers and for strings. Where
 # the variable is calculated with (`X / 2 < 1`), every step is monotone, rounding and overflow included, so the places where the
 # comparison changes are found by bisection, once among the integers and once among the doubles.
-
-ORDER: Final = frozenset({Operator.LT, Operator.LE, Operator.GT, Operator.GE})
-COMPARE: Final = ORDER | {Operator.EQ, Operator.NE}
-ARITHMETIC: Final = frozenset({Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV, Operator.NEGATE})
 
 SEVERAL: Final = "a guard calculates with several values"
 BEYOND: Final = "a guard calculates in a way that has no known bounds"
@@ -63,7 +70,7 @@ def _condition(guard: Guard, found: Asked) -> None:
         case Operation(Operator.AND | Operator.OR | Operator.NOT, operands):
             for operand in operands:
                 _condition(operand, found)
-        case Operation(operator, (left, right)) if operator in COMPARE:
+        case Operation(operator, (left, right)) if operator in COMPARISONS:
             _comparison(operator, left, right, found)
         case Operation() if variables(guard):
             found.gap = BEYOND
@@ -76,7 +83,7 @@ def _comparison(operator: Operator, left: Guard, right: Guard, found: Asked) -> 
     if folded[0] is None or folded[1] is None:  # undefined whatever the variables are
         return
     left, right = folded[0], folded[1]
-    found.ordered |= operator in ORDER
+    found.ordered |= operator in ORDERINGS
     match left, right:
         case (Variable(one), Variable(other)):
             if one != other:
@@ -320,11 +327,6 @@ class Guarded:
     pattern: Pattern
     guard: Guard
     asked: Asked
-
-    @classmethod
-    def of(cls, pattern: Pattern, guard: Guard) -> "Guarded":
-        """The two together."""
-        return cls(pattern, guard, asked(guard))
 
     def refined(self) -> Iterator[Pattern]:
         """The pattern alone, and with each equality that its guard asks about."""

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 
 from cross_check.campaign import EFFORT, MAX_NODES, Entry, Task, campaign, catalogue, run
 from cross_check.comparison import PATIENCE, Roster
-from cross_check.counterexamples import case_folders, keep, replay
+from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
 from cross_check.participants import handwritten, is_specification
 from cross_check.reports import (
@@ -62,12 +62,34 @@ def report_options(function: F) -> F:
     return function
 
 
+S = TypeVar("S")
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class Failures:
+    """Reports what fails, so that the rest still runs; files that only declare what trees import are left out."""
+
+    met: bool = False
+
+    def collect(self, make: Callable[[S], T], given: Iterable[S]) -> Iterator[T]:
+        """What can be made of these."""
+        for one in given:
+            try:
+                yield make(one)
+            except (RvaftError, OSError) as error:
+                if not (isinstance(error, NoTree) and error.is_part):
+                    report(error)
+                    self.met = True
+
+
 @dataclass(slots=True)
 class Reports:
     """Collects results; `every` says whether each is listed or only counted."""
 
     files: dict[str, str]
     every: bool
+    failures: Failures = field(default_factory=Failures)
     results: list[Result] = field(default_factory=list)
     note: str = ""
     """What the reader of a report has to know, such as that the run was interrupted."""
@@ -141,69 +163,35 @@ class Watched:
 
 # Comparisons while they run: what differs is shown and saved, what fails is reported, an interrupt leaves what there is.
 
-S = TypeVar("S")
-T = TypeVar("T")
+
+def compared(tasks: Iterable[Task], count: int, jobs: int, reports: Reports, *, bogus: str | None, stop: bool) -> None:
+    """Run so many comparisons, and report at the end; an interrupt ends the program after the report."""
+    done, interrupted = 0, False
+    with Watched(count) as watched, closing(run(tasks, jobs=jobs)) as running:
+        try:
+            for task, results in running:
+                watched.advance()
+                done += 1
+                reports.add(results)
+                differing = [result for result in results if result.status is Status.DIFFERS]
+                if bogus is not None:
+                    for case in reports.failures.collect(partial(shrunk, task), differing):
+                        for folder in reports.failures.collect(partial(save, folder=bogus), [case]):
+                            click.echo(f"saved {visible(str(folder))}")
+                if differing and stop:
+                    break
+        except KeyboardInterrupt:
+            interrupted = True
+    if interrupted:
+        reports.note = f"interrupted after {done} of {count} comparisons"
+    reports.finish()
+    if interrupted:
+        raise Stopped(INTERRUPTED)
 
 
-@dataclass(slots=True)
-class Failures:
-    """Reports what fails, so that the rest still runs; files that only declare what trees import are left out."""
-
-    met: bool = False
-
-    def collect(self, make: Callable[[S], T], given: Iterable[S]) -> Iterator[T]:
-        """What can be made of these."""
-        for one in given:
-            try:
-                yield make(one)
-            except (RvaftError, OSError) as error:
-                if not (isinstance(error, NoTree) and error.is_part):
-                    report(error)
-                    self.met = True
-
-
-@dataclass(frozen=True, slots=True)
-class Watching:
-    """Where the results of a run go."""
-
-    reports: Reports
-    failures: Failures
-    stop_on_error: bool
-    bogus: Path | None
-
-    def run(self, tasks: Iterable[Task], count: int, jobs: int) -> None:
-        """Run so many comparisons, and report at the end; an interrupt ends the program after the report."""
-        done, interrupted = 0, False
-        with Watched(count) as watched, closing(run(tasks, jobs=jobs)) as running:
-            try:
-                for task, results in running:
-                    watched.advance()
-                    done += 1
-                    differing = self._take(task, results)
-                    if differing and self.stop_on_error:
-                        break
-            except KeyboardInterrupt:
-                interrupted = True
-        if interrupted:
-            self.reports.note = f"interrupted after {done} of {count} comparisons"
-        self.reports.finish()
-        if interrupted:
-            raise Stopped(INTERRUPTED)
-
-    def _take(self, task: Task, results: list[Result]) -> list[Result]:
-        """Report one comparison, and return those who differ in it."""
-        self.reports.add(results)
-        differing = [result for result in results if result.status is Status.DIFFERS]
-        if self.bogus is not None:
-            for case in self.failures.collect(partial(keep, task, folder=self.bogus), differing):
-                click.echo(f"saved {visible(str(case))}")
-        return differing
-
-
-def replayed(folder: Path, roster: Roster, reports: Reports) -> int:
+def replayed(folder: str, roster: Roster, reports: Reports) -> None:
     """Run saved cases again, one table each."""
-    failures = Failures()
-    for case in failures.collect(load_case, case_folders(folder)):
+    for case in reports.failures.collect(load_case, case_folders(folder)):
         click.echo(visible(f"{case.name}: {case.semantics}"))
         rows = [("PARTICIPANT", "BEFORE", "NOW", "RESULT")]
         for one in replay(case, roster):
@@ -211,7 +199,6 @@ def replayed(folder: Path, roster: Roster, reports: Reports) -> int:
             rows.append((one.result.participant, _symbols(one.before), _symbols(one.now), one.result.text))
         click.echo("\n".join(f"  {line}" for line in columns(rows)))
     reports.write()
-    return FAILED if failures.met else exit_status(reports.results)
 
 
 def _symbols(verdicts: tuple[Verdict, ...] | None) -> str:
@@ -324,50 +311,40 @@ def cross_check_command(
         raise click.UsageError("two reports go to one file", context)
     reports = Reports({form: path for form, path in files.items() if path is not None}, every=bool(trees))
     reports.check()
-    failures = Failures()
     roster = Roster(
         some_backends(backends),
-        tuple(failures.collect(handwritten, texts)),
+        tuple(reports.failures.collect(handwritten, texts)),
         rml_monitor=None if rml_monitor is None else Path(rml_monitor),
         mona=mona,
         patience=timeout or PATIENCE,
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )
     if replay_folder is not None:
-        return replayed(Path(replay_folder), roster, reports)
-    entries: Iterable[Entry]
-    if trees:
+        replayed(replay_folder, roster, reports)
+        return FAILED if reports.failures.met else exit_status(reports.results)
+    entries: list[Entry] | Iterator[Entry]
+    if random is not None:
+        entries, count, effort = campaign(random, seed, max_nodes), random, Effort(states=SMALL_PROOF, words=0)
+    elif trees:
         part = partial(_entry, branch=branch, kind=None if kind is None else Kind(kind))
-        found = list(failures.collect(part, trees))
-        if not found and not failures.met:
+        entries = list(reports.failures.collect(part, trees))
+        if not entries and not reports.failures.met:
             click.echo("nothing to compare: these files only declare what trees import")
             return 0
-        entries, count, effort = (
-            found,
-            len(found),
-            Effort(states=states, traces=MOST_TRACES if against else MANY_TRACES),
-        )
-    elif random is not None:
-        entries, count = campaign(random, seed, max_nodes), random
-        effort = Effort(states=min(states, SMALL_PROOF), words=0)
+        count, effort = len(entries), Effort(traces=MOST_TRACES if against else MANY_TRACES)
     else:
-        gates = list(catalogue())
-        entries, count, effort = gates, len(gates), replace(EFFORT, states=states)
+        entries = list(catalogue())
+        count, effort = len(entries), EFFORT
     if against and not roster.against:  # nothing that could be read is left to compare
-        entries, count = (), 0
-    effort = replace(effort, length=length, seconds=timeout, seed=str(seed))
-    effort = effort if traces is None else replace(effort, traces=traces)
+        entries, count = [], 0
+    effort = replace(effort, states=min(states, effort.states) if random else states, length=length, seconds=timeout)
+    effort = replace(effort, seed=str(seed), traces=effort.traces if traces is None else traces)
     chosen = semantics or ((Semantics.PROJECTED,) if against else tuple(Semantics))
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e in entries for s in chosen)
-    watching = Watching(reports, failures, stop_on_error, None if save_bogus is None else Path(save_bogus))
-    watching.run(tasks, count * len(chosen), jobs or os.cpu_count() or 1)
-    status = exit_status(
-        reports.results,
-        fail_on_not_expressible=fail_on_not_expressible,
-        fail_on_too_large=fail_on_too_large,
-        fail_on_timeout=fail_on_timeout,
-    )
-    return FAILED if failures.met else status
+    compared(tasks, count * len(chosen), jobs or os.cpu_count() or 1, reports, bogus=save_bogus, stop=stop_on_error)
+    fails = {"not_expressible": fail_on_not_expressible, "too_large": fail_on_too_large, "timeout": fail_on_timeout}
+    asked = {Status[name.upper()] for name, wanted in fails.items() if wanted}
+    return FAILED if reports.failures.met else exit_status(reports.results, failing=asked)
 
 
 def _sorted_out(against: tuple[str, ...], trees: tuple[str, ...]) -> tuple[list[str], tuple[str, ...]]:

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cross_check import counterexamples
-from cross_check.counterexamples import Case, CaseError, Text, case_folders, case_name, load, load_all, save
+from cross_check.counterexamples import Case, CaseError, case_folders, case_name, load, save
 from cross_check.generate.strategies import trees_with_traces
 from rvaft import Kind, RvaftError, Semantics, Verdict, dumps, loads
 from rvaft.analysis.branches import restrict
@@ -34,11 +34,11 @@ CASE = Case(
     Kind.ATTACK,
     {"reference": (UNKNOWN, TRUE), "my döts/x.rml": (UNKNOWN, FALSE)},
     {
-        "my döts/x.rml": Text("rml", "Main = a;\r\n"),
-        "rml": Text("rml", ""),
-        "tree": Text("rvaft", "a;"),
-        "case": Text("json", "{}"),
-        "RML!": Text("rml", "another"),
+        "my döts/x.rml": ("rml", "Main = a;\r\n"),
+        "rml": ("rml", ""),
+        "tree": ("rvaft", "a;"),
+        "case": ("json", "{}"),
+        "RML!": ("rml", "another"),
     },
 )
 
@@ -109,7 +109,7 @@ def test_every_case_reads_back(data: st.DataObject, pair: tuple[Any, list[Any]])
         data.draw(st.none() | st.integers(1, 10**6)),
         data.draw(st.none() | st.sampled_from(Kind)),
         data.draw(st.dictionaries(PARTICIPANTS, verdicts, max_size=3)),
-        data.draw(st.dictionaries(PARTICIPANTS, st.builds(Text, text, text), max_size=3)),
+        data.draw(st.dictionaries(PARTICIPANTS, st.tuples(text, text), max_size=3)),
     )
     with TemporaryDirectory() as folder:
         path = save(case, folder)
@@ -254,7 +254,7 @@ CANNOT_BE_SAVED: dict[str, Callable[[], Case]] = {
     "a tuple for a list": lambda: replace(CASE, trace=({"x": (1, 2)}, {})),
     "a key that is no string": lambda: replace(CASE, trace=({1: 2}, {})),
     "an event that is no object": lambda: replace(CASE, trace=([1], {})),
-    "half a pair in a specification": lambda: replace(CASE, specifications={"a": Text("rml", "\udfff")}),
+    "half a pair in a specification": lambda: replace(CASE, specifications={"a": ("rml", "\udfff")}),
     "half a pair in a participant": lambda: replace(CASE, verdicts={"\udfff": (TRUE, TRUE)}),
     "a tree that breaks a rule": lambda: replace(CASE, tree=_silent()),
 }
@@ -339,49 +339,58 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "not UTF-8": (_content("case.json", b'{"\xff'), "not UTF-8 (byte 3)"),
     "deep": (_content("case.json", b"[" * 100_000), "nested too deeply"),
     "digits": (_content("case.json", b"[" + b"1" * 5000 + b"]"), "not a case: "),
-    "NaN": (_content("case.json", b'{"branch": NaN}'), "NaN is no JSON number"),
+    "NaN": (_content("case.json", b'{"branch": NaN}'), "Expected `int | null`, got `float`"),
     "repeated": (_content("case.json", b'{"branch": 1, "branch": 2}'), 'the key "branch" is repeated'),
-    "a list": (_content("case.json", b"[]"), "the case should be an object, not []"),
-    "null": (_content("case.json", b"null"), "the case should be an object, not null"),
-    "no semantics": (_record(semantics=...), 'the case lacks the key "semantics"'),
-    "no verdicts": (_record(verdicts=...), 'the case lacks the key "verdicts"'),
-    "misspelt": (_record(brnach=1), 'the case has the unknown key "brnach"; known: branch, kind,'),
+    "a list": (_content("case.json", b"[]"), "not a case: Expected `object`, got `array`"),
+    "null": (_content("case.json", b"null"), "not a case: Expected `object`, got `null`"),
+    "no semantics": (_record(semantics=...), "not a case: Object missing required field `semantics`"),
+    "no verdicts": (_record(verdicts=...), "not a case: Object missing required field `verdicts`"),
+    "misspelt": (_record(brnach=1), "not a case: Object contains unknown field `brnach`"),
     "semantics unknown": (
         _record(semantics="stirct"),
-        '"semantics" should be one of strict, projected, scattered, not "stirct"',
+        "Invalid enum value 'stirct' - at `$.semantics`; known: strict, projected, scattered",
     ),
     "semantics a list": (
         _record(semantics=["strict"]),
-        '"semantics" should be one of strict, projected, scattered, not ["strict"]',
+        "Expected `str`, got `array` - at `$.semantics`",
     ),
-    "branch a text": (_record(branch="1"), '"branch" should be a whole number from 1, or null, not "1"'),
-    "branch true": (_record(branch=True), "not true"),
-    "branch 0": (_record(branch=0), "not 0"),
-    "branch 1.0": (_record(branch=1.0), "not 1.0"),
-    "kind unknown": (_record(kind="both"), '"kind" should be one of fault, attack, not "both"'),
-    "verdicts a list": (_record(verdicts=[]), '"verdicts" should be an object, not []'),
-    "verdicts of one no list": (_record(verdicts={"a": "true"}), '"a" should be a list, not "true"'),
+    "branch a text": (_record(branch="1"), "Expected `int | null`, got `str` - at `$.branch`"),
+    "branch true": (_record(branch=True), "got `bool` - at `$.branch`"),
+    "branch 0": (_record(branch=0), "Expected `int` >= 1 - at `$.branch`"),
+    "branch 1.0": (_record(branch=1.0), "got `float` - at `$.branch`"),
+    "kind unknown": (_record(kind="both"), "Invalid enum value 'both' - at `$.kind`; known: fault, attack"),
+    "verdicts a list": (_record(verdicts=[]), "Expected `object`, got `array` - at `$.verdicts`"),
+    "verdicts of one no list": (_record(verdicts={"a": "true"}), "Expected `array`, got `str` - at `$.verdicts[...]`"),
     "verdict unknown": (
         _record(verdicts={"a": ["true", "maybe"]}),
-        'item 2 of "a" should be one of true, false, unknown',
+        "Invalid enum value 'maybe' - at `$.verdicts[...][1]`; known: true, false, unknown",
     ),
     "verdict a boolean": (
         _record(verdicts={"a": [True, True]}),
-        'item 1 of "a" should be one of true, false, unknown, not true',
+        "Expected `str`, got `bool` - at `$.verdicts[...][0]`",
     ),
     "too few verdicts": (_record(verdicts={"a": ["true"]}), "case.json: a has 1 verdicts for a trace of length 2"),
-    "specifications a list": (_record(specifications=[]), '"specifications" should be an object'),
-    "specification a text": (_record(specifications={"a": "rml"}), '"a" should be an object, not "rml"'),
-    "specification without file": (_record(specifications={"a": {"language": "rml"}}), '"a" lacks the key "file"'),
+    "specifications a list": (_record(specifications=[]), "Expected `object`, got `array` - at `$.specifications`"),
+    "specification a text": (
+        _record(specifications={"a": "rml"}),
+        "Expected `object`, got `str` - at `$.specifications[...]`",
+    ),
+    "specification without file": (
+        _record(specifications={"a": {"language": "rml"}}),
+        "Object missing required field `file` - at `$.specifications[...]`",
+    ),
     "language a number": (
         _record(specifications={"a": {"language": 1, "file": "rml.rml"}}),
-        '"language" should be a string, not 1',
+        "Expected `str`, got `int` - at `$.specifications[...].language`",
     ),
     "file outside": (
         _record(specifications={"a": {"language": "r", "file": "../x"}}),
-        '"file" should be the name of a file in the folder',
+        "at `$.specifications[...].file`",
     ),
-    "file a number": (_record(specifications={"a": {"language": "r", "file": 3}}), '"file" should be a string, not 3'),
+    "file a number": (
+        _record(specifications={"a": {"language": "r", "file": 3}}),
+        "Expected `str`, got `int` - at `$.specifications[...].file`",
+    ),
     "specification not UTF-8": (_content("rml.rml", b"\xff"), "rml.rml: not UTF-8 (byte 1)"),
     "tree imports what is not there": (_content("tree.rvaft", b'import "none.dft"; a;'), "tree.rvaft"),
     "tree malformed": (_content("tree.rvaft", b"top and;"), "tree.rvaft:1:"),
@@ -389,8 +398,8 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "trace malformed": (_content("trace.jsonl", b'{"a": 1}\n{"a": \n'), "trace.jsonl:2: not JSON"),
     "trace of no objects": (_content("trace.jsonl", b"{}\n3\n"), "trace.jsonl:2: not a JSON object"),
     "shorter trace": (_content("trace.jsonl", b"{}\n"), "has 2 verdicts for a trace of length 1"),
-    "long text": (_record(semantics="x" * 1000), 'not "xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx...'),
-    "control code": (_record(semantics="\x1b[2J"), 'not "\\u001b[2J"'),
+    "long text": (_record(semantics="x" * 1000), "Invalid enum value"),
+    "control code": (_record(semantics="\x1b[2J"), "Invalid enum value"),
 }
 
 
@@ -405,8 +414,6 @@ def test_what_is_no_case_is_said_in_one_line(tmp_path: Path, what: str) -> None:
     assert message in first
     assert first.startswith(str(path))
     assert not caret or what in ("tree malformed", "tree imports what is not there")
-    with pytest.raises(type(caught.value)):
-        load_all(tmp_path)
 
 
 def test_what_may_be_left_out(tmp_path: Path) -> None:
@@ -421,7 +428,7 @@ def test_a_path_that_is_no_folder(tmp_path: Path, path: str) -> None:
     with pytest.raises(CaseError, match="there is no folder of this name"):
         load(tmp_path / path)
     with pytest.raises(CaseError, match=r"^[^\n]*cannot be read: "):
-        load_all(tmp_path / path)
+        case_folders(tmp_path / path)
 
 
 def test_the_name_is_that_of_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -439,21 +446,20 @@ def test_all_cases_of_a_folder(tmp_path: Path) -> None:
     paths = [save(case, tmp_path) for case in many]
     (tmp_path / "README.md").write_text("about these cases")
     (tmp_path / ".a.12ab34cd").mkdir()
-    assert load_all(tmp_path) == tuple(sorted(many, key=lambda case: case.name))
     assert case_folders(str(tmp_path)) == tuple(sorted(paths))
-    assert load_all(paths[0]) == (many[0],)
+    assert case_folders(paths[0]) == (paths[0],)
 
 
 def test_a_folder_without_cases(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match="there is no case here"):
-        load_all(tmp_path)
+        case_folders(tmp_path)
 
 
 def test_half_a_case_is_no_folder_of_cases(tmp_path: Path) -> None:
     path = save(CASE, tmp_path)
     (path / "case.json").unlink()
     with pytest.raises(CaseError, match=r"case\.json: cannot be read"):
-        load_all(path)
+        load(path)
 
 
 def test_a_broken_trace_is_a_trace_error(tmp_path: Path) -> None:

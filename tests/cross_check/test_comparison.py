@@ -1,17 +1,28 @@
 """One comparison: what is said of whom, and that nothing counts as agreement which is none."""
 
 from collections.abc import Callable, Hashable, Sequence
+from pathlib import Path
 
 import pytest
 
+from cross_check import cross_check
 from cross_check.comparison import Comparison, Enlist, Roster
-from cross_check.participants import Absent, Answer, Handwritten, Outside, Participant, observed_by, reference_of
+from cross_check.participants import (
+    Absent,
+    Answer,
+    Handwritten,
+    Outside,
+    Participant,
+    faithful_backends,
+    observed_by,
+    reference_of,
+)
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import Effort
 from rvaft import loads
 from rvaft.backend import Metrics, Observed, Specification
 from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
-from rvaft.model.patterns import Literal, ObjectPattern, Variable
+from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
@@ -77,9 +88,37 @@ def test_without_knowing_what_it_asks_it_is_only_tested() -> None:
     assert found["same"].text.endswith("(what it observes is not known)")
 
 
+READ = 'event read(v) = { event: "read", value: v };\n'
+
+
 def test_a_shared_variable_is_only_tested() -> None:
-    odd = (*observed_by(TREE), Observed(ObjectPattern((("v", Variable("V")),))))
-    assert "variables" in compare(("same", same(odd)))["same"].why
+    tied = loads(f"{READ} top sand a b; a on read(V); b on read(V);")
+    for result in cross_check(tied, "strict", "projected")[1:5]:
+        assert result.status is Status.TESTED
+        assert result.why == "variables tie events together"
+
+
+@pytest.mark.parametrize("guard", ["a on read(V) when V > 3", "a on read(V)", 'a on read(V) when V == "x" or V <= 2'])
+def test_a_variable_of_one_event_ties_nothing(guard: str) -> None:
+    for result in cross_check(loads(f"{READ} top sand b a; {guard}; b;")):
+        assert result.status in (Status.BASELINE, Status.PROVED), result
+
+
+def test_what_forgets_a_guard_on_such_a_variable_differs(tmp_path: Path) -> None:
+    (tmp_path / "other.rvaft").write_text(f"{READ} top sand b a; a on read(V) when V >= 3; b;")
+    results = cross_check(
+        loads(f"{READ} top sand b a; a on read(V) when V > 3; b;"), against=[str(tmp_path / "other.rvaft")]
+    )
+    assert [result.status for result in results] == [Status.BASELINE, Status.DIFFERS] * 3
+    assert [result.difference.trace[-1]["value"] for result in results if result.difference] == [3, 3, 3]
+
+
+def test_a_backend_that_is_only_emitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "rml-prolog" not in faithful_backends()
+    (_, _, named) = cross_check(loads("top and a b;"), "strict", backends=["rml-prolog"])
+    assert named.text.startswith("could not run: rml-prolog is only emitted: nothing here runs its texts")
+    (_, part, _, _, _) = cross_check(loads("top or a b; a fault; b attack;"), "strict", kind="fault", name="mine")
+    assert part.job.title == "mine faults"
 
 
 def test_a_proof_asked_for_no_states_is_no_proof() -> None:
@@ -220,7 +259,7 @@ def test_an_exception_of_a_program_is_no_agreement() -> None:
 def test_exit_status(statuses: list[Status], expected: int, strict: int) -> None:
     results = [Result(JOB, str(status), status) for status in statuses]
     assert exit_status(results) == expected
-    assert exit_status(results, fail_on_not_expressible=True, fail_on_too_large=True, fail_on_timeout=True) == strict
+    assert exit_status(results, failing=(Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)) == strict
 
 
 def test_literals_of_the_observed_tree() -> None:

@@ -41,8 +41,8 @@ KNOWN = [
         word("a b d"),
         "??⊤",
         "?⊥⊥",
-        "toplevel a;\na 1of2 b c;\nb and d e;\nd;\ne;\nc;\n",
-        word("d c"),
+        "toplevel r;\nr 1of2 s b;\ns and a d;\na;\nd;\nb;\n",
+        word("a b"),
     ),
     Known(
         "VOT followed by an event: a third child after the second is not at least two",
@@ -50,8 +50,8 @@ KNOWN = [
         word("a b c d"),
         "???⊤",
         "??⊥⊥",
-        "toplevel a;\na and b c;\nb 1of2 d e;\nd;\ne;\nc;\n",
-        word("d e"),
+        "toplevel r;\nr and v d;\nv 1of2 a b;\na;\nb;\nd;\n",
+        word("a b"),
     ),
     Known(
         "OR branches with a common start: the attack is missed",
@@ -59,8 +59,8 @@ KNOWN = [
         word("a altered"),
         "?⊤",
         "?⊥",
-        "toplevel a;\na and b c;\nb;\nc or d e;\nd;\ne;\n",
-        word("b e"),
+        "toplevel r;\nr       and a outcome;\na;\noutcome or late altered;\nlate;\naltered;\n",
+        word("a altered"),
     ),
     Known(
         "AND children with overlapping events: the first child takes the event that only the second could do without",
@@ -68,8 +68,8 @@ KNOWN = [
         ({"x": 1, "y": 2}, {"x": 1}),
         "?⊤",
         "?⊥",
-        "event e() = { y: _ };\n\ntoplevel a;\na and b c;\nb;\nc         on e();\n",
-        ({"y": 0, "event": "b"}, {"event": "b"}),
+        "event e() = { y: _ };\n\ntoplevel r;\nr and p q;\np;\nq         on e();\n",
+        ({"y": 0, "event": "p"}, {"event": "p"}),
     ),
 ]
 
@@ -92,4 +92,4 @@ def test_the_checker_finds_and_shrinks_it(known: Known) -> None:
     assert dumps(case.tree) == known.small_tree
     assert case.trace == known.small_trace
     assert set(case.verdicts) == {"reference", "rml-paper"}
-    assert case.specifications["rml-paper"].language == "rml"
+    assert case.specifications["rml-paper"][0] == "rml"

@@ -11,7 +11,7 @@ import pytest
 
 from backends import conformance
 from backends.conformance import examples
-from cross_check.participants import NAME, Absent, Participant, mona_of
+from cross_check.participants import MONA, Absent, Participant, translated
 from rvaft.api import loads
 from rvaft.backend import backend
 from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolFailed, ToolMissing
@@ -81,7 +81,7 @@ def test_emitted_formulas_have_the_verdicts_of_the_reference() -> None:
     found = set()
     for example in [example for number, example in enumerate(examples()) if number % 16 == 0]:
         for semantics in Semantics:
-            one = mona_of(example.tree, semantics)
+            one = translated("ltlf", example.tree, semantics, tool="mona")
             if example.tree.variables:
                 assert isinstance(one, Absent)
                 assert one.status == "not expressible"
@@ -104,9 +104,9 @@ def test_a_wrong_formula_is_not_taken_for_a_right_one() -> None:
 
 @needs_mona
 def test_monitors_of_one_text_share_their_states_and_do_not_feel_each_other() -> None:
-    participant = mona_of(loads("r sand a b;"), Semantics.PROJECTED)
+    participant = translated("ltlf", loads("r sand a b;"), Semantics.PROJECTED, tool="mona")
     assert isinstance(participant, Participant)
-    assert participant.name == NAME
+    assert participant.name == MONA
     one, other = participant.start(), participant.start()
     assert one.state == other.state
     one.step({"event": "a"})
@@ -131,7 +131,7 @@ def test_variables_are_not_expressible() -> None:
 
 def test_many_atoms_are_too_large() -> None:
     by_name = loads(f"r and {' '.join('abcdefghi')};")
-    absent = mona_of(by_name, Semantics.SCATTERED)
+    absent = translated("ltlf", by_name, Semantics.SCATTERED, tool="mona")
     assert isinstance(absent, Absent)
     assert absent.status == "too large"
     assert "9 atoms" in str(absent.error)
@@ -160,7 +160,7 @@ def test_malformed_formulas_and_unknown_tools() -> None:
 @needs_ltlf2dfa
 def test_without_mona_there_is_no_automaton(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    absent = mona_of(loads("only sand no mona;"), Semantics.STRICT)
+    absent = translated("ltlf", loads("only sand no mona;"), Semantics.STRICT, tool="mona")
     assert isinstance(absent, Absent)
     assert absent.status == "tool missing"
     assert "mona is not installed: install the program mona" in str(absent.error)

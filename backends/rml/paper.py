@@ -48,7 +48,11 @@ SYMBOLS: Final = 10
 _AROUND: Final = 4
 """The symbols of an option `(a T_bc) \\/` beside those of its child."""
 _AND, _OR = " /\\ ", " \\/ "
-_SIGNS: Final = {**{operator: facts.sign for operator, facts in OPERATORS.items()}, Operator.AND: "&&", Operator.OR: "||"}
+_SIGNS: Final = {
+    **{operator: facts.sign for operator, facts in OPERATORS.items()},
+    Operator.AND: "&&",
+    Operator.OR: "||",
+}
 _TOKEN: Final = re.compile(r"\w+|/\\|\\/|>>|[^\s\w]")
 
 

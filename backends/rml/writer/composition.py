@@ -21,7 +21,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from backends.rml.writer.conditions import when_true
-from backends.rml.writer.determinise import Letter, Letters
+from backends.rml.writer.determinise import RmlLetter, RmlLetters
 from backends.rml.writer.observations import own_variables
 from backends.rml.writer.terms import (
     ALL,
@@ -53,10 +53,10 @@ class Plain:
     overlaps with each of these.
     """
 
-    def __init__(self, tree: RVAFT, letters: Letters, semantics: Semantics) -> None:
+    def __init__(self, tree: RVAFT, letters: RmlLetters, semantics: Semantics) -> None:
         self.tree = tree
         self.form = normal_form(tree, as_written=True)
-        self.letters: list[Letter] = []
+        self.letters: list[RmlLetter] = []
         self._scattered = semantics is Semantics.SCATTERED
         size = len(self.form.parts)
         self.events, self.first, self.marks, self.follow = ([0] * size for _ in range(4))
@@ -90,7 +90,7 @@ class Plain:
             return Op.ONE
         return part.op
 
-    def _has_letters(self, letters: Letters) -> bool:
+    def _has_letters(self, letters: RmlLetters) -> bool:
         if letters.observations.remembered or self.tree.shared:
             return False
         guarded = [node for node in self.tree.top_down() if node.when is not None and not is_constant(node)]
@@ -184,7 +184,7 @@ def _are_apart(parts: Iterable[tuple[int, int]]) -> bool:
 class Composition:
     """Terms for the parts of a plain tree; `equations` holds what was given a name."""
 
-    def __init__(self, plain: Plain, letters: Letters) -> None:
+    def __init__(self, plain: Plain, letters: RmlLetters) -> None:
         self.plain = plain
         self.tree = plain.tree
         self.letters = letters

@@ -6,12 +6,11 @@ of letters first: `\/` takes the first that fits, so none needs a negation, and 
 Where no alternative fits the monitor reports ⊥ at that very event; under `scattered` the state stays.
 """
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import groupby
-from typing import Final, Protocol
+from typing import Final, NamedTuple, TypeAlias
 
 from backends.rml.writer.conditions import NEVER, Inexpressible, when_true
 from backends.rml.writer.event_types import RmlTypes
@@ -20,17 +19,15 @@ from backends.rml.writer.scenarios import BitScenario
 from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, Written, join, named, then
 from rvaft.analysis.unification import Overlaps, implies
 from rvaft.errors import TooLarge
-from rvaft.model.guards import Guard, conjuncts
-from rvaft.model.guards import variables as guard_variables
+from rvaft.model.guards import Guard, conjuncts, variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.support.bits import bits
+from rvaft.support.bits import bits, mask_of, union
 
-# Letters: what one event has to be for a partial match to go on, and how that is written.
+# -- letters: what one event has to be for a partial match to go on, and how that is written ---------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Letter:
+class RmlLetter(NamedTuple):
     """An event that matches the call and fulfils the guards."""
 
     call: Call
@@ -46,7 +43,7 @@ class GuardRefused(Exception):
         super().__init__(reason)
 
 
-class Letters:
+class RmlLetters:
     """The letters of one translation; each is called after the node that it was first needed for."""
 
     def __init__(self, observations: Observations, types: RmlTypes) -> None:
@@ -55,9 +52,9 @@ class Letters:
         self._rank = {name: position for position, name in enumerate(observations.tree.order)}
         self._nodes: dict[Call, str] = {}
         self._guards: dict[Guard, tuple[str, tuple[Guard, ...]]] = {}
-        self._texts: dict[Letter, tuple[str, ...]] = {}
+        self._texts: dict[RmlLetter, tuple[str, ...]] = {}
 
-    def letter(self, index: int, registers: dict[str, str], guards: Iterable[str]) -> Letter | None:
+    def letter(self, index: int, registers: Mapping[str, str], guards: Iterable[str]) -> RmlLetter | None:
         """The letter of an occurrence with the guards of some nodes, or None where no event can fulfil it."""
         tree = self.observations.tree
         call = self.observations.call(index, registers)
@@ -70,9 +67,8 @@ class Letters:
             conditions = self._conditions(instance, node)
             if NEVER in conditions:
                 return None
-            if conditions:
-                instances.add(instance)
-        return Letter(call, frozenset(instances))
+            instances.update((instance,) if conditions else ())
+        return RmlLetter(call, frozenset(instances))
 
     def _conditions(self, guard: Guard, node: str) -> tuple[Guard, ...]:
         if guard not in self._guards:
@@ -82,200 +78,155 @@ class Letters:
                 raise GuardRefused(node, str(error)) from None
         return self._guards[guard][1]
 
-    def texts(self, letter: Letter) -> tuple[str, ...]:
+    def texts(self, letter: RmlLetter) -> tuple[str, ...]:
         """The event types, applied, that an event has to match all at once; the first one binds."""
         if letter not in self._texts:
-            node = self._nodes[letter.call]
-            guards = sorted((self._guards[guard] for guard in letter.guards), key=self._place)
+            guards = sorted((self._guards[g] for g in letter.guards), key=lambda g: (self._rank[g[0]], repr(g[1])))
             conditions = [(condition, name) for name, found in guards for condition in found]
-            self._texts[letter] = tuple(self.types.observed(letter.call, conditions, node))
+            self._texts[letter] = tuple(self.types.observed(letter.call, conditions, self._nodes[letter.call]))
         return self._texts[letter]
 
-    def _place(self, guard: tuple[str, tuple[Guard, ...]]) -> tuple[int, str]:
-        return self._rank[guard[0]], repr(guard[1])
+    def all_texts(self, letters: Iterable[RmlLetter]) -> list[Written]:
+        """Those of several letters, each once."""
+        return [named(text) for text in dict.fromkeys(text for letter in letters for text in self.texts(letter))]
 
 
-# Which sets of letters one event can be at once, the largest first. A set is an integer, bit i standing for the i-th letter.
+# -- which sets of letters one event can be at once, the largest first; bit i stands for the i-th letter ---------------
 
-
-class Move(Protocol):
-    """Where a letter leads; all that matters here is whether it detects."""
-
-    detects: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Combination:
-    """All the letters that an event is (`fits`), and those that have to be written to say so."""
-
-    letters: tuple[Letter, ...]
-    fits: int
+Combination: TypeAlias = tuple[tuple[RmlLetter, ...], int]
+"""The letters that have to be written, and all the letters that the event then is."""
 
 
 class Combinations:
-    """The combinations of some letters; `count` is called for each before it is looked at, and may raise."""
+    """The combinations of some letters, of which some detect; `count` is called for each before it is looked at, and may raise."""
 
     def __init__(
-        self, tree: RVAFT, moves: Mapping[Letter, Move], bound: frozenset[str], count: Callable[[], None]
+        self, tree: RVAFT, moves: Mapping[RmlLetter, bool], bound: frozenset[str], count: Callable[[], None]
     ) -> None:
-        self.letters = list(moves)
+        self._letters = list(moves)
         self._count = count
-        calls = list(dict.fromkeys(letter.call for letter in self.letters))
-        number = {call: position for position, call in enumerate(calls)}
-        self._call = [number[letter.call] for letter in self.letters]
-        patterns = [call.pattern(tree) for call in calls]
+        self._calls = list(dict.fromkeys(letter.call for letter in moves))
+        number = {call: position for position, call in enumerate(self._calls)}
+        self._call = [number[letter.call] for letter in moves]
+        patterns = [call.pattern(tree) for call in self._calls]
         overlaps = Overlaps(patterns)
-        self._overlap = [overlaps.compatible(i) for i in range(len(patterns))]
+        self._near = [overlaps.compatible(i) for i in range(len(patterns))]
         self._implies = [
-            sum(1 << j for j in bits(near) if i == j or implies(patterns[i], patterns[j], bound))
-            for i, near in enumerate(self._overlap)
+            mask_of(j for j in bits(near) if i == j or implies(patterns[i], patterns[j], bound))
+            for i, near in enumerate(self._near)
         ]
-        self._registers = [frozenset(call.registers) for call in calls]
-        self._calls: Sequence[Call] = calls
-        facts = dict.fromkeys(guard for letter in self.letters for guard in letter.guards)
-        bit = {guard: 1 << position for position, guard in enumerate(facts)}
-        self._facts: Sequence[Guard] = list(facts)
-        self._guards = [sum(bit[guard] for guard in letter.guards) for letter in self.letters]
-        everywhere = range(len(self.letters))
-        self.detecting = self._weakest([i for i, letter in enumerate(self.letters) if moves[letter].detects])
-        self.others = [
+        self._facts = list(dict.fromkeys(guard for letter in moves for guard in letter.guards))
+        place = {guard: position for position, guard in enumerate(self._facts)}
+        self._guards = [mask_of(place[guard] for guard in letter.guards) for letter in moves]
+        detecting = [i for i, detects in enumerate(moves.values()) if detects]
+        self._detecting = [
             i
-            for i in everywhere
-            if not moves[self.letters[i]].detects
-            and not (self._says_more(i) and any(self._entails(i, other) for other in self.detecting))
+            for i in detecting
+            if not any(j < i or not self._entails(j, i) for j in self._entailed(i, detecting) if j != i)
         ]
+        self._others = [
+            i for i, detects in enumerate(moves.values()) if not detects and not self._entailed(i, self._detecting)
+        ]
+
+    def _entails(self, letter: int, other: int) -> bool:
+        called = self._implies[self._call[letter]] >> self._call[other] & 1
+        return bool(called) and not self._guards[other] & ~self._guards[letter]
+
+    def _entailed(self, letter: int, others: list[int]) -> list[int]:
+        """The letters that every event is that is this one."""
+        alone = not self._guards[letter] and self._implies[self._call[letter]].bit_count() == 1
+        return [] if alone else [other for other in others if self._entails(letter, other)]
 
     def all(self) -> Iterator[Combination]:
         """Each letter that detects, alone; then all closed sets of the others, larger ones before those they contain."""
-        for i in self.detecting:
+        called = [self._call[i] for i in self._others]
+        known = mask_of(called)
+        apart = known.bit_count() == len(called) and all(self._near[call] & known == 1 << call for call in called)
+        for i in (*self._detecting, *(self._others if apart else ())):
             self._count()
-            yield Combination((self.letters[i],), 1 << i)
-        called = [self._call[i] for i in self.others]
-        known = sum(1 << call for call in set(called))
-        if len(set(called)) == len(called) and all(self._overlap[call] & known == 1 << call for call in called):
-            for i in self.others:
-                self._count()
-                yield Combination((self.letters[i],), 1 << i)
-            return
-        yield from sorted(self._closed(), key=lambda combination: -combination.fits.bit_count())
+            yield (self._letters[i],), 1 << i
+        if not apart:
+            yield from sorted(self._closed(), key=lambda combination: -combination[1].bit_count())
 
     def _closed(self) -> Iterator[Combination]:
         """An event that is some letters is also those that their calls imply and their guards allow."""
-        single = list(dict.fromkeys(self._closure(1 << i) for i in self.others))
-        seen = dict.fromkeys(single)
-        agenda = list(single)
+        every = range(len(self._letters))
+        implied, near = (
+            [mask_of(j for j in self._others if related[self._call[i]] >> self._call[j] & 1) for i in every]
+            for related in (self._implies, self._near)
+        )
+
+        def closure(fits: int) -> int:
+            allowed = union(self._guards[i] for i in bits(fits))
+            return mask_of(i for i in bits(union(implied[i] for i in bits(fits))) if not self._guards[i] & ~allowed)
+
+        single = list(dict.fromkeys(closure(1 << i) for i in self._others))
+        agenda, seen = list(single), set(single)
         for fits in agenda:
             self._count()
-            if any(self._covers(fits, i) for i in self.detecting):
+            if any(self._covers(fits, i) for i in self._detecting):
                 continue  # the alternative that detects comes first
-            yield Combination(self._written(fits), fits)
-            excluded = 0
-            for i in bits(fits):
-                excluded |= self._excluded[i]
+            yield self._written(fits), fits
             for other in single:
-                if other & ~fits and not other & excluded:
-                    union = self._closure(fits | other)
-                    if union not in seen:
-                        seen[union] = None
-                        agenda.append(union)
-
-    def _closure(self, fits: int) -> int:
-        allowed, possible = self._given(fits)
-        return sum(1 << i for i in bits(possible) if not self._guards[i] & ~allowed)
+                if other & ~fits and all(other & ~near[i] == 0 for i in bits(fits)):
+                    more = closure(fits | other)
+                    if more not in seen:
+                        seen.add(more)
+                        agenda.append(more)
 
     def _covers(self, fits: int, letter: int) -> bool:
-        allowed, _ = self._given(fits)
+        allowed = union(self._guards[i] for i in bits(fits))
         return not self._guards[letter] & ~allowed and any(
             self._implies[self._call[i]] >> self._call[letter] & 1 for i in bits(fits)
         )
 
-    def _given(self, fits: int) -> tuple[int, int]:
-        """The guards that hold, and the letters whose calls match."""
-        allowed = possible = 0
-        for i in bits(fits):
-            allowed |= self._guards[i]
-            possible |= self._implied[i]
-        return allowed, possible
-
-    @cached_property
-    def _implied(self) -> list[int]:
-        return self._related(lambda i, j: self._implies[self._call[i]] >> self._call[j] & 1)
-
-    @cached_property
-    def _excluded(self) -> list[int]:
-        return self._related(lambda i, j: not self._overlap[self._call[i]] >> self._call[j] & 1)
-
-    def _related(self, test: Callable[[int, int], int]) -> list[int]:
-        return [sum(1 << j for j in self.others if test(i, j)) for i in range(len(self.letters))]
-
-    def _written(self, fits: int) -> tuple[Letter, ...]:
+    def _written(self, fits: int) -> tuple[RmlLetter, ...]:
         """One letter per call, with all its guards, without calls that another one implies and that bind nothing more."""
-        guards: dict[int, int] = {}
+        guards: dict[int, int] = defaultdict(int)
         for i in bits(fits):
-            guards[self._call[i]] = guards.get(self._call[i], 0) | self._guards[i]
+            guards[self._call[i]] |= self._guards[i]
 
         def spares(one: int, other: int) -> bool:
-            return (
-                bool(self._implies[one] >> other & 1)
-                and not guards[other] & ~guards[one]
-                and self._registers[other] <= self._registers[one]
-            )
+            implied = self._implies[one] >> other & 1 and not guards[other] & ~guards[one]
+            return bool(implied) and {*self._calls[other].registers} <= {*self._calls[one].registers}
 
         needed = [
             call
             for call in guards
             if not any(spares(one, call) and (one < call or not spares(call, one)) for one in guards if one != call)
         ]
-        return tuple(Letter(self._calls[c], frozenset(self._facts[g] for g in bits(guards[c]))) for c in needed)
+        return tuple(RmlLetter(self._calls[c], frozenset(self._facts[g] for g in bits(guards[c]))) for c in needed)
 
-    def _weakest(self, letters: list[int]) -> list[int]:
-        return [
-            i
-            for i in letters
-            if not self._says_more(i)
-            or not any(self._entails(i, j) and (j < i or not self._entails(j, i)) for j in letters if j != i)
-        ]
 
-    def _says_more(self, letter: int) -> bool:
-        """Whether the letter may entail another one at all."""
-        return bool(self._guards[letter]) or self._implies[self._call[letter]].bit_count() > 1
-
-    def _entails(self, letter: int, other: int) -> bool:
-        called = self._implies[self._call[letter]] >> self._call[other] & 1
-        return bool(called) and not self._guards[other] & ~self._guards[letter]
-
+# -- states ------------------------------------------------------------------------------------------------------------
 
 ACCEPT: Final = -1
 STAY: Final = -2
-
-Environment = tuple[tuple[str, str], ...]
+Environment: TypeAlias = tuple[tuple[str, str], ...]
 """The register of each remembered variable, by name."""
+Partial: TypeAlias = tuple[int, Environment]
 
-Partial = tuple[int, Environment]
 
-
-@dataclass(frozen=True, slots=True)
-class State:
+class MatchState(NamedTuple):
     """Partial matches, each with the scenarios it belongs to, and the registers bound by now."""
 
     partials: frozenset[tuple[Partial, int]]
     bound: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, slots=True)
-class Alternative:
-    """On an event that is all the letters, go on to the target; `fits` is the set of all letters it then is, as bits."""
+class Alternative(NamedTuple):
+    """On an event that is all the letters, go on to the target; `fits` is the set of all letters it then is."""
 
-    letters: tuple[Letter, ...]
+    letters: tuple[RmlLetter, ...]
     fits: int
     target: int
 
 
 @dataclass(slots=True)
-class _Move:
+class Advance:
     """Where one letter leads."""
 
-    partials: dict[Partial, int] = field(default_factory=dict)
+    partials: dict[Partial, int] = field(default_factory=lambda: defaultdict(int))
     detects: bool = False
 
 
@@ -283,16 +234,24 @@ class Determinised:
     """The alternatives of each state; state 0 is the first. Raises `TooLarge` beyond `limit` alternatives, rejected ones included."""
 
     def __init__(
-        self, scenarios: list[BitScenario], letters: Letters, registers: Registers, semantics: Semantics, *, limit: int
+        self,
+        scenarios: list[BitScenario],
+        letters: RmlLetters,
+        registers: Registers,
+        semantics: Semantics,
+        *,
+        limit: int,
     ) -> None:
         self._letters = letters
+        self._tree = letters.observations.tree
+        self._variables = letters.observations.variables
         self._registers = registers
         self._scattered = semantics is Semantics.SCATTERED
         self._limit = limit
         self._size = 0
         self._known: dict[int, frozenset[str]] = {}
         self._prepare(scenarios)
-        start = State(frozenset({((0, ()), (1 << len(scenarios)) - 1)}))
+        start = MatchState(frozenset({((0, ()), (1 << len(scenarios)) - 1)}))
         self._number = {start: 0}
         self._waiting = [start]
         self.alternatives: list[list[Alternative]] = []
@@ -302,38 +261,30 @@ class Determinised:
     def _prepare(self, scenarios: list[BitScenario]) -> None:
         """Turn the scenarios round: for each occurrence and guard, the scenarios that have it."""
         ready: dict[int, dict[int, int]] = {}
-        self._complete: dict[int, int] = {}
-        self._guarded: dict[str, int] = {}
+        self._complete: dict[int, int] = defaultdict(int)
+        self._guarded: dict[str, int] = defaultdict(int)
         for number, scenario in enumerate(scenarios):
-            bit = 1 << number
-            self._complete[scenario.occurrences] = self._complete.get(scenario.occurrences, 0) | bit
+            self._complete[scenario.occurrences] |= 1 << number
             for index, before in scenario.before.items():
-                ways = ready.setdefault(index, {})
-                ways[before] = ways.get(before, 0) | bit
+                ready.setdefault(index, defaultdict(int))[before] |= 1 << number
             for name in scenario.guards:
-                self._guarded[name] = self._guarded.get(name, 0) | bit
+                self._guarded[name] |= 1 << number
         self._ready = {index: tuple(ways.items()) for index, ways in sorted(ready.items())}
-        nodes = self._letters.observations.tree.nodes
-        order = [name for name in self._letters.observations.tree.order if name in self._guarded]
-        self._speaks = {
-            name: frozenset(guard_variables(when)) for name in order if (when := nodes[name].when) is not None
-        }
+        guards = {name: self._tree.nodes[name].when for name in self._tree.order if name in self._guarded}
+        self._speaks = {name: frozenset(variables(when)) for name, when in guards.items() if when is not None}
 
-    # -- one state ----------------------------------------------------------------------------------------------------
-
-    def _alternatives(self, state: State) -> Iterator[Alternative]:
+    def _alternatives(self, state: MatchState) -> Iterator[Alternative]:
         moves = self._moves(state)
         if self._scattered:
             moves = {letter: move for letter, move in moves.items() if move.detects or self._helps(state, move)}
-        tree = self._letters.observations.tree
         made = list(moves.values())
-        for combination in Combinations(tree, moves, state.bound, self._count).all():
-            fitting = [made[i] for i in bits(combination.fits)]
-            target = ACCEPT
-            if not any(move.detects for move in fitting):
-                target = self._target(state, fitting, combination.letters)
+        detecting = {letter: move.detects for letter, move in moves.items()}
+        for letters, fits in Combinations(self._tree, detecting, state.bound, self._count).all():
+            fitting = [made[i] for i in bits(fits)]
+            detects = any(move.detects for move in fitting)
+            target = ACCEPT if detects else self._target(state, fitting, letters)
             if target != STAY:
-                yield Alternative(combination.letters, combination.fits, target)
+                yield Alternative(letters, fits, target)
         if self._scattered:
             yield Alternative((), 0, STAY)
 
@@ -343,15 +294,19 @@ class Determinised:
         if self._size > self._limit:
             raise TooLarge("alternatives of the RML equations", limit=self._limit)
 
-    def _target(self, state: State, moves: list[_Move], written: tuple[Letter, ...]) -> int:
-        merged: dict[Partial, int] = dict(state.partials) if self._scattered else {}
+    def _merged(self, state: MatchState, moves: Iterable[Advance]) -> frozenset[tuple[Partial, int]]:
+        merged: dict[Partial, int] = defaultdict(int, state.partials if self._scattered else ())
         for move in moves:
             for partial, mask in move.partials.items():
-                merged[partial] = merged.get(partial, 0) | mask
-        if self._scattered:
-            merged = _undominated(merged)
+                merged[partial] |= mask
+        return frozenset((_undominated(merged) if self._scattered else merged).items())
+
+    def _helps(self, state: MatchState, move: Advance) -> bool:
+        return self._merged(state, [move]) != state.partials
+
+    def _target(self, state: MatchState, moves: list[Advance], written: tuple[RmlLetter, ...]) -> int:
         bound = state.bound.union(*(letter.call.registers for letter in written))
-        after = State(frozenset(merged.items()), bound)
+        after = MatchState(self._merged(state, moves), bound)
         if self._scattered and after == state:
             return STAY
         if after not in self._number:
@@ -359,45 +314,34 @@ class Determinised:
             self._waiting.append(after)
         return self._number[after]
 
-    def _helps(self, state: State, move: _Move) -> bool:
-        merged = dict(state.partials)
-        for partial, mask in move.partials.items():
-            merged[partial] = merged.get(partial, 0) | mask
-        return frozenset(_undominated(merged).items()) != state.partials
-
-    def _moves(self, state: State) -> dict[Letter, _Move]:
+    def _moves(self, state: MatchState) -> dict[RmlLetter, Advance]:
         """The letters that advance some partial match, and where each leads."""
-        partials = sorted(state.partials)
         candidates = [
-            (done, environment, index, mask & ways)
-            for (done, environment), mask in partials
+            (done, dict(environment), index, mask & ways)
+            for (done, environment), mask in sorted(state.partials)
             for index, before in self._ready.items()
             if not done >> index & 1
-            if mask & (ways := _ways(before, done))
+            if mask & (ways := union(scenarios for earlier, scenarios in before if not earlier & ~done))
         ]
-        chosen = self._registers.choose(((i, dict(env).keys()) for _, env, i, _ in candidates), state.bound)
-        moves: dict[Letter, _Move] = {}
-        for done, environment, index, mask in candidates:
-            registers = self._registers.assign(index, dict(environment), chosen)
+        chosen = self._registers.choose(((index, known.keys()) for _, known, index, _ in candidates), state.bound)
+        moves: dict[RmlLetter, Advance] = {}
+        for done, known, index, mask in candidates:
+            registers = self._registers.assign(index, known, chosen)
             after = done | 1 << index
             partial = (after, self._remembered(after, registers))
             for part, guards in self._split(done, after, mask):
                 letter = self._letters.letter(index, registers, guards)
-                if letter is None:
-                    continue
-                move = moves.setdefault(letter, _Move())
-                move.detects = move.detects or bool(self._complete.get(after, 0) & part)
-                move.partials[partial] = move.partials.get(partial, 0) | part
+                if letter is not None:
+                    move = moves.setdefault(letter, Advance())
+                    move.detects = move.detects or bool(self._complete.get(after, 0) & part)
+                    move.partials[partial] |= part
         return moves
 
     def _split(self, done: int, after: int, mask: int) -> list[tuple[int, tuple[str, ...]]]:
         """The scenarios, parted by which guards get their last variable now."""
-        if not self._speaks:
-            return [(mask, ())]
         parts: list[tuple[int, tuple[str, ...]]] = [(mask, ())]
-        before, now = self._bound(done), self._bound(after)
-        for name, variables in self._speaks.items():
-            if variables <= now and not variables <= before:
+        for name, spoken in self._speaks.items():
+            if spoken <= self._bound(after) and not spoken <= self._bound(done):
                 having = self._guarded[name]
                 parts = [
                     (scenarios, names)
@@ -409,83 +353,54 @@ class Determinised:
 
     def _bound(self, done: int) -> frozenset[str]:
         if done not in self._known:
-            variables = self._letters.observations.variables
-            self._known[done] = frozenset().union(*(variables[index] for index in bits(done)))
+            self._known[done] = frozenset().union(*(self._variables[index] for index in bits(done)))
         return self._known[done]
 
     def _remembered(self, done: int, registers: Mapping[str, str]) -> Environment:
         """The registers of the variables that something later speaks of."""
         if not registers:
             return ()
-        bound = self._bound(done)
-        later = {name for names in self._speaks.values() if not names <= bound for name in names}
-        variables = self._letters.observations.variables
-        later.update(name for index in self._ready if not done >> index & 1 for name in variables[index])
+        later = {name for names in self._speaks.values() if not names <= self._bound(done) for name in names}
+        later.update(name for index in self._ready if not done >> index & 1 for name in self._variables[index])
         return tuple(sorted((name, register) for name, register in registers.items() if name in later))
 
 
-def _ways(before: tuple[tuple[int, int], ...], done: int) -> int:
-    """The scenarios in which an occurrence may be next."""
-    ways = 0
-    for earlier, scenarios in before:
-        if not earlier & ~done:
-            ways |= scenarios
-    return ways
-
-
-def _undominated(partials: dict[Partial, int]) -> dict[Partial, int]:
+def _undominated(partials: Mapping[Partial, int]) -> dict[Partial, int]:
     """Under `scattered` a partial match that another one of the same scenario contains has nothing to add."""
     found: dict[Partial, int] = {}
-    ordered = sorted(partials.items(), key=lambda item: (-item[0][0].bit_count(), item[0]))
-    for (done, environment), scenarios in ordered:
+    for partial, scenarios in sorted(partials.items(), key=lambda item: (-item[0][0].bit_count(), item[0])):
         left = scenarios
         for (larger, _), others in found.items():
-            if not done & ~larger:
+            if not partial[0] & ~larger:
                 left &= ~others
                 if not left:
                     break
         if left:
-            found[done, environment] = left
+            found[partial] = left
     return found
 
 
-# States with the same future made one, and alternatives dropped that a later one does as well.
+# -- states with the same future made one, and alternatives dropped that a later one does as well ----------------------
+
+StateClass: TypeAlias = tuple[tuple[tuple[RmlLetter, ...], int], ...]
+"""The alternatives: on an event that is all the letters, go on to the target, a class (or `ACCEPT` or `STAY`)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """On an event that is all the letters, go on to the target, a class (or ACCEPT or STAY)."""
-
-    letters: tuple[Letter, ...]
-    target: int
-
-
-Class = tuple[Choice, ...]
-
-
-def minimised(states: list[list[Alternative]]) -> list[Class]:
+def minimised(states: list[list[Alternative]]) -> list[StateClass]:
     """The classes, every one before those that lead to it; the last is that of the first state."""
-    number: dict[Class, int] = {}
+    number: dict[StateClass, int] = {}
     of_state: dict[int, int] = {}
     for state in _later_first(states):
-        choices = _needed(
-            [(Choice(a.letters, of_state.get(a.target, a.target)), a.fits) for a in states[state]],
-        )
+        kept: list[Alternative] = []
+        for one in reversed(states[state]):  # not where the next one that would fit leads to the same
+            target = of_state.get(one.target, one.target)
+            following = next((other for other in kept if not other.fits & ~one.fits), None)
+            if following is None or following.target != target:
+                kept.insert(0, one._replace(target=target))
+        choices = tuple((one.letters, one.target) for one in kept)
         of_state[state] = number.setdefault(choices, len(number))
-    classes = list(number)
-    first = of_state[0]
-    assert first == len(classes) - 1, "the first state lies before all others"
-    return classes
-
-
-def _needed(choices: list[tuple[Choice, int]]) -> Class:
-    """Without a choice where the next one that would fit leads to the same."""
-    kept: list[tuple[Choice, int]] = []
-    for choice, fits in reversed(choices):
-        following = next((other for other, less in kept if not less & ~fits), None)
-        if following is None or following.target != choice.target:
-            kept.insert(0, (choice, fits))
-    return tuple(choice for choice, _ in kept)
+    assert of_state[0] == len(number) - 1, "the first state lies before all others"
+    return list(number)
 
 
 def _later_first(states: list[list[Alternative]]) -> Iterator[int]:
@@ -499,79 +414,42 @@ def _later_first(states: list[list[Alternative]]) -> Iterator[int]:
         elif state not in done:
             done.add(state)
             agenda.append((state, True))
-            agenda.extend((a.target, False) for a in states[state] if a.target not in (ACCEPT, STAY))
+            agenda.extend((one.target, False) for one in states[state] if one.target >= 0)
 
 
-# Equations for an automaton: one per class that several others lead to, the others written where they are needed.
+def equations(classes: list[StateClass], letters: RmlLetters) -> tuple[Written, list[tuple[str, Written]]]:
+    """The expression for the first state, and the equations it needs: one for each class that several others lead to.
 
+    The others are written where they are needed, unless that would be too deep inside others.
+    """
+    uses = Counter(target for choices in classes for target in {target for _, target in choices})
+    apart = {number for number, choices in enumerate(classes) if uses[number] > 1 or any(t == STAY for _, t in choices)}
+    height: dict[int, int] = {}
+    for number, choices in enumerate(classes):
+        height[number] = 1 + max((height[t] for _, t in choices if t >= 0 and t not in apart), default=0)
+        if height[number] >= MAX_DEPTH:
+            height[number] = 0
+    order = dict.fromkeys([len(classes) - 1])
+    for number in (agenda := list(order)):  # as a reader meets them
+        fresh = [target for _, target in classes[number] if target >= 0 and target not in order]
+        agenda += dict.fromkeys(fresh)
+        order.update(dict.fromkeys(fresh))
+    own = [number for number in order if number in apart or height[number] == 0]
+    names = {number: named(f"S{position}") for position, number in enumerate(own, 1)}
+    bodies: list[Written] = []
 
-def equations(classes: list[Class], letters: Letters) -> tuple[Written, list[tuple[str, Written]]]:
-    """The expression for the first state, and the equations it needs."""
-    return _Writer(classes, letters).result()
-
-
-class _Writer:
-    def __init__(self, classes: list[Class], letters: Letters) -> None:
-        self.classes = classes
-        self.letters = letters
-        self.first = len(classes) - 1
-        self.uses = Counter(target for made in classes for target in {choice.target for choice in made})
-        self.names = self._names()
-
-    def result(self) -> tuple[Written, list[tuple[str, Written]]]:
-        terms: dict[int, Written] = {}
-        for number, choices in enumerate(self.classes):
-            body = self._body(number, choices, terms)
-            name = self.names.get(number)
-            terms[number] = body if name is None else named(name)
-            self.bodies[number] = body
-        made = [(name, self.bodies[number]) for number, name in self.names.items()]
-        return terms[self.first], made
-
-    def _names(self) -> dict[int, str]:
-        """Names for the classes that get an equation, in the order in which a reader meets them."""
-        self.bodies: dict[int, Written] = {}
-        deep = self._deep()
-        order, seen = [self.first], {self.first}
-        for number in order:
-            for choice in self.classes[number]:
-                if choice.target >= 0 and choice.target not in seen:
-                    seen.add(choice.target)
-                    order.append(choice.target)
-        named = [number for number in order if number in deep or self._shared(number)]
-        return {number: f"S{position}" for position, number in enumerate(named, 1)}
-
-    def _shared(self, number: int) -> bool:
-        return self.uses[number] > 1 or any(choice.target == STAY for choice in self.classes[number])
-
-    def _deep(self) -> set[int]:
-        """Classes that would be written too deep inside others."""
-        height: dict[int, int] = {}
-        deep: set[int] = set()
-        for number, choices in enumerate(self.classes):
-            below = [height[c.target] for c in choices if c.target >= 0 and not self._shared(c.target)]
-            height[number] = 1 + max(below, default=0)
-            if height[number] >= MAX_DEPTH:
-                deep.add(number)
-                height[number] = 0
-        return deep
-
-    def _body(self, number: int, choices: Class, terms: dict[int, Written]) -> Written:
+    def body(number: int) -> Written:
         parts: list[Written] = []
-        for (target, joint), group in groupby(choices, key=self._alike):
-            run = list(group)
-            if joint:
-                parts += [join(AND, (then(event, ALL) for event in self._events(choice))) for choice in run]
-                continue
-            heads = [join(AND, self._events(choice)) if choice.letters else ANY for choice in run]
-            after = {ACCEPT: ALL, STAY: named(self.names.get(number, ""))}.get(target) or terms[target]
-            parts.append(then(join(OR, heads), after))
+        after = {ACCEPT: ALL, STAY: names.get(number, NONE)}
+        texts = [(letters.all_texts(found), target) for found, target in classes[number]]
+        for (target, joint), run in groupby(texts, key=lambda one: (one[1], one[1] == ACCEPT and len(one[0]) > 1)):
+            if joint:  # detecting by several types at once has a form of its own
+                parts += [join(AND, (then(event, ALL) for event in events)) for events, _ in run]
+            else:  # neighbours that lead to the same are written as one
+                heads = [join(AND, events) if events else ANY for events, _ in run]
+                parts.append(then(join(OR, heads), after.get(target) or names.get(target) or bodies[target]))
         return join(OR, parts) if parts else NONE  # guards that no event can fulfil
 
-    def _alike(self, choice: Choice) -> tuple[int, bool]:
-        """Neighbours that lead to the same are written as one; detecting by several types at once has a form of its own."""
-        return choice.target, choice.target == ACCEPT and len(self._events(choice)) > 1
-
-    def _events(self, choice: Choice) -> list[Written]:
-        found = dict.fromkeys(text for letter in choice.letters for text in self.letters.texts(letter))
-        return [named(text) for text in found]
+    for number in range(len(classes)):
+        bodies += [body(number)]
+    return names.get(len(classes) - 1) or bodies[-1], [(names[number].word, bodies[number]) for number in names]

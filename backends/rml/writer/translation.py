@@ -6,7 +6,7 @@ from typing import Final, TypeAlias
 
 from backends.rml.writer.composition import Composition, Plain
 from backends.rml.writer.conditions import ALWAYS, NEVER, Inexpressible, when_true
-from backends.rml.writer.determinise import Determinised, GuardRefused, Letters, equations, minimised
+from backends.rml.writer.determinise import Determinised, GuardRefused, RmlLetters, equations, minimised
 from backends.rml.writer.event_types import RmlTypes
 from backends.rml.writer.observations import Call, Observations, Registers, closed, closed_call
 from backends.rml.writer.scenarios import feasible_scenarios
@@ -50,7 +50,7 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> Translation:
         raise NotExpressible(reason, backend="rml", semantics=semantics, nodes=nodes)
     types = RmlTypes(tree)
     try:
-        main, made = _property(tree, semantics, Letters(observations, types), limit)
+        main, made = _property(tree, semantics, RmlLetters(observations, types), limit)
         main = around(main, ">>", _relevant(tree, types)) if semantics is Semantics.PROJECTED else main
     except GuardRefused as refused:
         raise NotExpressible(refused.reason, backend="rml", semantics=semantics, nodes=[refused.node]) from None
@@ -63,7 +63,7 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> Translation:
     return Translation(text, size, 1 + len(made))
 
 
-def _property(tree: RVAFT, semantics: Semantics, letters: Letters, limit: int) -> Property:
+def _property(tree: RVAFT, semantics: Semantics, letters: RmlLetters, limit: int) -> Property:
     plain = Plain(tree, letters, semantics)
     if not plain.possible:
         return _determinised(tree, semantics, letters, limit)
@@ -75,7 +75,7 @@ def _property(tree: RVAFT, semantics: Semantics, letters: Letters, limit: int) -
     return main, composition.equations.made
 
 
-def _determinised(tree: RVAFT, semantics: Semantics, letters: Letters, limit: int) -> Property:
+def _determinised(tree: RVAFT, semantics: Semantics, letters: RmlLetters, limit: int) -> Property:
     scenarios = feasible_scenarios(tree, semantics, limit=limit)
     registers = Registers(letters.observations)
     automaton = Determinised(scenarios, letters, registers, semantics, limit=limit)

@@ -36,10 +36,13 @@ def translate(
     kind: Kind | str | None = None,
     limit: int | None = None,
 ) -> Specification:
-    """The tree as a specification; `language` names a backend.
+    r"""The tree as a specification; `language` names a backend.
 
     Raises `UnknownBackend`, `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind,
     `NotExpressible` where the language cannot say it, `TooLarge` beyond the limit (None is the backend's own), and `WrongType`.
+
+    >>> print(translate(loads("top or a b;"), "rml", semantics="strict").text.splitlines()[-1])
+    Main = (a \/ b) all;
     """
     _expect("tree", tree, RVAFT, _TREE)
     _expect("language", language, str, "a str, the name of a backend")
@@ -60,6 +63,10 @@ def monitor(
 
     Raises `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind, `WrongType`, and, when it
     reads events too, `TooLarge`.
+
+    >>> watching = monitor(loads("top 2of3 a b c;"), semantics="scattered")
+    >>> [watching.step({"event": name}).symbol for name in "cxa"]
+    ['?', '?', '⊤']
     """
     _expect("tree", tree, RVAFT, _TREE)
     _expect("branch", branch, int | None, "an int")
@@ -120,6 +127,9 @@ def loads(text: str, file: str = "<text>") -> RVAFT:
     """The tree that a text stands for; imports are relative to the folder of `file`.
 
     Raises `LanguageError` for what is not in the language and `TreeError` for the first rule that the tree breaks.
+
+    >>> loads("top sand a b;")
+    <RVAFT top: 3 nodes>
     """
     if not isinstance(text, str):
         raise WrongType("the text of a tree", text, "a str")
@@ -127,7 +137,11 @@ def loads(text: str, file: str = "<text>") -> RVAFT:
 
 
 def load(path: os.PathLike[str] | str) -> RVAFT:
-    """The tree in a file, Galileo's static part included; raises as `loads` does, and `OSError` where it cannot be read."""
+    """The tree in a file, Galileo's static part included; raises as `loads` does, and `OSError` where it cannot be read.
+
+    >>> load("trees/gates/and.rvaft")
+    <RVAFT top: 4 nodes>
+    """
     if not isinstance(path, (str, os.PathLike)):
         raise WrongType("the path of a tree", path, "a str or a path")
     return _checked(parse_file(path))

@@ -35,6 +35,12 @@ def watch(
 
     Raises what `rvaft.monitor` raises, and `WrongType` for events that cannot be iterated over, at once; while events are read,
     `TraceError` for what is no JSON object, and `TooLarge`.
+
+    >>> import asyncio, rvaft
+    >>> async def verdicts(events):
+    ...     return [verdict.symbol async for _, verdict in watch(rvaft.loads("top and a b;"), events)]
+    >>> asyncio.run(verdicts([{"event": "b"}, {"event": "a"}]))
+    ['?', '⊤']
     """
     watching = _watching(tree, semantics, branch, kind, limit)
     if not isinstance(events, (AsyncIterable, Iterable)):
@@ -68,6 +74,12 @@ def on_detection(
     what the callback raises comes out of the call with the detecting event, and the verdict stands. A monitor that has detected already
     does not call back. Nothing here could await a callback, so an `async def` is refused with `WrongType`: at once, or on detection where
     only what it returns shows it.
+
+    >>> import rvaft
+    >>> step = on_detection(rvaft.loads("top and a b;"), lambda explanation: print(dict(explanation.matched)))
+    >>> [step({"event": name}).symbol for name in "ba"]
+    {'b': 1, 'a': 2}
+    ['?', '⊤']
     """
     watching = _watching(tree, semantics, branch, kind, limit)
     if not callable(callback):

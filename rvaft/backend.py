@@ -31,6 +31,10 @@ class Metrics:
 
     `symbols` counts tokens of the property itself, without declarations, headers and comments; `subformulas` the distinct
     ones; `states` those of an automaton, or the equations of RML; `seconds` is the time the translation took.
+
+    >>> import rvaft
+    >>> rvaft.translate(rvaft.loads("top sand a b;"), "rml", semantics="strict").metrics.symbols
+    6
     """
 
     symbols: int
@@ -42,7 +46,15 @@ class Metrics:
 
 @dataclass(frozen=True, slots=True)
 class Specification:
-    """A text in a specification language, with the reader that runs it."""
+    """A text in a specification language, with the reader that runs it.
+
+    >>> import rvaft
+    >>> specification = rvaft.translate(rvaft.loads("top sand a b;"), "rml", semantics="strict")
+    >>> print(specification.text.splitlines()[-1])
+    Main = a b all;
+    >>> specification.monitor().step({"event": "b"}).symbol
+    '⊥'
+    """
 
     text: str
     language: str
@@ -76,7 +88,12 @@ class Observed:
 
 
 class Backend(ABC):
-    """One specification language. Capabilities are class attributes, looked at before anything is emitted."""
+    """One specification language. Capabilities are class attributes, looked at before anything is emitted.
+
+    >>> rml = backend("rml")
+    >>> rml.language, rml.suffix, rml.faithful, rml.readable
+    ('rml', '.rml', True, True)
+    """
 
     name: ClassVar[str]
     language: ClassVar[str]
@@ -146,7 +163,11 @@ class Backend(ABC):
 
 @cache
 def all_backends() -> Mapping[str, EntryPoint]:
-    """Every registered backend by name, without importing any."""
+    """Every registered backend by name, without importing any.
+
+    >>> sorted({"automaton", "ltlf", "rml"} & set(all_backends()))
+    ['automaton', 'ltlf', 'rml']
+    """
     return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name)}
 
 
@@ -181,7 +202,11 @@ def speaking(word: str) -> str | None:
 
 
 class UnknownBackend(RvaftError, LookupError):
-    """No backend of that name is registered."""
+    """No backend of that name is registered.
+
+    >>> print(UnknownBackend("hoa", ("automaton", "ltlf")))
+    unknown backend hoa; known: automaton, ltlf
+    """
 
     def __init__(self, name: str, known: tuple[str, ...]) -> None:
         self.name = name

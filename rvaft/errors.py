@@ -9,11 +9,21 @@ from collections.abc import Iterable
 
 
 class RvaftError(Exception):
-    """The root of all errors that rvaft raises on purpose."""
+    """The root of all errors that rvaft raises on purpose.
+
+    >>> issubclass(TreeError, RvaftError) and issubclass(TreeError, ValueError)
+    True
+    """
 
 
 class LanguageError(RvaftError, ValueError):
-    """A text is not in the language it should be in (a tree, a pattern, a guard, a specification)."""
+    """A text is not in the language it should be in (a tree, a pattern, a guard, a specification).
+
+    >>> print(LanguageError("unexpected ';'", file="t.rvaft", line=2, column=4, source="top;"))
+    t.rvaft:2:4: unexpected ';'
+    top;
+       ^
+    """
 
     def __init__(self, message: str, *, file: str = "<text>", line: int = 1, column: int = 1, source: str = "") -> None:
         self.message = message
@@ -37,7 +47,11 @@ class LanguageError(RvaftError, ValueError):
 
 
 class TreeError(RvaftError, ValueError):
-    """A tree breaks a rule; `rule` is the code that `rvaft explain` knows, `nodes` the culprits."""
+    """A tree breaks a rule; `rule` is the code that `rvaft explain` knows, `nodes` the culprits.
+
+    >>> TreeError("the root top is not a node of the tree", rule="no-root", nodes=["top"]).rule
+    'no-root'
+    """
 
     def __init__(self, message: str, *, rule: str, nodes: Iterable[str] = ()) -> None:
         self.message = message
@@ -47,7 +61,11 @@ class TreeError(RvaftError, ValueError):
 
 
 class NotExpressible(RvaftError, ValueError):
-    """A backend cannot say this tree under this semantics; it never emits something that means something else."""
+    """A backend cannot say this tree under this semantics; it never emits something that means something else.
+
+    >>> print(NotExpressible("the paper does not say how", backend="rml-paper", semantics="scattered"))
+    rml-paper cannot express this tree under scattered: the paper does not say how
+    """
 
     def __init__(self, reason: str, *, backend: str, semantics: str, nodes: Iterable[str] = ()) -> None:
         self.reason = reason
@@ -59,7 +77,11 @@ class NotExpressible(RvaftError, ValueError):
 
 
 class TooLarge(RvaftError, RuntimeError):
-    """A computation would exceed a limit that the caller can raise."""
+    """A computation would exceed a limit that the caller can raise.
+
+    >>> print(TooLarge("states of the automaton", limit=60))
+    too large: states of the automaton (limit 60)
+    """
 
     def __init__(self, what: str, *, limit: int) -> None:
         self.what = what
@@ -68,7 +90,11 @@ class TooLarge(RvaftError, RuntimeError):
 
 
 class CheckpointError(RvaftError, ValueError):
-    """A checkpoint cannot be made, or not be used here; `file` is its path, `reason` says why."""
+    """A checkpoint cannot be made, or not be used here; `file` is its path, `reason` says why.
+
+    >>> print(CheckpointError("run.ckpt", "it is of another tree"))
+    run.ckpt: it is of another tree
+    """
 
     def __init__(self, file: str | os.PathLike[str], reason: str) -> None:
         self.file = os.fspath(file)
@@ -77,7 +103,11 @@ class CheckpointError(RvaftError, ValueError):
 
 
 class TraceError(RvaftError, ValueError):
-    """A trace is malformed; `line` counts from 1."""
+    """A trace is malformed; `line` counts from 1.
+
+    >>> print(TraceError("no JSON object", file="log.jsonl", line=7))
+    log.jsonl:7: no JSON object
+    """
 
     def __init__(self, message: str, *, file: str = "<trace>", line: int = 1) -> None:
         self.message = message
@@ -87,7 +117,11 @@ class TraceError(RvaftError, ValueError):
 
 
 class ToolMissing(RvaftError, RuntimeError):
-    """A program or library that this step needs is not installed; `remedy` says how to get it."""
+    """A program or library that this step needs is not installed; `remedy` says how to get it.
+
+    >>> print(ToolMissing("Graphviz", remedy="apt-get install graphviz"))
+    Graphviz is not installed: apt-get install graphviz
+    """
 
     def __init__(self, tool: str, *, remedy: str) -> None:
         self.tool = tool
@@ -96,7 +130,11 @@ class ToolMissing(RvaftError, RuntimeError):
 
 
 class ToolFailed(RvaftError, RuntimeError):
-    """A program that this step needs is installed but did not do its work."""
+    """A program that this step needs is installed but did not do its work.
+
+    >>> print(ToolFailed("dot", reason="exit status 1"))
+    dot failed: exit status 1
+    """
 
     def __init__(self, tool: str, *, reason: str) -> None:
         self.tool = tool
@@ -105,7 +143,11 @@ class ToolFailed(RvaftError, RuntimeError):
 
 
 class WrongType(RvaftError, TypeError):
-    """An argument is of a type that it cannot have."""
+    """An argument is of a type that it cannot have.
+
+    >>> print(WrongType("limit", "many", "an int"))
+    limit must be an int, not str
+    """
 
     def __init__(self, what: str, value: object, expected: str) -> None:
         self.value = value
@@ -114,4 +156,11 @@ class WrongType(RvaftError, TypeError):
 
 
 class OptionError(RvaftError, ValueError):
-    """An option has a value that is none of those it can have, or two options contradict each other."""
+    """An option has a value that is none of those it can have, or two options contradict each other.
+
+    >>> import rvaft
+    >>> rvaft.monitor(rvaft.loads("top and a b;"), semantics="loose")
+    Traceback (most recent call last):
+    ...
+    rvaft.errors.OptionError: unknown semantics 'loose'; known: strict, projected, scattered
+    """

@@ -19,6 +19,11 @@ class Explanation:
     `matched` maps each occurrence to the number of its event, from 1, in the order of the events; `branch` is None where
     a tree has too many branches to count. `scenario` maps each node of the scenario to the children that it keeps, those of
     a KofN being K or more; it is empty where the monitor does not know.
+
+    >>> import rvaft
+    >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
+    >>> [*watching.run([{"event": "a"}, {"event": "b"}])][-1].symbol, dict(watching.explanation.matched)
+    ('⊤', {'a': 1, 'b': 2})
     """
 
     branch: int | None
@@ -30,7 +35,12 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True)
 class Awaited:
-    """A node that waits for its event; `event` is that as text: `inspect(Waypoint)`, or the node's name for the default event."""
+    """A node that waits for its event; `event` is that as text: `inspect(Waypoint)`, or the node's name for the default event.
+
+    >>> import rvaft
+    >>> rvaft.monitor(rvaft.loads("top sand a b;")).pending()[0].awaited
+    (Awaited(node='a', event='a'),)
+    """
 
     node: str
     event: str
@@ -42,6 +52,10 @@ class Pending:
 
     `variables` holds the values that the events so far gave to variables that something to come depends on; a branch has one record
     for each way to bind them. `branch` is None where a tree has too many branches to count, for all of them together.
+
+    >>> import rvaft
+    >>> [record.branch for record in rvaft.monitor(rvaft.loads("top or a b;")).pending()]
+    [1, 2]
     """
 
     branch: int | None
@@ -51,7 +65,13 @@ class Pending:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How the last hope of a detection ended: the number of the event, from 1, and what was waited for just before it."""
+    """How the last hope of a detection ended: the number of the event, from 1, and what was waited for just before it.
+
+    >>> import rvaft
+    >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
+    >>> watching.step({"event": "b"}).symbol, watching.ended.event
+    ('⊥', 1)
+    """
 
     event: int
     pending: tuple[Pending, ...]
@@ -62,7 +82,13 @@ DEFAULT_BRANCHES: Final = 100
 
 
 class Monitor(ABC):
-    """Reads events one by one. After a final verdict it keeps returning it and looks at nothing."""
+    """Reads events one by one. After a final verdict it keeps returning it and looks at nothing.
+
+    >>> import rvaft
+    >>> watching = rvaft.monitor(rvaft.loads("top and a b;"))
+    >>> watching.step({"event": "b"}).symbol, watching.step({"event": "a"}).symbol, watching.verdict.final
+    ('?', '⊤', True)
+    """
 
     def __init__(self) -> None:
         self._verdict = Verdict.UNKNOWN

@@ -25,7 +25,12 @@ DEFAULT_LIMIT = 20_000
 
 @dataclass(frozen=True)
 class Branch:
-    """One branch; `choices` maps each `or` gate it reaches to the child it keeps."""
+    """One branch; `choices` maps each `or` gate it reaches to the child it keeps.
+
+    >>> import rvaft
+    >>> [(branch.number, branch.formula) for branch in rvaft.loads("top or a both; both sand b c;").branches()]
+    [(1, 'a'), (2, 'b ; c')]
+    """
 
     tree: RVAFT
     number: int

@@ -17,6 +17,11 @@ def dumps(tree: RVAFT) -> str:
     The order is causality, event types, topics, ignores, toplevel, nodes (parents before children, then the unreachable ones); a
     child that no statement defined stays undefined. What a restricted tree keeps of the alphabet of the whole is not
     text, and a text with half a surrogate pair or a pattern or guard nested deeper than 100 is a `LanguageError`.
+
+    >>> import rvaft
+    >>> print(dumps(rvaft.loads("top   and a b;")), end="")
+    toplevel top;
+    top and a b;
     """
     blocks = [
         [f"causality {tree.causality};"] if tree.causality is not Causality.TOP_DOWN else [],

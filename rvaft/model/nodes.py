@@ -15,7 +15,11 @@ from rvaft.model.patterns import Anything, Literal, Pattern, Variable
 
 
 class Gate(StrEnum):
-    """The gates; `VOT` is written K`of`N and means at least K."""
+    """The gates; `VOT` is written K`of`N and means at least K.
+
+    >>> Gate("sand").ordered, Gate.AND.ordered
+    (True, False)
+    """
 
     OR = "or"
     AND = "and"
@@ -30,14 +34,24 @@ class Gate(StrEnum):
 
 
 class Causality(StrEnum):
-    """Whether a node's event comes before (top_down) or after (bottom_up) those of its descendants."""
+    """Whether a node's event comes before (top_down) or after (bottom_up) those of its descendants.
+
+    >>> import rvaft
+    >>> rvaft.loads("causality bottom_up; top and a b;").causality
+    <Causality.BOTTOM_UP: 'bottom_up'>
+    """
 
     TOP_DOWN = "top_down"
     BOTTOM_UP = "bottom_up"
 
 
 class Kind(StrEnum):
-    """What a node is, where it is one of the two."""
+    """What a node is, where it is one of the two.
+
+    >>> import rvaft
+    >>> [kind.value for kind in next(rvaft.loads("top or a b; a attack;").branches()).kinds]
+    ['attack']
+    """
 
     FAULT = "fault"
     ATTACK = "attack"
@@ -56,7 +70,12 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class EventType:
-    """`event NAME(parameters) = pattern;` — in the pattern the parameters are variables."""
+    """`event NAME(parameters) = pattern;` — in the pattern the parameters are variables.
+
+    >>> import rvaft
+    >>> rvaft.loads("event at(place) = { at: place }; top on at(Place);").events["at"].parameters
+    ('place',)
+    """
 
     name: str
     parameters: tuple[str, ...]
@@ -69,7 +88,12 @@ Argument: TypeAlias = Literal | Variable | Anything
 
 @dataclass(frozen=True, slots=True)
 class On:
-    """An event type applied to arguments: `radiation(Value, T1)`."""
+    """An event type applied to arguments: `radiation(Value, T1)`.
+
+    >>> import rvaft
+    >>> rvaft.loads("event at(place) = { at: place }; top on at(Place);").nodes["top"].on
+    On(event='at', arguments=(Variable(name='Place'),))
+    """
 
     event: str
     arguments: tuple[Argument, ...]
@@ -77,7 +101,13 @@ class On:
 
 @dataclass(frozen=True, slots=True)
 class Ignore:
-    """`ignore on when guard;` — such events are never relevant; its variables are its own."""
+    """`ignore on when guard;` — such events are never relevant; its variables are its own.
+
+    >>> import rvaft
+    >>> tree = rvaft.loads("event level(v) = { level: v }; top on level(V); ignore level(X) when X < 250;")
+    >>> [ignore.on.event for ignore in tree.ignores]
+    ['level']
+    """
 
     on: On
     when: Guard | None = None
@@ -89,6 +119,11 @@ class Topic:
     """`topic NAME type TYPE from PUBLISHERS;` — where events come from in ROS; no verdict depends on it.
 
     `type` is the message type as Python imports it, `package.msg.Name`; `publishers` are ROS nodes, not nodes of the tree.
+
+    >>> import rvaft
+    >>> tree = rvaft.loads('topic "/goal" type "geometry_msgs.msg.Point"; event goal() = { topic: "/goal" }; top on goal();')
+    >>> tree.topics["/goal"].type
+    'geometry_msgs.msg.Point'
     """
 
     name: str

@@ -47,6 +47,11 @@ class RVAFT:
     Raises `TreeError` for what is no tree: an unknown root or child, a cycle, a child listed twice, a threshold out of
     range, an unknown event type, a wrong number of arguments, a parameter that is not in its pattern, a topic declared
     twice, a name or type that no topic can have.
+
+    >>> from rvaft import Gate, Node
+    >>> tree = RVAFT("top", [Node("top", Gate.AND, ("a", "b")), Node("a"), Node("b")])
+    >>> tree.order, tree.occurrences
+    (('top', 'a', 'b'), ('a', 'b'))
     """
 
     def __init__(

@@ -4,7 +4,11 @@ from enum import StrEnum
 
 
 class Verdict(StrEnum):
-    """What is known after a prefix: detected, can no longer be detected, or neither."""
+    """What is known after a prefix: detected, can no longer be detected, or neither.
+
+    >>> [(verdict.symbol, verdict.final) for verdict in Verdict]
+    [('⊤', True), ('⊥', True), ('?', False)]
+    """
 
     TRUE = "true"
     FALSE = "false"
@@ -22,7 +26,11 @@ class Verdict(StrEnum):
 
 
 class Semantics(StrEnum):
-    """Which positions of a trace a match may use."""
+    """Which positions of a trace a match may use.
+
+    >>> Semantics("scattered") is Semantics.SCATTERED
+    True
+    """
 
     STRICT = "strict"
     PROJECTED = "projected"

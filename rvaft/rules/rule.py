@@ -14,7 +14,11 @@ from rvaft.model.tree import RVAFT
 
 
 class Severity(StrEnum):
-    """An error makes the tree unusable; a warning does not."""
+    """An error makes the tree unusable; a warning does not.
+
+    >>> Severity.ERROR.value
+    'error'
+    """
 
     ERROR = "error"
     WARNING = "warning"
@@ -22,7 +26,11 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One finding; `code` is what `rvaft explain` knows, `nodes` the culprits."""
+    """One finding; `code` is what `rvaft explain` knows, `nodes` the culprits.
+
+    >>> print(Finding(Place("t.rvaft", 2, 1), Severity.WARNING, "undeclared", "b is not declared", ("b",)))
+    t.rvaft:2:1: warning: b is not declared [undeclared]
+    """
 
     place: Place
     severity: Severity

@@ -28,6 +28,8 @@ LONGEST: Final = 200
 """Nor are those with longer strings where patterns have literals."""
 _NOT_THERE: Final = ("no scalar",)
 """In place of the value of a field that is absent, or holds an object or a list."""
+_PLAIN: Final = (str, int, float)
+"""Types of values that are their own keys."""
 
 
 class Decided(NamedTuple):
@@ -51,13 +53,15 @@ class Flat(NamedTuple):
 
 
 class FirstLiterals:
-    """Things by number, each filed under the first literal that it asks for: what asks for another one is not looked at."""
+    """Things by number, each filed under the rarest literal that it asks for: what asks for another one is not looked at."""
 
     def __init__(self, literals: Iterable[Mapping[str, Hashable]]) -> None:
         self.by_field: dict[str, dict[Hashable, list[int]]] = {}
         self.rest: list[int] = []
-        for number, asked in enumerate(literals):
-            first = next(iter(asked.items()), None)
+        given = list(literals)
+        counts = Counter(item for asked in given for item in asked.items())
+        for number, asked in enumerate(given):
+            first = min(asked.items(), key=counts.__getitem__, default=None)
             if first is None:
                 self.rest.append(number)
             else:
@@ -167,7 +171,9 @@ def literals_of(pattern: Pattern) -> dict[str, Hashable]:
 
 
 def _key(event: Mapping[str, Json], field: str) -> Hashable:
-    value = event.get(field, _NOT_THERE)
+    value: Hashable = event.get(field, _NOT_THERE)
+    if type(value) in _PLAIN:
+        return value
     return _NOT_THERE if isinstance(value, (Mapping, list, tuple)) else key(value)
 
 

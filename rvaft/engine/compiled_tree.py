@@ -12,7 +12,7 @@ configuration has to remember, and the guards that wait for them.
 
 from collections import Counter
 from collections.abc import Callable, Container, Hashable, Iterator, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
 from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, reader
@@ -179,10 +179,10 @@ class Hit(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What one event means to a tree."""
+    """What one event means to a tree; `hits` is what a strategy makes of the letters, empty where the event fits no node."""
 
     relevant: bool
-    hits: Sequence[Hit]
+    hits: Sequence[Any]
 
 
 _new: Final = tuple.__new__  # half the time of the classes' own; they add nothing

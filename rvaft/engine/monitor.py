@@ -83,6 +83,16 @@ class Engine(Monitor):
         self._read += count
         return self._verdict
 
+    def step(self, event: Json) -> Verdict:
+        """Read one event and return the verdict after it; raises `TraceError` for what is no JSON object."""
+        if type(event) is not dict or self._verdict is not _UNKNOWN:
+            return super().step(event)
+        self._read += 1  # what follows is for very many events
+        self._position += 1
+        strategy = self._strategy
+        self._verdict = strategy.advance(strategy.read(event), self._position)
+        return self._verdict
+
     def _advance(self, event: Json) -> Verdict:
         self._position += 1
         return self._strategy.advance(self._strategy.read(event), self._position)

@@ -10,12 +10,12 @@ before. Where an event may do something, the partial matches that it concerns ar
 repeat. A partial match is dropped where another can do all that it can (see `subsumption`).
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice, product
 from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.engine.compiled_tree import CompiledTree, Hit, Reading, Sketch, TreeLetters, exact
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters, exact
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.contiguous import Following
 from rvaft.engine.steps import Matching
@@ -252,6 +252,19 @@ class LetterWatch:
     """Values that are known to change nothing."""
 
 
+class LoudHit(NamedTuple):
+    """A letter that may change something: its values, the guards decided by them that hold, and what stands for the values."""
+
+    values: Mapping[str, Json]
+    watch: LetterWatch
+    held: int
+    name: Hashable
+
+
+_QUIET: Final = Reading(relevant=False, hits=(None,))
+"""An event that fits some node and changes nothing."""
+
+
 class NewMatch(NamedTuple):
     """A partial match to be: its place in the order, what was before, the event, and what it will remember."""
 
@@ -297,58 +310,59 @@ class ScatteredMatches(Following):
         return [member.configuration for member in sorted(members, key=lambda member: member.number)]
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
-        """What an event means; whether it is relevant does not matter here."""
-        return self.letters.served(event, sketch)
+        """What an event means: of its letters those that may change something as long as nothing else is read."""
+        if self._epoch != self._stages.forgotten:
+            self.follow(self.partial)
+        fits, loud, watches, groups = False, list[LoudHit](), self._watches, len(self._groups)
+        for letter, nodes, _, test, values_of in (self.letters.sketch(event) if sketch is None else sketch).serving:
+            if (test is None or test(event)) and (values := values_of(event)) is not None:
+                fits = True
+                watch = watches.get(letter)
+                if watch is None or watch.groups != groups:
+                    watch = self._watch(letter, nodes)
+                if not watch.moves:
+                    continue
+                held = 0
+                for guard, holds in watch.alone:
+                    if holds(values):
+                        held |= guard
+                hopeful = watch.hopeful.get(held)
+                if hopeful is None:
+                    hopeful = any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves)
+                    watch.hopeful[held] = hopeful
+                if hopeful:
+                    name: Hashable
+                    if len(watch.names) == 1 and type(value := values[watch.names[0]]) is str:
+                        name = value
+                    else:
+                        name = tuple([exact(values[name]) for name in watch.names])
+                    if name not in watch.quiet:
+                        loud.append(LoudHit(values, watch, held, name))
+        return Reading(False, loud) if loud else _QUIET if fits else NOTHING
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""
         if self._empty_match:
             return self._at_once()
-        if self._epoch != self._stages.forgotten:
-            self.follow(self.partial)
-        loud: list[tuple[Hit, LetterWatch, int, Hashable]] = []
-        for hit in reading.hits:
-            letter, _, values = hit
-            watch = self._watches.get(letter)
-            if watch is None or watch.groups != len(self._groups):
-                watch = self._watch(hit)
-            if not watch.moves:
-                continue
-            held = 0
-            for guard, holds in watch.alone:
-                if holds(values):
-                    held |= guard
-            hopeful = watch.hopeful.get(held)
-            if hopeful is None:
-                hopeful = any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves)
-                watch.hopeful[held] = hopeful
-            if hopeful:
-                name: Hashable
-                if len(watch.names) == 1 and type(value := values[watch.names[0]]) in _PLAIN:
-                    name = (type(value), value)
-                else:
-                    name = tuple([exact(values[name]) for name in watch.names])
-                if name not in watch.quiet:
-                    loud.append((hit, watch, held, name))
-        self.noted = bool(loud)
-        return self._answer(loud, position) if loud else _UNKNOWN
+        self.noted = bool(reading.hits) and reading.hits is not _QUIET.hits
+        return self._answer(reading.hits, position) if self.noted else _UNKNOWN
 
-    def _watch(self, hit: Hit) -> LetterWatch:
+    def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterWatch:
         """What is known of a letter, up to date."""
-        watch = self._watches.get(hit.letter)
+        watch = self._watches.get(letter)
         if watch is None:
             compiled = self.compiled
-            exported = dict.fromkeys(name for node in hit.nodes for name in compiled.exported[node])
+            exported = dict.fromkeys(name for node in nodes for name in compiled.exported[node])
             alone: dict[int, Predicate] = {}
-            for node in hit.nodes:
+            for node in nodes:
                 own = set(compiled.exported[node])
                 for guard in dict.fromkeys(n for name in own for n in compiled.guarded_by.get(name, ())):
                     holds = compiled.predicates[guard]
                     if holds is not None and own.issuperset(compiled.needs[guard]):
                         alone[1 << guard] = holds
-            watch = self._watches[hit.letter] = LetterWatch(tuple(alone.items()), tuple(exported))
+            watch = self._watches[letter] = LetterWatch(tuple(alone.items()), tuple(exported))
         for group in islice(self._groups.values(), watch.groups, None):
-            for place, node in enumerate(hit.nodes):
+            for place, node in enumerate(nodes):
                 move = self._stages.move(group.stage, node)
                 if move is not None:
                     watch.moves.append((group, move, place))
@@ -356,12 +370,11 @@ class ScatteredMatches(Following):
         watch.groups = len(self._groups)
         return watch
 
-    def _answer(self, loud: list[tuple[Hit, LetterWatch, int, Hashable]], position: int) -> Verdict:
+    def _answer(self, loud: Sequence[LoudHit], position: int) -> Verdict:
         """The verdict after an event that may change something."""
         found: dict[Hashable, NewMatch] = {}
         ended: dict[int, tuple[StageGroup, Member]] = {}
-        for order, (hit, watch, held, _) in enumerate(loud):
-            values = hit.values
+        for order, (values, watch, held, _) in enumerate(loud):
             for group, move, place in watch.moves:
                 for member in group.fitting(move.compared, values):
                     before = member.configuration

@@ -3,32 +3,57 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+USER := $(VENV)/.installed-rvaft
 
-.PHONY: demo paper test check lint types layers slow bench clean
+PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
-$(STAMP): pyproject.toml
+.PHONY: demo paper test bare check lint types layers slow bench clean
+
+$(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
+	@echo "Making $(VENV)"
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --upgrade pip
-	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
+
+$(USER): pyproject.toml | $(BIN)/python
+	@echo "Installing rvaft and what it needs into $(VENV); once, about a minute"
+	@$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
-TREE := trees/remote_inspection/pruned.rvaft
+$(STAMP): pyproject.toml | $(BIN)/python
+	@echo "Installing rvaft and the tools of its developers into $(VENV); once, one or two minutes"
+	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@ $(USER)
 
-demo: $(STAMP)
-	@echo "# The tree: rvaft show $(TREE)"
+TREE := trees/remote_inspection/pruned.rvaft
+LOG := trees/remote_inspection/pruned.traces/table2_row3.jsonl
+
+demo: $(USER)
+	@echo "# 1. A tree: how a robot can be damaged by radiation. rvaft show $(TREE)"
 	@$(BIN)/rvaft show $(TREE)
-	@echo; echo "# Its branches: rvaft branches $(TREE)"
+	@echo; echo "# 2. The ways in which that happens. rvaft branches $(TREE)"
 	@$(BIN)/rvaft branches $(TREE)
-	@for language in rml ltlf automaton; do echo; echo "# rvaft emit $(TREE) --to $$language"; $(BIN)/rvaft emit $(TREE) --to $$language || exit 1; done
-	@echo; echo "# The traces of the paper's Tables 2 and 3: python -m papers.fmas2022.verdict_table"
-	@$(BIN)/python -m papers.fmas2022.verdict_table
+	@echo; echo "# 3. The tree in a specification language. rvaft emit $(TREE) --to rml"
+	@$(BIN)/rvaft emit $(TREE) --to rml
+	@echo; echo "# 4. A log. cat $(LOG)"
+	@cat $(LOG)
+	@echo; echo "# 5. What happened in it, on the path through the tree. rvaft monitor $(TREE) $(LOG) --explain"
+	@$(BIN)/rvaft monitor $(TREE) $(LOG) --explain; test $$? -eq 1
+	@echo; echo "# That was attack branch 3. README.md goes on from here; source $(BIN)/activate puts rvaft on your path."
 
 paper: $(STAMP)
+	@echo "Computing tables, figures and measurements into out/; one or two minutes"
 	$(BIN)/python -m papers.fmas2022
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto -m "not slow" --ignore tests/benchmarks
+
+# The tests that start programs, on a PATH with no program but Python, a shell, `sleep` and make.
+bare: $(STAMP)
+	@folder=$$(mktemp -d); trap 'rm -rf "$$folder"' EXIT; \
+	for program in sh make sleep; do ln -s "$$(command -v $$program)" "$$folder/$$program"; done; \
+	ln -s "$(CURDIR)/$(BIN)/python" "$$folder/python3"; \
+	PATH=$$folder $(BIN)/python -m pytest -q $(PROGRAMS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -40,7 +65,7 @@ types: $(STAMP)
 layers: $(STAMP)
 	$(BIN)/lint-imports
 
-check: lint types layers test
+check: lint types layers test bare
 
 slow: $(STAMP)
 	$(BIN)/python -m pytest -m slow

@@ -1,5 +1,6 @@
 """All files of the paper in one go: which there are, in which order the document has them, and what could not be made here."""
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,9 +46,11 @@ def make(out: Path, *, texts: bool = False) -> Made:
     Raises `Disagreement`, `ToolFailed`, and `OSError` where a file cannot be written; what lacks a tool is left out and said.
     """
     folder = _Folder(out)
+    _say("tables, formulas and listings")
     for name, text in latex_texts(TREES).items():
         folder.write(name, text)
     measured = "" if texts else _pictures(folder)
+    _say("findings: every command of the page is run (about a minute)")
     page = findings()
     folder.write("findings.md", page.text + measured)
     folder.write("paper.tex", tex.document(_parts({file.name for file in folder.files})))
@@ -68,6 +71,11 @@ def latex_texts(trees: Path, gates: Path = GATES) -> dict[str, str]:
     }
 
 
+def _say(what: str) -> None:
+    """Tell on standard error what is being made."""
+    sys.stderr.write(f"papers.fmas2022: {what}\n")
+
+
 class _Folder:
     """Where files go, and the account of it."""
 
@@ -86,11 +94,13 @@ class _Folder:
 
 def _pictures(folder: _Folder) -> str:
     """Figures and measurements; what the measurements say, as a section of the findings."""
+    _say("figures")
     try:
         for name, data in figures(TREES):
             folder.write(name, data)
     except ToolMissing as error:
         folder.not_run.append(f"figures 4a and 4b: {error}")
+    _say("measurements of missions")
     try:
         measured = overhead(folder.path, tree=PRUNED)
     except ToolMissing as error:

@@ -86,7 +86,9 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
     elif not update:
         click.echo("".join(f"{visible(complaint)}\n" for complaint in wrong), nl=False)
         told = "all as expected" if not wrong else f"{len(wrong):,} not as expected"
-        click.echo(f"{len({row.tree for row in rows})} trees, {traces} traces, {len(rows):,} rows of verdicts; {told}")
+        counts = {"tree": len({row.tree for row in rows}), "trace": traces, "row": len(rows)}
+        said = ", ".join(f"{count:,} {noun}{'s' * (count != 1)}" for noun, count in counts.items())
+        click.echo(f"{said} of verdicts; {told}")
     return max(status, FOUND if wrong else 0)
 
 

@@ -286,7 +286,7 @@ class ScenarioSpace:
     @cached_property
     def is_empty(self) -> bool:
         """Whether there is no feasible scenario; raises `Undecided` beyond the limit."""
-        return self.feasible(self.budget()) is None
+        return bool(self.dead or not self.acyclic) and self.feasible(self.budget()) is None
 
     def feasible(
         self,

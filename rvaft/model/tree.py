@@ -7,6 +7,7 @@ The constructor checks what makes a structure a tree at all (every `_check_*` on
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from heapq import heappop, heappush
 from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -83,8 +84,11 @@ class RVAFT:
             _check_call(ignore.on, self.events, None)
         if root not in self.nodes:
             raise TreeError(f"the root {root} is not a node of the tree", rule="no-root", nodes=[root])
-        self.graph = _graph(self.nodes)
-        _check_acyclic(self.graph)
+        if len(list(sorted_topologically({node.name: node.children for node in self.nodes.values()}))) < len(
+            self.nodes
+        ):
+            cycle = [start for start, _ in nx.find_cycle(self.graph)]
+            raise TreeError(f"the tree has a cycle: {' -> '.join([*cycle, cycle[0]])}", rule="cycle", nodes=cycle)
 
     def __reduce__(self) -> tuple[Any, ...]:
         parts = self.root, tuple(self.nodes.values()), tuple(self.events.values())
@@ -94,12 +98,18 @@ class RVAFT:
     # -- order and structure ------------------------------------------------------------------------------------
 
     @cached_property
+    def graph(self) -> nx.DiGraph:
+        """The nodes and their children as a frozen graph of networkx; a node of it has its `Node` as `node`."""
+        graph = nx.DiGraph()
+        graph.add_nodes_from((name, {"node": node}) for name, node in self.nodes.items())
+        graph.add_edges_from((name, child) for name, node in self.nodes.items() for child in node.children)
+        return nx.freeze(graph)
+
+    @cached_property
     def order(self) -> tuple[str, ...]:
         """The nodes reachable from the root, parents before children, in a stable order."""
-        seen = {self.root} | nx.descendants(self.graph, self.root)
         preorder = reachable(self.root, lambda name: self.nodes[name].children)
-        rank = {name: index for index, name in enumerate(preorder)}
-        return tuple(nx.lexicographical_topological_sort(self.graph.subgraph(seen), key=rank.__getitem__))
+        return tuple(sorted_topologically({name: self.nodes[name].children for name in preorder}))
 
     def top_down(self) -> Iterator[Node]:
         """The reachable nodes, parents before children."""
@@ -276,11 +286,23 @@ def reachable(start: str, children: Callable[[str], Sequence[str]]) -> Iterator[
             todo.extend(reversed(children(name)))
 
 
-def _graph(nodes: Mapping[str, Node]) -> nx.DiGraph:
-    graph = nx.DiGraph()
-    graph.add_nodes_from((name, {"node": node}) for name, node in nodes.items())
-    graph.add_edges_from((name, child) for name, node in nodes.items() for child in node.children)
-    return nx.freeze(graph)
+def sorted_topologically(children: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """The nodes, parents before children, the first one in the mapping first where several may come; none that a cycle leads to."""
+    names = tuple(children)
+    rank = {name: index for index, name in enumerate(names)}
+    waiting = [0] * len(names)
+    for below in children.values():
+        for child in below:
+            waiting[rank[child]] += 1
+    ready = [index for index, count in enumerate(waiting) if count == 0]
+    while ready:
+        name = names[heappop(ready)]
+        yield name
+        for child in children[name]:
+            index = rank[child]
+            waiting[index] -= 1
+            if waiting[index] == 0:
+                heappush(ready, index)
 
 
 def _check_parameters(event: EventType) -> None:
@@ -325,9 +347,3 @@ def _check_call(on: On, events: Mapping[str, EventType], node: str | None) -> No
     if len(on.arguments) != expected:
         message = f"event {on.event} takes {expected} arguments, not {len(on.arguments)}"
         raise TreeError(message, rule="event-arity", nodes=nodes)
-
-
-def _check_acyclic(graph: nx.DiGraph) -> None:
-    if not nx.is_directed_acyclic_graph(graph):
-        cycle = [start for start, _ in nx.find_cycle(graph)]
-        raise TreeError(f"the tree has a cycle: {' -> '.join([*cycle, cycle[0]])}", rule="cycle", nodes=cycle)

@@ -36,6 +36,8 @@ def no_scenario(space: ScenarioSpace) -> Iterator[Report]:
 def silent_scenario(space: ScenarioSpace) -> Iterator[Report]:
     """Every feasible scenario must have an occurrence; one without is feasible when its guards are: it orders nothing."""
     tree = space.tree
+    if all(node.has_event for node in tree.top_down() if node.leaf):
+        return
     marks = dict.fromkeys(tree.occurrences, _EVENT) | dict.fromkeys(space.dead, _EVENT | _NEVER)
     if inevitable(tree, marks, _EVENT | _NEVER)[tree.root]:
         return

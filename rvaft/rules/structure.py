@@ -13,6 +13,7 @@ from rvaft.model.nodes import EventType, Gate, Ignore, On, Place
 from rvaft.model.patterns import Literal, Pattern, Variable
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.topics import absolute, topic_of, wrong_name, wrong_type
+from rvaft.model.tree import sorted_topologically
 from rvaft.rules.rule import Report, Rule, Severity, did_you_mean, listing
 
 
@@ -99,11 +100,15 @@ def no_root(draft: Draft) -> Iterator[Report]:
 
 def cycle(draft: Draft) -> Iterator[Report]:
     """No node is below itself."""
-    graph = nx.DiGraph()
-    for node in draft.nodes.values():
-        graph.add_edges_from((node.name, child.value) for child in node.children())
+    below = {
+        node.name: [child.value for child in node.children() if child.value in draft.nodes]
+        for node in draft.nodes.values()
+    }
+    if sum(1 for _ in sorted_topologically(below)) == len(below):
+        return
+    graph = nx.DiGraph((name, child) for name, children in below.items() for child in children)
     rank = {name: index for index, name in enumerate(draft.nodes)}
-    components = (members for members in nx.strongly_connected_components(graph) if members <= rank.keys())
+    components = nx.strongly_connected_components(graph)
     for members in sorted(components, key=lambda members: min(rank[name] for name in members)):
         first = min(members, key=rank.__getitem__)
         if len(members) > 1 or graph.has_edge(first, first):

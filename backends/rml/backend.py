@@ -4,6 +4,10 @@ from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import ClassVar, Final
 
+from backends.rml.reader.deviations import touching
+from backends.rml.reader.monitor import read
+from backends.rml.reader.observations import observed
+from backends.rml.writer import translate
 from backends.rml.writer.names import FUNCTIONS, KEYWORDS, TYPES, VALUES
 from rvaft.backend import Backend, Highlighting, Metrics, Observed, Specification
 from rvaft.model.patterns import Pattern
@@ -12,19 +16,12 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 
-# RML for the package `listings` of LaTeX: words, comments and strings, in styles that survive print without colour.
-
-
-def _words(words: frozenset[str]) -> str:
-    return f"{{{','.join(sorted(words))}}}"
-
-
 HIGHLIGHTING: Final = Highlighting(
     "RML",
     rf"""
 \lstdefinelanguage{{RML}}{{
-  morekeywords={_words(KEYWORDS | TYPES)},
-  morekeywords=[2]{_words(FUNCTIONS | VALUES)},
+  morekeywords={{{",".join(sorted(KEYWORDS | TYPES))}}},
+  morekeywords=[2]{{{",".join(sorted(FUNCTIONS | VALUES))}}},
   keywordstyle=\bfseries,
   keywordstyle=[2]\itshape,
   sensitive=true,
@@ -34,6 +31,7 @@ HIGHLIGHTING: Final = Highlighting(
 }}
 """,
 )
+"""RML for the package `listings` of LaTeX, in styles that survive print without colour."""
 
 
 class RmlBackend(Backend):
@@ -53,8 +51,6 @@ class RmlBackend(Backend):
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as an RML text; raises `NotExpressible` and `TooLarge`."""
-        from backends.rml.writer import translate  # noqa: PLC0415 -- imported on use
-
         start = perf_counter()
         made = translate(tree, Semantics(semantics), limit=self.default_limit if limit is None else limit)
         metrics = Metrics(symbols=made.symbols, states=made.equations, seconds=perf_counter() - start)
@@ -62,18 +58,12 @@ class RmlBackend(Backend):
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs an RML text, whoever wrote it; its texts define their events, so `atoms` is not looked at."""
-        from backends.rml.reader.monitor import read  # noqa: PLC0415 -- imported on use
-
         return read(text)
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
         """What the event types that an RML text uses ask of events; None where patterns with guards cannot say it."""
-        from backends.rml.reader.observations import observed  # noqa: PLC0415 -- imported on use
-
         return observed(text)
 
     def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:
         """The titles of the rows in the table of deviations that the text touches on the trace."""
-        from backends.rml.reader.deviations import touching  # noqa: PLC0415 -- imported on use
-
         return tuple(deviation.title for deviation in touching(text, trace))

@@ -8,9 +8,8 @@ that is repeated `{0}` times or is generic and lacks its arguments.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 from backends.rml.reader import syntax as s
 from backends.rml.reader.event_types import declared
@@ -105,6 +104,10 @@ class Pair:
 
 
 def _meets_no_number(pair: Pair) -> bool:
+    """A string, a boolean, null, a list or an object in a `with` is an error that ends the monitor, with exit code 0.
+
+    Here two strings compare by code points; otherwise the event does not match.
+    """
     kinds = [*((d.guard, "truth") for d in pair.guarded), *((argument, "number") for argument in pair.arguments)]
     given = [parameter for use in pair.uses for parameter in use.parameters]
     return bool(pair.guarded) and (
@@ -116,11 +119,19 @@ def _meets_no_number(pair: Pair) -> bool:
 
 
 def _is_inexact(pair: Pair) -> bool:
+    """A `with` compares doubles up to 1e-10, integers included.
+
+    Here integers are exact, the rest are IEEE doubles, compared exactly.
+    """
     parts = [part for d in pair.guarded for part in s.walk(d) if isinstance(part, s.Apply)]
     return bool(pair.guarded) and (not pair.exact or any(part.operator in _INEXACT for part in parts))
 
 
 def _leaves_unbound(pair: Pair) -> bool:
+    """A `with` over a variable that has no value yet holds, and is forgotten.
+
+    Here it does not hold.
+    """
     known = declared(pair.program)
 
     @cache
@@ -140,17 +151,34 @@ def _leaves_unbound(pair: Pair) -> bool:
 
 
 def _has_two_forms(pair: Pair) -> bool:
+    """1 and 1.0 differ in patterns, in arguments and as values of variables; in a `with` they are equal.
+
+    Here they are equal, as in JSON.
+    """
     floats = {number for number in pair.numbers if isinstance(number, float)}
     calculates = any(isinstance(data, s.Apply) for data in (*pair.conditions, *pair.arguments))
     return bool(floats) and (calculates or any(isinstance(n, int) and n in floats for n in pair.numbers))
 
 
 def _binds_objects(pair: Pair) -> bool:
+    """A variable that stands for an object matches every object that has at least its fields.
+
+    Here a variable matches what equals its value.
+    """
     nested = any(isinstance(value, dict) for _, value in pair.fields)
     return pair.variable_event or (nested and any(isinstance(part, s.Name) for part in pair.parts))
 
 
+def _guards_negation(pair: Pair) -> bool:
+    """`not matches P with G` means ¬P ∧ G, and G holds where its variables have no value (see 3). Here it does not hold there."""
+    return any(declaration.negated for declaration in pair.guarded)
+
+
 def _forgets_all(pair: Pair) -> bool:
+    """An operand of `|` that has become `all` is forgotten: the other one alone decides from then on.
+
+    Here it is kept, so that any event can be taken.
+    """
     shuffles = [part for part in pair.parts if isinstance(part, s.Expression) and part.operator == "shuffle"]
     called = reachable(pair.program, [name for shuffle in shuffles for name in references(shuffle)])
     roots = [*shuffles, *(body for _, body in called)]
@@ -159,6 +187,10 @@ def _forgets_all(pair: Pair) -> bool:
 
 
 def _calculates_as_prolog(pair: Pair) -> bool:
+    """Prolog calculates: strings of one letter are numbers, and what has no value is an error that ends the monitor.
+
+    Here no rule applies where a condition has no value; an argument without value is false.
+    """
     data = [*pair.conditions, *pair.arguments]
     parts = [part for one in data for part in s.walk(one)]
     if all(isinstance(part, s.Constant) for part in parts):
@@ -180,15 +212,24 @@ def _uses_variables(equation: s.Equation) -> bool:
     return not frozenset[str]().union(*map(s.names, (*conditions, *arguments))) <= {*equation.parameters} - let
 
 
-@dataclass(frozen=True, slots=True)
-class Deviation:
-    """One row: what the published tools do, what this reader does, and whether a text and a trace are touched by it."""
+class Deviation(NamedTuple):
+    """One row; `touches` tells whether it can show on a text and a trace, and its docstring what happens there and here."""
 
     number: int
     title: str
-    published: str
-    reader: str
     touches: Callable[[Pair], bool]
+
+
+DEVIATIONS: Final = (
+    Deviation(1, "guards over what is no number", _meets_no_number),
+    Deviation(2, "tolerance of guards", _is_inexact),
+    Deviation(3, "unbound variables in guards", _leaves_unbound),
+    Deviation(4, "1 and 1.0", _has_two_forms),
+    Deviation(5, "objects as values of variables", _binds_objects),
+    Deviation(7, "guards of `not` types", _guards_negation),
+    Deviation(12, "`t | all`", _forgets_all),
+    Deviation(12, "`if` and the arguments of equations", _calculates_as_prolog),
+)
 
 
 def touching(text: str, trace: Iterable[Json]) -> list[Deviation]:
@@ -199,63 +240,3 @@ def touching(text: str, trace: Iterable[Json]) -> list[Deviation]:
     """
     pair = Pair(text, list(trace))
     return [deviation for deviation in DEVIATIONS if deviation.touches(pair)]
-
-
-DEVIATIONS: Final = (
-    Deviation(
-        1,
-        "guards over what is no number",
-        "a string, a boolean, null, a list or an object in a `with` is an error that ends the monitor, with exit code 0",
-        "two strings compare by code points; otherwise the event does not match",
-        _meets_no_number,
-    ),
-    Deviation(
-        2,
-        "tolerance of guards",
-        "a `with` compares doubles up to 1e-10, integers included",
-        "integers are exact, the rest are IEEE doubles, compared exactly",
-        _is_inexact,
-    ),
-    Deviation(
-        3,
-        "unbound variables in guards",
-        "a `with` over a variable that has no value yet holds, and is forgotten",
-        "it does not hold",
-        _leaves_unbound,
-    ),
-    Deviation(
-        4,
-        "1 and 1.0",
-        "they differ in patterns, in arguments and as values of variables; in a `with` they are equal",
-        "they are equal, as in JSON",
-        _has_two_forms,
-    ),
-    Deviation(
-        5,
-        "objects as values of variables",
-        "a variable that stands for an object matches every object that has at least its fields",
-        "a variable matches what equals its value",
-        _binds_objects,
-    ),
-    Deviation(
-        7,
-        "guards of `not` types",
-        "`not matches P with G` means ¬P ∧ G, and G holds where its variables have no value (see 3)",
-        "it means ¬P ∧ G too, and G does not hold there",
-        lambda pair: any(declaration.negated for declaration in pair.guarded),
-    ),
-    Deviation(
-        12,
-        "`t | all`",
-        "an operand of `|` that has become `all` is forgotten: the other one alone decides from then on",
-        "it is kept, so that any event can be taken",
-        _forgets_all,
-    ),
-    Deviation(
-        12,
-        "`if` and the arguments of equations",
-        "Prolog calculates: strings of one letter are numbers, and what has no value is an error that ends the monitor",
-        "no rule applies where a condition has no value; an argument without value is false",
-        _calculates_as_prolog,
-    ),
-)

@@ -7,26 +7,10 @@ field varying slowest. `any` and `none` are there unless declared, and a declare
 import math
 import operator
 from collections.abc import Callable, Iterator, Mapping
+from enum import Enum, auto
 from typing import Any, Final, TypeAlias
 
-from backends.rml.reader.syntax import (
-    ANY,
-    NONE,
-    Apply,
-    Constant,
-    Data,
-    Declaration,
-    Either,
-    Fields,
-    Ignored,
-    Items,
-    Name,
-    Parameter,
-    Program,
-    TypeUse,
-    Value,
-    fold,
-)
+from backends.rml.reader import syntax as s
 from rvaft.model.values import Json, equal, is_number
 
 Number: TypeAlias = int | float
@@ -71,19 +55,19 @@ _COMPARE: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
 }
 
 
-def value(data: Data, values: Bound) -> Json:
+def value(data: s.Data, values: Bound) -> Json:
     """A number, a truth value or another JSON value; None stands for no value (null counts as none)."""
 
-    def step(part: Data, given: list[Json]) -> Json:
+    def step(part: s.Data, given: list[Json]) -> Json:
         match part:
-            case Constant(constant):
+            case s.Constant(constant):
                 return constant
-            case Name(name):
+            case s.Name(name):
                 return values.get(name)
-            case Apply(sign):
+            case s.Apply(sign):
                 return _applied(sign, given)
 
-    return fold(data, step)
+    return s.fold(data, step)
 
 
 def _applied(sign: str, given: list[Json]) -> Json:
@@ -103,39 +87,36 @@ def _applied(sign: str, given: list[Json]) -> Json:
     return result if isinstance(result, int) or math.isfinite(result) else None
 
 
-def truth(data: Data, values: Bound) -> bool | None:
+def truth(data: s.Data, values: Bound) -> bool | None:
     """Whether a condition holds, or None where it has no value."""
     found = value(data, values)
     return found if isinstance(found, bool) else None
 
 
-def argument(data: Data, values: Bound) -> Json:
+def argument(data: s.Data, values: Bound) -> Json:
     """The value of an argument of a generic equation; a variable without a value, or an error, counts as false."""
-    if isinstance(data, Constant) or (isinstance(data, Name) and data.name in values):
+    if isinstance(data, s.Constant) or (isinstance(data, s.Name) and data.name in values):
         return value(data, values)
     found = value(data, values)
     return False if found is None else found
 
 
-class Mark:
-    """A value that equals nothing but itself."""
+class Mark(Enum):
+    """Values that equal nothing but themselves."""
 
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __repr__(self) -> str:
-        return self._name
-
-
-UNBOUND: Final = Mark("UNBOUND")
-"""What an event type leaves a variable that occurs in it and that the match does not bind."""
-UNEVALUATED: Final = Mark("UNEVALUATED")
+    UNBOUND = auto()
+    """What an event type leaves a variable that occurs in it and that the match does not bind."""
+    UNEVALUATED = auto()
+    """An argument that is not calculated."""
 
 
-def declared(program: Program) -> Mapping[tuple[str, int], list[Declaration]]:
+UNBOUND: Final = Mark.UNBOUND
+
+
+def declared(program: s.Program) -> Mapping[tuple[str, int], list[s.Declaration]]:
     """The declarations of each event type, those that every specification has among them."""
-    found: dict[tuple[str, int], list[Declaration]] = {}
-    for declaration in (*program.declarations, ANY, NONE):
+    found: dict[tuple[str, int], list[s.Declaration]] = {}
+    for declaration in (*program.declarations, s.ANY, s.NONE):
         found.setdefault(declaration.signature, []).append(declaration)
     return found
 
@@ -143,18 +124,18 @@ def declared(program: Program) -> Mapping[tuple[str, int], list[Declaration]]:
 class EventTypes:
     """The event types of one specification."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: s.Program) -> None:
         self._declared = declared(program)
 
-    def matches(self, use: TypeUse, event: Json) -> Iterator[dict[str, Json]]:
+    def matches(self, use: s.TypeUse, event: Json) -> Iterator[dict[str, Json]]:
         """What each way to match binds, for every variable among the arguments: a value or `UNBOUND`."""
-        wanted = [parameter.name for parameter in use.parameters if isinstance(parameter, Name)]
+        wanted = [parameter.name for parameter in use.parameters if isinstance(parameter, s.Name)]
         for found in self._ways(use, event, {}):
             yield {name: found.get(name, UNBOUND) for name in wanted}
             if not wanted:
                 return
 
-    def _ways(self, use: TypeUse, event: Json, bound: Bound) -> Iterator[Bound]:
+    def _ways(self, use: s.TypeUse, event: Json, bound: Bound) -> Iterator[Bound]:
         """The ways a use matches, as bindings of the variables around it."""
         for declaration in self._declared.get(use.signature, ()):
             inner = _inward(declaration, use, bound)
@@ -167,12 +148,12 @@ class EventTypes:
                 if declaration.guard is None or truth(declaration.guard, found) is True:
                     yield from _outward(declaration, use, found, bound)
 
-    def _alternatives(self, declaration: Declaration, event: Json, inner: Bound) -> Iterator[Bound]:
+    def _alternatives(self, declaration: s.Declaration, event: Json, inner: Bound) -> Iterator[Bound]:
         for one in declaration.alternatives:
-            yield from self._ways(one, event, inner) if isinstance(one, TypeUse) else _matching(one, event, inner)
+            yield from self._ways(one, event, inner) if isinstance(one, s.TypeUse) else _matching(one, event, inner)
 
 
-def _inward(declaration: Declaration, use: TypeUse, bound: Bound) -> Bound | None:
+def _inward(declaration: s.Declaration, use: s.TypeUse, bound: Bound) -> Bound | None:
     """The parameters that the arguments give a value; None where one parameter is given two."""
     inner: dict[str, Json] = {}
     for name, given in zip(declaration.parameters, use.parameters, strict=True):
@@ -182,28 +163,28 @@ def _inward(declaration: Declaration, use: TypeUse, bound: Bound) -> Bound | Non
     return inner
 
 
-def _given(given: Parameter, bound: Bound) -> Json:
+def _given(given: s.Parameter, bound: Bound) -> Json:
     match given:
-        case Constant(constant):
+        case s.Constant(constant):
             return constant
-        case Name(name):
+        case s.Name(name):
             return bound.get(name, UNBOUND)
-        case Apply():
-            return UNEVALUATED
+        case s.Apply():
+            return Mark.UNEVALUATED
         case _:
             return UNBOUND
 
 
-def _outward(declaration: Declaration, use: TypeUse, found: Bound, bound: Bound) -> list[Bound]:
+def _outward(declaration: s.Declaration, use: s.TypeUse, found: Bound, bound: Bound) -> list[Bound]:
     """What a match of the declaration binds around the use, with patterns among the arguments matched in turn."""
     ways = [bound]
     for name, given in zip(declaration.parameters, use.parameters, strict=True):
-        if name in found and isinstance(given, Name | Fields | Items):
+        if name in found and isinstance(given, s.Name | s.Fields | s.Items):
             ways = [after for before in ways for after in _matching(given, found[name], before)]
     return ways
 
 
-def _matching(pattern: Value, event: Json, bound: Bound) -> Iterator[Bound]:
+def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
     """The ways a pattern matches a value, by an explicit stack of what is still to match."""
     stack: list[tuple[Any, Bound]] = [((pattern, event, None), bound)]
     while stack:
@@ -213,24 +194,24 @@ def _matching(pattern: Value, event: Json, bound: Bound) -> Iterator[Bound]:
             continue
         pattern, found, rest = todo
         match pattern:
-            case Ignored():
+            case s.Ignored():
                 stack.append((rest, bound))
-            case Constant(expected):
+            case s.Constant(expected):
                 if equal(expected, found):
                     stack.append((rest, bound))
-            case Name(name):
+            case s.Name(name):
                 if name not in bound:
                     stack.append((rest, {**bound, name: found}))
                 elif equal(bound[name], found):
                     stack.append((rest, bound))
-            case Either(values):
+            case s.Either(values):
                 stack.extend(((one, found, rest), bound) for one in reversed(values))
-            case Fields(fields):
+            case s.Fields(fields):
                 if isinstance(found, Mapping) and all(name in found for name, _ in fields):
                     for name, inner in reversed(fields):
                         rest = (inner, found[name], rest)
                     stack.append((rest, bound))
-            case Items(items, more):
+            case s.Items(items, more):
                 # the published `[...]` wants at least one item, `[x, ...]` at least as many as there are patterns
                 least = max(len(items), 1) if more else len(items)
                 if isinstance(found, list) and (len(found) >= least if more else len(found) == least):

@@ -16,7 +16,7 @@ from math import prod
 from typing import Final, TypeAlias
 
 from backends.rml.reader import syntax as s
-from backends.rml.reader.event_types import UNEVALUATED, Mark, declared
+from backends.rml.reader.event_types import Mark, declared
 from backends.rml.reader.static_checks import checked, reachable
 from rvaft.backend import Observed
 from rvaft.model.guards import MAX_DEPTH, Guard, Operation, Operator
@@ -40,7 +40,7 @@ _ALWAYS: Final = Observed(ObjectPattern(()))
 _NOTHING: Final = Literal(None)
 """Stands for no value in guards: whatever is asked of null there is undefined."""
 _Value: TypeAlias = Pattern | Mark
-"""What a name stands for; `UNEVALUATED` equals nothing."""
+"""What a name stands for; `Mark.UNEVALUATED` equals nothing."""
 _Scope: TypeAlias = Mapping[str, _Value]
 
 
@@ -122,7 +122,7 @@ class _Questions:
 
     def _way(self, pattern: Pattern, inner: _Scope) -> _Way | None:
         """A pattern with what its names stand for, the others being variables of this event; None where it never matches."""
-        if any(inner.get(name) is UNEVALUATED for name in variables(pattern)):
+        if any(inner.get(name) is Mark.UNEVALUATED for name in variables(pattern)):
             return None
         own = {name: Variable(f"_{next(self._fresh)}") for name in variables(pattern) if name not in inner}
         scope = {**inner, **own}
@@ -166,7 +166,7 @@ def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope
             case s.Name(other):
                 value = scope.get(other)
             case s.Apply():
-                value = UNEVALUATED
+                value = Mark.UNEVALUATED
             case _:
                 pass
         if value is not None and inner.setdefault(name, value) != value:

@@ -8,17 +8,19 @@ A variable that an event passes without binding it (`not` types, `|` in patterns
 more, and the next type that has it as an argument gives it its value, everywhere at once.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Hashable
 from typing import Final, TypeAlias
 
 from backends.rml.reader.event_types import UNBOUND, EventTypes, truth
 from backends.rml.reader.syntax import Name, Program
-from backends.rml.reader.terms import RmlTerm, Terms, is_open, opened
+from backends.rml.reader.terms import RmlTerm, Terms, is_open, mark, opened
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json, equal
+from rvaft.support.trampoline import Call, run
 
 DEPTH_LIMIT: Final = 50_000
 """How many terms may wait for each other while equations are unfolded."""
+_REMEMBERED: Final = 1024
 Bindings: TypeAlias = dict[str, Json]
 Way: TypeAlias = tuple[RmlTerm, Bindings]
 """The term afterwards and what the step binds."""
@@ -29,59 +31,53 @@ _NOTHING: Final[Bindings] = {}
 
 
 class Transitions:
-    """The rules for one program."""
+    """The rules for one program; the steps that were taken last are remembered."""
 
     def __init__(self, program: Program) -> None:
         self.terms = Terms(program)
         self.types = EventTypes(program)
+        self.start: Final = self.terms.body("Main")
+        self._taken: dict[tuple[RmlTerm, Hashable], RmlTerm | None] = {}
 
     def step(self, term: RmlTerm, event: Json) -> RmlTerm | None:
         """The term after the event, or None where no rule applies; raises `TooLarge` where unfolding finds no end."""
-        ways = _RmlStep(self, event).ways(term)
-        if not ways:
-            return None
-        after, bound = ways[0]
-        return self.terms.canonical(self.terms.substituted(after, opened(bound)))
+        asked = term, mark(event)
+        try:
+            return self._taken[asked]
+        except KeyError:
+            pass
+        after = None
+        for term_after, bound in _RmlStep(self, event).ways(term)[:1]:
+            after = self.terms.canonical(self.terms.substituted(term_after, opened(bound)))
+        if len(self._taken) >= _REMEMBERED:
+            self._taken.clear()
+        self._taken[asked] = after
+        return after
 
-    def may_halt(self, root: RmlTerm) -> bool:
+    def may_halt(self, term: RmlTerm) -> bool:
         """Whether a trace may end here; each term remembers its answer. Raises `TooLarge` where unfolding finds no end."""
-        stack = [] if root.halts is not None else [(root, self._halting(root))]
-        answer: bool | None = None
-        while stack:
-            term, rule = stack[-1]
-            try:
-                wanted = next(rule) if answer is None else rule.send(answer)
-            except StopIteration as stop:
-                stack.pop()
-                term.halts = answer = stop.value
-                continue
-            answer = wanted.halts
-            if answer is None:
-                _check_depth(stack)
-                stack.append((wanted, self._halting(wanted)))
-        return bool(root.halts)
+        return run(self._halting(term, 0)) if term.halts is None else term.halts
 
-    def _halting(self, term: RmlTerm) -> Generator[RmlTerm, bool, bool]:
-        """Yields the terms whose answers decide, and returns the answer."""
-        match term.operator:
-            case "all" | "empty" | "star" | "optional" | "closure":
-                return True
-            case "event" | "nothing":
-                return False
-            case "if" | "call":
-                return (yield self.chosen(term))
-            case "times" if term.data == 0:
-                return True
-            case "or":
-                for part in term.parts:
-                    if (yield part):
-                        return True
-                return False
-            case _:
-                for part in term.parts:
-                    if not (yield part):
-                        return False
-                return True
+    def _halting(self, term: RmlTerm, depth: int) -> Call[bool]:
+        if term.halts is None:
+            _check_depth(depth)
+            match term.operator:
+                case "all" | "empty" | "star" | "optional" | "closure":
+                    term.halts = True
+                case "event" | "nothing":
+                    term.halts = False
+                case "times" if term.data == 0:
+                    term.halts = True
+                case operator:
+                    parts = (self.chosen(term),) if operator in ("if", "call") else term.parts
+                    decides = operator == "or"
+                    halts = not decides
+                    for part in parts:
+                        if (yield self._halting(part, depth + 1)) is decides:
+                            halts = decides
+                            break
+                    term.halts = halts
+        return term.halts
 
     def chosen(self, term: RmlTerm) -> RmlTerm:
         """What a condition or the name of an equation stands for."""
@@ -91,8 +87,8 @@ class Transitions:
         return self.terms.nothing if holds is None else term.parts[not holds]
 
 
-def _check_depth(stack: Sequence[object]) -> None:
-    if len(stack) >= DEPTH_LIMIT:
+def _check_depth(depth: int) -> None:
+    if depth >= DEPTH_LIMIT:
         raise TooLarge("terms inside each other while unfolding equations", limit=DEPTH_LIMIT)
 
 
@@ -124,7 +120,7 @@ class _RmlStep:
             if answer is None:
                 answer = self._at_once(wish[0], first=wish[1])
             if answer is None:
-                _check_depth(stack)
+                _check_depth(len(stack))
                 stack.append((wish, self._rule(wish[0], first=wish[1]), self.opened))
         return answer or []
 

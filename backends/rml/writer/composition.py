@@ -23,20 +23,7 @@ from itertools import pairwise
 from backends.rml.writer.conditions import when_true
 from backends.rml.writer.determinise import RmlLetter, RmlLetters
 from backends.rml.writer.observations import own_variables
-from backends.rml.writer.terms import (
-    ALL,
-    AND,
-    ANY,
-    OR,
-    SHUFFLE,
-    THEN,
-    Equations,
-    Written,
-    around,
-    join,
-    named,
-    then,
-)
+from backends.rml.writer.terms import ALL, AND, ANY, OR, SHUFFLE, THEN, Equations, Written, around, join, named, then
 from rvaft.analysis.normal_form import Op, is_constant, is_impossible, normal_form
 from rvaft.analysis.unification import Overlaps
 from rvaft.model.guards import Operation, Operator, variables

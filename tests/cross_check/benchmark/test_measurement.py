@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import pytest
 
 import rvaft
-from backends.rml.reader.monitor import RmlMonitor, RmlRules
+from backends.rml.reader.monitor import RmlMonitor, rules
 from cross_check.benchmark import Cell, Measurement, Outcome, Settings, Subject, measured, measurement
 from cross_check.benchmark.measurement import READERS
 from cross_check.benchmark.workload import EVENTS, gate_subject, walks
@@ -218,7 +218,7 @@ def test_a_text_that_never_says_that_hope_is_lost_is_found(
 ) -> None:
     subject = gate_subject(Gate.SAND, 4)
     text = backend("rml").translate(subject.tree, semantics).text
-    plant(monkeypatch, Odd(reader=lambda _text: Deaf(RmlRules(text))))
+    plant(monkeypatch, Odd(reader=lambda _text: Deaf(rules(text))))
     row = one(Cell(subject, semantics, "odd"))
     assert row.walks is not None
     assert row.differing is not None

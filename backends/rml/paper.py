@@ -17,7 +17,7 @@ from decimal import Decimal
 from itertools import combinations
 from math import comb, prod
 from time import perf_counter
-from typing import ClassVar, Final
+from typing import ClassVar, Final, assert_never
 
 from backends.rml.backend import RmlBackend
 from backends.rml.writer.names import LARGEST, RESERVED, quoted
@@ -216,10 +216,14 @@ class PaperTerms:
                 return self._unrolled(parts, max(joined.need - missing, 0), name)
             case Op.ALL if len(parts) > 1:
                 return f"({' | '.join(parts)})"
-            case Op.SEQUENCE if len(parts) > 1:
-                return _sequence(parts)
-            case _:
+            case Op.SEQUENCE:
+                return _sequence(parts) if len(parts) > 1 else "".join(parts)
+            case Op.ONE | Op.ALL:
                 return _OR.join(parts)
+            case Op.EVENT | Op.CONDITION:
+                raise AssertionError(joined)
+            case never:
+                assert_never(never)
 
     def _unrolled(self, parts: list[str], k: int, name: str) -> str:
         """The hierarchy of terms that counts down from k: an equation for each set of children that is left, larger sets first."""

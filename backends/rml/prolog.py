@@ -93,8 +93,10 @@ def _expression(part: s.Expression, inside: list[str]) -> str:
             return f"guarded({_data(condition, 'var({})')}, {inside[0]}, {inside[1]})"
         case "call", (name, arguments, _):
             return f"app({name}, [{', '.join(_data(a, 'var({})') for a in arguments)}])" if arguments else name
-        case operator, _:
-            return f"{operator}({inside[0]})"
+        case "star" | "plus" | "optional", _:
+            return f"{part.operator}({inside[0]})"
+        case _:
+            raise AssertionError(part.operator)
 
 
 # -- event types, data and words; `variable` is the form of a variable there -------------------------------------------

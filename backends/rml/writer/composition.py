@@ -19,6 +19,7 @@ RML commits to the left operand that can take an event; under these conditions n
 
 from collections.abc import Iterable
 from itertools import pairwise
+from typing import assert_never
 
 from backends.rml.writer.conditions import when_true
 from backends.rml.writer.determinise import RmlLetter, RmlLetters
@@ -154,8 +155,10 @@ class Plain:
                     and all(self.marks[c] for c in children)
                     and not any(self._near_marks[c] & self.events[c] & ~self.marks[c] for c in children)
                 )
-            case _:
+            case Op.SEQUENCE | Op.EVENT | Op.CONDITION:
                 return True
+            case never:
+                assert_never(never)
 
 
 def _are_apart(parts: Iterable[tuple[int, int]]) -> bool:
@@ -215,8 +218,10 @@ class Composition:
                 return join(SHUFFLE, parts)
             case Op.AT_LEAST:
                 return join(AND, [join(SHUFFLE, (around(part, "?") for part in parts)), self._enough(number)])
-            case _:
+            case Op.SEQUENCE | Op.EVENT | Op.CONDITION:
                 return self._sequence(parts)
+            case never:
+                assert_never(never)
 
     def _sequence(self, parts: list[Written]) -> Written:
         """The parts one after the other; a shuffle behind a name gets a name, for `a (b | c)` is an event type with a pattern."""
@@ -246,19 +251,25 @@ class Composition:
 
     def _awaited(self, number: int, after: Written) -> Call[Written]:
         """The events of a part, then the rest."""
-        children, joined = self.plain.children(number), self.plain.joined(number)
-        if joined is Op.ONE or self.plain.form.parts[number].op is Op.EVENT:
-            return self._await(self.plain.events[number], after)
-        if joined is Op.ALL:
-            rest = after if after == ALL else self.equations.called(after)
-            parts = list[Written]()
-            for child in children:
-                part = yield self._awaited(child, rest)
-                parts.append(part)
-            return join(AND, parts)
-        for child in reversed(children):
-            after = yield self._awaited(child, after)
-        return after
+        children, form = self.plain.children(number), self.plain.form
+        match Op.EVENT if form.parts[number].op is Op.EVENT else self.plain.joined(number):
+            case Op.ONE | Op.EVENT:
+                return self._await(self.plain.events[number], after)
+            case Op.ALL:
+                rest = after if after == ALL else self.equations.called(after)
+                parts = list[Written]()
+                for child in children:
+                    part = yield self._awaited(child, rest)
+                    parts.append(part)
+                return join(AND, parts)
+            case Op.SEQUENCE | Op.CONDITION:
+                for child in reversed(children):
+                    after = yield self._awaited(child, after)
+                return after
+            case Op.AT_LEAST:
+                raise AssertionError("no vote is left in a plain tree under `scattered`")
+            case never:
+                assert_never(never)
 
     def _await(self, occurrences: int, after: Written) -> Written:
         """Any number of other events, one of these, then the rest."""

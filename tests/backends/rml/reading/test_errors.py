@@ -94,45 +94,9 @@ def test_types_derived_from_each_other_have_a_limit() -> None:
         read(chain + "t1000 matches {e:'a'};\nMain = t0;")
 
 
-WORDS = [
-    *("a", "b", "x", "S", "T", "Main", "matches", "not", "with", "all", "empty", "let", "var", "if", "else"),
-    *("any", "none", "true", "false", "null", "abs", "max", "_", "1", "2.5", "'x'", "'y'", "//", "\n"),
-    *[
-        "(",
-        ")",
-        "{",
-        "}",
-        "[",
-        "]",
-        "<",
-        ">",
-        "<<",
-        ">>",
-        ">=",
-        "<=",
-        "==",
-        "!=",
-        "=",
-        ";",
-        ":",
-        ",",
-        ".",
-        "...",
-        "|",
-        "||",
-        "/\\",
-        "\\/",
-        "&",
-        "&&",
-        "*",
-        "+",
-        "-",
-        "/",
-        "^",
-        "?",
-        "!",
-    ],
-]
+NAMES = "a b x S T Main matches not with all empty let var if else any none true false null abs max _ 1 2.5 'x' 'y' //"
+SIGNS = "( ) { } [ ] < > << >> >= <= == != = ; : , . ... | || /\\ \\/ & && * + - / ^ ? !"
+WORDS = ["\n", *NAMES.split(), *SIGNS.split()]
 
 
 @settings(deadline=None, max_examples=300)

@@ -9,7 +9,9 @@ from cross_check.comparison import Roster
 from cross_check.participants import Absent, faithful_backends
 from cross_check.results import Job
 from rvaft import backend as backends
+from rvaft.backend import Backend, Metrics, Specification
 from rvaft.errors import ToolFailed
+from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from tests.cli.runs import TREES, failed, run
 
@@ -39,3 +41,30 @@ def test_a_comparison_names_it_and_goes_on(broken: str) -> None:
     assert isinstance(absent, Absent)
     assert absent.status == "could not run"
     assert not isinstance(found["rml"], Absent)
+
+
+class Spoken(Backend):
+    """A language that is only emitted."""
+
+    name = language = "spoken"
+    suffix = ".txt"
+    default_limit = 1
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:  # noqa: ARG002
+        return Specification(f"first {tree.root}", self.language, Metrics(symbols=2))
+
+    readable = False
+
+
+def test_a_language_that_is_only_emitted_is_in_the_way_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = EntryPoint("spoken", f"{__name__}:Spoken", backends.GROUP)
+    known = {"rml": backends.all_backends()["rml"], "spoken": entry}
+    monkeypatch.setattr(backends, "all_backends", lambda: known)
+    monkeypatch.setattr("cross_check.participants.all_backends", lambda: known)
+    assert run("emit", TREE, "--to", "spoken").stdout == "first top\n"
+    assert run("cross-check", TREE).exit_code == 0
+    named = run("cross-check", TREE, "--backends", "spoken")
+    assert named.exit_code == 2
+    assert "could not run: spoken is only emitted: nothing here runs its texts" in named.stdout
+    failed(run("monitor", TREE, "--backend", "spoken", "--word", "a"), "spoken is only emitted")
+    assert "yes" in next(line for line in run("backends").stdout.splitlines() if line.startswith("spoken"))

@@ -19,27 +19,18 @@ from backends.rml.reader import syntax as s
 from backends.rml.reader.event_types import Mark, declared
 from backends.rml.reader.static_checks import checked, reachable
 from rvaft.backend import Observed
+from rvaft.model import patterns as p
 from rvaft.model.guards import MAX_DEPTH, Guard, Operation, Operator
+from rvaft.model.guards import substitute as guard_substitute
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import (
-    Anything,
-    ListPattern,
-    Literal,
-    ObjectPattern,
-    Pattern,
-    Variable,
-    substitute,
-    variables,
-    walk,
-)
 
 _CHOICES: Final = 10_000
 _NESTING: Final = 100
-_ALWAYS: Final = Observed(ObjectPattern(()))
+_ALWAYS: Final = Observed(p.ObjectPattern(()))
 """Every event is an object."""
-_NOTHING: Final = Literal(None)
+_NOTHING: Final = p.Literal(None)
 """Stands for no value in guards: whatever is asked of null there is undefined."""
-_Value: TypeAlias = Pattern | Mark
+_Value: TypeAlias = p.Pattern | Mark
 """What a name stands for; `Mark.UNEVALUATED` equals nothing."""
 _Scope: TypeAlias = Mapping[str, _Value]
 
@@ -52,14 +43,14 @@ class _Unknown(Exception):
 class _Way:
     """A way to match: a pattern (None after `not`), what names stand for, the guards met so far."""
 
-    pattern: Pattern | None
+    pattern: p.Pattern | None
     scope: _Scope
     guards: tuple[Guard, ...] = ()
 
-    def replaced(self, by: Mapping[str, Pattern]) -> "_Way":
+    def replaced(self, by: Mapping[str, p.Pattern]) -> "_Way":
         """With something else for some variables."""
-        pattern = None if self.pattern is None else substitute(self.pattern, by)
-        scope = {n: value if isinstance(value, Mark) else substitute(value, by) for n, value in self.scope.items()}
+        pattern = None if self.pattern is None else p.substitute(self.pattern, by)
+        scope = {n: value if isinstance(value, Mark) else p.substitute(value, by) for n, value in self.scope.items()}
         return _Way(pattern, scope, tuple(_filled(guard, by) for guard in self.guards))
 
 
@@ -86,7 +77,7 @@ class _Questions:
         for _, body in reachable(self._program, ["Main"]):
             for part in s.expressions(body):
                 if isinstance(part.data, s.TypeUse):
-                    rigid = {name: Variable(name) for name in part.data.variables}
+                    rigid = {name: p.Variable(name) for name in part.data.variables}
                     self._asked(self._ways(part.data, rigid))
         return [one for one in self._found if one != _ALWAYS]
 
@@ -120,14 +111,14 @@ class _Questions:
             else:
                 yield from filter(None, (self._way(pattern, inner) for pattern in _choices(one)))
 
-    def _way(self, pattern: Pattern, inner: _Scope) -> _Way | None:
+    def _way(self, pattern: p.Pattern, inner: _Scope) -> _Way | None:
         """A pattern with what its names stand for, the others being variables of this event; None where it never matches."""
-        if any(inner.get(name) is Mark.UNEVALUATED for name in variables(pattern)):
+        if any(inner.get(name) is Mark.UNEVALUATED for name in p.variables(pattern)):
             return None
-        own = {name: Variable(f"_{next(self._fresh)}") for name in variables(pattern) if name not in inner}
+        own = {name: p.Variable(f"_{next(self._fresh)}") for name in p.variables(pattern) if name not in inner}
         scope = {**inner, **own}
         values = {name: value for name, value in scope.items() if not isinstance(value, Mark)}
-        return _Way(substitute(pattern, values), scope)
+        return _Way(p.substitute(pattern, values), scope)
 
     def _outward(self, declaration: s.Declaration, use: s.TypeUse, way: _Way, scope: _Scope) -> _Way | None:
         """The way as seen from around the use: arguments take up what the parameters stand for, or have to fit it."""
@@ -162,7 +153,7 @@ def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope
         value: _Value | None = None
         match given:
             case s.Constant(constant):
-                value = Literal(constant)
+                value = p.Literal(constant)
             case s.Name(other):
                 value = scope.get(other)
             case s.Apply():
@@ -170,44 +161,44 @@ def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope
             case _:
                 pass
         if value is not None and inner.setdefault(name, value) != value:
-            if isinstance(value, Literal) and isinstance(inner[name], Literal):
+            if isinstance(value, p.Literal) and isinstance(inner[name], p.Literal):
                 return None
             raise _Unknown
     return inner
 
 
-def _equal(value: _Value, wanted: _Value) -> Mapping[str, Pattern] | None:
+def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
     """What to put for a variable of the event so that two values are equal; None where they cannot be."""
     for one, other in ((value, wanted), (wanted, value)):
-        if isinstance(one, Variable) and one.local and isinstance(other, Literal | Variable):
+        if isinstance(one, p.Variable) and one.local and isinstance(other, p.Literal | p.Variable):
             return {} if one == other else {one.name: other}
-    if isinstance(value, Literal | Variable | Mark) and value == wanted:
+    if isinstance(value, p.Literal | p.Variable | Mark) and value == wanted:
         return {}
-    if isinstance(value, Literal) and isinstance(wanted, Literal):
+    if isinstance(value, p.Literal) and isinstance(wanted, p.Literal):
         return None
     raise _Unknown
 
 
-def _fits(value: _Value, wanted: Pattern, whole: Pattern | None) -> Mapping[str, Pattern]:
+def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[str, p.Pattern]:
     """What to put for a variable so that a value fits a pattern: the pattern, where the variable stands nowhere else."""
-    uses = 0 if whole is None else sum(part == value for part in walk(whole))
-    if isinstance(value, Variable) and value.local and uses == 1:
+    uses = 0 if whole is None else sum(part == value for part in p.walk(whole))
+    if isinstance(value, p.Variable) and value.local and uses == 1:
         return {value.name: wanted}
     raise _Unknown
 
 
-def _observed(pattern: Pattern, guards: tuple[Guard, ...]) -> Observed:
+def _observed(pattern: p.Pattern, guards: tuple[Guard, ...]) -> Observed:
     """The question, its own variables numbered from 1: equal questions become one."""
     whole = guards[0] if len(guards) == 1 else Operation(Operator.AND, guards) if guards else None
-    names = dict.fromkeys((*variables(pattern), *(guard_variables(whole) if whole else ())))
-    by = {name: Variable(f"_{number}") for number, name in enumerate((n for n in names if n.startswith("_")), 1)}
-    return Observed(substitute(pattern, by), None if whole is None else _filled(whole, by))
+    names = dict.fromkeys((*p.variables(pattern), *(guard_variables(whole) if whole else ())))
+    by = {name: p.Variable(f"_{number}") for number, name in enumerate((n for n in names if n.startswith("_")), 1)}
+    return Observed(p.substitute(pattern, by), None if whole is None else _filled(whole, by))
 
 
 # -- patterns ----------------------------------------------------------------------------------------------------------
 
 
-def _choices(value: s.Value) -> Iterator[Pattern]:
+def _choices(value: s.Value) -> Iterator[p.Pattern]:
     """The patterns that a pattern with `|` stands for, names as variables; counted before any is made."""
 
     def size(part: s.Part, below: list[tuple[int, int]]) -> tuple[int, int]:
@@ -220,24 +211,24 @@ def _choices(value: s.Value) -> Iterator[Pattern]:
     return _alternatives(value)
 
 
-def _alternatives(value: s.Value) -> Iterator[Pattern]:
+def _alternatives(value: s.Value) -> Iterator[p.Pattern]:
     match value:
         case s.Constant(constant):
-            yield Literal(constant)
+            yield p.Literal(constant)
         case s.Name(name):
-            yield Variable(name)
+            yield p.Variable(name)
         case s.Ignored():
-            yield Anything()
+            yield p.Anything()
         case s.Either(values):
             for one in values:
                 yield from _alternatives(one)
         case s.Fields(fields):
             for inner in product(*(list(_alternatives(one)) for _, one in fields)):
-                yield ObjectPattern(tuple((name, part) for (name, _), part in zip(fields, inner, strict=True)))
+                yield p.ObjectPattern(tuple((name, part) for (name, _), part in zip(fields, inner, strict=True)))
         case s.Items(items, more):
             if more:
                 raise _Unknown
-            yield from map(ListPattern, product(*(list(_alternatives(one)) for one in items)))
+            yield from map(p.ListPattern, product(*(list(_alternatives(one)) for one in items)))
 
 
 # -- guards ------------------------------------------------------------------------------------------------------------
@@ -259,7 +250,7 @@ def _condition(data: s.Data, scope: _Scope, depth: int = 0) -> Guard:
         raise _Unknown
     match data:
         case s.Constant(value):
-            return Literal(value)
+            return p.Literal(value)
         case s.Name(name):
             return _value(scope.get(name, _NOTHING))
         case s.Apply(sign, operands):
@@ -281,14 +272,8 @@ def _operation(sign: str, parts: tuple[Guard, ...]) -> Guard:
 
 
 def _value(value: _Value) -> Guard:
-    return value if isinstance(value, Literal | Variable) else _NOTHING
+    return value if isinstance(value, p.Literal | p.Variable) else _NOTHING
 
 
-def _filled(guard: Guard, by: Mapping[str, Pattern]) -> Guard:
-    match guard:
-        case Variable(name) if name in by:
-            return _value(by[name])
-        case Operation(operator, operands):
-            return Operation(operator, tuple(_filled(operand, by) for operand in operands))
-        case _:
-            return guard
+def _filled(guard: Guard, by: Mapping[str, p.Pattern]) -> Guard:
+    return guard_substitute(guard, {name: _value(pattern) for name, pattern in by.items()})

@@ -1,6 +1,7 @@
 """From RML text to `syntax.Program`, by the published grammar."""
 
 import math
+import re
 from collections.abc import Iterator
 from functools import cache, lru_cache
 from importlib.resources import files
@@ -22,11 +23,7 @@ _SIGNS: Final = {
 
 def _string(token: str) -> str:
     """What a quoted string stands for."""
-    parts, escaped = [], False
-    for character in token[1:-1]:
-        parts.append(_ESCAPES[character] if escaped else "" if character == "\\" else character)
-        escaped = not escaped and character == "\\"
-    return "".join(parts)
+    return re.sub(r"\\(.)", lambda escape: _ESCAPES[escape[1]], token[1:-1])
 
 
 def _place(token: Token) -> s.Position:

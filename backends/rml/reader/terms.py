@@ -8,6 +8,7 @@ A variable that an event passed without binding it is *open*; open variables hav
 """
 
 from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 from weakref import WeakValueDictionary
 
@@ -96,20 +97,15 @@ def _used(part: Expression) -> frozenset[str]:
             return frozenset()
 
 
+@dataclass(slots=True, eq=False, weakref_slot=True, repr=False)
 class RmlTerm:
     """One term: an `Expression` whose calls and conditions know the values of variables. `free` are those it can still use."""
 
-    __slots__ = ("__weakref__", "data", "free", "halts", "operator", "parts")
-
-    def __init__(self, operator: str, parts: tuple["RmlTerm", ...], data: Any, free: frozenset[str]) -> None:
-        self.operator = operator
-        self.parts = parts
-        self.data = data
-        self.free = free
-        self.halts: bool | None = None
-
-    def __repr__(self) -> str:
-        return f"<{self.operator} of {len(self.parts)}>"
+    operator: str
+    parts: tuple["RmlTerm", ...]
+    data: Any
+    free: frozenset[str]
+    halts: bool | None = None
 
     @property
     def open(self) -> bool:
@@ -150,8 +146,8 @@ class Terms:
                 return (id(condition), _mark_environment(environment)), _open(names(condition), environment)
             case "call", (name, arguments, environment):
                 usable = self._usable(name, arguments)
-                marks = tuple(mark(a.value) if isinstance(a, Constant) else id(a) for a in arguments)
-                return (name, marks, _mark_environment(environment)), _open(usable, environment)
+                marks = name, _mark_arguments(arguments), _mark_environment(environment)
+                return marks, _open(usable, environment)
             case _:
                 return data, frozenset()
 

@@ -35,12 +35,7 @@ class RmlLetter(NamedTuple):
 
 
 class GuardRefused(Exception):
-    """The guard of a node cannot be written."""
-
-    def __init__(self, node: str, reason: str) -> None:
-        self.node = node
-        self.reason = reason
-        super().__init__(reason)
+    """The guard of a node cannot be written; its arguments are the node and the reason."""
 
 
 class RmlLetters:

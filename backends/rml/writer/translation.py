@@ -53,7 +53,8 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> Translation:
         main, made = _property(tree, semantics, RmlLetters(observations, types), limit)
         main = around(main, ">>", _relevant(tree, types)) if semantics is Semantics.PROJECTED else main
     except GuardRefused as refused:
-        raise NotExpressible(refused.reason, backend="rml", semantics=semantics, nodes=[refused.node]) from None
+        node, reason = refused.args
+        raise NotExpressible(reason, backend="rml", semantics=semantics, nodes=[node]) from None
     body = "\n".join(f"{name} = {term};" for name, term in [("Main", main), *made])
     header = f"// The attack-fault tree {' '.join(tree.root.split())} under the semantics {semantics}."
     text = "\n".join([header, "", *types.lines, "", body, ""])

@@ -1,20 +1,58 @@
-"""A proof, without any library for algebra, that guards cannot hold together.
+"""Whether guards can hold together: a search for values, a proof that there are none, and what exact arithmetic would say.
 
-It reasons with the sorts of values (a number is no string) and with their order, both of which are exact whatever the values are: comparing
-an integer with a double rounds nothing. Of arithmetic, which rounds, it uses only what rounding keeps: adding a
-larger whole number gives no smaller result, and a difference has the sign of the comparison or is zero.
+What is found is certain. A *witness* is checked with the guards' own evaluation; finding none proves nothing. Guards are *refuted* by the sorts of values
+(a number is no string) and their order, both exact whatever the values are: comparing an integer with a double rounds nothing. Of
+arithmetic, which rounds, the proof uses only what rounding keeps: adding a larger whole number gives no smaller result, and a
+difference has the sign of the comparison or is zero. Where that proves nothing sympy is asked, of inequalities weakened by what rounding could add.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import pairwise, product
-from typing import Any, Final
+import operator as python
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from fractions import Fraction
+from itertools import chain, pairwise, product
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import networkx as nx
 
-from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, holds, value, variables
-from rvaft.model.patterns import Literal, Variable
+from rvaft.model.guards import (
+    ARITHMETIC,
+    COMPARISONS,
+    OPERATORS,
+    ORDERINGS,
+    UNDEFINED,
+    Guard,
+    Operation,
+    Operator,
+    folded,
+    holds,
+    value,
+    variables,
+    walk,
+)
+from rvaft.model.patterns import Binding, Literal, Variable
 from rvaft.model.values import Json, is_number, key
+
+
+def contradictory(guards: Iterable[Guard]) -> bool | None:
+    """Whether no values at all make these guards hold together; None where that cannot be decided.
+
+    Both answers are certain, with undefined values, mixed types and the rounding of doubles taken into account.
+
+    >>> X = Variable("X")
+    >>> contradictory([Operation(Operator.GT, (X, Literal(5))), Operation(Operator.LT, (X, Literal(3)))])
+    True
+    """
+    given = list(guards)
+    if witness(given) is not None:
+        return False
+    return refuted(given) or _refuted_over_reals(given, weaken=True) or None
+
+
+def contradictory_over_reals(guards: Iterable[Guard]) -> bool | None:
+    """Whether the guards could hold at most through rounding: no real numbers make them hold. None where sympy cannot tell."""
+    return _refuted_over_reals(list(guards), weaken=False) or None
+
 
 # What must be true for guards to hold, as alternatives of comparisons (a disjunctive normal form).
 #
@@ -25,20 +63,8 @@ from rvaft.model.values import Json, is_number, key
 
 MAX_ALTERNATIVES: Final = 256
 
-COMPARISONS: Final = frozenset([Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE])
-ARITHMETIC: Final = frozenset([Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV, Operator.NEGATE])
-_OPPOSITE: Final = {
-    Operator.EQ: Operator.NE,
-    Operator.NE: Operator.EQ,
-    Operator.LT: Operator.GE,
-    Operator.GE: Operator.LT,
-    Operator.GT: Operator.LE,
-    Operator.LE: Operator.GT,
-}
 
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(NamedTuple):
     """A comparison that is true; its operands are literals, variables or arithmetic."""
 
     operator: Operator
@@ -46,22 +72,19 @@ class Comparison:
     right: Guard
 
 
+Way: TypeAlias = tuple[Comparison, ...]
+
+
 class TooManyAlternatives(Exception):
     """The guards have more than `MAX_ALTERNATIVES` alternatives."""
 
 
-Alternatives = list[tuple[Comparison, ...]]
+def alternatives(guards: Iterable[Guard]) -> list[Way]:
+    """The ways in which all guards can hold; none where they surely cannot. Raises `TooManyAlternatives`."""
+    return _all_of([_when(guard, truth=True) for guard in guards])
 
 
-def alternatives(guards: Iterable[Guard]) -> Alternatives:
-    """The ways in which all guards can hold; none where they surely cannot.
-
-    Raises `TooManyAlternatives`.
-    """
-    return _both([_when(guard, truth=True) for guard in guards])
-
-
-def _when(guard: Guard, *, truth: bool) -> Alternatives:
+def _when(guard: Guard, *, truth: bool) -> list[Way]:
     """The ways in which a guard has this truth value. The depth of a guard is bounded by the parser."""
     match guard:
         case Operation(Operator.NOT, (operand,)):
@@ -69,17 +92,22 @@ def _when(guard: Guard, *, truth: bool) -> Alternatives:
         case Operation(Operator.AND | Operator.OR as junction, operands):
             decides = junction is Operator.OR
             if truth is not decides:
-                return _both([_when(operand, truth=truth) for operand in operands])
+                return _all_of([_when(operand, truth=truth) for operand in operands])
             # Read from the left, one operand decides, and those before it have the other truth value: they are defined too.
             return _bounded(
                 way
                 for index, operand in enumerate(operands)
-                for way in _both(
+                for way in _all_of(
                     [*(_when(before, truth=not decides) for before in operands[:index]), _when(operand, truth=decides)]
                 )
             )
         case Operation(operator, (left, right)) if operator in COMPARISONS:
-            return _compared(operator if truth else _OPPOSITE[operator], folded(left), folded(right))
+            negated = OPERATORS[operator].negated
+            compared = Comparison(operator if truth or negated is None else negated, folded(left), folded(right))
+            if not variables(left) and not variables(right):
+                return [()] if holds(Operation(compared.operator, compared[1:]), {}) else []
+            truths = any(isinstance(side, Operation) and side.operator not in ARITHMETIC for side in compared[1:])
+            return [()] if truths else [(compared,)]
         case Variable():
             return [(Comparison(Operator.EQ, guard, Literal(truth)),)]
         case Literal(constant):
@@ -88,36 +116,12 @@ def _when(guard: Guard, *, truth: bool) -> Alternatives:
             return []  # arithmetic has no truth value
 
 
-def _compared(operator: Operator, left: Guard, right: Guard) -> Alternatives:
-    if not variables(left) and not variables(right):
-        return [()] if value(Operation(operator, (left, right)), {}) is True else []
-    if _speakable(left) and _speakable(right):
-        return [(Comparison(operator, left, right),)]
-    return [()]
+def _all_of(parts: list[list[Way]]) -> list[Way]:
+    return _bounded(tuple(dict.fromkeys(chain(*ways))) for ways in product(*parts))
 
 
-def _speakable(operand: Guard) -> bool:
-    return not isinstance(operand, Operation) or operand.operator in ARITHMETIC
-
-
-def folded(guard: Guard) -> Guard:
-    """A guard whose parts without variables are replaced by their values, where these are defined."""
-    match guard:
-        case Operation(operator, operands):
-            if not variables(guard):
-                constant = value(guard, {})
-                return guard if constant is UNDEFINED else Literal(constant)
-            return Operation(operator, tuple(folded(operand) for operand in operands))
-        case _:
-            return guard
-
-
-def _both(parts: list[Alternatives]) -> Alternatives:
-    return _bounded(tuple(dict.fromkeys(c for way in ways for c in way)) for ways in product(*parts))
-
-
-def _bounded(ways: Iterator[tuple[Comparison, ...]]) -> Alternatives:
-    found: dict[tuple[Comparison, ...], None] = {}
+def _bounded(ways: Iterable[Way]) -> list[Way]:
+    found: dict[Way, None] = {}
     for count, way in enumerate(ways):
         if count >= MAX_ALTERNATIVES:
             raise TooManyAlternatives
@@ -125,54 +129,50 @@ def _bounded(ways: Iterator[tuple[Comparison, ...]]) -> Alternatives:
     return list(found)
 
 
+# The proof from sorts and order.
+
 _NUMBER, _STRING = "number", "string"
 
 
 def refuted(guards: Iterable[Guard]) -> bool:
     """Whether it is proved that no values make all guards hold; False says nothing."""
     try:
-        return all(_impossible(way) for way in alternatives(guards))
+        return all(_Facts(way).contradict() for way in alternatives(guards))
     except TooManyAlternatives:
         return False
 
 
-def _impossible(way: tuple[Comparison, ...]) -> bool:
-    facts = _Facts()
-    for comparison in way:
-        facts.add(comparison)
-    return facts.contradictory()
-
-
 class _Facts:
-    """Terms with what is known of their sorts and order. A node of `order` is a term; an edge says `<=`, or `<` where strict."""
+    """Terms with what is known of their sorts and order. A node of `order` is a term; an edge says `<=`, or `<` where strict.
 
-    def __init__(self) -> None:
+    That a term occurs in a true comparison says that it is defined, and so of which sort its operands are.
+    """
+
+    def __init__(self, way: Way) -> None:
         self.order = nx.DiGraph()
-        self.sorts: dict[Hashable, set[str]] = {}
-        self.unequal: list[tuple[Hashable, Hashable]] = []
-        self.alike: list[tuple[Hashable, Hashable]] = []
+        self.sorts: defaultdict[Hashable, set[str]] = defaultdict(set)
         self.constants: dict[Hashable, Any] = {}
         self.sums: dict[Hashable, dict[int, Hashable]] = {}
-
-    def add(self, comparison: Comparison) -> None:
-        left, right = self._term(comparison.left), self._term(comparison.right)
-        match comparison.operator:
-            case Operator.EQ:
-                self._equal(left, right)
-            case Operator.NE:
-                self.unequal.append((left, right))
-            case Operator.LT:
-                self._at_most(left, right, strict=True)
-            case Operator.LE:
-                self._at_most(left, right)
-            case Operator.GT:
-                self._at_most(right, left, strict=True)
-            case _:
-                self._at_most(right, left)
-        if comparison.operator in _ORDERED:
-            self.alike.append((left, right))
-        self._difference(comparison.operator, comparison.left, comparison.right)
-        self._difference(_TURNED.get(comparison.operator, comparison.operator), comparison.right, comparison.left)
+        """Of a term those that are it plus a whole number."""
+        self.unequal: list[tuple[Hashable, Hashable]] = []
+        self.compared: set[Hashable] = set()
+        for operator, left, right in way:
+            for part in chain(walk(left), walk(right)):
+                self._note(part)
+            low, high = _term(left), _term(right)
+            if operator in ORDERINGS:
+                self.compared.add(low)
+            if operator in (Operator.GT, Operator.GE):
+                low, high = high, low
+            match operator:
+                case Operator.EQ:
+                    self._equal(low, high)
+                case Operator.NE:
+                    self.unequal.append((low, high))
+                case _:
+                    self._at_most(low, high, strict=operator in (Operator.LT, Operator.GT))
+            self._difference(operator, left, right)
+            self._difference(OPERATORS[operator].mirrored or operator, right, left)
 
     def _at_most(self, low: Hashable, high: Hashable, *, strict: bool = False) -> None:
         already = self.order.has_edge(low, high) and self.order.edges[low, high]["strict"]
@@ -182,71 +182,48 @@ class _Facts:
         self._at_most(left, right)
         self._at_most(right, left)
 
-    def _term(self, guard: Guard) -> Hashable:
-        """The node of a term; that a term occurs in a true comparison says that it is defined."""
-        match guard:
-            case Literal(constant):
-                # 1 and 1.0 are equal, but adding one or the other need not be: they are two terms.
-                term: Hashable = ("constant", type(constant).__name__, constant)
-                self.constants[term] = constant
-                self.sorts[term] = {_sort(constant)}
-            case Variable(name):
-                term = ("variable", name)
-            case Operation(operator, operands):
-                inner = [self._term(operand) for operand in operands]
-                for part in inner:
-                    if operator in ARITHMETIC:
-                        self.sorts.setdefault(part, set()).add(_NUMBER)
-                term = ("operation", operator, *inner)
-                self.sorts.setdefault(term, set()).add(_NUMBER)
-                self._sum(operator, operands, inner, term)
+    def _note(self, part: Guard) -> None:
+        term = _term(part)
         self.order.add_node(term)
-        return term
-
-    def _sum(self, operator: Operator, operands: tuple[Guard, ...], inner: list[Hashable], term: Hashable) -> None:
-        """Note a term that is another one plus a whole number."""
-        if operator not in (Operator.ADD, Operator.SUB):
-            return
-        left, right = operands
-        base, number = inner[0], right
-        if operator is Operator.ADD and isinstance(left, Literal):
-            base, number = inner[1], left
-        if isinstance(number, Literal) and isinstance(number.value, int) and not isinstance(number.value, bool):
-            shift = number.value if operator is Operator.ADD else -number.value
-            row = self.sums.setdefault(base, {0: base})
-            if shift in row:
-                self._equal(row[shift], term)
-            else:
-                row[shift] = term
+        match part:
+            case Literal(constant):
+                self.constants[term] = constant
+                self.sorts[term].add(_sort(constant))
+            case Operation(operator, operands):
+                for number in (term, *map(_term, operands)):
+                    self.sorts[number].add(_NUMBER)
+                if operator is Operator.ADD and isinstance(operands[0], Literal):
+                    operands = operands[::-1]
+                if operator in (Operator.ADD, Operator.SUB) and _is_whole(operands[1]):
+                    base, number = _term(operands[0]), operands[1]
+                    assert isinstance(number, Literal)
+                    shift: Any = number.value if operator is Operator.ADD else -number.value  # type: ignore[operator]
+                    self._equal(self.sums.setdefault(base, {0: base}).setdefault(shift, term), term)
+            case Variable():
+                pass
 
     def _difference(self, operator: Operator, side: Guard, limit: Guard) -> None:
         """From `a - b > c` with c >= 0, and its like, the order of a and b."""
-        if not (isinstance(side, Operation) and side.operator is Operator.SUB):
-            return
-        if not (isinstance(limit, Literal) and is_number(limit.value)):
-            return
-        a, b = (self._term(operand) for operand in side.operands)
-        c = limit.value
-        assert isinstance(c, (int, float))
-        positive = (operator is Operator.GT and c >= 0) or (operator in (Operator.GE, Operator.EQ) and c > 0)
-        negative = (operator is Operator.LT and c <= 0) or (operator in (Operator.LE, Operator.EQ) and c < 0)
-        if positive:
-            self._at_most(b, a, strict=True)
-        elif negative:
-            self._at_most(a, b, strict=True)
+        match side, limit:
+            case Operation(Operator.SUB, (a, b)), Literal(int() | float() as c) if is_number(c):
+                at_least = operator in (Operator.GE, Operator.EQ)
+                at_most = operator in (Operator.LE, Operator.EQ)
+                if (operator is Operator.GT and c >= 0) or (at_least and c > 0):
+                    self._at_most(_term(b), _term(a), strict=True)
+                elif (operator is Operator.LT and c <= 0) or (at_most and c < 0):
+                    self._at_most(_term(a), _term(b), strict=True)
 
-    def contradictory(self) -> bool:
+    def contradict(self) -> bool:
+        """Whether no values can be so."""
         for row in self.sums.values():
             for less, more in pairwise(sorted(row)):
                 self._at_most(row[less], row[more])
         for sort in (_NUMBER, _STRING):
             mine = [term for term, constant in self.constants.items() if _sort(constant) == sort]
-            mine.sort(key=self.constants.__getitem__)
-            for low, high in pairwise(mine):
+            for low, high in pairwise(sorted(mine, key=self.constants.__getitem__)):
+                self._at_most(low, high, strict=self.constants[low] != self.constants[high])
                 if self.constants[low] == self.constants[high]:
-                    self._equal(low, high)
-                else:
-                    self._at_most(low, high, strict=True)
+                    self._at_most(high, low)
         group: dict[Hashable, int] = {}
         for number, members in enumerate(nx.strongly_connected_components(self.order)):
             group.update(dict.fromkeys(members, number))
@@ -255,28 +232,21 @@ class _Facts:
         if any(group[left] == group[right] for left, right in self.unequal):
             return True
         others = [group[term] for term, constant in self.constants.items() if _sort(constant) not in (_NUMBER, _STRING)]
-        return len(set(others)) < len(others) or self._mixed()
+        return len(set(others)) < len(others) or any(map(self._mixed, nx.weakly_connected_components(self.order)))
 
-    def _mixed(self) -> bool:
-        """Whether one term would have to be of two sorts, or of a sort that has no order."""
-        same = nx.Graph(self.order)
-        for members in nx.connected_components(same):
-            sorts = set[str]().union(*(self.sorts.get(term, set()) for term in members))
-            if len(sorts) > 1:
-                return True
-            compared = any(left in members for left, _ in self.alike)
-            if compared and sorts and not sorts <= {_NUMBER, _STRING}:
-                return True
-        return False
+    def _mixed(self, terms: set[Hashable]) -> bool:
+        """Whether these terms, of one sort, would have to be of two sorts, or of one that has no order."""
+        sorts = set[str]().union(*(self.sorts[term] for term in terms))
+        return len(sorts) > 1 or (not sorts <= {_NUMBER, _STRING} and not self.compared.isdisjoint(terms))
 
 
-_ORDERED = frozenset([Operator.LT, Operator.LE, Operator.GT, Operator.GE])
-_TURNED = {
-    Operator.LT: Operator.GT,
-    Operator.LE: Operator.GE,
-    Operator.GT: Operator.LT,
-    Operator.GE: Operator.LE,
-}
+def _term(guard: Guard) -> Hashable:
+    """1 and 1.0 are equal, but adding one or the other need not be: they are two terms."""
+    return (type(guard.value), guard.value) if isinstance(guard, Literal) else guard
+
+
+def _is_whole(guard: Guard) -> bool:
+    return isinstance(guard, Literal) and isinstance(guard.value, int) and not isinstance(guard.value, bool)
 
 
 def _sort(constant: object) -> str:
@@ -287,45 +257,152 @@ def _sort(constant: object) -> str:
     return "null" if constant is None else "boolean"
 
 
+# The proof over real numbers, by sympy.
+
+_EXACT: Final = 2**53
+_DEGREE: Final = 4
+_CALCULATED: Final[dict[Operator, Callable[..., Any]]] = {
+    Operator.ADD: python.add,
+    Operator.SUB: python.sub,
+    Operator.MUL: python.mul,
+    Operator.NEGATE: python.neg,
+}
+
+
+def _refuted_over_reals(guards: list[Guard], *, weaken: bool) -> bool:
+    """Whether no real numbers make the guards hold; with `weaken`, comparisons that rounding could make true are left out."""
+    try:
+        ways = alternatives(guards)
+    except TooManyAlternatives:
+        return False
+    kept = [[one for one in way if not weaken or _survives_rounding(one)] for way in ways]
+    return all(not _real_solutions(way) for way in kept)
+
+
+def _survives_rounding(comparison: Comparison) -> bool:
+    """Whether nothing is rounded, or only once, and strictly compared with a representable number.
+
+    Rounding is monotone and keeps representable numbers, so `round(x) < c` implies `x < c` for such a c, x being one operation on a variable and a
+    small integer.
+    """
+    operator, left, right = comparison
+    if not isinstance(left, Operation) and not isinstance(right, Operation):
+        return True
+    if isinstance(left, Literal):
+        left, right = right, left
+    if operator not in (Operator.LT, Operator.GT) or not isinstance(right, Literal) or not _representable(right.value):
+        return False
+    match left:
+        case Operation(Operator.NEGATE, (Variable(),)):
+            return True
+        case Operation(_, (Variable(one), Variable(other))):
+            return one == other
+        case Operation(_, (Variable(), Literal(number)) | (Literal(number), Variable())):
+            return isinstance(number, int) and _representable(number)
+        case _:
+            return False
+
+
+def _representable(number: object) -> bool:
+    return isinstance(number, float) or (_is_whole(Literal(number)) and abs(number) <= _EXACT)  # type: ignore[arg-type]
+
+
+def _real_solutions(way: list[Comparison]) -> bool:
+    """Whether real numbers may satisfy the comparisons; True where sympy cannot tell."""
+    import sympy  # noqa: PLC0415  (slow to import, and seldom needed)
+    from sympy.logic.inference import satisfiable  # noqa: PLC0415
+
+    symbols: dict[str, Any] = {}  # numbered, so that names of a tree never mean anything to sympy
+
+    def number(guard: Guard) -> Any:
+        """The value of an operand; raises `TypeError` where real numbers have none."""
+        match guard:
+            case Literal(int() | float() as constant) if is_number(constant):
+                fraction = Fraction(constant)
+                return sympy.Rational(fraction.numerator, fraction.denominator)
+            case Variable(name):
+                return symbols.setdefault(name, sympy.Symbol(f"v{len(symbols)}", real=True))
+            case Operation(Operator.DIV, (left, right)) if (divisor := number(right)).is_number and divisor != 0:
+                return number(left) / divisor
+            case Operation(operator, operands) if operator in _CALCULATED:
+                return _CALCULATED[operator](*map(number, operands))
+            case _:
+                raise TypeError
+
+    relations = []
+    for operator, left, right in way:
+        numeric = any(isinstance(side, Operation) or _sort_of(side) == _NUMBER for side in (left, right))
+        if operator is Operator.NE and not numeric:
+            continue
+        try:
+            relations.append(sympy.Rel(number(left), number(right), operator.value))
+        except TypeError:
+            continue  # it may be about other values than numbers
+    if sympy.false in relations:
+        return False
+    relations = [relation for relation in relations if relation is not sympy.true]
+    unknowns = set[Any]().union(*(relation.free_symbols for relation in relations))
+    try:
+        polynomials = [sympy.Poly(relation.lhs - relation.rhs, *unknowns) for relation in relations]
+        degree = max((polynomial.total_degree() for polynomial in polynomials), default=_DEGREE + 1)
+        if len(unknowns) == 1 and degree <= _DEGREE:
+            solutions = sympy.And(*relations).as_set()
+            return solutions is not sympy.S.EmptySet and solutions.is_empty is not True
+        if degree <= 1:  # the theory of linear reals knows no `!=`
+            split = [sympy.Or(r.lhs < r.rhs, r.lhs > r.rhs) if isinstance(r, sympy.Ne) else r for r in relations]
+            return satisfiable(sympy.And(*split), use_lra_theory=True) is not False
+    except (NotImplementedError, TypeError, ValueError, AttributeError, sympy.PolynomialError):
+        pass
+    return True
+
+
+def _sort_of(guard: Guard) -> str | None:
+    return _sort(guard.value) if isinstance(guard, Literal) else None
+
+
 # A search for values under which guards hold: around their constants, and around the values already chosen.
-#
-# What is found is a witness, checked with the guards' own evaluation. Finding none proves nothing.
 
 DEFAULT_TRIES: Final = 4_000
 
 
 def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Json] | None:
-    """Values under which all guards hold, or None where none were found in so many evaluations (and 20 more for each guard)."""
+    """Values under which all guards hold, or None where none were found in so many evaluations (and 20 more for each guard).
+
+    >>> witness([Operation(Operator.GT, (Variable("X"), Literal(5))), Operation(Operator.LT, (Variable("Y"), Variable("X")))])
+    {'X': 6, 'Y': 5}
+    """
     todo = list(dict.fromkeys(guards))
     tries += 20 * len(todo)
-    names = _order(todo)
-    # Each guard is looked at as soon as the last of its variables has a value.
+    if not all(holds(guard, {}) for guard in todo if not variables(guard)):
+        return None
+    names = list(dict.fromkeys(name for guard in todo for name in variables(guard)))
     rank = {name: index for index, name in enumerate(names)}
-    due: list[list[Guard]] = [[] for _ in names]
+    due: list[list[Guard]] = [
+        [] for _ in names
+    ]  # each guard is looked at as soon as the last of its variables has a value
     touching: list[list[Guard]] = [[] for _ in names]
     for guard in todo:
-        own = variables(guard)
-        if not own:
-            if not holds(guard, {}):
-                return None
-            continue
-        due[max(rank[name] for name in own)].append(guard)
-        for name in own:
-            touching[rank[name]].append(guard)
-    constants = _constants(todo)
+        own = [rank[name] for name in variables(guard)]
+        for index in own:
+            touching[index].append(guard)
+        if own:
+            due[max(own)].append(guard)
+    literals = (part.value for guard in todo for part in walk(guard) if isinstance(part, Literal))
+    constants: dict[Hashable, Json] = {}
+    for constant in literals:
+        constants.setdefault(key(constant), constant)
     binding: dict[str, Json] = {}
     levels: list[Iterator[Json]] = []
-    while len(binding) < len(names) or len(levels) < len(names):
+    while len(binding) < len(names):
         if len(levels) == len(binding):
-            levels.append(_candidates(constants, touching[len(levels)], binding))
-        name = names[len(levels) - 1]
+            levels.append(_candidates([*constants.values()], touching[len(levels)], binding))
+        here, name = due[len(levels) - 1], names[len(levels) - 1]
         for candidate in levels[-1]:
             binding[name] = candidate
-            failing = _failing(due[len(levels) - 1], binding)
+            failing = next((index for index, guard in enumerate(here) if not holds(guard, binding)), None)
             if failing is None:
                 break
-            # What refuses one value most likely refuses the next one too: ask it first.
-            due[len(levels) - 1].insert(0, due[len(levels) - 1].pop(failing))
+            here.insert(0, here.pop(failing))  # what refuses one value most likely refuses the next one too
             tries -= failing + 1
             del binding[name]
             if tries < 0:
@@ -338,115 +415,65 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
     return binding
 
 
-def _failing(guards: list[Guard], binding: dict[str, Json]) -> int | None:
-    return next((index for index, guard in enumerate(guards) if not holds(guard, binding)), None)
-
-
-def _order(guards: Sequence[Guard]) -> list[str]:
-    return list(dict.fromkeys(name for guard in guards for name in variables(guard)))
-
-
-def _constants(guards: Iterable[Guard]) -> list[Json]:
-    found: dict[object, Json] = {}
-    for guard in guards:
-        for part in _parts(guard):
-            if isinstance(part, Literal):
-                found.setdefault(key(part.value), part.value)
-    return list(found.values())
-
-
-def _parts(guard: Guard) -> Iterator[Guard]:
-    todo = [guard]
-    while todo:
-        part = todo.pop()
-        yield part
-        if isinstance(part, Operation):
-            todo.extend(part.operands)
-
-
-def _candidates(constants: list[Json], guards: list[Guard], binding: dict[str, Json]) -> Iterator[Json]:
-    """Values for one variable, those most likely to do first."""
-    seen: set[object] = set()
-    for candidate in _in_turn([*_sides(guards, binding), *constants]):
-        known = key(candidate)
-        if known not in seen:
+def _candidates(constants: list[Json], guards: list[Guard], binding: Binding) -> Iterator[Json]:
+    """Values for one variable, those most likely to do first, each once."""
+    near = [*_sides(guards, binding), *constants]
+    seen: set[Hashable] = set()
+    for candidate in _in_turn(near):
+        if (known := key(candidate)) not in seen:
             seen.add(known)
             yield candidate
 
 
 def _in_turn(near: list[Json]) -> Iterator[Json]:
     for value_ in near[:4]:
-        yield value_
-        if is_number(value_):
-            yield value_ + 1
-            yield value_ - 1
+        yield from (value_, value_ + 1, value_ - 1) if is_number(value_) else (value_,)
     numbers = sorted({v for v in near if is_number(v) and abs(v) < 1e15} | {0})
     strings = sorted({v for v in near if isinstance(v, str)} | {""})
     yield from (numbers[-1] + 1, numbers[0] - 1)
     yield from near
-    yield from _around(numbers)
-    yield from _between(strings)
+    for number in numbers:
+        yield from (number + 1, number - 1)
+    yield from ((low + high) / 2 for low, high in pairwise(numbers))
+    yield from (10 * numbers[-1] + 10, 10 * numbers[0] - 10)
+    yield from strings
+    for string in strings:
+        yield from (string + "\0", string + "~")
+    yield strings[-1] + "\U0010ffff"
     yield from (True, False, None, [])
 
 
-def _sides(guards: list[Guard], binding: dict[str, Json]) -> list[Json]:
-    """What the variable is compared with, and what solves a sum or difference for it, as far as that has a value now."""
-    found: list[Json] = []
-    for guard in guards:
-        for part in _parts(guard):
-            if isinstance(part, Operation) and part.operator in COMPARISONS:
-                left, right = (_known(side, binding) for side in part.operands)
-                found += [v for v in (left, right) if v is not UNDEFINED]
-                for side, goal in ((part.operands[0], right), (part.operands[1], left)):
-                    if goal is not UNDEFINED and is_number(goal):
-                        found += _solved(side, goal, binding)
-    return found
+_UNDONE: Final = {
+    Operator.ADD: (Operator.SUB, Operator.SUB),
+    Operator.SUB: (Operator.ADD, Operator.SUB),
+    Operator.MUL: (Operator.DIV, Operator.DIV),
+    Operator.DIV: (Operator.MUL, Operator.DIV),
+}
+"""What solves `x ∘ a = g` for x, applied to g and a, and what solves `a ∘ x = g`, for `-` and `/` applied to a and g."""
 
 
-def _solved(side: Guard, goal: Json, binding: dict[str, Json]) -> list[Json]:
-    """Values for the unknown operand of an arithmetic operation so that it equals the goal."""
-    if not (isinstance(side, Operation) and len(side.operands) == 2):
-        return []
-    left, right = (_known(operand, binding) for operand in side.operands)
-    goal_, left_, right_ = Literal(goal), Literal(left), Literal(right)
-    ways: dict[Operator, list[tuple[Operator, Guard, Guard]]] = {}
-    if right is not UNDEFINED:
-        ways = {
-            Operator.ADD: [(Operator.SUB, goal_, right_)],
-            Operator.SUB: [(Operator.ADD, goal_, right_)],
-            Operator.MUL: [(Operator.DIV, goal_, right_)],
-            Operator.DIV: [(Operator.MUL, goal_, right_)],
-        }
-    elif left is not UNDEFINED:
-        ways = {
-            Operator.ADD: [(Operator.SUB, goal_, left_)],
-            Operator.SUB: [(Operator.SUB, left_, goal_)],
-            Operator.MUL: [(Operator.DIV, goal_, left_)],
-            Operator.DIV: [(Operator.DIV, left_, goal_)],
-        }
-    answers = (value(Operation(operator, (a, b)), {}) for operator, a, b in ways.get(side.operator, []))
-    return [answer for answer in answers if answer is not UNDEFINED]
+def _sides(guards: list[Guard], binding: Binding) -> Iterator[Json]:
+    """What the variable is compared with, and what solves a sum or product for it, as far as that has a value now."""
+    for part in (part for guard in guards for part in walk(guard)):
+        if not (isinstance(part, Operation) and part.operator in COMPARISONS):
+            continue
+        values = [_known(side, binding) for side in part.operands]
+        yield from (v for v in values if v is not UNDEFINED)
+        for side, goal in zip(part.operands, reversed(values), strict=True):
+            if not (is_number(goal) and isinstance(side, Operation) and side.operator in _UNDONE):
+                continue
+            left, right = (_known(operand, binding) for operand in side.operands)
+            first, second = _UNDONE[side.operator]
+            if right is not UNDEFINED:
+                solved = value(Operation(first, (Literal(goal), Literal(right))), {})
+            elif side.operator in (Operator.SUB, Operator.DIV):
+                solved = value(Operation(second, (Literal(left), Literal(goal))), {})
+            else:
+                solved = value(Operation(second, (Literal(goal), Literal(left))), {})
+            if solved is not UNDEFINED:
+                yield solved
 
 
-def _known(guard: Guard, binding: dict[str, Json]) -> Json:
-    if isinstance(guard, Variable):
-        return binding.get(guard.name, UNDEFINED)
+def _known(guard: Guard, binding: Binding) -> Json:
+    """The value of a guard as far as its variables have one."""
     return value(guard, binding) if all(name in binding for name in variables(guard)) else UNDEFINED
-
-
-def _around(numbers: list[Json]) -> Iterator[Json]:
-    for number in numbers:
-        yield number + 1
-        yield number - 1
-    for low, high in pairwise(numbers):
-        yield (low + high) / 2
-    yield 10 * numbers[-1] + 10
-    yield 10 * numbers[0] - 10
-
-
-def _between(strings: list[str]) -> Iterator[Json]:
-    yield from strings
-    for string in strings:
-        yield string + "\0"
-        yield string + "~"
-    yield strings[-1] + "\U0010ffff"

@@ -14,7 +14,7 @@ from typing import Final
 
 import networkx as nx
 
-from rvaft.analysis.guard_solver import refuted, witness
+from rvaft.analysis.guard_solver import contradictory, contradictory_over_reals, refuted, witness
 from rvaft.analysis.scenarios import Kept, ScenarioSpace, inevitable
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
@@ -146,7 +146,6 @@ def contradictory_guards(space: ScenarioSpace) -> Iterator[Report]:
                 yield Report(place, f"{where} cannot hold{' together' * (len(core) > 1)} in {branch}; mend one", core)
                 continue
             budget.spend(_ALGEBRA)
-            from rvaft.analysis.algebra import contradictory, contradictory_over_reals  # noqa: PLC0415  (sympy is slow to import)
 
             certain = contradictory(guards)
             if certain:

@@ -1,64 +1,33 @@
 """Random traces in which a tree is detected: an order of a random scenario, values that fit, and some noise where it does no harm."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from random import Random
 from typing import Final, TypeAlias
 
-import networkx as nx
-
-from cross_check.generate.traces import interesting_values
+from cross_check.generate.believable import Look
+from cross_check.generate.traces import fitting, interesting_values
 from cross_check.generate.values import Demand, Unmet, guard_demands, meeting
+from rvaft.analysis.normal_form import Op, body, is_impossible
+from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, cycle, edges_along, fewest_events, precedence
 from rvaft.engine import engine
 from rvaft.errors import RvaftError
 from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, Gate, Node
-from rvaft.model.patterns import (
-    Anything,
-    Binding,
-    ListPattern,
-    Literal,
-    ObjectPattern,
-    Pattern,
-    Variable,
-    match,
-    rigid_variables,
-)
+from rvaft.model.nodes import Node
+from rvaft.model.patterns import Anything, Binding, Pattern, match, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.rules.rule import listing
 
-# Events built for a tree: one that a pattern takes under given values, and one that the tree has nothing to do with.
-
 _NAMES = ("heartbeat", "status", "log")
-
-
-def built(random: Random, pattern: Pattern, binding: Mapping[str, Json], values: Sequence[Json]) -> Json:
-    """A value that matches the pattern with these values for its variables, random ones for those without."""
-    chosen = dict(binding)
-
-    def build(part: Pattern) -> Json:
-        match part:
-            case Literal(value):
-                return value
-            case Variable(name):
-                return chosen[name] if name in chosen else chosen.setdefault(name, random.choice(values))
-            case Anything():
-                return random.choice(values)
-            case ObjectPattern(fields):
-                return {name: build(inner) for name, inner in fields}
-            case ListPattern(items):
-                return [build(item) for item in items]
-
-    return build(pattern)
 
 
 def some_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
     """An event that fits a random runtime event of the tree."""
-    event = built(random, random.choice(tree.alphabet).pattern, {}, values)
+    event = fitting(random, random.choice(tree.alphabet).pattern, values)
     return event if isinstance(event, dict) else {"event": event}
 
 
@@ -69,9 +38,14 @@ def noise(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json | None:
         if random.random() < 0.3:
             event = some_event(random, tree, values)
             event.pop(random.choice(sorted(event)), None) if event else None
-        if not any(match(entry.pattern, event, {}) is not None for entry in tree.alphabet) or ignored(tree, event):
+        if not is_relevant(tree, event):
             return event
     return None
+
+
+def is_relevant(tree: RVAFT, event: Json) -> bool:
+    """Whether the event fits a runtime event of the tree, whatever its guard says, and is not ignored."""
+    return any(match(entry.pattern, event, {}) is not None for entry in tree.alphabet) and not ignored(tree, event)
 
 
 def ignored(tree: RVAFT, event: Json) -> bool:
@@ -91,14 +65,11 @@ def ignored(tree: RVAFT, event: Json) -> bool:
 # (its guard cannot hold) or a tree edge (it takes part in a cycle of the precedence). Every feasible scenario can be drawn as
 # long as nothing is banned.
 
-Kept: TypeAlias = Mapping[str, tuple[str, ...]]
-"""The nodes of a scenario, each with the children it keeps."""
-
-Ban: TypeAlias = str | tuple[str, str]
+Ban: TypeAlias = str | Edge
 """A node, or a tree edge (parent, child), that no scenario drawn may have."""
 
 _MORE_THAN_NEEDED = 0.3
-"""How often a `KofN` keeps more than K children."""
+"""How often a choice of at least K keeps more than K children."""
 _TRIED = 20
 """How many bans to try for one that leaves a scenario."""
 
@@ -109,7 +80,7 @@ class Scenarios:
     def __init__(self, tree: RVAFT) -> None:
         self.tree = tree
         self.bans: set[Ban] = set()
-        self._never = frozenset(node.name for node in tree.top_down() if _never_holds(node))
+        self._never = {node.name for node in tree.top_down() if is_impossible(node)}
 
     def draw(self, random: Random, *, lean: bool = False) -> Kept | None:
         """One scenario, or None where every one has something banned; `lean` takes the choices with the fewest events.
@@ -117,7 +88,7 @@ class Scenarios:
         Its precedence may be cyclic; of the guards only those without variables hold for sure.
         """
         least = self._least()
-        if least[self.tree.root] is None:
+        if self.tree.root not in least:
             return None
         kept: dict[str, tuple[str, ...]] = {}
         agenda = [self.tree.root]
@@ -133,80 +104,50 @@ class Scenarios:
         for ban in random.sample(bans, min(len(bans), _TRIED)):
             if ban not in self.bans:
                 self.bans.add(ban)
-                if self._least()[self.tree.root] is not None:
+                if self.tree.root in self._least():
                     return
                 self.bans.remove(ban)
         self.bans.clear()
 
-    def _choice(self, random: Random, node: Node, least: Mapping[str, int | None], *, lean: bool) -> tuple[str, ...]:
-        if node.gate not in (Gate.OR, Gate.VOT):
+    def _choice(self, random: Random, node: Node, least: Mapping[str, Fewest], *, lean: bool) -> tuple[str, ...]:
+        below = body(node)
+        if not below.chooses:
             return node.children
-        possible = [child for child in node.children if self._possible(node.name, child, least)]
-        needed = node.threshold or 1
+        possible = [child for child in node.children if child in least and (node.name, child) not in self.bans]
         if lean:
             random.shuffle(possible)
-            chosen = set(sorted(possible, key=lambda child: least[child] or 0)[:needed])
+            chosen = set(sorted(possible, key=lambda child: least[child].events)[: below.need])
         else:
-            more = node.gate is Gate.VOT and random.random() < _MORE_THAN_NEEDED
-            chosen = set(random.sample(possible, random.randint(needed, len(possible)) if more else needed))
+            more = below.op is Op.AT_LEAST and random.random() < _MORE_THAN_NEEDED
+            chosen = set(random.sample(possible, random.randint(below.need, len(possible)) if more else below.need))
         return tuple(child for child in node.children if child in chosen)
 
-    def _possible(self, name: str, child: str, least: Mapping[str, int | None]) -> bool:
-        return least[child] is not None and (name, child) not in self.bans
-
-    def _least(self) -> dict[str, int | None]:
-        """For each node the fewest events that a scenario has there (a shared part counts anew), None where it has none."""
-        least: dict[str, int | None] = {}
-        for node in self.tree.bottom_up():
-            below = sorted(
-                count
-                for child in node.children
-                if (count := least[child]) is not None and (node.name, child) not in self.bans
-            )
-            needed = _needed(node)
-            impossible = node.name in self._never or node.name in self.bans or len(below) < needed
-            least[node.name] = None if impossible else node.has_event + sum(below[:needed])
-        return least
-
-
-def _needed(node: Node) -> int:
-    if node.gate is Gate.OR:
-        return 1
-    return len(node.children) if node.threshold is None else node.threshold
-
-
-def _never_holds(node: Node) -> bool:
-    return node.when is not None and not guard_variables(node.when) and not holds(node.when, {})
-
-
-# Random orders of a scenario's occurrences that keep its precedence (semantics, section 2).
-#
-# Written from the definition and not with `rvaft.precedence`, which a translation uses: an order that both forgot
-# would be missed on both sides. Every order that keeps the precedence can come out.
-
-_BEFORE, _EVENT, _AFTER, _GAP = range(4)
-"""The points of a node: before all events of its part, its own event, after all of them, between two children of a sequence."""
-
-Point = tuple[int, str, int]
+    def _least(self) -> dict[str, Fewest]:
+        """For each node that a scenario can have the fewest events of its part."""
+        nodes = self._never | {ban for ban in self.bans if isinstance(ban, str)}
+        edges = {ban for ban in self.bans if not isinstance(ban, str)}
+        return fewest_events(self.tree.bottom_up(), without=nodes, without_edges=edges)
 
 
 class Cyclic(Exception):
     """Some event has to come before itself; `edges` are the tree edges (parent, child) of one cycle."""
 
-    def __init__(self, edges: list[tuple[str, str]]) -> None:
+    def __init__(self, edges: list[Edge]) -> None:
         self.edges = edges
         super().__init__(edges)
 
 
 def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
-    """The occurrences of a scenario, one after the other; raises `Cyclic` where no order keeps the precedence."""
-    graph = _precedence(tree, kept)
+    """The occurrences of a scenario, one after the other; raises `Cyclic` where no order keeps the precedence.
+
+    Every order that keeps it can come out: points of the precedence that are no event are passed at once.
+    """
+    graph = precedence(tree, kept)
     waits: dict[Point, int] = dict(graph.in_degree())
     ready: list[Point] = []
-    silent = [point for point, count in waits.items() if count == 0]
+    silent = [point for point, number in waits.items() if number == 0]
     order: list[str] = []
     while silent or ready:
-        # Only events wait in `ready`: points that are no event are passed at once, so any event that may be next can be.
         if silent:
             point = silent.pop()
         else:
@@ -218,47 +159,11 @@ def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
         for later in graph.successors(point):
             waits[later] -= 1
             if waits[later] == 0:
-                (ready if later[0] == _EVENT else silent).append(later)
+                (ready if later[0] == "event" else silent).append(later)
     if waits:
-        raise Cyclic(_tree_edges(kept, {name for (_, name, _), _ in nx.find_cycle(graph.subgraph(waits))}))
+        rest = graph.subgraph(waits)
+        raise Cyclic(edges_along(rest, cycle(rest), closed=True))
     return order
-
-
-def _precedence(tree: RVAFT, kept: Kept) -> nx.DiGraph:
-    """Points and what comes before what, linear in the scenario; from before a part to after it leads only an event."""
-    graph: Final = nx.DiGraph()
-    for name, children in kept.items():
-        node = tree.nodes[name]
-        before, own, after = (_BEFORE, name, 0), (_EVENT, name, 0), (_AFTER, name, 0)
-        for child in children:
-            graph.add_edge(before, (_BEFORE, child, 0))
-            graph.add_edge((_AFTER, child, 0), after)
-        if node.has_event:
-            graph.add_edge(before, own)
-            graph.add_edge(own, after)
-            for child in children:
-                if tree.causality is Causality.TOP_DOWN:
-                    graph.add_edge(own, (_BEFORE, child, 0))
-                else:
-                    graph.add_edge((_AFTER, child, 0), own)
-        if node.gate is Gate.SAND:
-            _sequence(graph, name, children)
-        elif node.gate is Gate.SAND_RL:
-            _sequence(graph, name, children[::-1])
-    return graph
-
-
-def _sequence(graph: nx.DiGraph, name: str, children: tuple[str, ...]) -> None:
-    """Each child's part before all later ones, also where a part between them has no event."""
-    for number in range(len(children) - 1):
-        gap = (_GAP, name, number)
-        graph.add_edge((_AFTER, children[number], 0), gap)
-        graph.add_edge(gap, (_BEFORE, children[number + 1], 0))
-        graph.add_edge(gap, (_GAP, name, number + 1))
-
-
-def _tree_edges(kept: Kept, names: set[str]) -> list[tuple[str, str]]:
-    return [(name, child) for name, children in kept.items() if name in names for child in children if child in names]
 
 
 ATTEMPTS: Final = 100
@@ -272,11 +177,11 @@ _BUILDS: Final = 40
 class Manner:
     """What the events look like, beside what the tree demands; probabilities between 0 and 1.
 
-    Without `values` the free values are taken from those that make a difference to the tree, of all types. An
-    `overlapping` event also has the fields of another runtime event of the tree.
+    A `believable` trace has times that grow and values that their fields suggest; otherwise free values are taken from those that make
+    a difference to the tree, of all types. An `overlapping` event also has the fields of another runtime event of the tree.
     """
 
-    values: tuple[Json, ...] = ()
+    believable: bool = False
     overlapping: float = 0.0
     noise: float = 0.4
 
@@ -284,8 +189,8 @@ class Manner:
 WILD: Final = Manner(overlapping=0.1)
 """For tests: whatever might go wrong."""
 
-PLAIN: Final = Manner(values=tuple(range(10)))
-"""For people: small numbers where any value will do."""
+PLAIN: Final = Manner(believable=True)
+"""For people: what a log might hold."""
 
 
 class NoTraceFound(RvaftError, LookupError):
@@ -311,11 +216,12 @@ def detecting(
 
     The tree keeps the rules of `rvaft check`. Raises `NoTraceFound`, and what the monitor raises (`TooLarge`).
     """
-    trace = guided(random, tree, semantics, manner=manner, longest=longest, attempts=attempts)
-    monitor = engine(tree, semantics)
-    for position, event in enumerate(trace, 1):
-        if monitor.step(event) is Verdict.TRUE:
-            return trace[:position]
+    for used in (manner, replace(manner, believable=False)) if manner.believable else (manner,):
+        trace = guided(random, tree, semantics, manner=used, longest=longest, attempts=attempts)
+        monitor = engine(tree, semantics)
+        for position, event in enumerate(trace, 1):
+            if monitor.step(event) is Verdict.TRUE:
+                return trace[:position]
     # The trace is a match by its construction: passing it over would hide what a cross-check looks for.
     raise AssertionError(f"the monitor does not detect {tree.root} under {semantics} in {trace}")
 
@@ -368,7 +274,8 @@ class _Making:
         self.semantics = semantics
         self.manner = manner
         self.others = interesting_values(tree)
-        self.values = manner.values or tuple(random.choice(self.others) for _ in range(4))
+        self.values: Sequence[Json] = tuple(random.choice(self.others) for _ in range(4))
+        self.look = Look(random, tree) if manner.believable else None
         self.minds_ignored = semantics is Semantics.PROJECTED and bool(tree.ignores)
 
     def trace(self, kept: Kept, order: list[str]) -> list[Json]:
@@ -386,8 +293,18 @@ class _Making:
                 for name, pattern in patterns.items()
             ]
         names = dict.fromkeys(name for pattern in patterns.values() for name in rigid_variables(pattern))
-        binding = meeting(self.random, demands, names, self.values, self.others)
+        binding = self._binding(demands, list(names), list(patterns.values()))
         return [events[name] if name in events else self._event(name, binding, self.values) for name in order]
+
+    def _binding(self, demands: list[Demand], names: list[str], patterns: list[Pattern]) -> dict[str, Json]:
+        if self.look is None:
+            return meeting(self.random, demands, names, lambda _: self.values, self.others)
+        for growth in self.look.growing(patterns):  # times some steps apart, times that do not run backwards, any times
+            try:
+                return meeting(self.random, [*demands, *growth], names, self.look.values, self.others, near=False)
+            except Unmet:
+                continue
+        return meeting(self.random, demands, names, self.look.values, self.others)
 
     def _passes(self, events: dict[str, Json], name: str, binding: Binding) -> bool:
         """Whether some event for an occurrence is not ignored; it is noted."""
@@ -399,25 +316,32 @@ class _Making:
         return False
 
     def _event(self, name: str, binding: Binding, values: Sequence[Json]) -> Json:
-        event = built(self.random, self.tree.pattern(name) or Anything(), binding, values)
+        pattern = self.tree.pattern(name) or Anything()
+        if self.look is not None:
+            return self.look.event(pattern, binding)
+        event = fitting(self.random, pattern, values, binding)
         if self.random.random() < self.manner.overlapping:
             event = {**some_event(self.random, self.tree, values), **event}
         return event
 
     def noisy(self, trace: list[Json], longest: int | None) -> list[Json]:
         """The trace with events in between that take nothing from it; under `strict` there are none."""
-        if self.semantics is Semantics.STRICT or self.random.random() >= self.manner.noise:
-            return trace
-        room = _NOISE if longest is None else min(_NOISE, longest - len(trace))
         result = list(trace)
-        for _ in range(self.random.randint(0, max(room, 0))):
-            if self.semantics is Semantics.SCATTERED and self.random.random() < 0.5:
-                event = some_event(self.random, self.tree, self.values)
-            else:
-                event = noise(self.random, self.tree, self.values)
-            if event is not None:
-                result.insert(self.random.randint(0, len(result)), event)
-        return result
+        if self.semantics is not Semantics.STRICT and self.random.random() < self.manner.noise:
+            room = _NOISE if longest is None else min(_NOISE, longest - len(trace))
+            for _ in range(self.random.randint(0, max(room, 0))):
+                event = self._noise()
+                if event is not None:
+                    result.insert(self.random.randint(0, len(result)), event)
+        return result if self.look is None else self.look.timed(result)
+
+    def _noise(self) -> Json | None:
+        if self.look is not None:
+            event = self.look.noise()
+            return None if is_relevant(self.tree, event) else event
+        if self.semantics is Semantics.SCATTERED and self.random.random() < 0.5:
+            return some_event(self.random, self.tree, self.values)
+        return noise(self.random, self.tree, self.values)
 
 
 def _objection(nodes: Sequence[str], refusing: Sequence[Demand]) -> str:

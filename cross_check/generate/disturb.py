@@ -5,6 +5,7 @@ from enum import StrEnum
 from random import Random
 from typing import Final, NamedTuple, TypeAlias
 
+from cross_check.generate.believable import Look
 from cross_check.generate.detections import ATTEMPTS, WILD, Manner, detecting, noise, some_event
 from cross_check.generate.traces import COMMON, interesting_values
 from cross_check.generate.values import around
@@ -261,6 +262,8 @@ _EDITS: Final[Mapping[Disturbance, Callable[[Random, list[Json], RVAFT], list[Js
 # Random traces that are one edit away from a detection.
 
 _TRIES = 3
+_EVERYDAY = (Disturbance.MISSING, Disturbance.SWAPPED, Disturbance.REPEATED, Disturbance.FIELD, Disturbance.BOUND)
+"""What happens to logs that people believe."""
 
 
 class NearMiss(NamedTuple):
@@ -282,12 +285,17 @@ def near_miss(
 ) -> NearMiss:
     """A near miss; raises `NoTraceFound` where no detecting trace is found, and what the monitor raises (`TooLarge`)."""
     detected = detecting(random, tree, semantics, manner=manner, longest=longest, attempts=attempts)
-    for kind in random.sample(list(Disturbance), len(Disturbance)):
+    kinds = _EVERYDAY if manner.believable else tuple(Disturbance)
+    for kind in random.sample(kinds, len(kinds)):
         for _ in range(_TRIES):
             edited = disturbed_by(kind, random, detected, tree)
             if edited is None:
                 break
-            if (longest is None or len(edited) <= longest) and not _detected(tree, semantics, edited):
+            if longest is not None and len(edited) > longest:
+                continue
+            if manner.believable:
+                edited = Look(random, tree).in_time(edited)
+            if not _detected(tree, semantics, edited):
                 return NearMiss(edited, detected, kind)
     # The tree is detected at the last event and not before.
     return NearMiss(detected[:-1], detected, Disturbance.MISSING)

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from random import Random
 
-from rvaft.model.guards import Guard, Operation
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, walk
+from rvaft.model.guards import Guard
+from rvaft.model.guards import walk as guard_walk
+from rvaft.model.patterns import Anything, Binding, ListPattern, Literal, ObjectPattern, Pattern, Variable, walk
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_number
 
@@ -44,13 +45,7 @@ def interesting_values(tree: RVAFT) -> list[Json]:
 
 
 def _constants(guard: Guard | None) -> list[Json]:
-    match guard:
-        case Literal(value):
-            return [value]
-        case Operation(_, operands):
-            return [value for operand in operands for value in _constants(operand)]
-        case _:
-            return []
+    return [] if guard is None else [part.value for part in guard_walk(guard) if isinstance(part, Literal)]
 
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
@@ -69,16 +64,16 @@ def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
     return event
 
 
-def fitting(random: Random, pattern: Pattern, values: Sequence[Json]) -> Json:
-    """A value that matches the pattern, with random values for its variables, equal ones where a variable is used twice."""
-    chosen: dict[str, Json] = {}
+def fitting(random: Random, pattern: Pattern, values: Sequence[Json], binding: Binding | None = None) -> Json:
+    """A value that matches the pattern with these values for its variables, random ones for those without."""
+    chosen = dict(binding or {})
 
     def build(part: Pattern) -> Json:
         match part:
             case Literal(value):
                 return value
             case Variable(name):
-                return chosen.setdefault(name, random.choice(values))
+                return chosen[name] if name in chosen else chosen.setdefault(name, random.choice(values))
             case Anything():
                 return random.choice(values)
             case ObjectPattern(fields):

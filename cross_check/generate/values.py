@@ -13,7 +13,7 @@ from typing import Final
 
 import networkx as nx
 
-from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, holds, value
+from rvaft.model.guards import COMPARISONS, UNDEFINED, Guard, Operation, Operator, conjuncts, holds, value
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Binding, Literal, Variable
 from rvaft.model.values import Json, is_number
@@ -21,7 +21,6 @@ from rvaft.model.values import Json, is_number
 TRIES: Final = 200
 """How many values to try for variables that hang together, and 20 more for each of them, before giving up."""
 _ANY_ORDER: Final = 0.3
-_COMPARISONS: Final = (Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE)
 _INVERSE: Final = {
     Operator.ADD: (Operator.SUB, Operator.SUB),
     Operator.SUB: (Operator.ADD, Operator.SUB),
@@ -49,21 +48,24 @@ class Unmet(Exception):
         super().__init__([demand.node for demand in refusing])
 
 
-def guard_demands(node: str, guard: Guard) -> Iterator[Demand]:
+def guard_demands(node: str, guard: Guard) -> list[Demand]:
     """That a guard holds: a conjunction does when all its parts do, each of which can be looked at on its own."""
-    todo = [guard]
-    while todo:
-        part = todo.pop()
-        if isinstance(part, Operation) and part.operator is Operator.AND:
-            todo.extend(reversed(part.operands))
-        else:
-            yield Demand(node, guard_variables(part), partial(holds, part), part)
+    return [Demand(node, guard_variables(part), partial(holds, part), part) for part in conjuncts(guard)]
 
 
 def meeting(
-    random: Random, demands: Sequence[Demand], names: Iterable[str], some: Sequence[Json], others: Sequence[Json]
+    random: Random,
+    demands: Sequence[Demand],
+    names: Iterable[str],
+    some: Callable[[str], Sequence[Json]],
+    others: Sequence[Json],
+    *,
+    near: bool = True,
 ) -> dict[str, Json]:
-    """Values for these variables and those of the demands; `some` are tried rather than `others`. Raises `Unmet`."""
+    """Values for these variables and those of the demands; `some`, by name, are tried rather than `others`. Raises `Unmet`.
+
+    Without `near`, strings next to those of guards are tried last, and variables get their values in their order.
+    """
     refused = [demand for demand in demands if not demand.needs and not demand.test({})]
     if refused:
         raise Unmet(refused)
@@ -81,14 +83,14 @@ def meeting(
     for component in nx.connected_components(graph):
         # Mostly in the order in which the trace binds them, so that times grow; what is hard from there may be easy from elsewhere.
         start = min(component, key=place.__getitem__)
-        if random.random() < _ANY_ORDER:
+        if near and random.random() < _ANY_ORDER:
             start = random.choice(sorted(component))
         order = [start, *(name for _, name in nx.bfs_edges(graph, start))]
-        found |= _Group(random, order, touching, some, others).solve()
+        found |= _ValueSearch(random, order, touching, some, others, near=near).solve()
     return found
 
 
-class _Group:
+class _ValueSearch:
     """Variables that demands tie together, in the order in which they get values."""
 
     def __init__(
@@ -96,14 +98,17 @@ class _Group:
         random: Random,
         order: list[str],
         touching: dict[str, list[Demand]],
-        some: Sequence[Json],
+        some: Callable[[str], Sequence[Json]],
         others: Sequence[Json],
+        *,
+        near: bool,
     ) -> None:
         self.random = random
         self.order = order
         self.touching = touching
         self.some = some
         self.others = others
+        self.near = near
         self.rank = {name: index for index, name in enumerate(order)}
         self.due = {name: [d for d in touching[name] if self._last(d) == name] for name in order}
 
@@ -148,16 +153,14 @@ class _Group:
 
     def _candidates(self, name: str, binding: Binding) -> Iterator[Json]:
         """Values to try for a variable: the promising ones in random order, then all others."""
-        bounds = [
-            near
-            for demand in self.touching[name]
-            if demand.guard is not None
-            for bound in _bounds(demand.guard, name, binding)
-            for near in around(bound)
-        ]
-        first = [*bounds, *self.some]
+        guards = [demand.guard for demand in self.touching[name] if demand.guard is not None]
+        bounds = [bound for guard in guards for bound in _bounds(guard, name, binding)]
+        close = [value for bound in bounds for value in around(bound)]
+        last = [] if self.near else [value for value in close if isinstance(value, str) and value not in bounds]
+        first = [*(value for value in close if self.near or value not in last), *self.some(name)]
         self.random.shuffle(first)
         yield from first
+        yield from last
         yield from self.random.sample(self.others, len(self.others))
 
 
@@ -189,7 +192,7 @@ def _bounds(guard: Guard, name: str, binding: Binding) -> Iterator[Json]:
         if not isinstance(part, Operation):
             continue
         todo.extend(part.operands)
-        if part.operator in _COMPARISONS:
+        if part.operator in COMPARISONS:
             left, right = part.operands
             for side, other in ((left, right), (right, left)):
                 goal = _known(other, binding)

@@ -310,6 +310,34 @@ def test_a_longest_length() -> None:
         guided(Random(0), tree, longest=2)
 
 
+LOG: Final = loads(
+    """
+    event login(u, t)   = { event: "login", user: u, time: t };
+    event read(f, n, t) = { event: "read", file: f, bytes: n, time: t };
+    event logout(u)     = { event: "logout", user: u, time: _, note: _ };
+    theft sand enter takes leave;
+    enter on login(User, T1);
+    takes on read(_, Bytes, T2) when Bytes > 5000 and T2 <= T1 + 60 and T2 >= T1;
+    leave on logout(Other) when Other != User;
+    """
+)
+
+
+@pytest.mark.parametrize("semantics", Semantics)
+def test_people_believe_a_plain_log(semantics: Semantics) -> None:
+    for seed in range(20):
+        trace = detecting(Random(seed), LOG, semantics, manner=PLAIN)
+        near = near_miss(Random(seed), LOG, semantics, manner=PLAIN).trace
+        assert verdicts(LOG, semantics, trace)[-1] is Verdict.TRUE
+        assert Verdict.TRUE not in verdicts(LOG, semantics, near)
+        for log in (trace, near):
+            times = [event["time"] for event in log if "time" in event]
+            assert times == sorted(times)
+            assert all(isinstance(time, int) and 0 <= time < 200 for time in times)
+            assert {event["user"] for event in log if "user" in event} <= {"alice", "bob", "carol", "dave", "erin"}
+            assert all(0 <= event["bytes"] <= 20_000 for event in log if "bytes" in event)
+
+
 # -- size -----------------------------------------------------------------------------------------------------------
 
 

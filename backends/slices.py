@@ -64,8 +64,7 @@ def advance(
                 case Verdict.TRUE:
                     return None
                 case Verdict.UNKNOWN:
-                    if matter is not None and not matter(to) >= binding.keys():
-                        names = matter(to)
+                    if binding and matter is not None and not (names := matter(to)) >= binding.keys():
                         kept = {name: value for name, value in binding.items() if name in names}
                         after[_assignment(kept), to] = kept
                     else:

@@ -5,43 +5,36 @@ matter any more, so equal configurations have equal futures. Choices are taken w
 that comes after them happens and they can be made without an event.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations, product
-from typing import Final
+from typing import Final, NamedTuple
 
-from backends.automaton.letters import Atoms, bits
-from backends.automaton.structure import Choice, Plan, smallest
+from backends.automaton.structure import Plan, Work, smallest
+from rvaft.support.bits import bits, mask_of, union
 
 _WIDE: Final = 1 << 61
 
 
-@dataclass(frozen=True, slots=True)
-class Configuration:
+class Configuration(NamedTuple):
     """Bit sets over one plan.
 
-    `waiting`: events that must still happen. `undecided`: choices. `taken`: alternatives of undecided choices
-    that are taken already. `required`: guards that must still hold at an event to come. `broken`: guards that did not hold, so
-    that no choice may bring them in.
+    `open`: events that must still happen, choices that are undecided, guards that must still hold at an event to come. `taken`: alternatives
+    of undecided choices that are taken already. `broken`: guards that did not hold, so that no choice may bring them in.
     """
 
     plan: int
-    waiting: int
-    undecided: int
+    open: int
     taken: int = 0
-    required: int = 0
     broken: int = 0
 
     def __hash__(self) -> int:
         """By bytes: integers of many bits hash alike when one is the other shifted."""
-        waiting, undecided = self.waiting, self.undecided
-        if waiting | undecided >= _WIDE:
-            return hash((self.plan, _bytes(waiting), _bytes(undecided), _bytes(self.taken)))
-        return hash((self.plan, waiting, undecided, self.taken, self.required, self.broken))
+        if self.open < _WIDE:
+            return hash((self.plan, self.open, self.taken, self.broken))
+        return hash((self.plan, self.open.to_bytes(self.open.bit_length() // 8 + 1), self.taken))
 
 
-@dataclass(frozen=True, slots=True)
-class Move:
+class Move(NamedTuple):
     """One more event of `atom`: `needed` guards must hold at it, `noted` ones that do not hold are broken from then on."""
 
     atom: int
@@ -53,120 +46,109 @@ class Move:
 class Moves:
     """The moves of the configurations of some plans; computed once for each configuration."""
 
-    def __init__(self, plans: tuple[Plan, ...]) -> None:
+    def __init__(self, plans: Sequence[Plan]) -> None:
         self._plans = plans
         self._moves: dict[Configuration, tuple[Move, ...]] = {}
 
     def start(self) -> Iterator[Configuration]:
         """The configurations before any event."""
         for number, plan in enumerate(self._plans):
-            inside = plan.start
-            yield self._tidy(Configuration(number, inside.events, inside.choices, required=inside.guards))
+            yield self._tidy(Configuration(number, plan.start))
 
     def of(self, configuration: Configuration) -> tuple[Move, ...]:
         """The moves of a configuration, in a stable order."""
         if configuration not in self._moves:
-            moves = self._find(configuration)
-            self._moves[configuration] = tuple(dict.fromkeys(moves))
+            self._moves[configuration] = tuple(dict.fromkeys(self._find(configuration)))
         return self._moves[configuration]
 
     def breaking(self, move: Move, holding: int) -> Configuration:
         """Where a move leads when of the guards it notes only these hold."""
         broken = move.noted & ~holding
-        if not broken:
-            return move.target
-        return self._tidy(replace(move.target, broken=move.target.broken | broken))
+        return self._tidy(move.target._replace(broken=move.target.broken | broken)) if broken else move.target
 
-    def complete(self, configuration: Configuration) -> bool:
+    def is_complete(self, configuration: Configuration) -> bool:
         """Whether nothing more needs to happen."""
-        if configuration.waiting:
+        plan = self._plans[configuration.plan]
+        if configuration.open & plan.events:
             return False
-        return all(self._silently(configuration, choice) for choice in bits(configuration.undecided))
+        return all(self._silently(configuration, choice) for choice in bits(configuration.open & plan.choosing))
 
     def dominates(self, one: Configuration, other: Configuration) -> bool:
         """Whether `one` completes on every word on which `other` does, when events may be left out."""
-        if one.plan != other.plan:
-            return False
-        if one.waiting & ~other.waiting or one.undecided & ~other.undecided:
-            return False
-        if one.required & ~other.required or one.broken & ~other.broken:
+        if one.plan != other.plan or one.open & ~other.open or one.broken & ~other.broken:
             return False
         behind = other.taken & ~one.taken
         if not behind:
             return True
-        choices = self._plans[one.plan].choices
-        return not any(choices[choice].mask & behind for choice in bits(one.undecided))
+        plan = self._plans[one.plan]
+        return not any(plan.choices[choice].mask & behind for choice in bits(one.open & plan.choosing))
 
     def _find(self, configuration: Configuration) -> Iterator[Move]:
         plan = self._plans[configuration.plan]
         for event in self._candidates(configuration):
-            entered = self._enter(configuration, event)
-            if entered is None:
-                continue
             moment = plan.moments[event]
-            if moment.events_before & entered.waiting:
+            entered = self._enter(configuration, event)
+            if entered is None or moment.before & entered.open & plan.events:
                 continue
-            for settled in self._settle(entered, moment.choices_before & entered.undecided):
-                target = replace(settled, waiting=settled.waiting & ~(1 << event))
-                bound = plan.bound[event]
-                needed = bound & settled.required
-                noted = bound & ~settled.required
-                noted &= self._possible_guards(target) if noted else 0
+            for settled in self._settle(entered, moment.before & entered.open & plan.choosing):
+                target = settled._replace(open=settled.open & ~(1 << event))
+                needed = moment.bound & settled.open
+                noted = moment.bound & ~needed
+                noted &= self._possible(target) if noted else 0
                 yield Move(moment.atom, needed, noted, self._tidy(target))
 
     def _candidates(self, configuration: Configuration) -> Iterator[int]:
         """Events that may be next: nothing that waits is known to come before them."""
         plan = self._plans[configuration.plan]
-        waiting = configuration.waiting
+        waiting = configuration.open & plan.events
         while waiting:
-            low = waiting & -waiting
-            event = low.bit_length() - 1
+            event = (waiting & -waiting).bit_length() - 1
             yield event
-            waiting &= ~(low | plan.moments[event].events_after)
-        first = 0
-        for choice in bits(configuration.undecided):
-            for alternative in plan.choices[choice].alternatives:
-                if not configuration.taken >> alternative & 1:
-                    first |= plan.alternatives[alternative].first
-        yield from bits(first)
+            waiting &= ~(1 << event | plan.moments[event].after)
+        untaken = self._untaken(configuration)
+        yield from bits(union(plan.alternatives[number].first for number in untaken))
+
+    def _untaken(self, configuration: Configuration) -> Iterator[int]:
+        """The alternatives of undecided choices that are not taken."""
+        plan = self._plans[configuration.plan]
+        for choice in bits(configuration.open & plan.choosing):
+            yield from bits(plan.choices[choice].mask & ~configuration.taken)
+
+    def _possible(self, configuration: Configuration) -> int:
+        """All that a choice may still bring in."""
+        alternatives = self._plans[configuration.plan].alternatives
+        return union(alternatives[number].whole for number in self._untaken(configuration))
 
     def _enter(self, configuration: Configuration, event: int) -> Configuration | None:
         """Take the alternatives that an event is below, or None where that is no longer possible."""
-        if configuration.waiting >> event & 1:
+        if configuration.open >> event & 1:
             return configuration
         plan = self._plans[configuration.plan]
         path: list[int] = []
-        alternative = plan.moments[event].alternative
-        while alternative is not None:
-            path.append(alternative)
-            if configuration.undecided >> plan.alternatives[alternative].choice & 1:
+        number = plan.moments[event].alternative
+        while number is not None:
+            path.append(number)
+            if configuration.open >> plan.alternatives[number].choice & 1:
                 break
-            alternative = plan.alternatives[alternative].up
+            number = plan.alternatives[number].up
         else:
             return None
-        entered = configuration
-        for step in reversed(path):
-            taken = self._take(entered, step)
-            if taken is None:
-                return None
-            entered = taken
+        entered: Configuration | None = configuration
+        while path and entered is not None:
+            entered = self._take(entered, path.pop())
         return entered
 
     def _take(self, configuration: Configuration, number: int) -> Configuration | None:
         plan = self._plans[configuration.plan]
         alternative = plan.alternatives[number]
-        inside = alternative.mandatory
-        if configuration.taken >> number & 1 or inside.guards & configuration.broken:
+        if configuration.taken >> number & 1 or alternative.mandatory & configuration.broken:
             return None
         choice = plan.choices[alternative.choice]
         taken = configuration.taken & choice.mask | 1 << number
         decided = taken == choice.mask or (not choice.more and taken.bit_count() == choice.least)
-        return replace(
-            configuration,
-            waiting=configuration.waiting | inside.events,
-            undecided=configuration.undecided & ~(decided << alternative.choice) | inside.choices,
+        return configuration._replace(
+            open=configuration.open & ~(decided << alternative.choice) | alternative.mandatory,
             taken=configuration.taken & ~choice.mask if decided else configuration.taken | taken,
-            required=configuration.required | inside.guards,
         )
 
     def _settle(self, configuration: Configuration, choices: int) -> Iterator[Configuration]:
@@ -176,157 +158,97 @@ class Moves:
             return
         plan = self._plans[configuration.plan]
         ways = [self._silently(configuration, choice) for choice in bits(choices)]
-        taken = configuration.taken
-        for choice in bits(choices):
-            taken &= ~plan.choices[choice].mask
-        for guards in smallest(_union(chosen) for chosen in product(*ways)):
-            yield replace(
-                configuration,
-                undecided=configuration.undecided & ~choices,
-                taken=taken,
-                required=configuration.required | guards,
-            )
+        taken = configuration.taken & ~union(plan.choices[choice].mask for choice in bits(choices))
+        for guards in smallest(union(chosen) for chosen in product(*ways)):
+            yield configuration._replace(open=configuration.open & ~choices | guards, taken=taken)
 
     def _silently(self, configuration: Configuration, number: int) -> tuple[int, ...]:
         """The smallest sets of guards with which a choice is decided without an event."""
         plan = self._plans[configuration.plan]
         choice = plan.choices[number]
-        taken = configuration.taken & choice.mask
-        missing = choice.least - taken.bit_count()
+        missing = choice.least - (configuration.taken & choice.mask).bit_count()
         if missing <= 0:
             return (0,)
-        able = [ways for ways in self._silent_ways(plan, choice, taken, configuration.broken) if ways]
-        chosen = combinations(able, missing)
-        return smallest(_union(one) for some in chosen for one in product(*some))
-
-    @staticmethod
-    def _silent_ways(plan: Plan, choice: Choice, taken: int, broken: int) -> Iterator[list[int]]:
-        for alternative in choice.alternatives:
-            if not taken >> alternative & 1:
-                yield [guards for guards in plan.alternatives[alternative].silent if not guards & broken]
-
-    def _possible_guards(self, configuration: Configuration) -> int:
-        """The guards that a choice may still bring in."""
-        plan = self._plans[configuration.plan]
-        guards = 0
-        for choice in bits(configuration.undecided):
-            for alternative in plan.choices[choice].alternatives:
-                if not configuration.taken >> alternative & 1:
-                    guards |= plan.alternatives[alternative].whole.guards
-        return guards
+        untaken = (plan.alternatives[one].silent for one in bits(choice.mask & ~configuration.taken))
+        able = [ways for silent in untaken if (ways := [one for one in silent if not one & configuration.broken])]
+        return smallest(union(one) for some in combinations(able, missing) for one in product(*some))
 
     def _tidy(self, configuration: Configuration) -> Configuration:
         """Forget guards that no event and no choice to come can touch."""
-        if not (configuration.required or configuration.broken):
-            return configuration
         plan = self._plans[configuration.plan]
-        events = configuration.waiting
-        for choice in bits(configuration.undecided):
-            for alternative in plan.choices[choice].alternatives:
-                if not configuration.taken >> alternative & 1:
-                    events |= plan.alternatives[alternative].whole.events
-        required = _union(1 << guard for guard in bits(configuration.required) if plan.binders[guard] & events)
-        broken = configuration.broken & self._possible_guards(configuration)
-        return replace(configuration, required=required, broken=broken)
-
-
-def _bytes(mask: int) -> bytes:
-    return mask.to_bytes(mask.bit_length() // 8 + 1, "little")
-
-
-def _union(masks: Iterator[int] | tuple[int, ...]) -> int:
-    union = 0
-    for mask in masks:
-        union |= mask
-    return union
-
-
-# Where the letters of one state lead: the configurations of each atom found once, then put together as bit sets.
-#
-# Letters that make several atoms true lead where their atoms lead together. Where a state has many overlapping atoms there are
-# exponentially many such letters, so what concerns a pair of configurations is looked at once for the state, not once for a letter.
+        required = configuration.open & plan.guards
+        if not (required or configuration.broken):
+            return configuration
+        possible = self._possible(configuration)
+        coming = configuration.open | possible
+        idle = mask_of(guard for guard in bits(required) if not plan.binders[guard] & coming)
+        return configuration._replace(open=configuration.open & ~idle, broken=configuration.broken & possible)
 
 
 class Successors:
-    """The successors of one state.
+    """Where the letters of one state lead: the configurations of each atom found once, then put together as bit sets.
 
-    `kept` are configurations that stay whatever happens, none of which dominates another one (under `scattered`, where an event
-    may be left out); with them, a configuration that another one dominates is dropped. `step` is told how much is done.
+    Where a state has many overlapping atoms there are exponentially many letters, so what concerns a pair of configurations
+    is looked at once for the state. `kept` are configurations that stay whatever happens, none of which dominates another one; under
+    `scattered`, where events may be left out, they are those of the state, and a configuration that another one dominates is dropped.
     """
 
-    def __init__(
-        self,
-        moves: Moves,
-        by_atom: Mapping[int, Sequence[Move]],
-        kept: Sequence[Configuration],
-        *,
-        dominating: bool,
-        step: Callable[[int], None],
-    ) -> None:
+    def __init__(self, moves: Moves, state: Sequence[Configuration], *, scattered: bool, work: Work) -> None:
         self._moves = moves
-        self._by_atom = by_atom
-        self._kept = kept
-        self._dominating = dominating
-        self._step = step
-        self._guards = {atom: _guards(own) for atom, own in by_atom.items()}
-        self._found = list(kept)
+        self._by_atom: dict[int, list[Move]] = {}
+        for configuration in state:
+            for move in moves.of(configuration):
+                self._by_atom.setdefault(move.atom, []).append(move)
+        self.sees = mask_of(self._by_atom)
+        self._guards = {atom: union(one.needed | one.noted for one in own) for atom, own in self._by_atom.items()}
+        self._scattered = scattered
+        self._kept = state if scattered else ()
+        self._work = work
+        self._found = list(self._kept)
         self._bit: dict[Configuration, int] = {}
-        self._worse = [0] * len(kept)
-        """For each configuration found, those that it dominates, as bits."""
-        self._of: dict[tuple[int, int], int | None] = {}
+        self._worse = [0] * len(self._found)  # for each configuration found, those that it dominates
+        self._reached: dict[tuple[int, int], int | None] = {}
         self._best: dict[int, frozenset[Configuration]] = {}
 
-    def guards(self, atoms: Atoms) -> int:
+    def asked(self, atoms: int) -> int:
         """The guards that matter when these atoms are true."""
-        guards = 0
-        for atom in bits(atoms):
-            guards |= self._guards[atom]
-        return guards
+        return union(self._guards[atom] for atom in bits(atoms))
 
-    def of(self, atoms: Atoms, holding: int) -> frozenset[Configuration] | None:
+    def of(self, atoms: int, holding: int) -> frozenset[Configuration] | None:
         """The configurations after a letter, or None where one of them is complete."""
         together = (1 << len(self._kept)) - 1
         for atom in bits(atoms):
-            reached = self._reached(atom, holding & self._guards[atom])
+            case = atom, holding & self._guards[atom]
+            if case not in self._reached:
+                self._reached[case] = self._lead(*case)
+            reached = self._reached[case]
             if reached is None:
                 return None
             together |= reached
-        self._step(1)
+        self._work.step(1)
         if together not in self._best:
-            self._best[together] = frozenset(self._undominated(together))
+            best = together & ~union(self._worse[index] for index in bits(together))
+            self._best[together] = frozenset(self._found[index] for index in bits(best))
         return self._best[together]
 
-    def _undominated(self, together: int) -> Iterable[Configuration]:
-        worse = 0
-        for index in bits(together):
-            worse |= self._worse[index]
-        return (self._found[index] for index in bits(together & ~worse))
-
-    def _reached(self, atom: int, holding: int) -> int | None:
-        """What the moves of one atom lead to, or None where one of them is complete."""
-        if (atom, holding) not in self._of:
-            self._of[atom, holding] = self._lead(atom, holding)
-        return self._of[atom, holding]
-
     def _lead(self, atom: int, holding: int) -> int | None:
+        """What the moves of one atom lead to, or None where one of them is complete."""
         moves = self._by_atom[atom]
-        self._step(len(moves))
+        self._work.step(len(moves))
         moved = [self._moves.breaking(move, holding) for move in moves if not move.needed & ~holding]
-        if any(self._moves.complete(configuration) for configuration in moved):
+        if any(self._moves.is_complete(configuration) for configuration in moved):
             return None
-        reached = 0
         for configuration in moved:
             if configuration not in self._bit:
                 self._bit[configuration] = self._new(configuration)
-            reached |= self._bit[configuration]
-        return reached
+        return union(self._bit[configuration] for configuration in moved)
 
     def _new(self, configuration: Configuration) -> int:
         """The bit of a configuration; none where one that is kept dominates it."""
         dominates = self._moves.dominates
         bit, worse = 1 << len(self._found), 0
-        if self._dominating:
-            self._step(len(self._found))
+        if self._scattered:
+            self._work.step(len(self._found))
             if any(dominates(other, configuration) for other in self._kept):
                 return 0
             for index, other in enumerate(self._found):
@@ -339,8 +261,11 @@ class Successors:
         return bit
 
 
-def _guards(moves: Iterable[Move]) -> int:
-    guards = 0
-    for move in moves:
-        guards |= move.needed | move.noted
-    return guards
+def undominated(configurations: Iterable[Configuration], moves: Moves, work: Work) -> list[Configuration]:
+    """The configurations without those that another one dominates."""
+    best: list[Configuration] = []
+    for one in sorted(configurations):
+        work.step(len(best))
+        if not any(moves.dominates(other, one) for other in best):
+            best = [*(other for other in best if not moves.dominates(one, other)), one]
+    return best

@@ -6,21 +6,23 @@ nothing can be. States have their numbers in the HOA text; those that no events 
 `projected` the letters are the relevant events.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections import deque
+from collections.abc import Iterable, Mapping
 from typing import Final
 
-from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, Row
-from backends.automaton.hoa_reader import possible
-from backends.automaton.hoa_writer import Cube, cubes, in_order, title_of
-from backends.automaton.letters import Letters, bits
+from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow
+from backends.automaton.hoa_writer import Cube, cubes, title_of
+from backends.automaton.letters import Letters
 from backends.automaton.structure import Structure
 from rvaft.errors import TooLarge
 from rvaft.export.dot import html, html_lines, table, title
 from rvaft.export.line_breaks import wrapped_code
 from rvaft.model.expressions import guard_text, name_text, on_text
+from rvaft.model.guards import variables
+from rvaft.model.patterns import rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
+from rvaft.support.bits import bits, mask_of
 
 READABLE: Final = 100
 """The most states that are drawn unless more are asked for; with more than that nobody follows an edge."""
@@ -39,9 +41,9 @@ def diagram(
     automaton: Automaton, structure: Structure, letters: Letters, *, tree: RVAFT, semantics: Semantics, limit: int
 ) -> str:
     """The graph; raises `TooLarge` beyond `limit` states, or `EDGES` lines of labels for each of them."""
-    number = {state: index for index, state in enumerate(in_order(automaton))}
+    number = {state: index for index, state in enumerate(automaton.in_order())}
     automaton = possible(automaton, structure)
-    order = in_order(automaton)
+    order = automaton.in_order()
     if len(order) > limit:
         raise TooLarge(f"{len(order)} states are too many to draw", limit=limit)
     words = _Words(structure, letters, tree)
@@ -104,27 +106,32 @@ class _Words:
 
     def __init__(self, structure: Structure, letters: Letters, tree: RVAFT) -> None:
         self._letters = letters
-        self._events = [_event(tree, name) for name in structure.names]
+        self._atoms = (1 << len(structure.patterns)) - 1
         self.guarded = bool(structure.guards)
-        self._guards = [guard_text(guard) for guard in structure.guards]
+        self._events = [_event(tree, name) for name in structure.names]
+        self._guards = dict(enumerate(map(guard_text, structure.guards), len(structure.names)))
 
-    def edges(self, row: Row) -> Mapping[int, list[str]]:
+    def edges(self, row: StateRow) -> Mapping[int, list[str]]:
         """For each target of a state the lines of the label."""
         leaving = cubes(row)
         if len(leaving) == 1:
             return {target: ["any event"] for target in leaving}
-        rest = row.targets.get((0, 0))
-        written = {target: list(map(self._cube, joined(those))) for target, those in leaving.items() if target != rest}
+        rest = row.targets.get(0)
+        written = {
+            target: [self._cube(cube) for cube in joined(those, self._atoms)]
+            for target, those in leaving.items()
+            if target != rest
+        }
         return written if rest is None else {**written, rest: ["else"]}
 
     def _cube(self, cube: Cube) -> str:
-        excluded = cube.no_atoms
-        for atom in bits(cube.atoms):  # what never holds with it goes without saying
+        excluded = cube.no & self._atoms
+        for atom in bits(cube.yes & self._atoms):  # what never holds with it goes without saying
             excluded &= self._letters.together(atom, excluded)
-        words = [self._events[atom] for atom in bits(cube.atoms)]
+        words = [self._events[atom] for atom in bits(cube.yes & self._atoms)]
         words += [f"not {self._events[atom]}" for atom in bits(excluded)]
-        conditions = [self._guards[guard] for guard in bits(cube.guards)]
-        conditions += [f"not ({self._guards[guard]})" for guard in bits(cube.no_guards)]
+        conditions = [self._guards[guard] for guard in bits(cube.yes & ~self._atoms)]
+        conditions += [f"not ({self._guards[guard]})" for guard in bits(cube.no & ~self._atoms)]
         events = _hanging(", ".join(words)) if words else ""
         guards = "; ".join(conditions)
         return f"{events}<i>{_hanging(f'[{guards}]')}</i>" if conditions else events
@@ -136,15 +143,20 @@ def _hanging(text: str) -> str:
     return _NEXT.join([first, *(f"&#160;&#160;{line}" for line in rest), ""])
 
 
-def joined(those: Iterable[Cube]) -> list[Cube]:
-    """The same letters in fewer cubes: two that differ in one proposition, which holds in one and not in the other, are one without it."""
+def joined(those: Iterable[Cube], atoms: int) -> list[Cube]:
+    """The same letters in fewer cubes: two that differ in one proposition, which holds in one and not in the other, are one without it.
+
+    >>> joined([Cube(0b11, 0), Cube(0b01, 0b10), Cube(0b10, 0b01)], 0b11)
+    [Cube(yes=1, no=2), Cube(yes=2, no=0)]
+    """
     found = dict.fromkeys(those)
     todo = list(found)
     while todo:
         one = todo.pop()
-        if one not in found:
-            continue
-        for other, both in _partners(one):
+        said = one.yes | one.no
+        for proposition in (*bits(said & ~atoms), *bits(said & atoms)) if one in found else ():
+            bit = 1 << proposition
+            other, both = Cube(one.yes ^ bit, one.no ^ bit), Cube(one.yes & ~bit, one.no & ~bit)
             if other in found:
                 del found[one], found[other]
                 if both not in found:
@@ -154,18 +166,48 @@ def joined(those: Iterable[Cube]) -> list[Cube]:
     return list(found)
 
 
-def _partners(one: Cube) -> Iterator[tuple[Cube, Cube]]:
-    """The cubes that can be joined with one, each with the result."""
-    for bit in (1 << guard for guard in bits(one.guards | one.no_guards)):
-        yield (
-            replace(one, guards=one.guards ^ bit, no_guards=one.no_guards ^ bit),
-            replace(one, guards=one.guards & ~bit, no_guards=one.no_guards & ~bit),
-        )
-    for bit in (1 << atom for atom in bits(one.atoms | one.no_atoms)):
-        yield (
-            replace(one, atoms=one.atoms ^ bit, no_atoms=one.no_atoms ^ bit),
-            replace(one, atoms=one.atoms & ~bit, no_atoms=one.no_atoms & ~bit),
-        )
+def possible(automaton: Automaton, structure: Structure) -> Automaton:
+    """The automaton with the same states, without letters that never occur and guards that never fail where they are asked.
+
+    A guard holds until its variables have values, and only events give values. A letter on which a guard fails although no events
+    on the way there, and not its own, give a value to each variable of the guard never occurs.
+    """
+    needs = {bit: frozenset(variables(guard)) for guard, bit in structure.guard_bits.items()}
+    atoms = len(structure.patterns)
+    valued: dict[int, frozenset[str]] = {automaton.start: frozenset()}  # the variables that may have a value in a state
+
+    def after(state: int, letter: int) -> frozenset[str]:
+        true = bits(letter & ((1 << atoms) - 1))
+        return valued[state].union(*(rigid_variables(structure.patterns[atom]) for atom in true))
+
+    def never(names: frozenset[str], asked: int) -> int:
+        """The guards among those asked for with a variable that has no value yet."""
+        return mask_of(guard for guard in bits(asked) if not needs[guard] <= names)
+
+    todo = deque(valued)
+    while todo:
+        state = todo.popleft()
+        row = automaton.rows[state]
+        for letter, target in row.targets.items():
+            names = after(state, letter)
+            if never(names, row.asks[letter & row.sees]) & ~letter:
+                continue
+            if target not in valued or not names <= valued[target]:
+                valued[target] = names | valued.get(target, frozenset())
+                todo.append(target)
+
+    def reduced(state: int, row: StateRow) -> StateRow:
+        if state in (DETECTED, HOPELESS) or state not in valued:
+            return row
+        idle = {seen: never(after(state, seen), asked) for seen, asked in row.asks.items()}
+        targets = {
+            letter & ~idle[letter & row.sees]: target
+            for letter, target in row.targets.items()
+            if not idle[letter & row.sees] & ~letter
+        }
+        return StateRow(row.sees, {seen: asked & ~idle[seen] for seen, asked in row.asks.items()}, targets)
+
+    return Automaton(automaton.start, [reduced(state, row) for state, row in enumerate(automaton.rows)])
 
 
 def _event(tree: RVAFT, name: str) -> str:

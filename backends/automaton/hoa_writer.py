@@ -13,30 +13,21 @@ propositions mean:
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
-from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, Row
-from backends.automaton.letters import Letters, bits
-from backends.automaton.structure import Structure
+from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow
+from backends.automaton.letters import Letters, Relevance
+from backends.automaton.structure import Structure, Work
+from rvaft.backend import Metrics
 from rvaft.model.expressions import guard_text, pattern_text
-from rvaft.model.guards import Guard
-from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-
-# Names of atomic propositions, words that every tool reads and different for different nodes, and of automata.
+from rvaft.support.bits import bits, union
 
 ALIVE: Final = "alive"
 RELEVANT: Final = "relevant"
 
-_PLAIN: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _TAKEN: Final = re.compile(r"alive|relevant|guard_\d+|true|false|and|or|xor|not|last|first|[FGXUWRMV]", re.IGNORECASE)
-
-
-def guard_name(number: int) -> str:
-    """The name of the proposition of a guard."""
-    return f"guard_{number}"
 
 
 def atom_name(node: str) -> str:
@@ -44,23 +35,13 @@ def atom_name(node: str) -> str:
 
     Otherwise the characters in the way are written as `_x` and their number in hexadecimal, and a `_`; so is a `_` that an `x`
     follows, which keeps different names different.
+
+    >>> atom_name("land"), atom_name("or"), atom_name("lost link")
+    ('land', '_x6f_r', 'lost_x20_link')
     """
-    if _PLAIN.fullmatch(node) and not _TAKEN.fullmatch(node) and "_x" not in node:
-        return node
     if _TAKEN.fullmatch(node):
-        return _code(node[0]) + node[1:]
-    written = [_written(node, index) for index in range(len(node))]
-    return "".join(written) or "_x_"
-
-
-def _written(node: str, index: int) -> str:
-    character = node[index]
-    letter = character.isascii() and (character.isalpha() or character == "_" or (character.isdigit() and index > 0))
-    return character if letter and node[index : index + 2] != "_x" else _code(character)
-
-
-def _code(character: str) -> str:
-    return f"_x{ord(character):x}_"
+        return f"_x{ord(node[0]):x}_{node[1:]}"
+    return re.sub(r"^\d|[^A-Za-z0-9_]|_(?=x)", lambda found: f"_x{ord(found[0]):x}_", node) or "_x_"
 
 
 def title_of(tree: RVAFT, semantics: Semantics) -> str:
@@ -72,236 +53,170 @@ def title_of(tree: RVAFT, semantics: Semantics) -> str:
     return ", ".join([part.tree.root, *chosen, semantics])
 
 
-# The labels of the edges of one state, short and pairwise disjoint.
-#
-# A letter needs to say `not` only of the atoms by which letters with another target differ. Atoms that never hold together and yet
-# tell targets apart exclude each other in an alias of the header, so that an edge names just the atoms that hold.
+class Cube(NamedTuple):
+    """Propositions that hold and that do not: an alternative of a label."""
 
-
-@dataclass(frozen=True, slots=True)
-class Cube:
-    """Atoms and guards that hold and that do not."""
-
-    atoms: int
-    no_atoms: int
-    guards: int = 0
-    no_guards: int = 0
+    yes: int
+    no: int
 
     def covers(self, other: "Cube") -> bool:
         """Whether every letter of the other is one of this."""
-        return not (
-            self.atoms & ~other.atoms
-            or self.no_atoms & ~other.no_atoms
-            or self.guards & ~other.guards
-            or self.no_guards & ~other.no_guards
-        )
+        return not (self.yes & ~other.yes or self.no & ~other.no)
 
 
-def cubes(row: Row) -> dict[int, list[Cube]]:
-    """For each target what leads there."""
-    seen_elsewhere = _elsewhere(row)
+def cubes(row: StateRow) -> dict[int, list[Cube]]:
+    """For each target of a state what leads there: short, and disjoint from what leads to the others.
+
+    A letter needs to say `not` only of the propositions by which letters with another target differ.
+    """
+    elsewhere = _elsewhere(row)
     found: dict[int, list[Cube]] = {}
-    for (atoms, holding), target in row.targets.items():
-        other_atoms, other_guards = seen_elsewhere[target]
-        matter = row.guards[atoms]
-        cube = Cube(atoms, other_atoms & ~atoms, holding, other_guards & matter & ~holding)
-        found.setdefault(target, []).append(cube)
+    for letter, target in row.targets.items():
+        seen = row.sees | row.asks[letter & row.sees]
+        found.setdefault(target, []).append(Cube(letter, elsewhere[target] & seen & ~letter))
     return {target: _needed(those) for target, those in found.items()}
 
 
-def _elsewhere(row: Row) -> dict[int, tuple[int, int]]:
-    """For each target the atoms and guards of letters that lead to another one."""
-    own: dict[int, tuple[int, int]] = {}
-    first: dict[int, tuple[int, int]] = {}
-    for (atoms, holding), target in row.targets.items():
-        before = own.get(target, (0, 0))
-        own[target] = (before[0] | atoms, before[1] | holding)
-    targets = list(own)
-    for order in (targets, targets[::-1]):
-        atoms = guards = 0
+def _elsewhere(row: StateRow) -> dict[int, int]:
+    """For each target the propositions in letters that lead to another one."""
+    own: dict[int, int] = {}
+    for letter, target in row.targets.items():
+        own[target] = own.get(target, 0) | letter
+    elsewhere = dict.fromkeys(own, 0)
+    for order in (list(own), list(own)[::-1]):
+        before = 0
         for target in order:
-            kept = first.get(target, (0, 0))
-            first[target] = (kept[0] | atoms, kept[1] | guards)
-            atoms |= own[target][0]
-            guards |= own[target][1]
-    return first
+            elsewhere[target] |= before
+            before |= own[target]
+    return elsewhere
 
 
 def _needed(those: list[Cube]) -> list[Cube]:
-    """Without cubes that another one covers; a cube has at least the atoms and guards of one that covers it."""
-    if len(those) == 1:
-        return those
-    kept: list[Cube] = []
-    for one in sorted(dict.fromkeys(those), key=lambda cube: cube.atoms.bit_count() + cube.guards.bit_count()):
-        if not any(other.covers(one) for other in kept):
-            kept.append(one)
-    return kept
-
-
-def rivals(states: Sequence[Mapping[int, list[Cube]]], letters: Letters) -> dict[int, int]:
-    """For each atom those that never hold with it and that some letter with it excludes."""
-    found: dict[int, int] = {}
-    for state in states:
-        for those in state.values():
-            for cube in those:
-                for atom in bits(cube.atoms):
-                    found[atom] = found.get(atom, 0) | cube.no_atoms & ~letters.together(atom, cube.no_atoms)
-    return {atom: excluded for atom, excluded in found.items() if excluded}
-
-
-@dataclass(frozen=True, slots=True)
-class Writer:
-    """Writes cubes over the numbers of propositions; `always` holds on every edge it writes."""
-
-    always: tuple[int, ...]
-    atoms: Mapping[int, int]
-    guards: Mapping[int, int]
-    rivals: Mapping[int, int]
-
-    def aliases(self) -> list[str]:
-        """The definitions that labels refer to."""
-        return [
-            f"Alias: @{self.atoms[atom]} " + "&".join(self._alias(atom, excluded))
-            for atom, excluded in sorted(self.rivals.items())
-        ]
-
-    def _alias(self, atom: int, excluded: int) -> list[str]:
-        return [*map(str, self.always), str(self.atoms[atom]), *(f"!{self.atoms[other]}" for other in bits(excluded))]
-
-    def label(self, cube: Cube) -> str:
-        """One cube."""
-        aliased = [atom for atom in bits(cube.atoms) if atom in self.rivals]
-        said = 0
-        for atom in aliased:
-            said |= self.rivals[atom]
-        words = [] if aliased else [str(number) for number in self.always]
-        words += [f"@{self.atoms[atom]}" if atom in self.rivals else str(self.atoms[atom]) for atom in bits(cube.atoms)]
-        words += [f"!{self.atoms[atom]}" for atom in bits(cube.no_atoms & ~said)]
-        words += [str(self.guards[guard]) for guard in bits(cube.guards)]
-        words += [f"!{self.guards[guard]}" for guard in bits(cube.no_guards)]
-        return "&".join(words)
+    """Without cubes that another one covers, which holds no proposition that they do not: found by its first one."""
+    ordered: list[Cube] = []
+    kept: dict[int, list[Cube]] = {}
+    for one in sorted(dict.fromkeys(those), key=lambda cube: cube.yes.bit_count()):
+        firsts = (0, *(1 << proposition for proposition in bits(one.yes)))
+        if not any(other.covers(one) for first in firsts for other in kept.get(first, ())):
+            kept.setdefault(one.yes & -one.yes, []).append(one)
+            ordered.append(one)
+    return ordered
 
 
 _TOKEN: Final = re.compile(r"State:|@?\w+|[^\s\w]")
 
 
-@dataclass(frozen=True, slots=True)
-class Relevance:
-    """The lines that decide whether an event is relevant: patterns with guards."""
-
-    alphabet: tuple[tuple[Pattern, Guard | None], ...]
-    ignored: tuple[tuple[Pattern, Guard | None], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Text:
-    """The text, and what there is to count in it."""
-
-    text: str
-    states: int
-    edges: int
-    symbols: int
-
-
 def write(
-    automaton: Automaton, structure: Structure, letters: Letters, *, name: str, relevance: Relevance | None
-) -> Text:
-    """The text of an automaton; with `relevance` events that are not relevant change nothing."""
-    order = in_order(automaton)
+    automaton: Automaton, structure: Structure, letters: Letters, *, name: str, relevance: Relevance | None, work: Work
+) -> tuple[str, Metrics]:
+    """The text of an automaton, and its sizes; with `relevance` events that are not relevant change nothing.
+
+    Atoms that never hold together and yet tell targets apart exclude each other in an alias of the header, so that an edge names
+    just the atoms that hold.
+    """
+    order = automaton.in_order()
     number = {state: index for index, state in enumerate(order)}
-    edges = [_edges(automaton, state) for state in order]
-    writer = _writer(edges, letters, relevant=relevance is not None)
+    edges = [{state: [Cube(0, 0)]} if state in _FINAL else cubes(automaton.rows[state]) for state in order]
+    labels = _Labels(edges, letters, len(structure.patterns), work, relevant=relevance is not None)
     body = []
     for state, leaving in zip(order, edges, strict=True):
         body.append(f"State: {number[state]}")
-        body += _lines(state, leaving, writer, number, relevance is not None)
+        if state in _FINAL:
+            body.append(f"[0] {number[state]}")
+        else:
+            written = {target: [labels.of(cube) for cube in those] for target, those in leaving.items()}
+            if relevance is not None:
+                written[state] = ["0&!1", *written.get(state, [])]
+            body += [f"[{' | '.join(those)}] {number[target]}" for target, those in written.items()]
         if state == DETECTED:
             body.append(f"[!0] {len(order)}")
-    final = DETECTED in number
-    if final:
+    states = len(order) + (DETECTED in number)
+    if DETECTED in number:
         body += [f"State: {len(order)} {{0}}", f"[!0] {len(order)}"]
     header = [
         "HOA: v1",
         f"name: {_quoted(name)}",
         'tool: "rvaft"',
-        f"States: {len(order) + final}",
+        f"States: {states}",
         "Start: 0",
-        *_propositions(structure, writer, relevance),
+        *_propositions(structure, labels.numbers, relevance),
         "acc-name: Buchi",
         "Acceptance: 1 Inf(0)",
         "properties: trans-labels explicit-labels state-acc deterministic",
-        *writer.aliases(),
+        *labels.aliases(),
     ]
     text = "\n".join([*header, "--BODY--", *body, "--END--", ""])
-    count = sum(line.startswith("[") for line in body)
     symbols = sum(len(_TOKEN.findall(line)) for line in body)
-    return Text(text, len(order) + final, count, symbols)
+    return text, Metrics(symbols, states=states, edges=sum(line.startswith("[") for line in body))
 
 
-def in_order(automaton: Automaton) -> list[int]:
-    """The reachable states in the order of their numbers in the text."""
-    order = [automaton.start]
-    seen = set(order)
-    for state in order:
-        for target in automaton.rows[state].targets.values():
-            if target not in seen:
-                seen.add(target)
-                order.append(target)
-    return order
+_FINAL: Final = (DETECTED, HOPELESS)
 
 
-def _edges(automaton: Automaton, state: int) -> dict[int, list[Cube]]:
-    return {state: [Cube(0, 0)]} if state in (DETECTED, HOPELESS) else cubes(automaton.rows[state])
+class _Labels:
+    """Writes cubes over the numbers that the used propositions have in the text; what `always` says holds on all these edges."""
+
+    def __init__(
+        self, edges: Sequence[Mapping[int, list[Cube]]], letters: Letters, atoms: int, work: Work, *, relevant: bool
+    ) -> None:
+        self.always = ["0", "1"] if relevant else ["0"]
+        used = [cube for leaving in edges for those in leaving.values() for cube in those]
+        self.numbers = {
+            proposition: index
+            for index, proposition in enumerate(bits(union(cube.yes | cube.no for cube in used)), len(self.always))
+        }
+        self._atoms = (1 << atoms) - 1
+        self._work = work
+        self._rivals: dict[
+            int, int
+        ] = {}  # for each atom those that never hold with it and that some letter with it excludes
+        for cube in used:
+            excluded = cube.no & self._atoms
+            for atom in bits(cube.yes & self._atoms):
+                if apart := excluded & ~letters.together(atom, excluded):
+                    self._rivals[atom] = self._rivals.get(atom, 0) | apart
+
+    def aliases(self) -> Iterator[str]:
+        """The definitions that labels refer to."""
+        for atom, excluded in sorted(self._rivals.items()):
+            number = self.numbers[atom]
+            yield f"Alias: @{number} " + "&".join([*self.always, str(number), *self._words(excluded, "!")])
+
+    def of(self, cube: Cube) -> str:
+        """One cube."""
+        aliased = [atom for atom in bits(cube.yes & self._atoms) if atom in self._rivals]
+        said = union(self._rivals[atom] for atom in aliased)
+        words = [] if aliased else [*self.always]
+        words += [f"{'@' * (atom in self._rivals)}{self.numbers[atom]}" for atom in bits(cube.yes & self._atoms)]
+        words += self._words(cube.no & self._atoms & ~said, "!")
+        words += [*self._words(cube.yes & ~self._atoms), *self._words(cube.no & ~self._atoms, "!")]
+        return "&".join(words)
+
+    def _words(self, propositions: int, sign: str = "") -> list[str]:
+        self._work.step(propositions.bit_count())
+        return [f"{sign}{self.numbers[proposition]}" for proposition in bits(propositions)]
 
 
-def _writer(edges: Sequence[dict[int, list[Cube]]], letters: Letters, *, relevant: bool) -> Writer:
-    atoms = guards = 0
-    for leaving in edges:
-        for those in leaving.values():
-            for cube in those:
-                atoms |= cube.atoms | cube.no_atoms
-                guards |= cube.guards | cube.no_guards
-    always = (0, 1) if relevant else (0,)
-    first = len(always)
-    atom_numbers = {atom: first + index for index, atom in enumerate(bits(atoms))}
-    first += len(atom_numbers)
-    guard_numbers = {guard: first + index for index, guard in enumerate(bits(guards))}
-    return Writer(always, atom_numbers, guard_numbers, rivals(edges, letters))
-
-
-def _lines(
-    state: int, leaving: dict[int, list[Cube]], writer: Writer, number: dict[int, int], relevant: bool
-) -> Iterator[str]:
-    """The edges of one state while the word lasts."""
-    if state in (DETECTED, HOPELESS):
-        yield f"[0] {number[state]}"
-        return
-    loops = ["0&!1"] if relevant else []
-    labels = {target: [writer.label(cube) for cube in those] for target, those in leaving.items()}
-    if loops:
-        labels[state] = [*loops, *labels.get(state, [])]
-    for target, those in labels.items():
-        yield f"[{' | '.join(those)}] {number[target]}"
-
-
-def _propositions(structure: Structure, writer: Writer, relevance: Relevance | None) -> Iterator[str]:
+def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: Relevance | None) -> Iterator[str]:
+    """The lines that name the propositions, and say what they mean."""
+    atoms = len(structure.patterns)
     names = [ALIVE] if relevance is None else [ALIVE, RELEVANT]
-    names += [atom_name(structure.names[atom]) for atom in writer.atoms]
-    names += [guard_name(number) for number in writer.guards.values()]
-    yield f"AP: {len(names)} " + " ".join(_quoted(name) for name in names)
-    for atom, number in writer.atoms.items():
-        yield f"event: {number} {_quoted(pattern_text(structure.patterns[atom]))}"
-    for guard, number in writer.guards.items():
-        yield f"guard: {number} {_quoted(guard_text(structure.guards[guard]))}"
+    meanings = []
+    for proposition, number in numbers.items():
+        if proposition < atoms:
+            names.append(atom_name(structure.names[proposition]))
+            meanings.append(f"event: {number} {_quoted(pattern_text(structure.patterns[proposition]))}")
+        else:
+            names.append(f"guard_{number}")
+            meanings.append(f"guard: {number} {_quoted(guard_text(structure.guards[proposition - atoms]))}")
+    yield f"AP: {len(names)} " + " ".join(map(_quoted, names))
+    yield from meanings
     if relevance is not None:
         yield "relevant: 1"
-        yield from _deciding("alphabet", relevance.alphabet)
-        yield from _deciding("ignore", relevance.ignored)
-
-
-def _deciding(word: str, lines: Sequence[tuple[Pattern, Guard | None]]) -> Iterator[str]:
-    for pattern, guard in lines:
-        yield f"{word}: {_quoted(pattern_text(pattern))}" + ("" if guard is None else f" {_quoted(guard_text(guard))}")
+        for word, fits in (("alphabet", relevance.alphabet), ("ignore", relevance.ignored)):
+            for pattern, guard in fits:
+                asked = "" if guard is None else f" {_quoted(guard_text(guard))}"
+                yield f"{word}: {_quoted(pattern_text(pattern))}{asked}"
 
 
 def _quoted(text: str) -> str:

@@ -5,11 +5,12 @@ successors are known, and it either equals one of those, or a class with the sam
 Two states may see different atoms; they are compared on the letters over both.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final, TypeAlias
 
-from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, Letter, Row
-from backends.automaton.letters import Letters, bits
+from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow, subsets
+from backends.automaton.letters import Letters
+from rvaft.support.bits import bits, union
 
 SELF: Final = -1
 """Stands for the class of the state that an edge leaves."""
@@ -32,97 +33,66 @@ class _Classes:
         self.given = automaton
         self.letters = letters
         self.default = SELF if looping else HOPELESS
-        self.rows: list[Row] = []
-        self.by_signature: dict[Signature, list[int]] = {}
-        self.of: dict[int, int] = {}
+        self.rows = automaton.rows[:2]
+        self.by_signature: dict[Signature, list[int]] = {frozenset(): [DETECTED, HOPELESS]}
+        self.of = {DETECTED: DETECTED, HOPELESS: HOPELESS}
 
     def automaton(self) -> Automaton:
-        for state in (DETECTED, HOPELESS):
-            self._new(state, self.given.rows[state], frozenset())
         for state in _from_the_end(self.given):
-            if state not in self.of:
-                self._classify(state)
-        return self._renumbered()
+            self.of[state] = self._class(state)
+        rows = [_redirected(row, {SELF: number}) for number, row in enumerate(self.rows)]
+        found = Automaton(self.of[self.given.start], rows)
+        new = {one: index for index, one in enumerate(dict.fromkeys([DETECTED, HOPELESS, *found.in_order()]))}
+        return Automaton(new[found.start], [_redirected(rows[one], new) for one in new])
 
-    def _classify(self, state: int) -> None:
+    def _class(self, state: int) -> int:
         given = self.given.rows[state]
         targets = {letter: SELF if to == state else self.of[to] for letter, to in given.targets.items()}
-        row = Row(given.sees, given.guards, targets)
-        for successor in dict.fromkeys(targets.values()):
-            if successor not in (SELF, self.of[DETECTED]) and self._equals(row, successor):
-                self.of[state] = successor
-                return
-        signature = self._signature(row)
-        for known in self.by_signature.get(signature, ()):
-            if self._same(row, self.rows[known]):
-                self.of[state] = known
-                return
-        self._new(state, row, signature)
+        row = given._replace(targets=targets)
+        for successor in dict.fromkeys(row.targets.values()):
+            if successor not in (SELF, DETECTED) and self._equals(row, successor):
+                return successor
+        known = self.by_signature.setdefault(self._signature(row), [])
+        for one in known:
+            if self._same(row, self.rows[one]):
+                return one
+        known.append(len(self.rows))
+        self.rows.append(row)
+        return known[-1]
 
-    def _equals(self, row: Row, successor: int) -> bool:
+    def _equals(self, row: StateRow, successor: int) -> bool:
         """Whether a row is that of a class which its state leads to."""
         theirs = self.rows[successor]
         either = {SELF, successor}
         if set(row.targets.values()) | either != set(theirs.targets.values()) | either:
             return False
-        return self._same(_looped(row, successor), _looped(theirs, successor))
+        return self._same(*(_redirected(one, {successor: SELF}) for one in (row, theirs)))
 
-    def _new(self, state: int, row: Row, signature: Signature) -> None:
-        self.of[state] = len(self.rows)
-        self.by_signature.setdefault(signature, []).append(len(self.rows))
-        self.rows.append(row)
-
-    def _signature(self, row: Row) -> Signature:
+    def _signature(self, row: StateRow) -> Signature:
         """Where the least letter of each atom leads, where that is not what a state does with an event it does not see."""
-        atoms = 0
-        for atom in bits(row.sees):
-            atoms |= self.letters.implying(atom)
-        return frozenset(
-            (atom, to)
-            for atom in bits(atoms)
-            if (to := row.target(self.letters.closure(1 << atom) or 0, -1)) is not None and to != self.default
+        atoms = union(self.letters.implying(atom) for atom in bits(row.sees))
+        leading = (
+            (atom, row.target((self.letters.closure(1 << atom) or 0) | self.letters.guards)) for atom in bits(atoms)
         )
+        return frozenset((atom, to) for atom, to in leading if to is not None and to != self.default)
 
-    def _same(self, one: Row, other: Row) -> bool:
+    def _same(self, one: StateRow, other: StateRow) -> bool:
         if one.sees == other.sees and one.targets == other.targets:
             return True
         if set(one.targets.values()) != set(other.targets.values()):
             return False
-        return all(one.target(*letter) == other.target(*letter) for letter in self._joint(one, other))
+        return all(one.target(letter) == other.target(letter) for letter in self._joint(one, other))
 
-    def _joint(self, one: Row, other: Row) -> Iterator[Letter]:
+    def _joint(self, one: StateRow, other: StateRow) -> Iterator[int]:
         for atoms in self.letters.over(one.sees | other.sees):
-            guards = one.guards.get(atoms & one.sees, 0) | other.guards.get(atoms & other.sees, 0)
-            holding = guards
-            while True:
-                yield atoms, holding
-                if not holding:
-                    break
-                holding = (holding - 1) & guards
-
-    def _renumbered(self) -> Automaton:
-        """The reachable classes in breadth-first order after the two that are always there."""
-        order = [self.of[self.given.start]]
-        seen = set(order)
-        for one in order:
-            for to in self.rows[one].targets.values():
-                if to != SELF and to not in seen:
-                    seen.add(to)
-                    order.append(to)
-        fixed = [self.of[DETECTED], self.of[HOPELESS]]
-        order = [*fixed, *(one for one in order if one not in fixed)]
-        new = {one: index for index, one in enumerate(order)}
-        rows = [
-            Row(row.sees, row.guards, {letter: new[one if to == SELF else to] for letter, to in row.targets.items()})
-            for one in order
-            for row in [self.rows[one]]
-        ]
-        return Automaton(new[self.of[self.given.start]], rows)
+            asked = one.asks.get(atoms & one.sees, 0) | other.asks.get(atoms & other.sees, 0)
+            for holding in subsets(asked):
+                yield atoms | holding
 
 
-def _looped(row: Row, known: int) -> Row:
-    """The row with a class taken for the state's own."""
-    return Row(row.sees, row.guards, {letter: SELF if to == known else to for letter, to in row.targets.items()})
+def _redirected(row: StateRow, new: Mapping[int, int]) -> StateRow:
+    """The row with other targets."""
+    return row._replace(targets={letter: new.get(to, to) for letter, to in row.targets.items()})
 
 
 def _from_the_end(automaton: Automaton) -> Iterator[int]:

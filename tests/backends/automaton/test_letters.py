@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from backends.automaton.letters import Alphabet, Letters
+from backends.automaton.letters import Letters, Relevance
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match
 
 LEAVES: tuple[Pattern, ...] = (
@@ -75,7 +75,9 @@ def test_relevant_letters_are_those_of_relevant_events(seed: int) -> None:
     patterns = list(dict.fromkeys(random_pattern(random) for _ in range(random.randint(1, 3))))
     others = [random_pattern(random) for _ in range(random.randint(0, 2))]
     ignored = [random_pattern(random) for _ in range(random.randint(0, 1))]
-    letters = Letters(patterns, Alphabet((*patterns, *others), tuple(ignored)))
+    letters = Letters(
+        patterns, Relevance(tuple((one, None) for one in (*patterns, *others)), tuple((one, None) for one in ignored))
+    )
     relevant = [event for event in grid() if holding([*patterns, *others], event) and not holding(ignored, event)]
     found = {holding(patterns, event) for event in relevant}
     hidden = [

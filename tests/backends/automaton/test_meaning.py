@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from backends.automaton import AutomatonBackend
-from backends.automaton.hoa_reader import meaning, table
-from backends.automaton.monitor import AutomatonMonitor
+from backends.automaton.monitor import HoaMonitor, HoaProgram
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft.analysis.branches import restrict
@@ -114,7 +113,6 @@ def test_slices_follow_each_value() -> None:
 def test_too_many_slices() -> None:
     tree = loads("event a(x) = { a: x }; event b(x) = { b: x }; toplevel r; r sand m n; m on a(X); n on b(X);")
     text = AutomatonBackend().translate(tree, Semantics.SCATTERED).text
-    run, said = table(text), meaning(text)
-    monitor = AutomatonMonitor(run, said, said.events, limit=10)
+    monitor = HoaMonitor(HoaProgram(text, {}), limit=10)
     with pytest.raises(TooLarge, match="slices, one for each assignment of X"):
         list(monitor.run({"a": value} for value in range(20)))

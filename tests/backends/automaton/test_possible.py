@@ -5,9 +5,10 @@ from random import Random
 import pytest
 
 from backends.automaton import AutomatonBackend
-from backends.automaton.backend import _built
-from backends.automaton.hoa_reader import possible
-from backends.automaton.hoa_writer import in_order, write
+from backends.automaton.backend import _built, _relevance
+from backends.automaton.diagram import possible
+from backends.automaton.hoa_writer import write
+from backends.automaton.structure import Work
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft import RVAFT, Semantics, load, loads
@@ -18,10 +19,11 @@ SHAPE = Shape(max_nodes=7, sharing=0.3, variables=1, guards=0.6, typed_events=0.
 
 def both(tree: RVAFT, semantics: Semantics) -> tuple[str, str]:
     """The text of the whole automaton, and that of what is possible in it."""
-    built = _built(tree, semantics, 10_000)
-    found = (built.automaton, possible(built.automaton, built.parts))
+    work = Work(10_000)
+    automaton, parts, letters = _built(tree, semantics, work)
     whole, rest = (
-        write(automaton, built.parts, built.letters, name="", relevance=built.relevance).text for automaton in found
+        write(one, parts, letters, name="", relevance=_relevance(tree, semantics), work=work)[0]
+        for one in (automaton, possible(automaton, parts))
     )
     return whole, rest
 
@@ -45,12 +47,11 @@ def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:
 
 def test_states_behind_guards_that_cannot_fail_yet_are_left_out() -> None:
     """`T2` has its value from the event that comes after."""
-    built = _built(load(PRUNED), Semantics.PROJECTED, 1000)
-    rest = possible(built.automaton, built.parts)
-    assert len(in_order(built.automaton)) == 8
-    assert len(in_order(rest)) == 7
+    automaton, parts, _ = _built(load(PRUNED), Semantics.PROJECTED, Work(1000))
+    assert len(automaton.in_order()) == 8
+    assert len(possible(automaton, parts).in_order()) == 7
 
 
 def test_without_guards_nothing_is_left_out() -> None:
-    built = _built(loads("top 2of3 a b c;"), Semantics.STRICT, 1000)
-    assert possible(built.automaton, built.parts) == built.automaton
+    automaton, parts, _ = _built(loads("top 2of3 a b c;"), Semantics.STRICT, Work(1000))
+    assert possible(automaton, parts) == automaton

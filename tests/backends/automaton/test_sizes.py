@@ -110,7 +110,7 @@ def test_a_chain_of_alternatives_after_events() -> None:
 
 def test_translating_does_not_import_spot() -> None:
     program = (
-        "import sys\nfrom rvaft.language import loads\nfrom backends.automaton import AutomatonBackend\n"
+        "import sys\nfrom rvaft import loads\nfrom backends.automaton import AutomatonBackend\n"
         "AutomatonBackend().translate(loads('toplevel r; r and a b;'), 'projected')\n"
         "assert not {'spot', 'buddy', 'sympy', 'rich', 'hypothesis'} & set(sys.modules)\n"
     )

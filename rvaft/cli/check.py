@@ -14,8 +14,9 @@ from rvaft.cli.options import standard_bytes
 from rvaft.errors import LanguageError, RvaftError
 from rvaft.language.parser import NoTree, parse_bytes, parse_file
 from rvaft.model.nodes import Place
-from rvaft.rules import RULES, check
-from rvaft.rules.rule import CODES, SYNTAX, Finding, Severity
+from rvaft.rules import check, meanings
+from rvaft.rules.registry import SYNTAX
+from rvaft.rules.rule import Finding, Severity
 from rvaft.support.terminal import visible
 
 
@@ -97,7 +98,7 @@ def _github(findings: Sequence[Finding]) -> str:
 
 def _sarif(findings: Sequence[Finding]) -> str:
     """One run, with the rules that are broken."""
-    titles = {code: (RULES.get(code) or CODES[code]).title for code in sorted({finding.code for finding in findings})}
+    titles = {code: meanings()[code].title for code in sorted({finding.code for finding in findings})}
     driver = {
         "name": "rvaft",
         "version": version("rvaft"),

@@ -16,8 +16,7 @@ from rvaft.export.property_text import WIDTH, align_latex, kinds_of, property_si
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.rules import RULES, explain
-from rvaft.rules.rule import CODES
+from rvaft.rules import RULES, explain, meanings
 from rvaft.support.terminal import columns, visible
 
 
@@ -104,8 +103,8 @@ def _row(name: str, entry: EntryPoint) -> tuple[str, str, str, str, str]:
 def explain_command(*, code: str | None) -> int:
     """Explain a CODE in square brackets: what it means, a tree that has it and the same tree mended; without one, list all."""
     if code is None:
-        rows = [(rule.code, rule.severity.value, rule.title) for rule in RULES.values()]
-        rows += [(name, "error", other.title) for name, other in CODES.items()]
+        severity = {code: rule.severity.value for code, rule in RULES.items()}
+        rows = [(code, severity.get(code, "error"), said.title) for code, said in meanings().items()]
         click.echo("\n".join(columns([("CODE", "SEVERITY", "MEANS"), *sorted(rows)])))
     else:
         click.echo(explain(code).rstrip("\n"))

@@ -20,7 +20,7 @@ from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Node, On, Place
 from rvaft.model.patterns import Anything, Variable, rigid_variables
-from rvaft.rules.rule import Report, Rule, Severity, branch_of, did_you_mean, listing
+from rvaft.rules.rule import Report, branch_of, did_you_mean, listing
 from rvaft.support.budget import Budget, Undecided
 
 # Rules about variables: each is bound where a guard needs it, and none is written once only (semantics, section 1).
@@ -99,31 +99,6 @@ def variable_once(space: ScenarioSpace) -> Iterator[Report]:
 def _arguments(on: On | None) -> list[str]:
     return [argument.name for argument in on.arguments if isinstance(argument, Variable)] if on is not None else []
 
-
-RULES = (
-    Rule(
-        "unbound-variable",
-        Severity.ERROR,
-        "guard variable unbound",
-        unbound_variable,
-        "Each variable of a guard must occur in the `on` of some node in every feasible scenario that contains the guard; "
-        "otherwise the guard has no value there. The message names the guard's node, the variable and a branch where nothing binds it.",
-        "event reading(v) = { value: v };\nevent alarm() = { alarm: true };\n"
-        "top and seen high;\nseen or a b;\na on reading(Value);\nb on alarm();\nhigh when Value >= 250;\n",
-        "event reading(v) = { value: v };\nevent alarm() = { alarm: true };\n"
-        "top or seen b;\nseen and a high;\na on reading(Value);\nb on alarm();\nhigh when Value >= 250;\n",
-    ),
-    Rule(
-        "variable-once",
-        Severity.WARNING,
-        "variable used once",
-        variable_once,
-        "A variable that occurs once constrains nothing; `_` says so. Often it is a slip of the pen for another variable. "
-        "The variables of an `ignore` are its own.",
-        "event move(wp, t) = { waypoint: wp, time: t };\ntop sand a b;\na on move(Wp, _);\nb on move(Pw, 3);\n",
-        "event move(wp, t) = { waypoint: wp, time: t };\ntop sand a b;\na on move(Wp, _);\nb on move(Wp, 3);\n",
-    ),
-)
 
 _PAIRS = 400
 _COST = 1_000
@@ -256,17 +231,3 @@ def _smallest(names: Core, group: Group, budget: Budget) -> Core:
         if not rest:
             break
     return tuple(name for name in names if name in core)
-
-
-CONTRADICTION_RULES = (
-    Rule(
-        "contradictory-guards",
-        Severity.WARNING,
-        "guards of a branch that cannot hold together",
-        contradictory_guards,
-        "A branch whose guards contradict each other can never be detected. Guards are compared with all their rules: a comparison of "
-        "a string with a number is undefined and does not hold, and arithmetic rounds. Where that leaves a doubt the finding is `undecided`.",
-        "event reading(v) = { value: v };\ntop sand a b c;\na on reading(Value);\nb when Value >= 250;\nc when Value < 100;\n",
-        "event reading(v) = { value: v };\ntop sand a b c;\na on reading(Value);\nb when Value >= 250;\nc when Value < 1000;\n",
-    ),
-)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import StrEnum
-from typing import Any, Final
+from typing import Any, NamedTuple
 
 from rvaft.analysis.scenarios import Kept
 from rvaft.model.nodes import Gate, Place
@@ -55,60 +55,17 @@ class Report:
     undecided: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """One rule: `check` takes a draft or the context of a tree and reports what breaks the rule.
-
-    `bad` is a smallest text that breaks it and `mended` the same text put right; with `python` both are code that
-    builds a tree, since no text leads there.
-    """
+class Rule(NamedTuple):
+    """One rule: `check` takes a draft or the scenario space of a tree and reports what breaks the rule."""
 
     code: str
     severity: Severity
-    title: str
     check: Callable[[Any], Iterable[Report]]
-    explanation: str
-    bad: str
-    mended: str
-    python: bool = False
 
     def finding(self, report: Report) -> Finding:
         """A report under this rule's code."""
         return Finding(report.place, self.severity, self.code, report.message, report.nodes)
 
-
-# Codes of errors that are no findings on a tree: no rule reports them, and no tree shows them.
-
-
-@dataclass(frozen=True, slots=True)
-class Code:
-    """A code, and the words that explain it."""
-
-    code: str
-    title: str
-    explanation: str
-
-
-SYNTAX: Final = "syntax"
-"""The code under which `check --format json` reports a text that is no tree."""
-
-CODES: Final[dict[str, Code]] = {
-    code.code: code
-    for code in (
-        Code(
-            SYNTAX,
-            "the text is not in the language",
-            "The file cannot be read, or its text is not in the language of trees. The message says what was expected at that "
-            "place; no rule was looked at.",
-        ),
-        Code(
-            "no-branch",
-            "no such branch",
-            "The tree has no branch of the number asked for, or no branch of the kind, or the branch asked for does not have the "
-            "kind. `rvaft branches TREE` lists all branches with their numbers, from 1, and their kinds.",
-        ),
-    )
-}
 
 # How the rules speak of things: a branch by its choices, a list, the name that was probably meant.
 

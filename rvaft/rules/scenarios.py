@@ -8,7 +8,7 @@ from rvaft.analysis.scenarios import ScenarioSpace, inevitable, path
 from rvaft.analysis.unification import Overlaps
 from rvaft.model.nodes import Gate
 from rvaft.model.patterns import Pattern
-from rvaft.rules.rule import Report, Rule, Severity, branch_of, listing
+from rvaft.rules.rule import Report, branch_of, listing
 from rvaft.support.bits import bits as members
 from rvaft.support.bits import mask_of, union
 from rvaft.support.budget import Budget
@@ -75,39 +75,6 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[Report]:
             )
             yield Report(tree.nodes[nodes[0]].place(), message, nodes)
 
-
-RULES = (
-    Rule(
-        "no-scenario",
-        Severity.ERROR,
-        "no feasible scenario",
-        no_scenario,
-        "A scenario is infeasible when one of its guards has no variables and does not hold, or when its precedence is "
-        "cyclic. Infeasible scenarios are dropped; a tree of which nothing is left can never detect anything.",
-        "top and a b;\na;\nb when 2 > 3;\n",
-        "top and a b;\na;\nb when 3 > 2;\n",
-    ),
-    Rule(
-        "silent-scenario",
-        Severity.ERROR,
-        "scenario without occurrences",
-        silent_scenario,
-        "A scenario all of whose nodes are without runtime event would be detected before anything happened. A leaf with "
-        "only a guard observes nothing: put it under an `and` beside a node with an event.",
-        "event reading(v) = { value: v };\ntop or a b;\na on reading(_);\nb when 1 < 2;\n",
-        "event reading(v) = { value: v };\ntop and a b;\na on reading(_);\nb when 1 < 2;\n",
-    ),
-    Rule(
-        "infeasible-scenario",
-        Severity.WARNING,
-        "infeasible scenario",
-        infeasible_scenario,
-        "A scenario with a guard that has no variables and does not hold, or with an event that has to come before itself "
-        "because it is part of two children of one ordered gate, matches no trace. It is dropped.",
-        "top or a b;\na;\nb and c d;\nc;\nd when 2 > 3;\n",
-        "top or a b;\na;\nb and c d;\nc;\nd when 3 > 2;\n",
-    ),
-)
 
 _SHOWN = 50
 
@@ -278,28 +245,3 @@ def _together(space: ScenarioSpace, name: str, sides: dict[str, int], budget: Bu
                 if space.resolutions.possible((), budget, edges=[(one, name), (other, name)]):
                     return one, other
     return None
-
-
-SHARING_RULES = (
-    Rule(
-        "ambiguous-event",
-        Severity.WARNING,
-        "two unordered occurrences that one event can serve",
-        ambiguous_event,
-        "Two occurrences never share an event. Where two nodes of one scenario are not ordered and one event matches both, the "
-        "tree asks for two such events, and a monitor has to keep both ways open. Guards are not looked at.",
-        'event goal(wp) = { goal: wp };\ntop and a b;\na on goal(_);\nb on goal("entrance");\n',
-        'event goal(wp) = { goal: wp };\ntop sand a b;\na on goal(_);\nb on goal("entrance");\n',
-    ),
-    Rule(
-        "shared-under-order",
-        Severity.WARNING,
-        "node shared under an ordered gate",
-        shared_under_order,
-        "A shared node happens once. Where two of its parents are in one scenario and the places they can have in the sequences of ordered gates "
-        "differ, the order asked for by way of one parent also binds the node below the other. Where the node is in the parts of two children "
-        "of one ordered gate and has an event, it precedes itself and the scenario is infeasible. Sharing within one child of an ordered gate is harmless.",
-        "top and s t;\ns sand a b;\nt sand b c;\na;\nb;\nc;\n",
-        "top sand a b c;\na;\nb;\nc;\n",
-    ),
-)

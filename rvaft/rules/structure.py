@@ -1,20 +1,20 @@
-"""Rules about what makes a text a tree at all, on drafts."""
+"""Rules about what makes a text a tree at all, on drafts, and about what is written but does nothing, on trees."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import Final
 
 import networkx as nx
 
 from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.language.draft import BrokenPrune, Draft, DraftTopic, PruneFault
+from rvaft.model.expressions import name_text
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import EventType, Gate, Ignore, On, Place
 from rvaft.model.patterns import Literal, Pattern, Variable
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.topics import absolute, topic_of, wrong_name, wrong_type
 from rvaft.model.tree import sorted_topologically
-from rvaft.rules.rule import Report, Rule, Severity, did_you_mean, listing
+from rvaft.rules.rule import Report, did_you_mean, listing
 
 
 def duplicate_setting(draft: Draft) -> Iterator[Report]:
@@ -145,89 +145,6 @@ def unknown_child(_: Draft) -> Iterator[Report]:
     return iter(())
 
 
-RULES = (
-    Rule(
-        "duplicate-setting",
-        Severity.ERROR,
-        "part of a node set twice",
-        duplicate_setting,
-        "Statements for one node are merged, but its gate, `on`, `when`, kind and label are each set once, in whichever files, and so is "
-        "`causality`. The message names both places.",
-        "top and a b;\na when 1 < 2;\na when 2 < 3;\nb;\n",
-        "top and a b;\na when 1 < 2 and 2 < 3;\nb;\n",
-    ),
-    Rule(
-        "gate-without-children",
-        Severity.ERROR,
-        "gate without children",
-        gate_without_children,
-        "A gate combines its children, so it has at least one; a leaf has no gate. A text without children is already refused by the grammar, so only "
-        "trees built in code break this rule.",
-        'RVAFT("top", [Node("top", Gate.AND)])',
-        'RVAFT("top", [Node("top", Gate.AND, ("a",)), Node("a")])',
-        python=True,
-    ),
-    Rule(
-        "duplicate-child",
-        Severity.ERROR,
-        "child listed twice",
-        duplicate_child,
-        "A node happens once, so listing it twice under a gate asks for nothing more. Two nodes with the same `on` are two events.",
-        "top and a b a;\na;\nb;\n",
-        "top and a b;\na;\nb;\n",
-    ),
-    Rule(
-        "threshold",
-        Severity.ERROR,
-        "K or N of a KofN out of range",
-        threshold,
-        "`2of3` means at least two of three children: K is between 1 and N, and as many children are listed as N says. Galileo's `vot2` "
-        "counts the children itself.",
-        "top 2of3 a b c d;\na;\nb;\nc;\nd;\n",
-        "top 2of4 a b c d;\na;\nb;\nc;\nd;\n",
-    ),
-    Rule(
-        "unknown-child",
-        Severity.ERROR,
-        "unknown child",
-        unknown_child,
-        "A gate lists a child that is no node. In a text such a child becomes a leaf (see `undeclared`), so only trees built in "
-        "code break this rule.",
-        'RVAFT("top", [Node("top", Gate.AND, ("a",))])',
-        'RVAFT("top", [Node("top", Gate.AND, ("a",)), Node("a")])',
-        python=True,
-    ),
-    Rule(
-        "no-root",
-        Severity.ERROR,
-        "no root, or more than one",
-        no_root,
-        "The root is what `toplevel` names; without it, the one node that is nobody's child. `toplevel` of the importing file wins over those of "
-        "imported files.",
-        "top and a b;\nother and b c;\na;\nb;\nc;\n",
-        "toplevel top;\ntop and a b other;\nother and b c;\na;\nb;\nc;\n",
-    ),
-    Rule(
-        "cycle",
-        Severity.ERROR,
-        "cycle",
-        cycle,
-        "A tree is acyclic: following children from a node never leads back to it. A node may have several parents.",
-        "top and a b;\na or b c;\nb and a;\nc;\n",
-        "top and a b;\na or c d;\nb and d;\nc;\nd;\n",
-    ),
-    Rule(
-        "prune",
-        Severity.ERROR,
-        "prune that cannot be carried out",
-        prune,
-        "A pruned node and what only it reaches disappear. `or`, `and`, `sand` lose the child; a KofN would mean something else with one child less, "
-        "and a gate without children means nothing: prune these too, or rewrite them. The root cannot be pruned.",
-        "top and v d;\nv 2of3 a b c;\na;\nb;\nc;\nd;\nprune c;\n",
-        "top and v d;\nv 2of3 a b c;\na;\nb;\nc;\nd;\nprune v;\n",
-    ),
-)
-
 # Rules about event types and their use, on drafts.
 
 
@@ -276,10 +193,15 @@ def event_arity(draft: Draft) -> Iterator[Report]:
 
 def ignore_variable(draft: Draft) -> Iterable[Report]:
     """The guard of an `ignore` speaks of the event that is ignored, and of nothing else."""
-    return foreign_variables(draft.ignores)
+    return _foreign_variables(draft.ignores)
 
 
-def foreign_variables(ignores: Iterable[Ignore]) -> Iterator[Report]:
+def ignore_variable_of_tree(space: ScenarioSpace) -> Iterable[Report]:
+    """The same of a tree that was built in code."""
+    return _foreign_variables(space.tree.ignores)
+
+
+def _foreign_variables(ignores: Iterable[Ignore]) -> Iterator[Report]:
     """The `ignore` declarations whose guard uses a variable that their event does not bind."""
     for ignore in ignores:
         own = {argument.name for argument in ignore.on.arguments if isinstance(argument, Variable)}
@@ -299,55 +221,6 @@ def _calls(draft: Draft) -> Iterator[tuple[On, Place, tuple[str, ...]]]:
     for ignore in draft.ignores:
         yield ignore.on, ignore.place, ()
 
-
-DECLARATIONS_RULES = (
-    Rule(
-        "duplicate-event",
-        Severity.ERROR,
-        "event type declared twice",
-        duplicate_event,
-        "An event type has one declaration in all files of a tree. The message names both places.",
-        "event go(x) = { goal: x };\nevent go(x) = { target: x };\ntop and a b;\na on go(1);\nb;\n",
-        "event go(x) = { goal: x };\nevent aim(x) = { target: x };\ntop sand a b;\na on go(1);\nb on aim(1);\n",
-    ),
-    Rule(
-        "unused-parameter",
-        Severity.ERROR,
-        "parameter not in the pattern",
-        unused_parameter,
-        "A parameter that its pattern does not contain would never get a value from an event.",
-        "event go(x, y) = { goal: x };\ntop and a b;\na on go(1, 2);\nb;\n",
-        "event go(x, y) = { goal: x, from: y };\ntop sand a b;\na on go(1, 2);\nb;\n",
-    ),
-    Rule(
-        "unknown-event",
-        Severity.ERROR,
-        "unknown event type",
-        unknown_event,
-        "What stands after `on` and `ignore` is a declared event type. A similar name is suggested.",
-        "event radiation(v) = { value: v };\ntop and a b;\na on radiation(1);\nb on radiaton(2);\n",
-        "event radiation(v) = { value: v };\ntop and a b;\na on radiation(1);\nb on radiation(2);\n",
-    ),
-    Rule(
-        "event-arity",
-        Severity.ERROR,
-        "wrong number of arguments",
-        event_arity,
-        "An event type takes one argument for each of its parameters; `_` is an argument that any value will do for.",
-        "event radiation(v, t) = { value: v, time: t };\ntop and a b;\na on radiation(1);\nb;\n",
-        "event radiation(v, t) = { value: v, time: t };\ntop sand a b;\na on radiation(1, _);\nb;\n",
-    ),
-    Rule(
-        "ignore-variable",
-        Severity.ERROR,
-        "guard of an ignore uses a foreign variable",
-        ignore_variable,
-        "Whether an event is ignored depends on that event alone: every variable in the guard of an `ignore` is an argument of the "
-        "event type it applies.",
-        "event radiation(v) = { value: v };\nignore radiation(V) when W < 250;\ntop and a b;\na;\nb;\n",
-        "event radiation(v) = { value: v };\nignore radiation(V) when V < 250;\ntop and a b;\na;\nb;\n",
-    ),
-)
 
 # Rules about `topic` declarations: of drafts, and, for those that are of no use, of trees.
 
@@ -399,41 +272,44 @@ def _topics(event: EventType, calls: list[On]) -> list[Pattern]:
     return [] if asked is None else [asked]
 
 
-_EVENT: Final = 'event move(wp) = { topic: "/command", waypoint: wp };\n'
-_NODES: Final = "top sand a b;\na on move(1);\nb;\n"
-_MENDED: Final = f'{_EVENT}topic "/command" type "robot_msgs.msg.Command";\n{_NODES}'
+# Rules about what is written but does nothing, or does what was perhaps not meant, on trees.
 
-TOPICS_RULES = (
-    Rule(
-        "duplicate-topic",
-        Severity.ERROR,
-        "topic with two message types",
-        duplicate_topic,
-        "A topic has one message type in all files of a tree; `/command` and `command` are one topic in ROS. The same declaration may "
-        "stand twice, and publishers add up. The message names both places.",
-        f'{_EVENT}topic "/command" type "robot_msgs.msg.Command";\ntopic "command" type "std_msgs.msg.String";\n{_NODES}',
-        _MENDED,
-    ),
-    Rule(
-        "malformed-topic",
-        Severity.ERROR,
-        "topic, publisher or message type that ROS cannot have",
-        malformed_topic,
-        "The message type of a topic is written as Python imports it, `package.msg.Name`. A topic, like a node that publishes it, is "
-        'called by words of letters, digits and `_` with `/` between them, as in `"/move_base/goal"`.',
-        f'{_EVENT}topic "/command" type "robot_msgs/Command";\n{_NODES}',
-        _MENDED,
-    ),
-)
-"""What makes the declarations of a draft wrong."""
 
-UNUSED: Final = Rule(
-    "unused-topic",
-    Severity.WARNING,
-    "unused topic",
-    unused_topic,
-    "A declared topic that stands in the pattern of no event type, in the field `topic`, gets into no configuration of "
-    "ROSMonitoring. Perhaps one of the two is misspelt.",
-    f'{_EVENT}topic "/comand" type "robot_msgs.msg.Command";\n{_NODES}',
-    _MENDED,
-)
+def undeclared(space: ScenarioSpace) -> Iterator[Report]:
+    """A child that no statement defines is perhaps misspelt."""
+    tree = space.tree
+    declared = [name for name, node in tree.nodes.items() if node.declared]
+    for node in tree.nodes.values():
+        if not node.declared:
+            guess = did_you_mean(node.name, declared)
+            mend = f"write `{name_text(node.name)};`"
+            message = f"child {node.name} is not declared; it observes its default event ({mend}){guess}"
+            yield Report(node.place(), message, (node.name,))
+
+
+def unreachable(space: ScenarioSpace) -> Iterator[Report]:
+    """A node that does not lie below the root takes part in nothing."""
+    tree = space.tree
+    reachable = set(tree.order)
+    for node in tree.nodes.values():
+        if node.name not in reachable and node.declared:
+            message = f"{node.name} cannot be reached from the root {tree.root}; make it a child, or prune it"
+            yield Report(node.place(), message, (node.name,))
+
+
+def unused_event(space: ScenarioSpace) -> Iterator[Report]:
+    """An event type that neither a node nor an `ignore` uses."""
+    tree = space.tree
+    used = {node.on.event for node in tree.nodes.values() if node.on is not None}
+    used.update(ignore.on.event for ignore in tree.ignores)
+    for event in tree.events.values():
+        if event.name not in used:
+            yield Report(event.place, f"event type {event.name} is not used; use it with `on`, or remove it")
+
+
+def root_event(space: ScenarioSpace) -> Iterator[Report]:
+    """The undesired event is what the tree concludes, not what it observes."""
+    root = space.tree.nodes[space.tree.root]
+    if root.has_event:
+        message = f"the root {root.name} carries a runtime event, which every match must contain; move it to a child"
+        yield Report(root.place("on"), message, (root.name,))

@@ -10,116 +10,65 @@ import pytest
 from rvaft.errors import RvaftError, TreeError
 from rvaft.language.parser import parse
 from rvaft.model import nodes, tree
-from rvaft.rules import RULES, UnknownRule, check, check_draft, explain
-from rvaft.rules.registry import page
-from rvaft.rules.rule import CODES, Severity
+from rvaft.rules import RULES, UnknownRule, check, check_draft, explain, meanings
+from rvaft.rules.registry import CODES, page
+from rvaft.rules.rule import Severity
 
-DOCS = Path(__file__).parents[2] / "docs" / "rules.md"
-
-EXPECTED = {
-    "error": {
-        "cycle",
-        "duplicate-setting",
-        "duplicate-event",
-        "duplicate-child",
-        "threshold",
-        "unbound-variable",
-        "no-scenario",
-        "silent-scenario",
-        "event-arity",
-        "unknown-event",
-        "unused-parameter",
-        "ignore-variable",
-        "duplicate-topic",
-        "malformed-topic",
-        "gate-without-children",
-        "unknown-child",
-        "no-root",
-        "prune",
-    },
-    "warning": {
-        "undeclared",
-        "unreachable",
-        "unused-event",
-        "unused-topic",
-        "root-event",
-        "ambiguous-event",
-        "shared-under-order",
-        "infeasible-scenario",
-        "contradictory-guards",
-        "variable-once",
-        "undecided",
-    },
-}
+ROOT = Path(__file__).parents[2]
+OF_TEXTS = [code for code in RULES if not meanings()[code].python]
 
 
-def test_the_table_of_rules_is_complete() -> None:
-    found = {severity: {code for code, rule in RULES.items() if rule.severity == severity} for severity in EXPECTED}
-    assert found == EXPECTED
-    assert len({rule.check for rule in RULES.values()}) == len(RULES)
+def test_every_code_has_its_words() -> None:
+    assert [*meanings()] == [*RULES, *CODES]
+    assert sum(rule.severity is Severity.ERROR for rule in RULES.values()) == 18
+    assert len(RULES) == 29
 
 
-@pytest.mark.parametrize("code", [code for code, rule in RULES.items() if not rule.python])
-def test_the_bad_tree_of_a_rule_breaks_exactly_that_rule(code: str) -> None:
-    findings = check(parse(RULES[code].bad))
+@pytest.mark.parametrize("code", OF_TEXTS)
+def test_the_bad_tree_of_a_rule_breaks_exactly_that_rule_and_the_mended_one_none(code: str) -> None:
+    draft = parse(meanings()[code].bad)
+    findings = check(draft)
     assert {finding.code for finding in findings} == {code}
     assert {finding.severity for finding in findings} == {RULES[code].severity}
     assert all(finding.place.file == "<text>" and "\n" not in finding.message for finding in findings)
+    assert check(parse(meanings()[code].mended)) == []
+    if not any(finding.severity is Severity.ERROR for finding in check_draft(draft)):
+        draft.build()
 
 
-@pytest.mark.parametrize("code", [code for code, rule in RULES.items() if not rule.python])
-def test_the_mended_tree_of_a_rule_is_flawless(code: str) -> None:
-    assert check(parse(RULES[code].mended)) == []
-
-
-@pytest.mark.parametrize("code", [code for code, rule in RULES.items() if rule.python])
+@pytest.mark.parametrize("code", [code for code in RULES if code not in OF_TEXTS])
 def test_the_code_of_a_rule_that_no_text_breaks(code: str) -> None:
     names = {"RVAFT": tree.RVAFT, "Node": nodes.Node, "Gate": nodes.Gate}
     with pytest.raises(TreeError) as caught:
-        eval(RULES[code].bad, names)
+        eval(meanings()[code].bad, names)
     assert caught.value.rule == code
-    assert isinstance(eval(RULES[code].mended, names), tree.RVAFT)
+    assert isinstance(eval(meanings()[code].mended, names), tree.RVAFT)
 
 
 def codes_in(source: str) -> set[str]:
-    """The codes that a source gives to errors and rules, where it writes them out."""
-    found: set[str] = set()
-    for call in ast.walk(ast.parse(source)):
-        if isinstance(call, ast.Call):
-            given = [keyword.value for keyword in call.keywords if keyword.arg == "rule"]
-            if isinstance(call.func, ast.Name) and call.func.id == "Rule":
-                given += call.args[:1]
-            found |= {str(code.value) for code in given if isinstance(code, ast.Constant)}
-    return found
+    """The codes that a source gives to errors, where it writes them out."""
+    calls = (call for call in ast.walk(ast.parse(source)) if isinstance(call, ast.Call))
+    given = (keyword.value for call in calls for keyword in call.keywords if keyword.arg == "rule")
+    return {str(code.value) for code in given if isinstance(code, ast.Constant)}
 
 
 def test_every_code_in_the_source_is_explained() -> None:
-    root = Path(__file__).parents[2]
-    sources = [path for package in ("rvaft", "backends", "cross_check") for path in (root / package).rglob("*.py")]
+    sources = [path for package in ("rvaft", "backends", "cross_check") for path in (ROOT / package).rglob("*.py")]
     found = {code for path in sources for code in codes_in(path.read_text(encoding="utf-8"))}
-    assert found >= {"no-branch", "cycle", "unbound-variable"}
-    assert found <= {*RULES, *CODES}
-    assert not {*RULES} & {*CODES}
+    assert {"no-branch", "cycle", "unbound-variable"} <= found <= {*meanings()}
 
 
-@pytest.mark.parametrize("code", CODES)
-def test_explanations_of_other_codes(code: str) -> None:
-    said = explain(code)
-    assert said.startswith(f"{code} (error): {CODES[code].title}\n\n{CODES[code].explanation}")
-    assert code in page()
+@pytest.mark.parametrize("code", meanings())
+def test_explanations(code: str) -> None:
+    said, words = explain(code), meanings()[code]
+    severity = RULES[code].severity if code in RULES else "error"
+    assert said.startswith(f"{code} ({severity}): {words.title}\n\n{words.explanation}")
+    assert all(part in said for part in (*words.bad.split("\n"), *words.mended.split("\n")))
 
 
 def test_the_page_is_what_the_rules_say() -> None:
-    """`python -m rvaft.rules.page > docs/rules.md` mends a failure."""
-    assert DOCS.read_text(encoding="utf-8") == page()
-
-
-@pytest.mark.parametrize("code", RULES)
-def test_explanations(code: str) -> None:
-    said = explain(code)
-    assert said.startswith(f"{code} ({RULES[code].severity})")
-    for part in (RULES[code].explanation, *RULES[code].bad.split("\n"), *RULES[code].mended.split("\n")):
-        assert part in said
+    """`python -m rvaft.rules.registry > docs/rules.md` mends a failure."""
+    assert (ROOT / "docs" / "rules.md").read_text(encoding="utf-8") == page()
 
 
 def test_an_unknown_code_is_answered_with_a_guess() -> None:
@@ -129,18 +78,10 @@ def test_an_unknown_code_is_answered_with_a_guess() -> None:
     assert issubclass(UnknownRule, KeyError)
 
 
-@pytest.mark.parametrize("code", [code for code, rule in RULES.items() if not rule.python])
-def test_a_draft_without_errors_can_be_built(code: str) -> None:
-    draft = parse(RULES[code].bad)
-    if not any(finding.severity is Severity.ERROR for finding in check_draft(draft)):
-        draft.build()
-
-
 def test_checking_an_ordinary_tree_imports_no_algebra() -> None:
-    text = RULES["contradictory-guards"].bad
     program = (
         "import sys; from rvaft.language.parser import parse; from rvaft.rules import check; "
-        f"print([f.code for f in check(parse({text!r}))]); print('sympy' in sys.modules)"
+        f"print([f.code for f in check(parse({meanings()['contradictory-guards'].bad!r}))]); print('sympy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "['contradictory-guards']\nFalse\n"

@@ -13,7 +13,7 @@ from rvaft.analysis.branches import restrict
 from rvaft.backend import Specification, backend
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import OptionError, TreeError, WrongType
-from rvaft.language.draft import Draft
+from rvaft.language.draft import Draft, no_collections
 from rvaft.language.parser import parse, parse_file
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
@@ -147,6 +147,7 @@ def load(path: os.PathLike[str] | str) -> RVAFT:
     return _checked(parse_file(path))
 
 
+@no_collections()
 def _checked(draft: Draft) -> RVAFT:
     _raise_first_error(check_draft(draft))
     tree = draft.build()

@@ -6,9 +6,10 @@ subformulas. The unit of `limit` is subformulas made. Reading a text needs Spot,
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
-from rvaft.backend import Backend, Metrics, Observed, Specification
+from rvaft.backend import Backend, Observed, Specification
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -31,19 +32,19 @@ class LtlfBackend(Backend):
         from backends.ltlf.translation import translation  # noqa: PLC0415 -- kept off the start-up path
 
         start = time.perf_counter()
-        made = translation(tree, Semantics(semantics), limit=self.default_limit if limit is None else limit)
-        seconds = time.perf_counter() - start
-        metrics = Metrics(symbols=made.symbols, subformulas=made.subformulas, seconds=seconds)
-        return Specification(made.text, self.language, metrics, self.read)
+        limit = self.default_limit if limit is None else limit
+        text, metrics = translation(tree, Semantics(semantics), limit=limit)
+        metrics = replace(metrics, seconds=time.perf_counter() - start)
+        return Specification(text, self.language, metrics, self.read)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """A monitor that runs a formula in Spot's LTLf syntax, with or without a header.
 
         Raises `LanguageError`, and `ToolMissing` where Spot is not installed.
         """
-        from backends.ltlf.monitor import LtlfMonitor, program  # noqa: PLC0415 (Spot takes long to import)
+        from backends.ltlf.monitor import LtlfMonitor  # noqa: PLC0415 (Spot takes long to import)
 
-        return LtlfMonitor(program(text, {} if atoms is None else atoms))
+        return LtlfMonitor(text, {} if atoms is None else atoms)
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...]:
         """What the atoms of the formula ask of events; raises `LanguageError` and `ToolMissing` as `read` does."""

@@ -1,6 +1,6 @@
-"""The compositional translation, and where it gives way to the general form.
+"""The formula of a tree's parts, put together from those of its parts, and where that gives way to the general form.
 
-The formula of a part with what must come strictly after it (`after`) is built from those of its parts:
+The formula of a part with what must come strictly after it (`after`):
 
     event              p & X[!] after                          scattered: F(p & X[!] after)
     choice             the disjunction
@@ -10,597 +10,228 @@ The formula of a part with what must come strictly after it (`after`) is built f
     otherwise          the general sum over what may come next
 """
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise, product
-from typing import Final, TypeAlias
+from typing import assert_never
 
-import networkx as nx
-
-from backends.ltlf.derivatives import Orders, Positions, State, Terms, total
-from backends.ltlf.formulas import FALSE, TRUE
-from backends.ltlf.parts import Op, Part, Parts, always_in
-from rvaft.model.guards import Guard
-from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, rigid_variables
-from rvaft.model.values import key
-from rvaft.support.budget import CellBudget
+from backends.ltlf.derivatives import Order, Orders, State, Terms
+from backends.ltlf.formulas import FALSE, TRUE, Formulas
+from backends.ltlf.parts import Anatomy
+from rvaft.analysis.normal_form import Op
+from rvaft.model.verdict import Semantics
+from rvaft.support.bits import union
 from rvaft.support.trampoline import Call, run
 
-# Which event patterns can be served by one event.
-#
-# Conservative: variables stand for anything, whatever they are bound to, and guards are not looked at. So "cannot" is certain.
-
-Path: TypeAlias = tuple[str | int, ...]
-
-
-def may_overlap(left: Pattern, right: Pattern) -> bool:
-    """Whether some event may match both patterns."""
-    todo = [(left, right)]
-    while todo:
-        match todo.pop():
-            case Literal() as a, Literal() as b:
-                if a != b:
-                    return False
-            case ObjectPattern(fields), ObjectPattern(others):
-                by_name = dict(others)
-                todo.extend((inner, by_name[name]) for name, inner in fields if name in by_name)
-            case ListPattern(items), ListPattern(others):
-                if len(items) != len(others):
-                    return False
-                todo.extend(zip(items, others, strict=True))
-            case (Literal() | ObjectPattern() | ListPattern(), Literal() | ObjectPattern() | ListPattern()):
-                return False
-            case _:  # a variable or `_` on one side fits anything
-                pass
-    return True
-
-
-def overlaps(patterns: Sequence[Pattern]) -> list[int]:
-    """For each pattern the set (bits) of the other patterns that one event may match together with it."""
-    alike: dict[Pattern, int] = {}
-    for number, pattern in enumerate(patterns):
-        alike[pattern] = alike.get(pattern, 0) | 1 << number
-    together = dict(alike)
-    for a, b in _candidates(list(alike)):
-        if may_overlap(a, b):
-            together[a] |= alike[b]
-            together[b] |= alike[a]
-    return [together[pattern] & ~(1 << number) for number, pattern in enumerate(patterns)]
-
-
-def _candidates(patterns: Sequence[Pattern]) -> Iterator[tuple[Pattern, Pattern]]:
-    """The pairs that do not differ in the literal at one place (the name of a topic, say), chosen so that they are few."""
-    literals = {pattern: dict(_literals(pattern)) for pattern in patterns}
-    counts: defaultdict[Path, Counter[Hashable]] = defaultdict(Counter)
-    for found in literals.values():
-        for place, literal in found.items():
-            counts[place][literal] += 1
-    if not counts:
-        yield from combinations(patterns, 2)
-        return
-    where = min(counts, key=lambda place: _cost(counts[place], len(patterns)))
-    buckets: defaultdict[Hashable, list[Pattern]] = defaultdict(list)
-    rest: list[Pattern] = []
-    for pattern, found in literals.items():
-        (buckets[found[where]] if where in found else rest).append(pattern)
-    for bucket in buckets.values():
-        yield from combinations(bucket, 2)
-        yield from product(rest, bucket)
-    yield from combinations(rest, 2)
-
-
-def _cost(counts: Counter[Hashable], total: int) -> int:
-    return sum(count * count for count in counts.values()) + (total - counts.total()) * total
-
-
-def _literals(pattern: Pattern) -> Iterator[tuple[Path, Hashable]]:
-    todo: list[tuple[Path, Pattern]] = [((), pattern)]
-    while todo:
-        path, part = todo.pop()
-        match part:
-            case Literal(value):
-                yield path, key(value)
-            case ObjectPattern(fields):
-                todo.extend(((*path, name), inner) for name, inner in fields)
-            case ListPattern(items):
-                todo.extend(((*path, index), inner) for index, inner in enumerate(items))
-            case _:
-                pass
-
-
-# What the translation asks about the parts of a tree: events under a part, parts that share them, parts that one event may serve.
-#
-# Sets of events are bits, so that a tree of thousands of nodes is no trouble.
-
 
 @dataclass(frozen=True, slots=True)
-class Shape:
-    """Simplified parts, and for each part three answers.
+class Positions:
+    """How a semantics reads "here" and "after that": the only place where the three differ in the formulas themselves.
 
-    Its events (`events`); the other events that one event may serve together with one of them (`rivals`); and, where
-    every scenario of the part observes exactly one event, the parts that are that event (`unit`).
+    A formula made by the translation is true at a position when what it stands for is matched from there on. `scattered`: by some
+    later events, so that such a formula is *monotone*, true at every earlier position too. `strict`: by exactly the next events.
+    `projected`: by exactly the next relevant events; each formula is about a relevant position, and `begin` looks for the first one.
     """
 
-    rows: tuple[Part, ...]
-    events: tuple[int, ...]
-    rivals: tuple[int, ...]
-    unit: tuple[tuple[int, ...] | None, ...]
+    formulas: Formulas
+    semantics: Semantics
+    relevant: int = TRUE
+    """The atom that tells relevant positions, needed for `projected` alone."""
 
     @property
-    def root(self) -> int:
-        """The number of the whole."""
-        return len(self.rows) - 1
+    def monotone(self) -> bool:
+        """Whether any positions may be used."""
+        return self.semantics is Semantics.SCATTERED
 
+    def begin(self, formula: int) -> int:
+        """The formula from the first position that counts; `projected`: `!rel U (rel & f)`."""
+        f = self.formulas
+        if self.semantics is not Semantics.PROJECTED or formula == TRUE:
+            return formula
+        return f.until(f.negation(self.relevant), f.conjunction([self.relevant, formula]))
 
-def shape_of(parts: Parts, patterns: Mapping[str, Pattern]) -> Shape:
-    """The answers for simplified parts."""
-    numbers = [number for number, part in enumerate(parts.rows) if part.op is Op.EVENT]
-    bit = {number: 1 << index for index, number in enumerate(numbers)}
-    rival = dict(zip(numbers, overlaps([patterns[parts.rows[n].node] for n in numbers]), strict=True))
-    events: list[int] = []
-    rivals: list[int] = []
-    unit: list[tuple[int, ...] | None] = []
-    for number, part in enumerate(parts.rows):
-        events.append(_union(bit.get(number, 0), part, events))
-        rivals.append(_union(rival.get(number, 0), part, rivals))
-        unit.append(_unit(number, part, unit))
-    return Shape(parts.rows, tuple(events), tuple(rivals), tuple(unit))
+    def later(self, formula: int) -> int:
+        """The formula from the next position that counts; true stands for "nothing more" and demands no position."""
+        return TRUE if formula == TRUE else self.formulas.next(self.begin(formula))
 
+    def steps(self, ways: Iterable[tuple[int, int]]) -> int:
+        """One of several events here (`scattered`: somewhere), each with its own formula after it."""
+        f = self.formulas
+        found = f.disjunction(f.conjunction([event, self.later(after)]) for event, after in ways)
+        return f.eventually(found) if self.monotone else found
 
-def _union(own: int, part: Part, sets: Sequence[int]) -> int:
-    for inner in part.parts:
-        own |= sets[inner]
-    return own
+    def window(self, events: Sequence[int], need: int, after: int) -> int:
+        """At least `need` of the events (disjunctions of atoms), each at its own position, then `after`; no event may serve two.
 
+        That is: exactly j positions (`need` ≤ j ≤ n), at each of them one of the events, and none of the events at two of them. It is
+        polynomial where unrolling is factorial. What nothing follows is decided as soon as `need` events were seen.
+        """
+        f = self.formulas
+        some = f.disjunction(events)
+        found = []
+        for length in [need] if after == TRUE else range(need, len(events) + 1):
+            whole = after
+            for _ in range(length):
+                whole = f.conjunction([some, self.later(whole)])
+            never = [f.negation(self._twice(event, length)) for event in events] if length else []
+            found.append(f.conjunction([whole, *never]))
+        return f.disjunction(found)
 
-def _unit(number: int, part: Part, unit: Sequence[tuple[int, ...] | None]) -> tuple[int, ...] | None:
-    if part.op is Op.EVENT:
-        return (number,)
-    if part.op is not Op.ONE or not part.parts:
-        return None
-    found: list[int] = []
-    for inner in part.parts:
-        alternatives = unit[inner]
-        if alternatives is None:
-            return None
-        found.extend(alternatives)
-    return tuple(dict.fromkeys(found))
-
-
-def rivals_apart(shape: Shape, part: int) -> bool:
-    """Whether no event can serve occurrences in two different parts of this one, nor one occurrence be in both and rival there."""
-    seen = 0
-    for inner in shape.rows[part].parts:
-        if shape.rivals[inner] & seen:
-            return False
-        seen |= shape.events[inner]
-    return True
-
-
-def entangled(shape: Shape, part: int) -> bool:
-    """Whether two parts that one scenario may keep share an occurrence."""
-    if shape.rows[part].op is Op.ONE:
-        return False
-    seen = 0
-    for inner in shape.rows[part].parts:
-        if shape.events[inner] & seen:
-            return True
-        seen |= shape.events[inner]
-    return False
-
-
-def tangled(shape: Shape) -> list[bool]:
-    """For each part, whether it or some part below it is entangled."""
-    found: list[bool] = []
-    for number, part in enumerate(shape.rows):
-        found.append(entangled(shape, number) or any(found[inner] for inner in part.parts))
-    return found
-
-
-def disjoint_events(shape: Shape, part: int) -> bool:
-    """Whether all parts are single events and no event can serve two of them: the condition of the windows."""
-    return (
-        all(shape.unit[inner] is not None for inner in shape.rows[part].parts)
-        and rivals_apart(shape, part)
-        and not entangled(shape, part)
-    )
-
-
-# When parts that share occurrences may be translated as if they did not (`scattered` only).
-#
-# A shared part is then written once for each use, and the uses may be matched by different events. That is harmless when matches can be
-# moved: what is matchable from one position is matchable from every earlier one, so the latest match serves all uses that have the
-# same continuation, and the earliest all that have the same start. Dropping any of the three conditions has a counterexample; with both
-# continuation and start different, `and (sand x s) (sand s y)` would accept s y x s.
-
-Context: TypeAlias = tuple[int, ...]
-MANY: Final[Context] = (-1,)
-"""Stands for contexts that differ."""
-
-
-def separable(shape: Shape, root: int) -> bool:
-    """Whether the parts below this one, shared ones among them, may be translated one by one."""
-    kept = _kept(shape.rows, root)
-    return (
-        all(rivals_apart(shape, part) for part in kept if shape.rows[part].op in (Op.ALL, Op.AT_LEAST))
-        and same_continuation_or_start(shape.rows, kept)
-        and always_feasible(shape, kept)
-    )
-
-
-def same_continuation_or_start(rows: Sequence[Part], kept: Sequence[int]) -> bool:
-    """Whether for every part all its uses are followed by the same, or all are preceded by the same."""
-    after: dict[int, Context] = {kept[-1]: ()}
-    before: dict[int, Context] = {kept[-1]: ()}
-    for number in reversed(kept):
-        if after[number] == MANY and before[number] == MANY:
-            return False
-        part = rows[number]
-        for index, inner in enumerate(part.parts):
-            first, last = index == 0, index == len(part.parts) - 1
-            in_sequence = part.op is Op.SEQUENCE
-            _use(after, inner, after[number] if last or not in_sequence else (number, index))
-            _use(before, inner, before[number] if first or not in_sequence else (number, index))
-    return True
-
-
-def _use(contexts: dict[int, Context], part: int, context: Context) -> None:
-    contexts[part] = context if contexts.get(part, context) == context else MANY
-
-
-def always_feasible(shape: Shape, kept: Sequence[int]) -> bool:
-    """Whether no scenario can be cyclic: not even the precedences of all scenarios together are."""
-    graph = nx.DiGraph()
-    for number in kept:
-        parts = [part for part in shape.rows[number].parts if shape.events[part]]
-        if not shape.rows[number].parts:
-            graph.add_edge(("begin", number), ("end", number))
-        for part in parts:
-            graph.add_edge(("begin", number), ("begin", part))
-            graph.add_edge(("end", part), ("end", number))
-        if shape.rows[number].op is Op.SEQUENCE:
-            for earlier, later in pairwise(parts):
-                graph.add_edge(("end", earlier), ("begin", later))
-    acyclic: bool = nx.is_directed_acyclic_graph(graph)
-    return acyclic
-
-
-def _kept(rows: Sequence[Part], root: int) -> list[int]:
-    seen = {root}
-    for number in range(root, -1, -1):
-        if number in seen:
-            seen.update(rows[number].parts)
-    return sorted(seen)
-
-
-# Which guards every event is under.
-#
-# A guard counts in every scenario that contains its node, and is conjoined to every event of that scenario that binds one of its
-# variables. Where some scenarios with such an event contain the guard and others do not, the choices that decide it are made
-# one by one, until for each event it is settled which guards it is under.
-
-
-@dataclass(frozen=True, slots=True)
-class Settled:
-    """Some of the scenarios of a tree, and for each of their events (by node) the guards it is under in all of them."""
-
-    parts: Parts
-    guards: Mapping[str, tuple[Guard, ...]]
-
-
-def settle(parts: Parts, patterns: Mapping[str, Pattern], *, monotone: bool, limit: int) -> Iterator[Settled]:
-    """All scenarios, divided so that the guards are settled; `patterns` holds the event of each node."""
-    if not parts.guards:
-        yield Settled(parts, {})
-        return
-    waiting = [parts]
-    budget = CellBudget("the choices that guards depend on take more than the limit allows", limit)
-    while waiting:
-        candidate = waiting.pop()
-        budget.spend(len(candidate.kept()))
-        found = _placed(candidate, patterns)
-        if isinstance(found, Settled):
-            yield found
-        else:
-            ways = [candidate.resolve(found, way) for way in _ways(candidate.rows[found], monotone=monotone)]
-            waiting.extend(reversed(ways))
-
-
-def _ways(part: Part, *, monotone: bool) -> Iterator[tuple[int, ...]]:
-    if part.op is Op.ONE:
-        yield from ((chosen,) for chosen in part.parts)
-        return
-    for size in range(part.need, part.need + 1 if monotone else len(part.parts) + 1):
-        yield from combinations(part.parts, size)
-
-
-def _placed(parts: Parts, patterns: Mapping[str, Pattern]) -> Settled | int:
-    """The guards of each event, or a part whose choice decides about one."""
-    kept = parts.kept()
-    graph = _Graph(parts.rows, kept)
-    placed: dict[str, list[Guard]] = {}
-    guards = [(number, guard) for number, guard in parts.guards if number in graph.below]
-    for number, guard in guards:
-        names = set(guard_variables(guard))
-        for event in kept:
-            node = parts.rows[event].node
-            if parts.rows[event].op is not Op.EVENT or names.isdisjoint(rigid_variables(patterns[node])):
-                continue
-            if graph.implies(event, number):
-                placed.setdefault(node, []).append(guard)
-            elif graph.together(event, number):
-                return graph.deciding(event, number)
-    return Settled(parts, {node: tuple(dict.fromkeys(found)) for node, found in placed.items()})
-
-
-class _Graph:
-    """Who is in which scenarios with whom; sets of parts are bits."""
-
-    def __init__(self, rows: Sequence[Part], kept: Sequence[int]) -> None:
-        self.rows = rows
-        self.kept = kept
-        self.below: dict[int, int] = {}
-        """Of each part itself and all it reaches."""
-        self.always: dict[int, int] = {}
-        """Of each part itself and what is in every scenario that contains it, looking downwards only."""
-        for number in kept:
-            part = rows[number]
-            self.below[number] = 1 << number
-            for inner in part.parts:
-                self.below[number] |= self.below[inner]
-            self.always[number] = 1 << number | always_in(part, [self.always[inner] for inner in part.parts])
-        self.above = self._dominators()
-
-    def _dominators(self) -> dict[int, int]:
-        """Of each part itself and the parts on every way to it."""
-        above: dict[int, int] = {self.kept[-1]: 0}
-        for number in reversed(self.kept):
-            above[number] |= 1 << number
-            for part in self.rows[number].parts:
-                above[part] = above[part] & above[number] if part in above else above[number]
-        return above
-
-    def implies(self, event: int, number: int) -> bool:
-        """Whether every scenario with the event contains the part; conservative."""
-        return any(self.always[part] >> number & 1 for part in _bits(self.above[event]))
-
-    def together(self, event: int, number: int) -> bool:
-        """Whether some scenario may contain both: there is a gate that keeps a way to each, or one is on the way to the other."""
-        if self.below[number] >> event & 1 or self.below[event] >> number & 1:
-            return True
-        for part in self.kept:
-            if self.rows[part].op is not Op.ONE:
-                to_event = {p for p in self.rows[part].parts if self.below[p] >> event & 1}
-                to_number = {p for p in self.rows[part].parts if self.below[p] >> number & 1}
-                if to_event and to_number and len(to_event | to_number) > 1:
-                    return True
-        return False
-
-    def deciding(self, event: int, number: int) -> int:
-        """The topmost choice between the part and the nearest part on every way to it and to the event."""
-        common = self.above[event] & self.above[number]
-        nearest = (common & -common).bit_length() - 1
-        return max(
-            part for part in _bits(self.below[nearest]) if self.rows[part].chooses and self.below[part] >> number & 1
-        )
-
-
-def _bits(members: int) -> Iterator[int]:
-    while members:
-        lowest = members & -members
-        yield lowest.bit_length() - 1
-        members ^= lowest
-
-
-# AND and VOT over single events, position by position: polynomial where the paper's unrolling is factorial.
-#
-# At least K of n events, no event able to serve two of them: exactly j positions (K ≤ j ≤ n), at each of them one of the events, and none
-# of the events at two of them.
-
-
-def window(positions: Positions, events: Sequence[int], need: int, after: int) -> int:
-    """At least `need` of the events (disjunctions of atoms), each at its own position, then `after`.
-
-    What nothing follows is decided as soon as `need` events were seen.
-    """
-    formulas = positions.formulas
-    some = formulas.disjunction(events)
-    lengths = [need] if after == TRUE else range(need, len(events) + 1)
-    ways = []
-    for length in lengths:
-        if length == 0:
-            ways.append(after)
-            continue
-        whole = _repeat(positions, some, length, after)
-        never_twice = [formulas.negation(twice) for twice in _twice(positions, events, length)]
-        ways.append(formulas.conjunction([whole, *never_twice]))
-    return formulas.disjunction(ways)
-
-
-def _repeat(positions: Positions, some: int, length: int, after: int) -> int:
-    formula = after
-    for _ in range(length):
-        formula = positions.formulas.conjunction([some, positions.later(formula)])
-    return formula
-
-
-def _twice(positions: Positions, events: Sequence[int], length: int) -> list[int]:
-    """For each event: at two of the next `length` positions."""
-    formulas = positions.formulas
-    found = []
-    for event in events:
+    def _twice(self, event: int, length: int) -> int:
+        """The event is at two of the next `length` positions."""
+        f = self.formulas
         once, twice = event, FALSE
         for _ in range(length - 1):
-            twice = formulas.disjunction(
-                [formulas.conjunction([event, _next(positions, once)]), _next(positions, twice)]
-            )
-            once = formulas.disjunction([event, _next(positions, once)])
-        found.append(twice)
-    return found
-
-
-def _next(positions: Positions, formula: int) -> int:
-    return FALSE if formula == FALSE else positions.later(formula)
+            later = self.later(once)
+            twice = f.disjunction([f.conjunction([event, later]), self.later(twice)])
+            once = f.disjunction([event, later])
+        return twice
 
 
 class Composer:
-    """Translates the parts of one shape; `event_of` gives the formula of an EVENT part. `limit` bounds states and scenarios."""
+    """Translates parts; `event_of` gives the formula of an EVENT part. `limit` bounds states and scenarios."""
 
-    def __init__(self, shape: Shape, positions: Positions, event_of: Callable[[int], int], *, limit: int) -> None:
-        self._shape = shape
+    def __init__(self, anatomy: Anatomy, positions: Positions, event_of: Callable[[int], int], *, limit: int) -> None:
+        self._anatomy = anatomy
         self._positions = positions
         self._formulas = positions.formulas
         self._event_of = event_of
         self._known: dict[tuple[int, int], int] = {}
         self._free: set[int] = set()
         """Parts below a separable one: they are translated one by one although they share occurrences."""
-        self._tangled = tangled(shape)
         self._terms = Terms(limit)
         self._term: dict[int, int] = {}
-        self._orders = Orders(shape.rows, monotone=positions.monotone, limit=limit)
-        self._states: dict[int, State] = {}
+        self._orders = Orders(anatomy.parts, event_of, monotone=positions.monotone, limit=limit)
+        self._states: dict[int, frozenset[Order]] = {}
 
     def whole(self) -> int:
         """The formula of the root, from the first position on."""
-        return self._positions.begin(run(self._of(self._shape.root, TRUE)))
+        return self._positions.begin(run(self._of(self._anatomy.root, TRUE)))
 
-    def _of(self, part: int, after: int) -> Call[int]:
-        key = (part, after)
-        if key not in self._known:
-            self._known[key] = yield self._made(part, after)
-        return self._known[key]
-
-    def _made(self, part: int, after: int) -> Call[int]:
-        row = self._shape.rows[part]
-        found: int
+    def _of(self, number: int, after: int) -> Call[int]:
         if after == FALSE:
             return FALSE
-        if part not in self._free and entangled(self._shape, part):
-            if not self._positions.monotone or not separable(self._shape, part):
-                found = yield self._sum_of_orders(part, after)
-                return found
-            self._set_free(part)
-        match row.op:
+        key = (number, after)
+        if key not in self._known:
+            self._known[key] = yield self._made(number, after)
+        return self._known[key]
+
+    def _made(self, number: int, after: int) -> Call[int]:
+        part, formulas = self._anatomy.parts[number], self._formulas
+        found: int = after
+        if number not in self._free and self._anatomy.is_entangled(number):
+            if not self._positions.monotone or not self._anatomy.is_separable(number):
+                sum_of_orders: int = yield self._sum([number], number, after)
+                return sum_of_orders
+            self._free.update(self._anatomy.below(number))
+        match part.op:
             case Op.EVENT:
-                return self._positions.step(self._event_of(part), after)
-            case Op.ONE:
-                return self._formulas.disjunction((yield self._each(row.parts, after)))
+                found = self._positions.steps([(self._event_of(number), after)])
             case Op.SEQUENCE:
-                for inner in reversed(row.parts):
-                    after = yield self._of(inner, after)
-                return after
-            case Op.ALL | Op.AT_LEAST if not row.parts:
-                return after
-            case Op.ALL | Op.AT_LEAST if self._positions.monotone:
-                found = yield self._anywhere(part, after)
-                return found
-            case Op.ALL | Op.AT_LEAST:
-                found = yield self._in_place(part, after)
-                return found
-
-    def _set_free(self, part: int) -> None:
-        todo = [part]
-        while todo:
-            number = todo.pop()
-            if number not in self._free:
-                self._free.add(number)
-                todo.extend(self._shape.rows[number].parts)
-
-    def _each(self, parts: Sequence[int], after: int) -> Call[list[int]]:
-        found: list[int] = []
-        for inner in parts:
-            found += [(yield self._of(inner, after))]
+                for inner in reversed(part.parts):
+                    found = yield self._of(inner, found)
+            case Op.ALL | Op.AT_LEAST if not self._positions.monotone and self._anatomy.is_window(number):
+                units = (self._anatomy.unit[inner] or () for inner in part.parts)
+                events = [formulas.disjunction(map(self._event_of, unit)) for unit in units]
+                found = self._positions.window(events, part.need, after) if events else after
+            case Op.ALL if self._positions.monotone:
+                each: list[int] = []
+                for group in self._rival_groups(number):
+                    single = len(group) == 1
+                    each += [(yield self._of(group[0], after) if single else self._sum(group, number, after))]
+                found = formulas.conjunction(each) if each else after
+            case Op.AT_LEAST | Op.ALL if not self._positions.monotone or not self._anatomy.rivals_apart(number):
+                found = yield self._sum([number], number, after)
+            case Op.ONE | Op.AT_LEAST | Op.ALL:
+                each = []
+                for inner in part.parts:
+                    each += [(yield self._of(inner, after))]
+                found = formulas.disjunction(each) if part.op is Op.ONE else self._threshold(each, part.need)
+            case Op.CONDITION:
+                raise AssertionError(part)
+            case _:
+                assert_never(part.op)
         return found
 
-    def _anywhere(self, part: int, after: int) -> Call[int]:
-        """AND and VOT under `scattered`."""
-        row = self._shape.rows[part]
-        if row.op is Op.AT_LEAST:
-            if not rivals_apart(self._shape, part):
-                threshold: int = yield self._sum([part], part, after)
-                return threshold
-            return self._threshold((yield self._each(row.parts, after)), row.need)
-        found = []
-        apart = rivals_apart(self._shape, part)
-        groups = [[inner] for inner in row.parts] if apart else self._rival_groups(row.parts)
-        for group in groups:
-            if len(group) == 1:
-                found.append((yield self._of(group[0], after)))
-            else:
-                found.append((yield self._sum(group, part, after)))
-        return self._formulas.conjunction(found)
-
-    def _threshold(self, parts: Sequence[int], need: int) -> int:
+    def _threshold(self, formulas: Sequence[int], need: int) -> int:
         """At least `need` of the formulas: T(i, j) = f_i & T(i+1, j-1) | T(i+1, j)."""
         f = self._formulas
-        row = [TRUE] + [FALSE] * need
-        for formula in reversed(parts):
-            row = [TRUE] + [
-                f.disjunction([f.conjunction([formula, row[count - 1]]), row[count]]) for count in range(1, need + 1)
-            ]
+        row = [TRUE]
+        for formula in reversed(formulas):
+            rest = [*row, FALSE]
+            counts = range(1, min(len(row), need) + 1)
+            row = [TRUE, *(f.disjunction([f.conjunction([formula, rest[j - 1]]), rest[j]]) for j in counts)]
         return row[need]
 
-    def _rival_groups(self, parts: Sequence[int]) -> list[list[int]]:
-        """The parts, those together of which one event may serve two."""
-        groups: list[tuple[list[int], int, int]] = []
+    def _rival_groups(self, number: int) -> list[list[int]]:
+        """The parts of a part, those together of which one event may serve two."""
+        parts = self._anatomy.parts[number].parts
+        if self._anatomy.rivals_apart(number):
+            return [[part] for part in parts]
+        groups: list[tuple[list[int], int]] = []
+        """Parts, and their events."""
+        seen = 0
         for part in parts:
-            members, events, rivals = [part], self._shape.events[part], self._shape.rivals[part]
-            apart = []
-            for group in groups:
-                if group[2] & events:
-                    members, events, rivals = [*group[0], *members], events | group[1], rivals | group[2]
-                else:
-                    apart.append(group)
-            groups = [*apart, (members, events, rivals)]
-        return [members for members, _, _ in groups]
+            events, rivals = self._anatomy.events[part], self._anatomy.rivals[part]
+            seen |= events
+            meeting = [group for group in groups if group[1] & rivals] if rivals & seen else []
+            if meeting:
+                groups = [group for group in groups if not group[1] & rivals]
+            members = [member for group, _ in reversed(meeting) for member in group]
+            groups.append(([*members, part], events | union(theirs for _, theirs in meeting)))
+        return [members for members, _ in groups]
 
-    def _in_place(self, part: int, after: int) -> Call[int]:
-        """AND and VOT under `strict` and `projected`."""
-        row = self._shape.rows[part]
-        if not disjoint_events(self._shape, part):
-            found: int = yield self._sum([part], part, after)
-            return found
-        need = row.need if row.op is Op.AT_LEAST else len(row.parts)
-        return window(self._positions, [self._unit(inner) for inner in row.parts], need, after)
-
-    def _unit(self, part: int) -> int:
-        events = self._shape.unit[part]
-        assert events is not None
-        return self._formulas.disjunction(self._event_of(event) for event in events)
-
-    def _term_of(self, part: int) -> int:
-        todo = [part]
-        while todo:
-            number = todo[-1]
-            row = self._shape.rows[number]
-            missing = [inner for inner in row.parts if inner not in self._term]
-            if missing:
-                todo.extend(missing)
-                continue
-            todo.pop()
-            if row.op is Op.EVENT:
-                self._term[number] = self._terms.event(self._event_of(number))
-            else:
-                self._term[number] = self._terms.part(row, [self._term[inner] for inner in row.parts])
-        return self._term[part]
+    def _term_of(self, number: int) -> Call[int]:
+        if number not in self._term:
+            part = self._anatomy.parts[number]
+            for inner in reversed(part.parts):
+                yield self._term_of(inner)
+            self._term[number] = (
+                self._terms.event(self._event_of(number))
+                if part.op is Op.EVENT
+                else self._terms.part(part.op, [self._term[inner] for inner in part.parts], part.need)
+            )
+        return self._term[number]
 
     def _sum(self, some: Sequence[int], whole: int, after: int) -> Call[int]:
         """The general form of some parts of a whole in any order; where occurrences are shared below, of the whole."""
-        if any(self._tangled[part] for part in some):
-            return self._sum_of_orders(whole, after)
-        return self._sum_of_terms([self._term_of(part) for part in some], after)
+        if not any(self._anatomy.tangled[part] for part in some):
+            terms: list[int] = []
+            for part in some:
+                terms += [(yield self._term_of(part))]
+            initial = self._terms.part(Op.ALL, terms)
+            found: int = yield self._total(self._terms.over, self._terms.steps, initial, after)
+        else:
+            if whole not in self._states:
+                self._states[whole] = self._orders.of(whole)
+            found = yield self._total(self._orders.over, self._orders.steps, self._states[whole], after)
+        return found
 
-    def _sum_of_terms(self, terms: list[int], after: int) -> Call[int]:
-        initial = self._terms.all_of(terms)
-        return total(self._positions, initial, done=self._terms.over, steps=self._terms.steps, after=after)
+    def _total(
+        self,
+        over: Callable[[State], bool],
+        steps: Callable[[State], Iterable[tuple[int, State]]],
+        initial: State,
+        after: int,
+    ) -> Call[int]:
+        """A sum over what may come next, one shared formula G(state) for each state: exact for every tree.
 
-    def _sum_of_orders(self, part: int, after: int) -> Call[int]:
-        if part not in self._states:
-            self._states[part] = self._orders.of(part)
+        G(state) is what follows, if the state may be the end, or one of the events that may come next, with G of the state after it.
+        """
+        known: dict[State, int] = {}
+        junction = self._formulas.disjunction
 
-        def steps(state: State) -> list[tuple[int, State]]:
-            return [(self._event_of(event), following) for event, following in self._orders.steps(state)]
+        def of(state: State) -> Call[int]:
+            if state not in known:
+                ends = over(state)
+                if ends and (after == TRUE or self._positions.monotone):  # nothing longer can say more
+                    known[state] = after
+                    return after
+                following: dict[int, list[int]] = {}
+                for event, left in steps(state):
+                    following.setdefault(event, []).append((yield of(left)))
+                taken = self._positions.steps([(event, junction(rests)) for event, rests in following.items()])
+                known[state] = junction([after, taken]) if ends else taken
+            return known[state]
 
-        return total(self._positions, self._states[part], done=self._orders.over, steps=steps, after=after)
+        found: int = yield of(initial)
+        return found

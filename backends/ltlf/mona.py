@@ -10,17 +10,18 @@ import resource
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
-from backends.ltlf.formulas import Formulas, Op, Row
-from backends.ltlf.monitor import root_of
-from backends.ltlf.progression import Atom, atoms_of
-from backends.ltlf.reader import split
+import networkx as nx
+
+from backends.ltlf.formulas import JUNCTIONS, Connective, Formulas
+from backends.ltlf.monitor import Atom, atoms_of
+from backends.ltlf.reader import formula_of
 from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
@@ -28,6 +29,16 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 
 # A formula of the core as a program for MONA, by the package `ltlf2dfa`.
+
+_WRITTEN: Final = {
+    Connective.TRUE: "true",
+    Connective.FALSE: "false",
+    Connective.NOT: "!({})",
+    Connective.NEXT: "X({})",
+    Connective.EVENTUALLY: "F({})",
+    Connective.UNTIL: "(({}) U ({}))",
+}
+assert {*_WRITTEN, *JUNCTIONS, Connective.ATOM} == set(Connective)
 
 OPERATORS: Final = 2_000
 """The most operators, shared subformulas written out wherever they occur: ltlf2dfa knows no sharing, and works by recursion."""
@@ -59,32 +70,12 @@ def _text(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
         sizes[number] = 1 + sum(sizes[operand] for operand in row.operands)
         if sizes[number] > OPERATORS:
             raise TooLarge("the formula, written out for ltlf2dfa, has more operators", limit=OPERATORS)
-        texts[number] = _written(row, [texts[operand] for operand in row.operands], symbols)
+        operands = [texts[operand] for operand in row.operands]
+        if row.op in JUNCTIONS:
+            texts[number] = f"({f' {row.op.value} '.join(operands)})"
+        else:
+            texts[number] = symbols[row.name] if row.op is Connective.ATOM else _WRITTEN[row.op].format(*operands)
     return texts[root]
-
-
-def _written(row: Row, operands: list[str], symbols: Mapping[str, str]) -> str:
-    match row.op, operands:
-        case Op.TRUE, _:
-            return "true"
-        case Op.FALSE, _:
-            return "false"
-        case Op.ATOM, _:
-            return symbols[row.name]
-        case Op.NOT, [a]:
-            return f"!({a})"
-        case Op.NEXT, [a]:
-            return f"X({a})"
-        case Op.EVENTUALLY, [a]:
-            return f"F({a})"
-        case Op.UNTIL, [a, b]:
-            return f"(({a}) U ({b}))"
-        case Op.AND, _:
-            return f"({' & '.join(operands)})"
-        case Op.OR, _:
-            return f"({' | '.join(operands)})"
-        case _:
-            raise AssertionError(row)
 
 
 # Running MONA, and the automaton that it prints.
@@ -110,12 +101,11 @@ _EDGE: Final = re.compile(r"^State (\d+): ([01X]*) -> state (\d+)$", re.MULTILIN
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Automaton:
+class MonaAutomaton:
     """Deterministic and complete; a cube has `0`, `1` or `X` for each of `names`."""
 
     names: tuple[str, ...]
     start: int
-    accepting: frozenset[int]
     edges: Mapping[int, tuple[tuple[str, int], ...]]
     verdicts: Mapping[int, Verdict]
     """Of each state, once something was read: ⊤ where it and all that it leads to accept, ⊥ where none does."""
@@ -127,7 +117,7 @@ class Automaton:
         return next(fitting)
 
 
-def automaton(program: str) -> Automaton:
+def automaton(program: str) -> MonaAutomaton:
     """The automaton of a program; raises `ToolMissing`, `ToolFailed`, and `TooLarge` where MONA comes to no end in time."""
     return _read(_output(program))
 
@@ -159,7 +149,7 @@ def _bounded(process: int) -> None:
             resource.prlimit(process, resource.RLIMIT_AS, (MEMORY, MEMORY))
 
 
-def _read(output: str) -> Automaton:
+def _read(output: str) -> MonaAutomaton:
     names, initial, accepting = (found.search(output) for found in (_NAMES, _INITIAL, _ACCEPTING))
     edges: dict[int, list[tuple[str, int]]] = {}
     for state, cube, target in _EDGE.findall(output):
@@ -168,23 +158,12 @@ def _read(output: str) -> Automaton:
         raise ToolFailed("mona", reason="it printed no automaton")
     accepts = frozenset(map(int, accepting[1].split()))
     table = {state: tuple(found) for state, found in edges.items()}
-    verdicts = {state: _verdict(state, table, accepts) for state in table}
-    return Automaton(tuple(names[1].split()), first[0][1], accepts, table, verdicts)
-
-
-def _verdict(state: int, edges: Mapping[int, tuple[tuple[str, int], ...]], accepting: frozenset[int]) -> Verdict:
-    found = {reached in accepting for reached in _reached(state, edges)}
-    return Verdict.UNKNOWN if len(found) == 2 else Verdict.TRUE if found == {True} else Verdict.FALSE
-
-
-def _reached(state: int, edges: Mapping[int, tuple[tuple[str, int], ...]]) -> Iterator[int]:
-    """The state itself and all that it leads to."""
-    seen, todo = {state}, [state]
-    while todo:
-        yield (current := todo.pop())
-        fresh = {target for _, target in edges[current]} - seen
-        seen |= fresh
-        todo.extend(fresh)
+    graph = nx.DiGraph((state, target) for state, found in table.items() for _, target in found)
+    verdicts: dict[int, Verdict] = {}
+    for state in table:
+        ends = {reached in accepts for reached in (state, *nx.descendants(graph, state))}
+        verdicts[state] = Verdict.UNKNOWN if len(ends) == 2 else Verdict.TRUE if True in ends else Verdict.FALSE
+    return MonaAutomaton(tuple(names[1].split()), first[0][1], table, verdicts)
 
 
 # A text of LTLf run by MONA's automaton instead of this project's own reading of formulas.
@@ -201,13 +180,12 @@ def read(text: str, given: Mapping[str, Pattern]) -> Monitor:
 
 
 @lru_cache(maxsize=32)
-def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[Automaton, Mapping[str, Atom]]:
+def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[MonaAutomaton, Mapping[str, Atom]]:
     """The automaton, and the atoms by their names in it."""
-    header, rest = split(text)
     formulas = Formulas()
-    root = root_of(header, rest, formulas)
+    header, root = formula_of(text, formulas)
     rows = (formulas.rows[number] for number in formulas.reachable(root))
-    names = sorted(row.name for row in rows if row.op is Op.ATOM)
+    names = sorted(row.name for row in rows if row.op is Connective.ATOM)
     atoms = atoms_of(header, names, dict(given))
     if variables := sorted(frozenset[str]().union(*(atom.mentions for atom in atoms.values()))):
         reason = f"its automata have no variables ({', '.join(variables)})"
@@ -222,7 +200,7 @@ def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[Automaton,
 class MonaMonitor(Monitor):
     """⊤ where the word and all its extensions are accepted, ⊥ where none of them is, else ?; ? before any event."""
 
-    def __init__(self, automaton: Automaton, atoms: Mapping[str, Atom]) -> None:
+    def __init__(self, automaton: MonaAutomaton, atoms: Mapping[str, Atom]) -> None:
         super().__init__()
         self._automaton = automaton
         self._atoms = atoms

@@ -5,24 +5,29 @@ true; then the letter is all atoms true under its assignment. ⊤ if in some sli
 continuation; ⊥ if there is none where it can still hold. A slice in which it cannot is dropped.
 """
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
-from backends.ltlf.formulas import Formulas, Op
-from backends.ltlf.progression import Atom, Residuals, atoms_of, candidates_of
-from backends.ltlf.reader import Header, Observation, parse, split
+from backends.ltlf.formulas import Connective, Formulas
+from backends.ltlf.progression import Residuals
+from backends.ltlf.reader import Header, Observation, formula_of
 from backends.ltlf.satisfiability import Liveness
+from rvaft.analysis.pattern_index import FirstLiterals, literals_of
 from rvaft.backend import Observed
-from rvaft.errors import LanguageError, TooLarge
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.errors import TooLarge
+from rvaft.model.guards import Operation, Operator, holds, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import (
+    Anything,
     Binding,
     Literal,
     ObjectPattern,
     Pattern,
     Variable,
+    match,
+    rigid,
     rigid_variables,
     substitute,
     variables,
@@ -31,56 +36,79 @@ from rvaft.model.values import Json, key
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 
-# A text made ready to run; monitors of one text share it, so that their states can be compared.
+SLICE_LIMIT: Final = 100_000
 
 
-class Program:
-    """The formula of a text, its atoms, and everything that was found out about its residuals so far."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Atom:
+    """What an atom of a formula observes. Events that do not fit its pattern need not be asked."""
 
-    def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
-        header, rest = split(text)
-        formulas = Formulas()
-        root = root_of(header, rest, formulas)
-        names = [row.name for row in formulas.rows if row.op is Op.ATOM]
-        self.atoms: dict[str, Atom] = atoms_of(header, names, given)
-        self.candidates = candidates_of(self.atoms)
-        self.residuals = Residuals(formulas, {name: atom.mentions for name, atom in self.atoms.items()})
-        self.liveness = Liveness(formulas, self.residuals.diagrams)
-        self.initial = self.residuals.of(root)
+    pattern: Pattern
+    binds: frozenset[str]
+    """The variables that must be bound for it to be true."""
+    mentions: frozenset[str]
+    """All variables that make a difference to it."""
+    extended: Callable[[Json, Binding], Binding | None]
+    """The smallest extension of a binding under which it is true at an event, or None."""
 
-
-def root_of(header: Header, rest: str, formulas: Formulas) -> int:
-    """The formula behind a header, among `formulas`; raises `LanguageError` and `ToolMissing`."""
-    known: dict[str, int] = {}
-
-    def atom(name: str) -> int:
-        if name in header.definitions and name not in known:
-            unknown = next(one for one in header.definitions if one not in known)  # the one that is being read
-            line, column = header.places[unknown]
-            raise LanguageError(f"{name} is used before it is defined", file="<ltlf>", line=line, column=column)
-        return known[name] if name in known else formulas.atom(name)
-
-    for name in header.definitions:
-        line, column = header.places[name]
-        known[name] = parse(header.definitions[name], formulas, atom, line=line, column=column)
-    skipped = len(rest) - len(rest.lstrip())
-    before = rest[:skipped]
-    line = 1 + before.count("\n")
-    column = len(before) - before.rfind("\n")
-    if not rest.strip():
-        message = "there is no formula after the comment" if skipped else "there is no formula"
-        raise LanguageError(message, file="<ltlf>", line=line, column=column)
-    return parse(rest[skipped:].rstrip(), formulas, atom, line=line, column=column)
+    def holds(self, event: Json, binding: Binding) -> bool:
+        """Whether it is true at the event."""
+        return self.binds <= binding.keys() and self.extended(event, binding) is not None
 
 
-@lru_cache(maxsize=32)
-def _cached(text: str, given: tuple[tuple[str, Pattern], ...]) -> Program:
-    return Program(text, dict(given))
+def atoms_of(header: Header, names: Iterable[str], given: Mapping[str, Pattern]) -> dict[str, Atom]:
+    """The atoms of these names: as the header has them, else as given, else the event of that name."""
+    found: dict[str, Atom] = {}
+    for name in names:
+        if name in header.relevant or name in header.ignored:
+            found[name] = _relevance(header.relevant.get(name, ()), header.ignored.get(name, ()))
+        else:
+            found[name] = _event_atom(_observation(header, name, given))
+    return found
 
 
-def program(text: str, given: Mapping[str, Pattern]) -> Program:
-    """The program of a text; the same one again while it is remembered. Raises `LanguageError` and `ToolMissing`."""
-    return _cached(text, tuple(sorted(given.items(), key=lambda item: item[0])))
+def _observation(header: Header, name: str, given: Mapping[str, Pattern]) -> Observation:
+    if name in header.atoms:
+        return header.atoms[name]
+    return Observation(given.get(name) or ObjectPattern((("event", Literal(name)),)))
+
+
+def _event_atom(observation: Observation) -> Atom:
+    """An event pattern under guards; a guard counts as true while one of its variables is unbound."""
+    guards = [(guard, frozenset(guard_variables(guard))) for guard in observation.guards]
+    binds = frozenset(rigid_variables(observation.pattern))
+
+    def extended(event: Json, binding: Binding) -> Binding | None:
+        found = match(observation.pattern, event, binding)
+        if found is None:
+            return None
+        bound = rigid(found)
+        failed = any(names <= bound.keys() and not holds(guard, bound) for guard, names in guards)
+        return None if failed else bound
+
+    return Atom(observation.pattern, binds, binds.union(*(names for _, names in guards)), extended)
+
+
+def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:
+    """True at events that fit one of the observations for some values of the variables, and none of the ignored ones."""
+
+    def fitting(observations: Sequence[Observation]) -> Callable[[Json], bool]:
+        index = FirstLiterals(literals_of(one.pattern) for one in observations)
+        return lambda event: any(_fits(observations[number], event) for number in index.candidates(event))
+
+    is_relevant, is_ignored = fitting(relevant), fitting(ignored)
+
+    def extended(event: Json, binding: Binding) -> Binding | None:
+        return binding if is_relevant(event) and not is_ignored(event) else None
+
+    return Atom(Anything(), frozenset(), frozenset(), extended)
+
+
+def _fits(observation: Observation, event: Json) -> bool:
+    found = match(observation.pattern, event, {})
+    return found is not None and all(
+        set(guard_variables(guard)) <= found.keys() and holds(guard, found) for guard in observation.guards
+    )
 
 
 # What a formula asks of events: the patterns and guards of its atoms, and what its header says of relevance.
@@ -88,66 +116,70 @@ def program(text: str, given: Mapping[str, Pattern]) -> Program:
 
 def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...]:
     """The questions; `given` has the patterns of atoms that the text does not define. Raises `LanguageError`, `ToolMissing`."""
-    header, rest = split(text)
     formulas = Formulas()
-    root_of(header, rest, formulas)
-    names = [row.name for row in formulas.rows if row.op is Op.ATOM]
+    header, _ = formula_of(text, formulas)
+    names = (row.name for row in formulas.rows if row.op is Connective.ATOM)
     return tuple(dict.fromkeys(question for name in names for question in _questions(header, name, given)))
 
 
 def _questions(header: Header, name: str, given: Mapping[str, Pattern]) -> Iterator[Observed]:
-    if name in header.relevant or name in header.ignored:
-        for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
-            if all(set(guard_variables(guard)) <= set(variables(one.pattern)) for guard in one.guards):
-                yield _apart(one)
-    elif name in header.atoms:
-        atom = header.atoms[name]
-        # a guard on a variable that the atom cannot share with others never has its value, and counts as true
-        guards = [g for g in atom.guards if not any(variable.startswith("_") for variable in guard_variables(g))]
-        yield Observed(atom.pattern, _all(guards))
-    else:
-        yield Observed(given.get(name, ObjectPattern((("event", Literal(name)),))))
+    if name not in header.relevant and name not in header.ignored:
+        yield _question(_observation(header, name, given))
+        return
+    for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
+        taken = variables(one.pattern)
+        if all(set(guard_variables(guard)) <= set(taken) for guard in one.guards):
+            own: dict[str, str] = {}  # some values will do
+            for variable in rigid_variables(one.pattern):
+                own[variable] = f"_{variable}"
+                while own[variable] in taken:
+                    own[variable] = f"_{own[variable]}"
+            pattern = substitute(one.pattern, {old: Variable(new) for old, new in own.items()})
+            yield _question(Observation(pattern, tuple(renamed(guard, own) for guard in one.guards)), local=True)
 
 
-def _apart(observation: Observation) -> Observed:
-    """With variables of its own: some values will do."""
-    taken = variables(observation.pattern)
-    by: dict[str, Pattern] = {}
-    for name in rigid_variables(observation.pattern):
-        own = f"_{name}"
-        while own in taken:
-            own = f"_{own}"
-        by[name] = Variable(own)
-    guards = [_renamed(guard, by) for guard in observation.guards]
-    return Observed(substitute(observation.pattern, by), _all(guards))
-
-
-def _renamed(guard: Guard, by: Mapping[str, Pattern]) -> Guard:
-    match guard:
-        case Variable(name):
-            renamed = by.get(name, guard)
-            assert isinstance(renamed, Variable)
-            return renamed
-        case Operation(operator, operands):
-            return Operation(operator, tuple(_renamed(operand, by) for operand in operands))
-        case _:
-            return guard
-
-
-def _all(guards: list[Guard]) -> Guard | None:
-    """One guard that holds when all do."""
+def _question(observation: Observation, *, local: bool = False) -> Observed:
+    # a guard on a variable that the atom cannot share with others never has its value, and counts as true
+    guards = tuple(g for g in observation.guards if local or all(name[0] != "_" for name in guard_variables(g)))
     if len(guards) > 1:
-        return Operation(Operator.AND, tuple(guards))
-    return guards[0] if guards else None
+        return Observed(observation.pattern, Operation(Operator.AND, guards))
+    return Observed(observation.pattern, *guards)
 
 
-SLICE_LIMIT: Final = 100_000
+# A text made ready to run.
 
-Assignment = frozenset[tuple[str, Hashable]]
+
+class LtlfProgram:
+    """The formula of a text, its atoms, and everything that was found out about its residuals so far.
+
+    Monitors of one text share it, so that their states can be compared.
+    """
+
+    def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
+        formulas = Formulas()
+        header, root = formula_of(text, formulas)
+        self.atoms = atoms_of(header, (row.name for row in formulas.rows if row.op is Connective.ATOM), given)
+        self.residuals = Residuals(formulas, {name: atom.mentions for name, atom in self.atoms.items()})
+        self.liveness = Liveness(formulas, self.residuals.diagrams)
+        self.initial = self.residuals.of(root)
+        self._names = list(self.atoms)
+        self._index = FirstLiterals(literals_of(atom.pattern) for atom in self.atoms.values())
+
+    def candidates(self, event: Json) -> frozenset[str]:
+        """The atoms that may be true at an event."""
+        return frozenset([self._names[number] for number in self._index.candidates(event)])
+
+
+@lru_cache(maxsize=32)
+def _program(text: str, given: tuple[tuple[str, Pattern], ...]) -> LtlfProgram:
+    return LtlfProgram(text, dict(given))
+
+
+Assignment: TypeAlias = frozenset[tuple[str, Hashable]]
 """A binding as a key."""
 
 
-class Slice(NamedTuple):
+class LtlfSlice(NamedTuple):
     """A binding and what the formula still demands under it."""
 
     binding: Binding
@@ -157,10 +189,10 @@ class Slice(NamedTuple):
 class LtlfMonitor(Monitor):
     """A formula of LTLf on a trace; `TooLarge` where values give rise to too many slices."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
         super().__init__()
-        self._program = program
-        self._slices: dict[tuple[Assignment, int], Slice] = {(frozenset(), program.initial): Slice({}, program.initial)}
+        self._program = program = _program(text, tuple(sorted(given.items(), key=lambda item: item[0])))
+        self._slices = {(_assignment({}), program.initial): LtlfSlice({}, program.initial)}
 
     @property
     def state(self) -> Hashable:
@@ -168,35 +200,33 @@ class LtlfMonitor(Monitor):
         return self._program, frozenset(self._slices), self._verdict
 
     def _advance(self, event: Json) -> Verdict:
-        slices: dict[tuple[Assignment, int], Slice] = {}
-        residuals, liveness = self._program.residuals, self._program.liveness
-        candidates = frozenset(self._program.candidates.at(event))
+        slices: dict[tuple[Assignment, int], LtlfSlice] = {}
+        residuals, liveness, atoms = self._program.residuals, self._program.liveness, self._program.atoms
+        candidates = self._program.candidates(event)
         for binding, residual in self._slices.values():
-            for extended in self._extensions(binding, residual, event, candidates):
-                asked = residuals.now(residual) & candidates
-                letter = frozenset(name for name in asked if self._program.atoms[name].holds(event, extended))
+            asked = residuals.now(residual) & candidates
+            for extended in self._extensions(binding, residual, event, asked):
+                letter = frozenset(name for name in asked if atoms[name].holds(event, extended))
                 accepted, rest = residuals.step(residual, letter)
-                if accepted and liveness.valid(rest):
+                if accepted and liveness.is_valid(rest):
                     self._slices = {}
                     return Verdict.TRUE
-                if accepted or liveness.satisfiable(rest):
+                if accepted or liveness.is_satisfiable(rest):
                     names = residuals.variables(rest)
                     kept = {name: value for name, value in extended.items() if name in names}
-                    slices[_assignment(kept), rest] = Slice(kept, rest)
+                    slices[_assignment(kept), rest] = LtlfSlice(kept, rest)
                     if len(slices) > SLICE_LIMIT:
                         raise TooLarge("the trace gives rise to more assignments of the variables", limit=SLICE_LIMIT)
         self._slices = slices
         return Verdict.UNKNOWN if slices else Verdict.FALSE
 
-    def _extensions(
-        self, binding: Binding, residual: int, event: Json, candidates: frozenset[str]
-    ) -> Iterator[Binding]:
+    def _extensions(self, binding: Binding, residual: int, event: Json, asked: frozenset[str]) -> Iterator[Binding]:
         """The binding itself, and with the values that one more atom takes from the event."""
         yield binding
         if self._program.residuals.variables(residual) <= binding.keys():
             return
         seen = {_assignment(binding)}
-        for name in sorted(self._program.residuals.now(residual) & candidates):
+        for name in sorted(asked):
             atom = self._program.atoms[name]
             if not atom.binds <= binding.keys():
                 extended = atom.extended(event, binding)

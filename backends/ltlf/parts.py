@@ -1,244 +1,126 @@
-"""A tree in normal form: what has to be observed, and in which order, without nodes and labels.
+"""The parts of a tree as this translation wants them: in as few as possible, with what one event may serve, guards settled.
 
-A gate with an event is a sequence (under `top_down` its event, then its body), a leaf without an event is nothing to observe
-(`ALL` of no parts), what can never be observed is a choice without alternatives (`ONE` of no parts). Parts are numbered, the parts of a
-part smaller than itself; a part that several others share is one number, since it is resolved and observed once.
+Sets of parts and of events are bits, so that a tree of thousands of nodes is no trouble.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from enum import Enum, auto
-from typing import Final
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations, pairwise
+from typing import Final, TypeAlias, assert_never
 
-from rvaft.model.guards import Guard, holds
+import networkx as nx
+
+from rvaft.analysis.normal_form import EMPTY, NormalForm, Op, Part
+from rvaft.analysis.unification import Overlaps
+from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, Gate, Node
-from rvaft.model.tree import RVAFT
+from rvaft.model.patterns import Pattern, rigid_variables
+from rvaft.support.bits import bits, in_at_least, union
+from rvaft.support.budget import CellBudget
 
 
-class Op(Enum):
-    """What a part asks for."""
-
-    EVENT = auto()
-    ALL = auto()
-    ONE = auto()
-    SEQUENCE = auto()
-    AT_LEAST = auto()
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """One part; `need` belongs to AT_LEAST, `node` to EVENT."""
-
-    op: Op
-    parts: tuple[int, ...] = ()
-    need: int = 0
-    node: str = ""
-
-    @property
-    def chooses(self) -> bool:
-        """Whether scenarios differ in what they keep of it."""
-        return (self.op is Op.ONE and len(self.parts) > 1) or (self.op is Op.AT_LEAST and self.need < len(self.parts))
-
-
-EMPTY: Final = Part(Op.ALL)
-IMPOSSIBLE: Final = Part(Op.ONE)
-
-
-@dataclass(frozen=True, slots=True)
-class Parts:
-    """All parts, the root last, and for the parts of nodes with a guard over variables that guard."""
-
-    rows: tuple[Part, ...]
-    guards: tuple[tuple[int, Guard], ...] = ()
-
-    @property
-    def root(self) -> int:
-        """The number of the whole."""
-        return len(self.rows) - 1
-
-    def kept(self) -> list[int]:
-        """The parts that the root reaches, parts before wholes."""
-        seen = bytearray(len(self.rows))
-        seen[self.root] = 1
-        for number in range(self.root, -1, -1):
-            if seen[number]:
-                for part in self.rows[number].parts:
-                    seen[part] = 1
-        return [number for number in range(len(self.rows)) if seen[number]]
-
-    def resolve(self, number: int, chosen: Iterable[int]) -> "Parts":
-        """The same with one choice made: exactly the chosen parts of that part."""
-        rows = list(self.rows)
-        rows[number] = replace(rows[number], op=Op.ALL, parts=tuple(chosen), need=0)
-        return replace(self, rows=tuple(rows))
-
-
-def parts_of(tree: RVAFT) -> Parts:
-    """The tree in normal form. What a false guard without variables makes infeasible is left out."""
-    rows: list[Part] = []
-    guards: list[tuple[int, Guard]] = []
-    numbers: dict[str, int] = {}
-
-    def add(part: Part) -> int:
-        rows.append(_possible(part, rows))
-        return len(rows) - 1
-
-    for node in tree.bottom_up():
-        body = add(_body(node, [numbers[child] for child in node.children])) if node.children else None
-        if node.has_event:
-            event = add(Part(Op.EVENT, node=node.name))
-            pair = [event] if body is None else [event, body]
-            in_time = pair if tree.causality is Causality.TOP_DOWN else pair[::-1]
-            body = event if body is None else add(Part(Op.SEQUENCE, tuple(in_time)))
-        elif body is None:
-            body = add(EMPTY)
-        if node.when is not None:
-            if guard_variables(node.when):
-                guards.append((body, node.when))
-            elif not holds(node.when, {}):
-                rows[body] = IMPOSSIBLE
-        numbers[node.name] = body
-    assert numbers[tree.root] == len(rows) - 1
-    return Parts(tuple(rows), tuple(reversed(guards)))
-
-
-def _body(node: Node, parts: Sequence[int]) -> Part:
-    match node.gate:
-        case Gate.OR:
-            return Part(Op.ONE, tuple(parts))
-        case Gate.SAND:
-            return Part(Op.SEQUENCE, tuple(parts))
-        case Gate.SAND_RL:
-            return Part(Op.SEQUENCE, tuple(reversed(parts)))
-        case Gate.VOT:
-            assert node.threshold is not None
-            everything = node.threshold == len(parts)
-            return Part(Op.ALL, tuple(parts)) if everything else Part(Op.AT_LEAST, tuple(parts), node.threshold)
-        case _:
-            return Part(Op.ALL, tuple(parts))
-
-
-def _possible(part: Part, rows: Sequence[Part]) -> Part:
-    """The part without what can never be observed."""
-    possible = tuple(number for number in part.parts if rows[number] != IMPOSSIBLE)
-    match part.op:
-        case Op.EVENT:
-            return part
-        case Op.ONE:
-            return replace(part, parts=possible)
-        case Op.AT_LEAST:
-            return replace(part, parts=possible) if len(possible) >= part.need else IMPOSSIBLE
-        case Op.ALL | Op.SEQUENCE:
-            return part if len(possible) == len(part.parts) else IMPOSSIBLE
-
-
-# What every scenario of a part contains; sets of parts are bits.
-
-
-def always_in(part: Part, inner: Sequence[int]) -> int:
-    """What every scenario of a part contains, given what every scenario of each of its parts contains."""
-    return _in_at_least(inner, _missable(part))
-
-
-def _missable(part: Part) -> int:
-    """In how many of its parts a thing has to be so that it is in every scenario."""
-    match part.op:
-        case Op.ONE:
-            return len(part.parts)
-        case Op.AT_LEAST:
-            return len(part.parts) - part.need + 1
-        case _:
-            return 1
-
-
-def _in_at_least(sets: Sequence[int], count: int) -> int:
-    """What is in at least that many of the sets."""
-    if not sets or count > len(sets):
-        return 0
-    reached = [0] * (count + 1)
-    reached[0] = -1
-    for members in sets:
-        for size in range(count, 0, -1):
-            reached[size] |= reached[size - 1] & members
-    return reached[count]
+def ways(part: Part, *, monotone: bool) -> Iterator[tuple[int, ...]]:
+    """What scenarios may keep of a part. Where any positions may be used (`monotone`), more than is needed is never needed."""
+    most = part.need if monotone or part.op is not Op.AT_LEAST else len(part.parts)
+    for size in range(part.need, most + 1):
+        yield from combinations(part.parts, size)
 
 
 # The same scenarios in fewer parts.
 
 
-def simplified(parts: Parts, *, monotone: bool) -> Parts:
-    """The same scenarios in fewer parts: only what is kept, no empty parts, nothing nested that need not be. Guards are dropped.
+def simplified(form: NormalForm, *, monotone: bool) -> tuple[Part, ...]:
+    """The same scenarios in fewer parts, the root last: only what is kept, nothing empty, nothing nested that need not be.
 
-    `monotone`: a match may be found inside a larger one (any positions may be used), so that more than was asked for is never needed.
+    Guards are dropped. `monotone`: a match may be found inside a larger one, as any positions may be used.
     """
-    kept = parts.kept()
-    users: dict[int, list[int]] = {}
+    kept = form.kept()
+    users: defaultdict[int, list[int]] = defaultdict(list)
     for number in kept:
-        for part in parts.rows[number].parts:
-            users.setdefault(part, []).append(number)
-    made = _Simplified(monotone)
+        for inner in form.parts[number].parts:
+            users[inner].append(number)
+    shared: set[int] = set()
+    """What is used twice, or below something that is."""
+    for number in reversed(kept):
+        if len(users[number]) > 1 or not shared.isdisjoint(users[number]):
+            shared.add(number)
+    made = _Simplifier(monotone=monotone)
     numbers: dict[int, int] = {}
     for number in kept:
-        row = parts.rows[number]
-        using = [parts.rows[user].op for user in users.get(number, [])]
-        inner = tuple(numbers[p] for p in row.parts)
-        numbers[number] = made.add(replace(row, parts=inner), once=len(using) <= 1, open_later=using == [row.op])
-    return _renumbered(made.rows, numbers[parts.root])
+        part = form.parts[number]
+        simple = made.simple(
+            replace(part, parts=tuple(numbers[inner] for inner in part.parts)),
+            taken_over=[form.parts[user].op for user in users[number]] == [part.op],
+        )
+        numbers[number] = simple if isinstance(simple, int) else made.add(simple, shared=number in shared)
+        if len(users[number]) > 1:
+            made.several.add(numbers[number])
+    whole = NormalForm(tuple(made.parts[: numbers[form.root] + 1]), {})
+    numbers = {number: index for index, number in enumerate(whole.kept())}
+    return tuple(
+        replace(whole.parts[old], parts=tuple(numbers[inner] for inner in whole.parts[old].parts)) for old in numbers
+    )
 
 
-class _Simplified:
+class _Simplifier:
     """Simple parts, built from parts to wholes."""
 
-    def __init__(self, monotone: bool) -> None:
-        self.rows: list[Part] = []
+    def __init__(self, *, monotone: bool) -> None:
         self._monotone = monotone
+        self.parts: list[Part] = []
+        self.several: set[int] = set()
+        """Parts used more than once: their choices are not made where they are used."""
         self._always: list[int] = []
-        """Of each part itself and what every scenario of it contains."""
-        self._once: list[bool] = []
-        """Whether a part is used once, so that its choices may be made where it is used."""
+        """Of each part the shared parts that every scenario of it contains, itself among them."""
 
-    def add(self, part: Part, *, once: bool, open_later: bool) -> int:
-        """The number of the simple form; `open_later`: the only user is of the same kind and takes the parts over anyway."""
-        simple = self._simple(part, open_later=open_later)
-        if isinstance(simple, Part):
-            self.rows.append(simple)
-            inner = [self._always[number] for number in simple.parts]
-            self._always.append(1 << len(self._always) | always_in(simple, inner))
-            self._once.append(True)
-            simple = len(self.rows) - 1
-        self._once[simple] = self._once[simple] and once
-        return simple
+    def add(self, part: Part, *, shared: bool) -> int:
+        """The number of a part that is new."""
+        found = in_at_least(len(part.parts) - part.need + 1, [self._always[inner] for inner in part.parts])
+        self._always.append(found | shared << len(self.parts))
+        self.parts.append(part)
+        return len(self.parts) - 1
 
-    def _simple(self, part: Part, *, open_later: bool = False) -> Part | int:
-        """The simple form of a part whose parts are simple, or the number of the part that it equals."""
-        empty = [number for number in part.parts if self.rows[number] == EMPTY]
-        rest = [number for number in part.parts if self.rows[number] != EMPTY]
+    def simple(self, part: Part, *, taken_over: bool = False) -> Part | int:
+        """The simple form of a part of simple parts, or the number of the part that it equals.
+
+        `taken_over`: the only user is of the same kind and takes the parts over anyway.
+        """
+        rest = [number for number in part.parts if self.parts[number] != EMPTY]
+        empty = [number for number in part.parts if self.parts[number] == EMPTY]
+        need = part.need - len(empty)
         match part.op:
             case Op.EVENT:
-                return part
+                return Part(Op.EVENT, part.node)
+            case Op.CONDITION:
+                return EMPTY
             case Op.ALL:
-                flat = rest if open_later else self._needed(self._opened(rest, Op.ALL))
-                return _unless_single(Part(Op.ALL, tuple(flat)))
+                if not taken_over:
+                    rest = self._without_contained(self._opened(rest, Op.ALL))
             case Op.SEQUENCE:
-                sequence = rest if open_later else self._opened(rest, Op.SEQUENCE)
-                return _unless_single(Part(Op.SEQUENCE, tuple(sequence))) if sequence else EMPTY
+                if not taken_over:
+                    rest = self._opened(rest, Op.SEQUENCE)
             case Op.ONE:
                 if empty and (self._monotone or not rest):
                     return EMPTY
-                choices = rest if open_later else self._opened(rest, Op.ONE)
-                return _unless_single(Part(Op.ONE, tuple(dict.fromkeys([*choices, *empty[:1]]))))
+                if not taken_over:
+                    rest = self._opened(rest, Op.ONE)
+                rest = list(dict.fromkeys([*rest, *empty[:1]]))
+            case Op.AT_LEAST if not rest or (self._monotone and need <= 0):
+                return EMPTY
+            case Op.AT_LEAST if max(need, 0) == len(rest):
+                return self.simple(Part(Op.ALL, parts=tuple(rest)))
+            case Op.AT_LEAST if self._monotone and need == 1:
+                return self.simple(Part(Op.ONE, parts=tuple(rest)))
             case Op.AT_LEAST:
-                need = max(part.need - len(empty), 0)
-                if not rest or (self._monotone and need == 0):
-                    return EMPTY
-                if need == len(rest):
-                    return self._simple(Part(Op.ALL, tuple(rest)))
-                if self._monotone and need == 1:
-                    return self._simple(Part(Op.ONE, tuple(rest)))
-                return Part(Op.AT_LEAST, tuple(rest), need)
+                return Part(Op.AT_LEAST, parts=tuple(rest), need=max(need, 0))
+            case _:
+                assert_never(part.op)
+        if len(rest) == 1:
+            return rest[0]
+        return Part(part.op, parts=tuple(rest), need=1 if part.op is Op.ONE else len(rest)) if rest else EMPTY
 
-    def _needed(self, numbers: Sequence[int]) -> list[int]:
+    def _without_contained(self, numbers: Sequence[int]) -> list[int]:
         """The parts of an `ALL`, each once, without those that every scenario of another one contains anyway."""
         once = twice = 0
         unique = list(dict.fromkeys(numbers))
@@ -253,20 +135,205 @@ class _Simplified:
         todo = list(reversed(numbers))
         while todo:
             number = todo.pop()
-            row = self.rows[number]
-            if row.op is op and row.parts and (op is not Op.ONE or self._once[number]):
-                todo.extend(reversed(row.parts))
+            part = self.parts[number]
+            if part.op is op and part.parts and not (op is Op.ONE and number in self.several):
+                todo.extend(reversed(part.parts))
             else:
                 found.append(number)
         return found
 
 
-def _unless_single(part: Part) -> Part | int:
-    return part.parts[0] if len(part.parts) == 1 else part
+# What one event may serve, and which parts share occurrences.
+
+Context: TypeAlias = tuple[int, ...]
+_MANY: Final[Context] = (-1,)
+"""Stands for contexts that differ."""
 
 
-def _renumbered(rows: Sequence[Part], root: int) -> Parts:
-    whole = Parts(tuple(rows[: root + 1]))
-    kept = whole.kept()
-    numbers = {number: index for index, number in enumerate(kept)}
-    return Parts(tuple(replace(rows[n], parts=tuple(numbers[p] for p in rows[n].parts)) for n in kept))
+class Anatomy:
+    """Simplified parts, and what the translation asks about them.
+
+    Of each part its events; the other events that one event may serve together with one of them (`rivals`; variables stand for
+    anything and guards are not looked at, so that what is no rival surely is none); and, where every scenario of it observes exactly one
+    event, the parts that are that event (`unit`). `tangled` are parts with shared occurrences somewhere below.
+    """
+
+    def __init__(self, parts: Sequence[Part], patterns: Mapping[str, Pattern]) -> None:
+        self.parts = parts
+        self.root = len(parts) - 1
+        self.events: list[int] = []
+        self.rivals: list[int] = []
+        self.unit: list[tuple[int, ...] | None] = []
+        self.tangled: list[bool] = []
+        overlaps = Overlaps([patterns[part.node] for part in parts if part.op is Op.EVENT])
+        seen = 0
+        for number, part in enumerate(parts):
+            if part.op is Op.EVENT:
+                self.events.append(1 << seen)
+                self.rivals.append(overlaps.compatible(seen) & ~(1 << seen))
+                self.unit.append((number,))
+                seen += 1
+            else:
+                self.events.append(union(self.events[inner] for inner in part.parts))
+                self.rivals.append(union(self.rivals[inner] for inner in part.parts))
+                units = [self.unit[inner] for inner in part.parts] if part.op is Op.ONE else []
+                events = dict.fromkeys(event for unit in units for event in unit or ())
+                self.unit.append(tuple(events) if units and None not in units else None)
+            self.tangled.append(self.is_entangled(number) or any(self.tangled[inner] for inner in part.parts))
+
+    def is_entangled(self, part: int) -> bool:
+        """Whether two parts that one scenario may keep share an occurrence."""
+        return self.parts[part].op is not Op.ONE and self._meet(part, self.events)
+
+    def rivals_apart(self, part: int) -> bool:
+        """Whether no event can serve occurrences in two different parts of this one."""
+        return not self._meet(part, self.rivals)
+
+    def _meet(self, part: int, sets: Sequence[int]) -> bool:
+        """Whether the set of some part contains an event of a part before it."""
+        seen = 0
+        for inner in self.parts[part].parts:
+            if sets[inner] & seen:
+                return True
+            seen |= self.events[inner]
+        return False
+
+    def is_window(self, part: int) -> bool:
+        """Whether all parts of this one are single events and no event can serve two of them."""
+        single = all(self.unit[inner] is not None for inner in self.parts[part].parts)
+        return single and self.rivals_apart(part) and not self.is_entangled(part)
+
+    def below(self, part: int) -> list[int]:
+        """The part and all below it, parts before wholes."""
+        return NormalForm(tuple(self.parts[: part + 1]), {}).kept()
+
+    def is_separable(self, root: int) -> bool:
+        """Whether parts that share occurrences may be translated one by one as if they did not (`scattered` only).
+
+        A shared part is then written once for each use, and the uses may be matched by different events. That is harmless when
+        matches can be moved: what is matchable from one position is matchable from every earlier one, so the latest match serves
+        all uses that have the same continuation, and the earliest all that have the same start. Dropping any of the three
+        conditions has a counterexample; with both continuation and start different, `and (sand x s) (sand s y)` would accept s y x s.
+        """
+        kept = self.below(root)
+        unordered = (part for part in kept if self.parts[part].op in (Op.ALL, Op.AT_LEAST))
+        return all(map(self.rivals_apart, unordered)) and self._uses_agree(kept) and self._always_feasible(kept)
+
+    def _uses_agree(self, kept: Sequence[int]) -> bool:
+        """Whether for every part all its uses are followed by the same, or all are preceded by the same."""
+        contexts: dict[int, tuple[Context, Context]] = {kept[-1]: ((), ())}
+        for number in reversed(kept):
+            before, after = contexts[number]
+            if before == after == _MANY:
+                return False
+            part = self.parts[number]
+            last = len(part.parts) - 1
+            for index, inner in enumerate(part.parts):
+                place = (number, index) if part.op is Op.SEQUENCE else None
+                own = (before if index == 0 else place or before, after if index == last else place or after)
+                known = contexts.get(inner, own)
+                contexts[inner] = (
+                    own[0] if own[0] == known[0] else _MANY,
+                    own[1] if own[1] == known[1] else _MANY,
+                )
+        return True
+
+    def _always_feasible(self, kept: Sequence[int]) -> bool:
+        """Whether no scenario can be cyclic: not even the precedences of all scenarios together are."""
+        graph = nx.DiGraph()
+        for number in kept:
+            parts = [part for part in self.parts[number].parts if self.events[part]]
+            if not self.parts[number].parts:
+                graph.add_edge(("begin", number), ("end", number))
+            for part in parts:
+                graph.add_edge(("begin", number), ("begin", part))
+                graph.add_edge(("end", part), ("end", number))
+            if self.parts[number].op is Op.SEQUENCE:
+                for earlier, later in pairwise(parts):
+                    graph.add_edge(("end", earlier), ("begin", later))
+        return bool(nx.is_directed_acyclic_graph(graph))
+
+
+# Which guards every event is under.
+
+GuardsOf: TypeAlias = Mapping[str, tuple[Guard, ...]]
+"""For events (by node) the guards they are under in all scenarios."""
+
+
+def settled(
+    form: NormalForm, patterns: Mapping[str, Pattern], *, monotone: bool, limit: int
+) -> Iterator[tuple[NormalForm, GuardsOf]]:
+    """All scenarios, divided so that it is settled for each event (`patterns` has them by node) which guards it is under.
+
+    A guard counts in every scenario that contains its node, and is conjoined to every event of that scenario that binds one of
+    its variables. Where some scenarios with such an event contain the guard and others do not, the choices that decide it are made
+    one by one.
+    """
+    if not form.guards:
+        yield form, {}
+        return
+    budget = CellBudget("the choices that guards depend on take more than the limit allows", limit)
+    waiting = [iter([form])]
+    while waiting:
+        candidate = next(waiting[-1], None)
+        if candidate is None:
+            waiting.pop()
+            continue
+        kept = candidate.kept()
+        budget.spend(len(kept))
+        found = _placed(candidate, kept, patterns)
+        if isinstance(found, int):
+            waiting.append(_resolved(candidate, found, monotone=monotone))
+        else:
+            yield candidate, found
+
+
+def _resolved(form: NormalForm, number: int, *, monotone: bool) -> Iterator[NormalForm]:
+    for way in ways(form.parts[number], monotone=monotone):
+        yield form.resolve(number, way)
+
+
+def _placed(form: NormalForm, kept: Sequence[int], patterns: Mapping[str, Pattern]) -> GuardsOf | int:
+    """The guards of each event, or a part whose choice decides about one."""
+    below: dict[int, int] = {}
+    """Of each part itself and all it reaches."""
+    always: dict[int, int] = {}
+    """Of each part itself and what is in every scenario that contains it, looking downwards only."""
+    for number in kept:
+        part = form.parts[number]
+        below[number] = 1 << number | union(below[inner] for inner in part.parts)
+        missable = len(part.parts) - part.need + 1
+        always[number] = 1 << number | in_at_least(missable, [always[inner] for inner in part.parts])
+    above: dict[int, int] = {kept[-1]: 0}
+    """Of each part itself and the parts on every way to it."""
+    certain: dict[int, int] = {}
+    """Of each part what is in every scenario that contains it, as far as is known."""
+    for number in reversed(kept):
+        nearest = (above[number] & -above[number]).bit_length() - 1
+        above[number] |= 1 << number
+        certain[number] = always[number] | certain.get(nearest, 0)
+        for inner in form.parts[number].parts:
+            above[inner] = above[inner] & above[number] if inner in above else above[number]
+    placed: defaultdict[str, list[Guard]] = defaultdict(list)
+    events = [number for number in kept if form.parts[number].op is Op.EVENT]
+    names = {event: frozenset(rigid_variables(patterns[form.parts[event].node])) for event in events}
+    for number, guard in form.guards:
+        if number not in below:
+            continue
+        binding = [event for event in events if not names[event].isdisjoint(guard_variables(guard))]
+        together = below[number]
+        """What some scenario may contain beside the part: some gate keeps a way to each, or it is below."""
+        for part in (form.parts[whole] for whole in kept if below[whole] >> number & 1):
+            if part.op is not Op.ONE:
+                leading = {inner for inner in part.parts if below[inner] >> number & 1}
+                together |= union(below[inner] for inner in part.parts if leading and leading != {inner})
+        for event in binding:
+            if certain[event] >> number & 1:
+                placed[form.parts[event].node].append(guard)
+            elif (
+                together >> event & 1
+            ):  # decided by the topmost choice between the part and the nearest part above both
+                common = above[event] & above[number]
+                between = bits(below[(common & -common).bit_length() - 1])
+                return max(p for p in between if form.parts[p].chooses and below[p] >> number & 1)
+    return {node: tuple(dict.fromkeys(guards)) for node, guards in placed.items()}

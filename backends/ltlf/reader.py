@@ -12,7 +12,7 @@ Patterns and guards are written as in the language of trees. The comment starts 
 
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -144,12 +144,40 @@ def _malformed(message: str, source: str, line: int, column: int) -> LanguageErr
 
 
 # Text in Spot's LTLf syntax, read by Spot's own parser, as formulas of the core.
-#
-# In Spot's LTLf `X` is the weak next and `X[!]` the strong one. On finite traces: G f = !F!f, f R g = !(!f U !g),
-# f W g = !(!g U !(f | g)), f M g = g U (f & g), X f = !X[!]!f.
 
 REMEDY: Final = "run `pip install spottl` (Linux x86-64, glibc 2.34 or later, Python below 3.14)"
 _CARET: Final = re.compile(r"^>>> (?P<text>.*)\n(?P<pad> *)\^+\n(?P<message>.+)$", re.DOTALL)
+
+
+def _equal(f: Formulas, a: int, b: int) -> int:
+    both = f.conjunction([a, b])
+    return f.disjunction([both, f.conjunction([f.negation(a), f.negation(b)])])
+
+
+def _unless(f: Formulas, a: int, b: int) -> int:
+    """`a W b`."""
+    return f.negation(f.until(f.negation(b), f.negation(f.disjunction([a, b]))))
+
+
+_OPERATORS: Final[Mapping[str, Callable[..., int]]] = {
+    "tt": lambda _: TRUE,
+    "ff": lambda _: FALSE,
+    "Not": Formulas.negation,
+    "And": lambda f, *operands: f.conjunction(operands),
+    "Or": lambda f, *operands: f.disjunction(operands),
+    "Implies": lambda f, a, b: f.disjunction([f.negation(a), b]),
+    "Equiv": _equal,
+    "Xor": lambda f, a, b: f.negation(_equal(f, a, b)),
+    "strong_X": Formulas.next,
+    "X": lambda f, a: f.negation(f.next(f.negation(a))),
+    "F": Formulas.eventually,
+    "G": lambda f, a: f.negation(f.eventually(f.negation(a))),
+    "U": Formulas.until,
+    "R": lambda f, a, b: f.negation(f.until(f.negation(a), f.negation(b))),
+    "W": _unless,
+    "M": lambda f, a, b: f.until(b, f.conjunction([a, b])),
+}
+"""Spot's operators on finite traces, where `X` is the weak next and `X[!]` the strong one."""
 
 
 def spot() -> Any:
@@ -163,104 +191,61 @@ def spot() -> Any:
     return module
 
 
-def parse(text: str, formulas: Formulas, atom: Callable[[str], int], *, line: int = 1, column: int = 1) -> int:
-    """The formula that a text stands for; `atom` gives the formula of a name. The place is that of the text's beginning."""
-    module = spot()
-    flat = text.replace("\n", " ")
+def formula_of(text: str, formulas: Formulas) -> tuple[Header, int]:
+    """What the header of a text says, and its formula; raises `LanguageError` and `ToolMissing`."""
+    header, rest = split(text)
+    known: dict[str, int] = {}
+
+    def atom(name: str) -> int:
+        if name in header.definitions and name not in known:
+            unknown = next(one for one in header.definitions if one not in known)  # the one that is being read
+            raise _malformed(f"{name} is used before it is defined", "", *header.places[unknown])
+        return known[name] if name in known else formulas.atom(name)
+
+    for name, definition in header.definitions.items():
+        known[name] = _parsed(definition, formulas, atom, header.places[name])
+    skipped = len(rest) - len(rest.lstrip())
+    place = _after(rest[:skipped], 1, 1)
+    if not rest.strip():
+        raise _malformed("there is no formula after the comment" if skipped else "there is no formula", "", *place)
+    return header, _parsed(rest[skipped:].rstrip(), formulas, atom, place)
+
+
+def _parsed(text: str, formulas: Formulas, atom: Callable[[str], int], place: tuple[int, int]) -> int:
+    """The formula that a text stands for, which begins at that place; `atom` gives the formula of a name."""
     try:
-        parsed = module.formula(flat)
-    except SyntaxError as error:
-        raise _spot_text_malformed(str(error), text, line, column) from None
-    return _converted(parsed, formulas, atom, _Source(text, line, column))
-
-
-class _Source:
-    """Where a text stands, to complain about it."""
-
-    def __init__(self, text: str, line: int, column: int) -> None:
-        self.text = text
-        self.line = line
-        self.column = column
-
-    def error(self, message: str, offset: int = 0) -> LanguageError:
-        before = self.text[:offset]
-        breaks = before.count("\n")
-        column = offset - before.rfind("\n") if breaks else self.column + offset
-        rows = self.text.split("\n")
-        source = rows[breaks] if breaks else " " * (self.column - 1) + rows[0]
-        return LanguageError(message, file="<ltlf>", line=self.line + breaks, column=column, source=source)
-
-
-def _spot_text_malformed(complaint: str, text: str, line: int, column: int) -> LanguageError:
-    """Spot writes the text, a caret below the fault, and what it is, for each fault; the first one counts."""
-    first = complaint.strip("\n").split("\n\n")[0]
-    found = _CARET.match(first)
-    source = _Source(text, line, column)
-    if found is None:
-        return source.error("no formula of Spot's LTLf syntax")
-    offset = min(max(len(found["pad"]) - len(">>> "), 0), len(text))
-    return source.error(found["message"].strip().replace("\n", " "), offset)
-
-
-def _converted(root: Any, formulas: Formulas, atom: Callable[[str], int], source: _Source) -> int:
+        root = spot().formula(text.replace("\n", " "))
+    except SyntaxError as error:  # Spot writes the text, a caret below the fault, and what it is, for each fault
+        found = _CARET.match(str(error).strip("\n").split("\n\n")[0])
+        if found is None:
+            raise _formula_malformed("no formula of Spot's LTLf syntax", text, place) from None
+        offset = min(max(len(found["pad"]) - len(">>> "), 0), len(text))
+        raise _formula_malformed(found["message"].strip().replace("\n", " "), text, place, offset) from None
     known: dict[int, int] = {}
     todo = [root]
     while todo:
         current = todo[-1]
         missing = [inner for inner in current if inner.id() not in known]
-        if missing:
-            todo.extend(missing)
-            continue
-        todo.pop()
-        if current.id() not in known:
-            kind = current.kindstr()
-            if kind == "ap":
-                known[current.id()] = atom(current.ap_name())
-            else:
+        todo.extend(missing)
+        if not missing:
+            todo.pop()
+            if current.id() not in known:
+                kind = current.kindstr()
+                if kind != "ap" and kind not in _OPERATORS:
+                    raise _formula_malformed(f"{kind} is no operator of LTL on finite traces", text, place)
                 operands = [known[inner.id()] for inner in current]
-                known[current.id()] = _operator(kind, operands, formulas, source)
+                made = atom(current.ap_name()) if kind == "ap" else _OPERATORS[kind](formulas, *operands)
+                known[current.id()] = made
     return known[root.id()]
 
 
-def _operator(kind: str, operands: list[int], f: Formulas, source: _Source) -> int:
-    match kind, operands:
-        case "tt", []:
-            return TRUE
-        case "ff", []:
-            return FALSE
-        case "Not", [a]:
-            return f.negation(a)
-        case "And", _:
-            return f.conjunction(operands)
-        case "Or", _:
-            return f.disjunction(operands)
-        case "Implies", [a, b]:
-            return f.disjunction([f.negation(a), b])
-        case "Equiv", [a, b]:
-            return _equal(f, a, b)
-        case "Xor", [a, b]:
-            return f.negation(_equal(f, a, b))
-        case "strong_X", [a]:
-            return f.next(a)
-        case "X", [a]:
-            return f.negation(f.next(f.negation(a)))
-        case "F", [a]:
-            return f.eventually(a)
-        case "G", [a]:
-            return f.negation(f.eventually(f.negation(a)))
-        case "U", [a, b]:
-            return f.until(a, b)
-        case "R", [a, b]:
-            return f.negation(f.until(f.negation(a), f.negation(b)))
-        case "W", [a, b]:
-            return f.negation(f.until(f.negation(b), f.negation(f.disjunction([a, b]))))
-        case "M", [a, b]:
-            return f.until(b, f.conjunction([a, b]))
-        case _:
-            raise source.error(f"{kind} is no operator of LTL on finite traces")
+def _after(text: str, line: int, column: int) -> tuple[int, int]:
+    """The place behind a text that begins at a place."""
+    breaks = text.count("\n")
+    return line + breaks, len(text) - text.rfind("\n") if breaks else column + len(text)
 
 
-def _equal(f: Formulas, a: int, b: int) -> int:
-    both = f.conjunction([a, b])
-    neither = f.conjunction([f.negation(a), f.negation(b)])
-    return f.disjunction([both, neither])
+def _formula_malformed(message: str, text: str, place: tuple[int, int], offset: int = 0) -> LanguageError:
+    line, column = _after(text[:offset], *place)
+    rows = (" " * (place[1] - 1) + text).split("\n")
+    return _malformed(message, rows[line - place[0]], line, column)

@@ -1,5 +1,6 @@
 """Trees and monitors for the tests of this backend."""
 
+from collections.abc import Callable
 from importlib.util import find_spec
 
 import pytest
@@ -17,6 +18,13 @@ needs_spot = [
     pytest.mark.spot,
     pytest.mark.skipif(find_spec("spot") is None, reason="reading LTLf needs Spot (spottl)"),
 ]
+
+
+def spot_needed(test: Callable[..., None]) -> Callable[..., None]:
+    """The same marks for one test."""
+    for mark in needs_spot:
+        test = mark(test)
+    return test
 
 
 def flat(gate: Gate, size: int, threshold: int | None = None) -> RVAFT:

@@ -2,8 +2,10 @@
 
 import pytest
 
-from backends.ltlf.formulas import Formulas
+from rvaft.backend import Observed
 from rvaft.errors import LanguageError
+from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.model.guards import Operation, Operator
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
 from rvaft.model.values import Json
 from tests.backends.ltlf.building import BACKEND, events, needs_spot, verdicts
@@ -144,8 +146,38 @@ def test_states_are_shared_and_tell_futures_apart() -> None:
     assert two.state != one.state
 
 
-def test_equal_formulas_are_one() -> None:
-    f = Formulas()
-    a, b = f.atom("a"), f.atom("b")
-    assert f.conjunction([a, b, a]) == f.conjunction([a, b])
-    assert f.negation(f.negation(a)) == a
+def test_atoms_by_default_by_the_caller_and_by_the_header() -> None:
+    text = "/* rvaft\natom a := {x: _1, y: _1}\natom unused := {z: 1}\nd := F b\n*/\na & d & c"
+    own = parse_pattern("{v: 1}")
+    expected = [
+        Observed(ObjectPattern((("event", Literal("b")),))),
+        Observed(parse_pattern("{x: _1, y: _1}")),
+        Observed(own),
+    ]
+    found = BACKEND.observed(text, atoms={"c": own, "a": own})
+    assert set(found) == set(expected)
+    assert len(found) == 3
+
+
+def test_variables_of_relevance_are_its_own() -> None:
+    text = (
+        "/* rvaft\nrelevant rel := {v: X} when X > 1 when X < 5\nrelevant rel := {w: X} when Y > 1\n"
+        "ignored rel := {v: X, w: _X}\n*/\nF rel"
+    )
+    x = Variable("_X")
+    both = (Operation(Operator.GT, (x, Literal(1))), Operation(Operator.LT, (x, Literal(5))))
+    assert BACKEND.observed(text) == (
+        Observed(ObjectPattern((("v", x),)), Operation(Operator.AND, both)),
+        Observed(ObjectPattern((("v", Variable("__X")), ("w", x)))),
+    )
+
+
+def test_variables_of_atoms_are_shared() -> None:
+    text = "/* rvaft\natom a := {v: X} when X > 1\n*/\nF a"
+    assert BACKEND.observed(text) == (Observed(parse_pattern("{v: X}"), parse_guard("X > 1")),)
+
+
+def test_bad_texts_observe_nothing() -> None:
+    for text in ("", "a &", "/* rvaft\natom a := \n*/\na"):
+        with pytest.raises(LanguageError):
+            BACKEND.observed(text)

@@ -1,15 +1,22 @@
-"""Sizes in distinct subformulas, limits, depth, and what happens without Spot."""
+"""Sizes in distinct subformulas, as Spot counts them too; limits, depth, hostile trees, and what happens without Spot."""
 
+import contextlib
 import sys
+from random import Random
+from time import process_time
+from typing import Any
 
 import pytest
 
+from backends.ltlf.reader import split, spot
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, random_tree
 from rvaft.api import loads
-from rvaft.errors import TooLarge, ToolMissing
+from rvaft.errors import TooLarge, ToolMissing, TreeError
+from rvaft.language.printer import dumps
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from tests.backends.ltlf.building import BACKEND, events, flat, needs_spot
+from tests.backends.ltlf.building import BACKEND, events, flat, spot_needed
 
 
 def subformulas(tree: RVAFT, semantics: Semantics) -> int:
@@ -18,29 +25,31 @@ def subformulas(tree: RVAFT, semantics: Semantics) -> int:
     return found
 
 
+@pytest.mark.parametrize(
+    ("tree", "semantics", "listed"),
+    [
+        ("top and a b c;", "scattered", "a b c, Fa, Fb, Fc, all"),
+        ("top sand a b;", "strict", "a b, X[!]b, all"),
+        ("top sand a b c;", "scattered", "a b c, Fc, X[!]Fc, b&…, F…, X[!]…, a&…, all"),
+        ("top 2of3 a b c;", "scattered", "a b c, Fa, Fb, Fc, b|c, a&(b|c), b&c, all"),
+        ("top and x c; x and a b;", "scattered", "a b c, Fa, Fb, Fc, all"),
+    ],
+)
+def test_by_hand(tree: str, semantics: str, listed: str) -> None:
+    assert subformulas(loads(tree), Semantics(semantics)) == len(listed.split())
+
+
 @pytest.mark.parametrize("size", [3, 6, 9, 12, 30])
-def test_and_scattered_is_linear(size: int) -> None:
+def test_growth(size: int) -> None:
+    both = (Semantics.STRICT, Semantics.PROJECTED)
     assert subformulas(flat(Gate.AND, size), Semantics.SCATTERED) == 2 * size + 1
-
-
-@pytest.mark.parametrize("size", [3, 6, 9, 12])
-def test_sand_is_linear(size: int) -> None:
+    for k in {2, size // 2, size - 1} - {1}:
+        assert subformulas(flat(Gate.VOT, size, k), Semantics.SCATTERED) == k * (2 * (size - k) + 3)
+        assert all(subformulas(flat(Gate.VOT, size, k), semantics) <= 10 * size * size for semantics in both)
+    assert all(subformulas(flat(Gate.AND, size), semantics) <= 10 * size * size for semantics in both)
     assert subformulas(flat(Gate.SAND, size), Semantics.STRICT) <= 3 * size
     assert subformulas(flat(Gate.SAND, size), Semantics.SCATTERED) <= 4 * size
     assert subformulas(flat(Gate.SAND, size), Semantics.PROJECTED) <= 5 * size + 2
-
-
-def test_vot_scattered() -> None:
-    for k, n in ((2, 3), (6, 12), (11, 12), (10, 20)):
-        assert subformulas(flat(Gate.VOT, n, k), Semantics.SCATTERED) == k * (2 * (n - k) + 3)
-
-
-@pytest.mark.parametrize("gate", [Gate.AND, Gate.VOT])
-@pytest.mark.parametrize("semantics", [Semantics.STRICT, Semantics.PROJECTED])
-def test_windows_are_quadratic(gate: Gate, semantics: Semantics) -> None:
-    for size in (4, 8, 16, 32):
-        tree = flat(gate, size, size // 2 if gate is Gate.VOT else None)
-        assert subformulas(tree, semantics) <= 10 * size * size
 
 
 def test_what_follows_is_shared() -> None:
@@ -85,6 +94,54 @@ def test_symbols_count_the_property() -> None:
     )
 
 
+@spot_needed
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_spot_counts_the_same_for_gates(semantics: Semantics) -> None:
+    for size in range(1, 6):
+        for gate in Gate:
+            for threshold in range(1, size + 1) if gate is Gate.VOT else (None,):
+                counted_alike(flat(gate, size, threshold), semantics)
+
+
+@spot_needed
+@pytest.mark.parametrize("shape", [PLAIN, VARIABLE_FREE], ids=["plain", "variable-free"])
+def test_spot_counts_the_same_for_random_trees(shape: Any) -> None:
+    random = Random(f"{shape}")
+    for _ in range(60):
+        tree = random_tree(random, shape)
+        for semantics in Semantics:
+            counted_alike(tree, semantics)
+
+
+def counted_alike(tree: RVAFT, semantics: Semantics) -> None:
+    try:
+        made = BACKEND.translate(tree, semantics, limit=3_000)
+    except (TooLarge, TreeError):
+        return
+    header, rest = split(made.text)
+    known: dict[str, Any] = {}
+    for name, definition in header.definitions.items():
+        known[name] = expanded(spot().formula(definition), known)
+    seen: set[int] = set()
+    todo = [expanded(spot().formula(rest.strip()), known)]
+    while todo:
+        formula = todo.pop()
+        if formula.id() not in seen:
+            seen.add(formula.id())
+            todo.extend(formula)
+    assert made.metrics.subformulas == len(seen), f"{semantics}\n{dumps(tree)}\n{made.text}"
+
+
+def expanded(formula: Any, known: dict[str, Any]) -> Any:
+    """Definitions put in where they are used."""
+    inner = [expanded(operand, known) for operand in formula]
+    if formula.kindstr() == "ap" or not inner:
+        return known.get(formula.ap_name(), formula) if formula.kindstr() == "ap" else formula
+    if formula.kindstr() in {"And", "Or"}:
+        return spot().formula.multop(formula.kind(), inner)
+    return (spot().formula.unop if len(inner) == 1 else spot().formula.binop)(formula.kind(), *inner)
+
+
 def test_limit() -> None:
     compound = "t and " + " ".join(f"g{i}" for i in range(12)) + ";"
     compound += "".join(f"g{i} sand a{i} b{i};" for i in range(12))
@@ -97,6 +154,26 @@ def test_limit() -> None:
         BACKEND.translate(flat(Gate.AND, 12), Semantics.SCATTERED, limit=24)
 
 
+LEAVES = [f"e{number}" for number in range(400)]
+HOSTILE = {
+    "alike": "event e(p) = {e: p}; t 200of400 LEAVES; " + "".join(f"{leaf} on e(1);" for leaf in LEAVES),
+    "rivals": "".join(f"event {leaf}() = {{{leaf}: _}}; {leaf} on {leaf}();" for leaf in LEAVES) + "t 2of400 LEAVES;",
+    "apart": "t 200of400 LEAVES;",
+    "guarded": "event e(p) = {e: p}; t and v g; v 200of400 LEAVES; g and x y; e0 and y x; x on e(X); y when X > 1;",
+    "shared": "t and v w; v 200of400 LEAVES; w 200of400 LEAVES;",
+}
+
+
+@pytest.mark.parametrize("tree", HOSTILE)
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_limits_count_the_work(tree: str, semantics: Semantics) -> None:
+    made = loads(HOSTILE[tree].replace("LEAVES", " ".join(LEAVES)))
+    start = process_time()
+    with contextlib.suppress(TooLarge):
+        BACKEND.translate(made, semantics, limit=20_000)
+    assert process_time() - start < 10
+
+
 def chain(gate: Gate, depth: int) -> RVAFT:
     nodes = [Node(f"g{i}", gate, (f"g{i + 1}", f"l{i}")) for i in range(depth)]
     return RVAFT("g0", [*nodes, *(Node(f"l{i}") for i in range(depth)), Node(f"g{depth}")])
@@ -104,35 +181,24 @@ def chain(gate: Gate, depth: int) -> RVAFT:
 
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_deep_chain_translates(semantics: Semantics) -> None:
-    made = BACKEND.translate(chain(Gate.SAND, 5_000), semantics)
-    assert made.metrics.subformulas is not None
-    assert made.metrics.subformulas < 30_000
+    assert subformulas(chain(Gate.SAND, 5_000), semantics) < 30_000
 
 
 @pytest.mark.parametrize("semantics", list(Semantics))
-@needs_spot[0]
-@needs_spot[1]
-def test_deep_chain_runs(semantics: Semantics) -> None:
+@spot_needed
+def test_large_trees_run(semantics: Semantics) -> None:
     depth = 5_000
-    specification = BACKEND.translate(chain(Gate.SAND, depth), semantics)
     word = " ".join([f"g{depth}", *(f"l{i}" for i in reversed(range(depth)))])
-    found = list(specification.monitor().run(events(word)))
+    found = list(BACKEND.translate(chain(Gate.SAND, depth), semantics).monitor().run(events(word)))
     assert found == ["unknown"] * depth + ["true"]
-
-
-@pytest.mark.parametrize("semantics", list(Semantics))
-@needs_spot[0]
-@needs_spot[1]
-def test_twelve_leaves_run(semantics: Semantics) -> None:
-    word = events(" ".join(f"e{i}" for i in range(12)))
+    word = " ".join(f"e{i}" for i in range(12))
     for gate, threshold, needed in ((Gate.AND, None, 12), (Gate.VOT, 6, 6), (Gate.SAND, None, 12)):
-        found = list(BACKEND.translate(flat(gate, 12, threshold), semantics).monitor().run(word))
+        found = list(BACKEND.translate(flat(gate, 12, threshold), semantics).monitor().run(events(word)))
         assert found == ["unknown"] * (needed - 1) + ["true"] * (13 - needed)
 
 
 def test_without_spot(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "spot", None)
-    specification = BACKEND.translate(flat(Gate.AND, 3), Semantics.STRICT)
-    assert specification.metrics.subformulas
+    assert BACKEND.translate(flat(Gate.AND, 3), Semantics.STRICT).metrics.subformulas
     with pytest.raises(ToolMissing, match="pip install spottl"):
         BACKEND.read("F never_read_before").step({})

@@ -1,14 +1,193 @@
-"""The text is all there is: another operator means other verdicts, names and strings survive, guards travel."""
+"""The texts: the formula of each gate, where compositional forms give way to a sum, names, strings, guards."""
+
+from itertools import product
 
 import pytest
 
-from backends.ltlf.reader import split
-from backends.ltlf.writer import Names
 from rvaft.api import loads
 from rvaft.errors import TreeError
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
-from tests.backends.ltlf.building import BACKEND, body, events, needs_spot, text_of, verdicts
+from rvaft.semantics import Reference
+from tests.backends.ltlf.building import BACKEND, body, events, needs_spot, spot_needed, text_of, verdicts
+
+E = "event e(p) = {e: p};"
+
+PINNED: list[tuple[str, str, list[str]]] = [
+    ("t or a b;", "strict", ["a | b"]),
+    ("t or a b;", "projected", ["!rel U (rel & (a | b))"]),
+    ("t or a b;", "scattered", ["F a | F b"]),
+    ("t and a b;", "strict", ["s1 := a | b", "s1 & X[!] s1 & !(a & X[!] a) & !(b & X[!] b)"]),
+    (
+        "t and a b;",
+        "projected",
+        [
+            "s1 := a | b",
+            "!rel U (rel & s1 & X[!](!rel U (rel & s1)) & !(a & X[!](!rel U (rel & a))) & !(b & X[!](!rel U (rel & b))))",
+        ],
+    ),
+    ("t and a b;", "scattered", ["F a & F b"]),
+    (
+        "t and a b c;",
+        "strict",
+        [
+            "s1 := a | b | c",
+            "s2 := X[!] a",
+            "s3 := X[!] b",
+            "s4 := X[!] c",
+            "s1 & X[!](s1 & X[!] s1) & !((a & X[!](a | s2)) | X[!](a & s2)) & !((b & X[!](b | s3)) | X[!](b & s3)) & !((c & X[!](c | s4)) | X[!](c & s4))",
+        ],
+    ),
+    ("t sand a b;", "strict", ["a & X[!] b"]),
+    ("t sand a b;", "projected", ["!rel U (rel & a & X[!](!rel U (rel & b)))"]),
+    ("t sand a b;", "scattered", ["F(a & X[!] F b)"]),
+    ("t sand_rl a b;", "strict", ["b & X[!] a"]),
+    ("t sand_rl a b;", "projected", ["!rel U (rel & b & X[!](!rel U (rel & a)))"]),
+    ("t sand_rl a b;", "scattered", ["F(b & X[!] F a)"]),
+    ("t 2of3 a b c;", "strict", ["s1 := a | b | c", "s1 & X[!] s1 & !(a & X[!] a) & !(b & X[!] b) & !(c & X[!] c)"]),
+    ("t 2of3 a b c;", "scattered", ["s1 := F b", "s2 := F c", "(F a & (s1 | s2)) | (s1 & s2)"]),
+    (
+        "t sand v d; v 2of3 a b c;",
+        "strict",
+        [
+            "s1 := a | b | c",
+            "s2 := s1 & X[!](s1 & X[!] d)",
+            "s3 := X[!] a",
+            "s4 := a & s3",
+            "s5 := X[!] b",
+            "s6 := b & s5",
+            "s7 := X[!] c",
+            "s8 := c & s7",
+            "(s2 & !s4 & !s6 & !s8) | (s1 & X[!] s2 & !((a & X[!](a | s3)) | X[!] s4) & !((b & X[!](b | s5)) | X[!] s6) & !((c & X[!](c | s7)) | X[!] s8))",
+        ],
+    ),
+    (
+        "t sand v d; v 2of3 a b c;",
+        "scattered",
+        ["s1 := X[!] F d", "s2 := F(b & s1)", "s3 := F(c & s1)", "(F(a & s1) & (s2 | s3)) | (s2 & s3)"],
+    ),
+    (
+        "t and g c; g sand a b on e(); event e() = {e: 1};",
+        "strict",
+        [
+            "s1 := X[!] b",
+            "s2 := X[!](a & s1)",
+            "(c & X[!](g & s2)) | (g & X[!]((c & s2) | (a & X[!]((c & s1) | (b & X[!] c)))))",
+        ],
+    ),
+    (
+        "t and g c; g sand a b on e(); event e() = {e: 1};",
+        "scattered",
+        [
+            "s1 := X[!] F b",
+            "s2 := X[!] F(a & s1)",
+            "F((g & X[!] F((a & X[!] F((b & X[!] F c) | (c & s1))) | (c & s2))) | (c & X[!] F(g & s2)))",
+        ],
+    ),
+    ("causality bottom_up; t or g; g sand a b on e(); event e() = {e: 1};", "strict", ["a & X[!](b & X[!] g)"]),
+    (
+        "causality bottom_up; t or g; g sand a b on e(); event e() = {e: 1};",
+        "projected",
+        ["!rel U (rel & a & X[!](!rel U (rel & b & X[!](!rel U (rel & g)))))"],
+    ),
+    (
+        "causality bottom_up; t or g; g sand a b on e(); event e() = {e: 1};",
+        "scattered",
+        ["F(a & X[!] F(b & X[!] F g))"],
+    ),
+    ("t and x y; x on e(_); y on e(1); event e(p) = {e: p};", "strict", ["(y & X[!] x) | (x & X[!] y)"]),
+    (
+        "t and x y; x on e(_); y on e(1); event e(p) = {e: p};",
+        "projected",
+        ["!rel U (rel & ((y & X[!](!rel U (rel & x))) | (x & X[!](!rel U (rel & y)))))"],
+    ),
+    ("t and x y; x on e(_); y on e(1); event e(p) = {e: p};", "scattered", ["F((x & X[!] F y) | (y & X[!] F x))"]),
+    ("t or a b; a on e(X) when X > 1; b; event e(p) = {e: p};", "strict", ["a | b"]),
+    ("t or a b; a on e(X) when X > 1; b; event e(p) = {e: p};", "projected", ["!rel U (rel & (a | b))"]),
+    ("t or a b; a on e(X) when X > 1; b; event e(p) = {e: p};", "scattered", ["F a | F b"]),
+]
+
+FORMS = [
+    # where a condition holds the compositional form, else a sum over what may come next
+    ("t and a b; a sand x s; b or s y;", "scattered", ["s1 := F s", "F(x & X[!] s1) & (s1 | F y)"]),
+    ("t and a b; a sand x s; b sand s y;", "scattered", ["F(x & X[!] F(s & X[!] F y))"]),
+    (f"{E} t and a b; a on e(1); b on e(_);", "scattered", ["F((a & X[!] F b) | (b & X[!] F a))"]),
+    (f"{E} t and a b c; a on e(1); b on e(1); c on e(2);", "scattered", ["F(a & X[!] F a) & F c"]),
+    (f"{E} t sand a b; a on e(1); b on e(_);", "scattered", ["F(a & X[!] F b)"]),
+    (
+        "t and a b; a or x z;",
+        "strict",
+        ["s1 := x | z", "s2 := s1 | b", "s2 & X[!] s2 & !(s1 & X[!] s1) & !(b & X[!] b)"],
+    ),
+    ("t and a b; a sand x z;", "strict", ["s1 := X[!] z", "(b & X[!](x & s1)) | (x & X[!]((b & s1) | (z & X[!] b)))"]),
+]
+
+
+@pytest.mark.parametrize(("tree", "semantics", "expected"), PINNED + FORMS)
+def test_form(tree: str, semantics: str, expected: list[str]) -> None:
+    assert body(text_of(tree, semantics)) == expected
+
+
+@pytest.mark.parametrize("tree", [tree for tree, _, _ in FORMS] + ["t sand a b; a or x s; b or y s;"])
+@pytest.mark.parametrize("semantics", list(Semantics))
+@spot_needed
+def test_every_short_word(tree: str, semantics: Semantics) -> None:
+    """The trees with the counterexamples, on every word of up to four events."""
+    made = loads(tree)
+    letters: list[Json] = [{"e": 1}, {"e": 2}] if "event e" in tree else events("b s x y z")
+    specification = BACKEND.translate(made, semantics)
+    for word in product([*letters, {}], repeat=4):
+        expected = list(Reference(made, semantics).run(word))
+        assert list(specification.monitor().run(word)) == expected, word
+
+
+class TestOneEventForOne:
+    """What the formulas of the literature get wrong."""
+
+    pytestmark = needs_spot
+
+    def test_one_event_serves_one_occurrence(self) -> None:
+        tree = f"{E} t and a b; a on e(1); b on e(_);"
+        assert verdicts(text_of(tree, "scattered"), [{"e": 1}, {"e": 2}]) == "?T"
+        assert verdicts("/* rvaft\natom a := {e: 1}\natom b := {e: _}\n*/\nF a & F b", [{"e": 1}]) == "T"
+
+    def test_one_occurrence_for_all_uses(self) -> None:
+        tree = "t and a b; a sand x s; b sand s y;"
+        assert verdicts(text_of(tree, "scattered"), events("s y x s y")) == "????T"
+
+    def test_at_least_k(self) -> None:
+        tree = "t sand v d; v 2of3 a b c;"
+        assert verdicts(text_of(tree, "strict"), events("a b c d")) == "???T"
+        assert verdicts(text_of(tree, "strict"), events("a b d")) == "??T"
+        assert verdicts(text_of(tree, "strict"), events("a d")) == "?F"
+
+
+def test_what_another_part_contains_anyway_is_not_asked_twice() -> None:
+    assert body(text_of("t and b s; s sand a b c;", "strict")) == ["a & X[!](b & X[!] c)"]
+    assert body(text_of("t and b s; s or b c;", "scattered")) != body(text_of("t and s; s or b c;", "scattered"))
+
+
+def test_whole_text() -> None:
+    tree = """
+        event reading(v) = { topic: "/sensor", value: v };
+        ignore reading(V) when V < 0;
+        t sand a b;
+        a on reading(Value);
+        b on reading(_) when Value >= 250;
+    """
+    assert text_of(tree, "projected").splitlines() == [
+        "/* rvaft",
+        'atom a := { topic: "/sensor", value: Value } when Value >= 250',
+        'atom b := { topic: "/sensor", value: _ }',
+        'relevant rel := { topic: "/sensor", value: Value }',
+        'relevant rel := { topic: "/sensor", value: _ }',
+        'ignored rel := { topic: "/sensor", value: V } when V < 0',
+        "*/",
+        "!rel U (rel & a & X[!](!rel U (rel & b)))",
+    ]
+
 
 REMOTE = """
     event move(w, t) = { name: "move", waypoint: w, time: t };
@@ -38,8 +217,7 @@ MUTATIONS = [
 
 
 @pytest.mark.parametrize(("semantics", "tree", "old", "new", "word"), MUTATIONS)
-@needs_spot[0]
-@needs_spot[1]
+@spot_needed
 def test_an_operator_changed_is_seen(semantics: str, tree: str, old: str, new: str, word: str) -> None:
     text = text_of(tree, semantics)
     assert old in text
@@ -47,16 +225,17 @@ def test_an_operator_changed_is_seen(semantics: str, tree: str, old: str, new: s
 
 
 def test_names_are_legal_and_different() -> None:
-    names = Names()
-    wanted = ["a", "A", "a", "x y", "x_y", "true", "xor", "1st", "é", "", "F", "a_2"]
-    given = [names.fresh(name) for name in wanted]
+    wanted = ["a", "A", "x y", "x_y", "true", "xor", "1st", "é", "F", "a_2", "s1", "rel"]
+    leaves = tuple(wanted)
+    text = BACKEND.translate(
+        RVAFT("top", [Node("top", Gate.SAND, leaves), *map(Node, leaves)]), Semantics.PROJECTED
+    ).text
+    given = [line.split()[1] for line in text.splitlines() if line.startswith("atom ")]
     assert len(set(given)) == len(wanted)
     assert all(name.isascii() and name == name.lower() and not name[0].isdigit() for name in given)
-    assert given[0] == "a"
 
 
-@needs_spot[0]
-@needs_spot[1]
+@spot_needed
 def test_names_and_strings_that_could_end_the_comment() -> None:
     tree = 't sand "Ärger" "X" "s1" "s 1" rel; "Ärger" on e("*/ 1 /*"); event e(p) = { "*/": p, "when": "when" };'
     for semantics in Semantics:
@@ -69,7 +248,8 @@ def test_names_and_strings_that_could_end_the_comment() -> None:
 
 def test_guards_stand_at_every_event_that_binds_one_of_their_variables() -> None:
     text = text_of(REMOTE, "strict")
-    atoms = {name: [str(part) for part in str(atom).split(" when ")[1:]] for name, atom in split(text)[0].atoms.items()}
+    lines = [line.removeprefix("atom ").split(" := ") for line in text.splitlines() if line.startswith("atom ")]
+    atoms = {name: what.split(" when ")[1:] for name, what in lines}
     assert atoms == {
         "reading": ["Value >= 250", "T2 >= T1 + 10"],
         "out": ['Wp != "entrance"', "T2 >= T1 + 10"],
@@ -80,8 +260,7 @@ def test_guards_stand_at_every_event_that_binds_one_of_their_variables() -> None
     assert body(text) == ["(reading & X[!] out) | (reading_2 & X[!](out_2 & X[!] changed))"]
 
 
-@needs_spot[0]
-@needs_spot[1]
+@spot_needed
 def test_guards_on_choices() -> None:
     def run(*trace: Json) -> str:
         return verdicts(text_of(REMOTE, "strict"), list(trace))
@@ -103,9 +282,6 @@ def test_gates_do_not_travel() -> None:
 
 
 def test_no_feasible_scenario() -> None:
-    from rvaft.model.nodes import Gate, Node
-    from rvaft.model.tree import RVAFT
-
     nodes = [Node("t", Gate.SAND, ("a", "b")), Node("a", Gate.AND, ("s",)), Node("b", Gate.AND, ("s",)), Node("s")]
     for semantics in Semantics:
         with pytest.raises(TreeError, match="no-scenario"):

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -34,7 +33,7 @@ from rvaft.ros.configuration import (
     yaml_text,
 )
 from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary, protocol, session
-from rvaft.ros.server import LOCAL, PORT, Address, serve
+from rvaft.ros.server import CONNECTIONS, LOCAL, PORT, Address, serve
 from rvaft.support.files import place
 from rvaft.support.terminal import visible
 
@@ -201,6 +200,15 @@ _MEBIBYTE = 1024 * 1024
     help="Definitive verdicts as JSON booleans (rml) or as strings.",
 )
 @click.option(
+    "--max-connections",
+    type=click.IntRange(1, 100_000),
+    default=CONNECTIONS,
+    show_default=True,
+    metavar="N",
+    help="Connections at once.",
+)
+@click.option("--quiet", is_flag=True, help="Say nothing of connections, refused messages and detections.")
+@click.option(
     "--max-message",
     type=click.IntRange(1, 64),
     default=MAX_MESSAGE // _MEBIBYTE,
@@ -222,32 +230,37 @@ def serve_command(
     polarity: str,
     vocabulary: str,
     max_message: int,
+    max_connections: int,
+    quiet: bool,
 ) -> int:
     """Answer the monitors of ROSMonitoring over WebSocket: each message one event, each reply that event and a verdict.
 
     Runs until it is interrupted or terminated; the exit status is then 0, whatever was detected.
     """
     exclusive(branch=branch, kind=kind, per=None if per == Per.TREE else per)
-    address = Address(host, port, tuple(map(origin_of, origin)))
+    address = Address(host, port, tuple(map(origin_of, origin)), max_connections)
     part = narrowed(load(tree), branch, kind)
     speaking = protocol(
         part, polarity=Polarity(polarity), vocabulary=Vocabulary(vocabulary), longest=max_message * _MEBIBYTE
     )
     first = session(part, semantics, per=Per(per))
-    asyncio.run(_serve(speaking, first, address, shared=shared))
+    asyncio.run(_serve(speaking, first if shared else None, first, address, quiet=quiet))
     return 0
 
 
-async def _serve(speaking: Protocol, first: Session, address: Address, *, shared: bool) -> None:
+async def _serve(speaking: Protocol, shared: Session | None, first: Session, address: Address, *, quiet: bool) -> None:
     """Serve until a signal says to stop."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    fresh = (lambda: first) if shared else first.fork
-    await serve(speaking, fresh, stop, address=address, listening=_announce)
 
+    def say(line: str) -> None:
+        if not quiet:
+            click.echo(visible(f"rvaft: {line}"), err=True)
 
-def _announce(url: str) -> None:
-    sys.stdout.write(f"{visible(f'listening at {url}')}\n")
-    sys.stdout.flush()
+    def listening(url: str) -> None:
+        click.echo(visible(f"listening at {url}"))
+
+    fresh = first.fork if shared is None else lambda: shared
+    await serve(speaking, fresh, stop, address=address, listening=listening, say=say)

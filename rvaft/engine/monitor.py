@@ -1,6 +1,6 @@
 """The engine as a monitor."""
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from typing import Any, Final, Self
 
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
@@ -43,14 +43,28 @@ class Engine(Monitor):
         self._limit = limit
         self._strategy = _strategy(tree, self.semantics, limit=limit)
 
+    def snapshot(self) -> dict[str, Any]:
+        """What the events so far have left, for `restore`; can be pickled."""
+        return {**vars(self), "tree": None, "_strategy": self._strategy.snapshot()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot of a monitor of the same tree; this one has read nothing."""
+        vars(self).update({**snapshot, "tree": self.tree, "_strategy": self._strategy})
+        self._strategy.restore(snapshot["_strategy"])
+
     def __getstate__(self) -> dict[str, Any]:
         """The tree and what the events so far have left; what is compiled from the tree is compiled again."""
-        return {**vars(self), "_strategy": self._strategy.snapshot()}
+        return {**self.snapshot(), "tree": self.tree}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._strategy = _strategy(self.tree, self.semantics, limit=self._limit)
-        self._strategy.restore(state["_strategy"])
+        self.tree = state["tree"]
+        self._strategy = _strategy(self.tree, state["semantics"], limit=state["_limit"])
+        self.restore(state)
+
+    @property
+    def reading(self) -> Callable[[Mapping[str, Json], Sketch | None], Reading]:
+        """The function behind `read`, for who reads many events; bound to this monitor alone."""
+        return self._strategy.read
 
     @property
     def letters(self) -> TreeLetters:

@@ -1,44 +1,126 @@
 """What a monitor knows in the middle of a trace, kept in a file, to go on from there after a crash.
 
 A checkpoint belongs to one tree, semantics and set of columns and settings, to one version of rvaft, and to a trace that begins with
-what was read of it; `load` refuses it for any other. After a crash the events since the last checkpoint are read again, so
-output may repeat, and the verdicts are those of a run that never stopped.
+what was read of it; it is refused for any other. After a crash the events since the last checkpoint are read again: what they detect is told
+again, and marked so, and the verdicts are those of a run that never stopped.
 
 The file: a line that says what it is, a line with the digest of all that follows, a line of JSON, and a pickle. A pickle can
-be made to run code when it is read: `admitted` lets in only what holds data, yet a checkpoint is as trustworthy as whoever
-could write to it, so keep it where only you can write. It is readable for its owner alone.
+be made to run code when it is read: only classes that hold data are let in, by their names, yet a checkpoint is as trustworthy as whoever
+could write to it, so keep it where only you can write. It is readable for its owner alone. Beside it stands, until the next checkpoint, a file
+`.NAME.told` with the number of the last event of which a detection was told.
 """
 
 import errno
 import hashlib
 import io
-import json
 import os
 import pickle
+import sys
+from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final, Protocol
+from time import monotonic
+from typing import Any, BinaryIO, Final, NamedTuple, Protocol
+
+import msgspec
 
 import rvaft
+from rvaft.engine.configuration import Configuration, Snapshot
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
+from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
-from rvaft.monitoring.reader import unreadable
-from rvaft.monitoring.run import Run
-from rvaft.monitoring.safe_pickle import pickled, unpickled
-from rvaft.support.files import SUFFIXES, damage, opened
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.near_misses import NearMiss, Statistics
+from rvaft.monitoring.reader import MAX_DEPTH, RepeatingObject, failures_of, unreadable
+from rvaft.monitoring.stream import Backwards, Field, Ordering
+from rvaft.monitors import Awaited, Ended, Explanation, Pending
+from rvaft.support.files import SUFFIXES, opened
 
-# Whether a trace is the one that was read before.
-
+EVERY: Final = 10_000
+"""Events between two checkpoints unless told otherwise."""
+GRACE: Final = 1.0
+"""Seconds that writing checkpoints may take beyond what everything else takes: then they are written less often."""
 _EDGE: Final = 1 << 16
 """Bytes at the start of a trace, and before the place that was reached, by which it is known again."""
+_MAGIC: Final = b"rvaft checkpoint 2\n"
+_ANY_MAGIC: Final = b"rvaft checkpoint "
+_BLOCK: Final = 1 << 20
+_SHOWN: Final = 5
+"""Columns that a message names."""
+_ANEW: Final = "remove it to begin anew"
+
+
+# -- the pickle ---------------------------------------------------------------------------------------------------------
+
+_CLASSES: Final = (
+    dict,
+    frozenset,
+    list,
+    set,
+    Counter,
+    OrderedDict,
+    Awaited,
+    Backwards,
+    Configuration,
+    Ended,
+    Explanation,
+    Field,
+)
+_MORE: Final = (Kind, NearMiss, Ordering, Pending, RepeatingObject, Semantics, Snapshot, Statistics, Verdict)
+ADMITTED: Final[Mapping[tuple[str, str], type]] = {(one.__module__, one.__qualname__): one for one in _CLASSES + _MORE}
+"""The classes of which a checkpoint consists. None of them runs commands, writes files or listens, and none must: a pickle can set the
+attributes of a class that it can name."""
+
+
+class _DataPickler(pickle.Pickler):
+    """Writes what `_DataUnpickler` lets in and nothing else: better to fail at once than after the crash."""
+
+    def reducer_override(self, obj: Any) -> Any:
+        """Leave everything as it is, or raise `PicklingError`."""
+        kind = obj if isinstance(obj, type) else type(obj)
+        if ADMITTED.get((kind.__module__, kind.__qualname__)) is not kind:
+            raise pickle.PicklingError(f"{kind.__module__}.{kind.__qualname__} has no place in a checkpoint")
+        return NotImplemented
+
+
+class _DataUnpickler(pickle.Unpickler):
+    """Lets in what a checkpoint consists of and nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """A class by its name; raises `UnpicklingError` for anything that a checkpoint does not need."""
+        found = ADMITTED.get((module, name))
+        if found is None:
+            raise pickle.UnpicklingError(f"{module}.{name} has no place in a checkpoint")
+        return found
+
+
+def pickled(state: object) -> bytes:
+    """The state as bytes; raises `PicklingError` for what has no place there, and what `pickle` raises."""
+    buffer = io.BytesIO()
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(
+        limit + 4 * MAX_DEPTH
+    )  # values may be as deep as in a trace, and `pickle` recurses twice for each level
+    try:
+        _DataPickler(buffer, protocol=5).dump(state)
+    finally:
+        sys.setrecursionlimit(limit)
+    return buffer.getvalue()
+
+
+def unpickled(data: bytes | memoryview) -> Any:
+    """The state again; raises `UnpicklingError` for what has no place there, and anything at all for what is damaged."""
+    return _DataUnpickler(io.BytesIO(data)).load()
+
+
+# -- the trace ----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class TraceIdentity:
     """By what a trace is known again: digests of the first and of the last bytes among the first `length` of the file.
 
     Neither the path nor the inode counts: a log that was moved, restored or synchronised is the same trace as long as it begins with the
@@ -49,174 +131,37 @@ class Identity:
     head: str
     tail: str
 
+    @classmethod
+    def of(cls, trace: Path | BinaryIO, offset: int) -> "TraceIdentity":
+        """The identity of a trace that was read up to this offset; a stream is an uncompressed file, and is moved.
 
-def identity(trace: Path | BinaryIO, offset: int) -> Identity:
-    """The identity of a trace that was read up to this offset; a stream is an uncompressed file, and is moved.
-
-    Raises `OSError` for what cannot be read, and `OptionError` for what is no regular file or ends before.
-    """
-    if not isinstance(trace, Path):
-        return first(trace, offset)
-    if not trace.is_file():
-        trace.stat()
-        raise OptionError(f"{trace}: a checkpoint needs a trace in a regular file")
-    with trace.open("rb") as stream:
-        return first(stream, trace.stat().st_size if compressed(trace) else offset)
-
-
-def first(stream: BinaryIO, length: int) -> Identity:
-    """The identity of the first `length` bytes of a file; raises `OptionError` if it has fewer."""
-    stream.seek(0)
-    head = stream.read(min(length, _EDGE))
-    start = max(0, length - _EDGE)
-    stream.seek(start)
-    tail = stream.read(length - start)
-    if len(tail) < length - start:
-        raise OptionError(f"the trace has fewer than {length} bytes")
-    return Identity(length, _sha(head), _sha(tail))
+        Raises `OSError` for what cannot be read, and `OptionError` for what is no regular file or ends before.
+        """
+        if isinstance(trace, Path):
+            size = trace.stat().st_size
+            if not trace.is_file():
+                raise OptionError(f"{trace}: a checkpoint needs a trace in a regular file")
+            with trace.open("rb") as stream:
+                return cls.of(stream, size if _is_compressed(trace) else offset)
+        trace.seek(0)
+        head = trace.read(min(offset, _EDGE))
+        start = max(0, offset - _EDGE)
+        trace.seek(start)
+        tail = trace.read(offset - start)
+        if len(tail) < offset - start:
+            raise OptionError(f"the trace has fewer than {offset} bytes")
+        return cls(offset, _sha(head), _sha(tail))
 
 
-def compressed(path: Path) -> bool:
-    """Whether a file is read through a decompressor."""
+def _is_compressed(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-def _sha(data: bytes) -> str:
+def _sha(data: bytes | memoryview) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-__all__ = [
-    "EVERY",
-    "Checkpoint",
-    "CheckpointError",
-    "Identity",
-    "Placed",
-    "digest",
-    "identity",
-    "load",
-    "reading",
-    "save",
-]
-
-EVERY: Final = 10_000
-"""Events between two checkpoints unless told otherwise."""
-_MAGIC: Final = b"rvaft checkpoint 1\n"
-_ANY_MAGIC: Final = b"rvaft checkpoint "
-_BLOCK: Final = 1 << 20
-_SHOWN: Final = 5
-"""Columns that a message names."""
-_ANEW: Final = "remove it to begin anew"
-
-
-@dataclass(frozen=True, slots=True)
-class Checkpoint:
-    """What is known after `events` events: they end `offset` bytes into the trace (after decompression), `line` lines.
-
-    `tree` is `digest` of the tree, `columns` are the labels of what has a verdict of its own, `settings` are other options on which the
-    meaning of the rest depends, as text. `monitors`, `statistics` and `held`, which are events read and not yet monitored, are pickled.
-    """
-
-    tree: str
-    semantics: Semantics
-    columns: tuple[str, ...]
-    trace: Identity
-    offset: int
-    line: int
-    events: int
-    monitors: Any
-    statistics: Any = None
-    held: Any = None
-    settings: Mapping[str, str] = field(default_factory=dict)
-
-
-def digest(tree: RVAFT) -> str:
-    """A digest of the canonical text of a tree, and of which part of it is monitored."""
-    part = tree.part_of
-    whole, branch, kind = (tree, None, None) if part is None else (part.tree, part.branch, part.kind)
-    return _checkpoint_sha(f"{dumps(whole)}\n{branch} {kind}".encode())
-
-
-def save(path: Path, checkpoint: Checkpoint) -> None:
-    """Write a checkpoint so that there is always a whole one: the one before, until the new one is safe on the disk.
-
-    Raises `OSError`, with the path, where it cannot be written, and `CheckpointError` for monitors that cannot be kept.
-    """
-    try:
-        payload = pickled((checkpoint.monitors, checkpoint.statistics, checkpoint.held))
-    except (pickle.PicklingError, TypeError, AttributeError, RecursionError) as error:
-        raise CheckpointError(path, f"these monitors cannot be kept: {_one_line(error)}") from error
-    header = _Header(
-        version=rvaft.__version__,
-        tree=checkpoint.tree,
-        semantics=checkpoint.semantics.value,
-        columns=list(checkpoint.columns),
-        settings=dict(checkpoint.settings),
-        trace=asdict(checkpoint.trace),
-        offset=checkpoint.offset,
-        line=checkpoint.line,
-        events=checkpoint.events,
-    )
-    body = json.dumps(asdict(header)).encode() + b"\n" + payload
-    try:
-        _replace(path, _MAGIC + _checkpoint_sha(body).encode() + b"\n" + body)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot write: {error.strerror}", str(path)) from error
-
-
-def load(
-    path: Path,
-    *,
-    tree: RVAFT,
-    semantics: Semantics,
-    columns: tuple[str, ...],
-    trace: Path,
-    settings: Mapping[str, str] | None = None,
-) -> Checkpoint | None:
-    """The checkpoint to go on from; None where there is no file yet.
-
-    Raises `CheckpointError` for one that was made with anything else than what is given here, and for a file that is damaged or no
-    checkpoint; `OSError` and what `identity` raises for a file that cannot be read.
-    """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        return None
-    header, payload = _parted(path, data)
-    if header.version != rvaft.__version__:
-        raise _other(path, f"of rvaft {header.version}, this is {rvaft.__version__}")
-    if header.tree != digest(tree):
-        raise _other(path, "of another tree, or of another part of it")
-    if header.semantics != semantics.value:
-        raise _other(path, f"of a run with --semantics {header.semantics}, not {semantics.value}")
-    if tuple(header.columns) != columns:
-        raise _other(path, f"of other monitors ({_listed(header.columns)}, not {_listed(columns)})")
-    wanted = dict(settings or {})
-    for name in sorted({*wanted, *header.settings}):
-        was, now = header.settings.get(name), wanted.get(name)
-        if was != now:
-            raise _other(path, f"of a run {_setting(name, was)}, not {_setting(name, now)}")
-    known = Identity(**header.trace)
-    _check_same(path, trace, known)
-    try:
-        monitors, statistics, held = unpickled(payload)
-    except Exception as error:  # whatever a pickle makes of a class
-        raise CheckpointError(path, f"the checkpoint cannot be read: {_one_line(error)}; {_ANEW}") from error
-    return Checkpoint(
-        tree=header.tree,
-        semantics=semantics,
-        columns=columns,
-        trace=known,
-        offset=header.offset,
-        line=header.line,
-        events=header.events,
-        monitors=monitors,
-        statistics=statistics,
-        held=held,
-        settings=wanted,
-    )
-
-
-class Placed(io.BufferedIOBase):
+class LinesRead(io.BufferedIOBase):
     """The lines of a stream, which knows where it is: `offset` bytes and `line` lines into the trace."""
 
     def __init__(self, stream: BinaryIO, *, offset: int = 0, line: int = 0) -> None:
@@ -238,20 +183,216 @@ class Placed(io.BufferedIOBase):
 
 
 @contextmanager
-def reading(trace: Path, *, offset: int = 0, line: int = 0) -> Iterator[Placed]:
+def open_at(trace: Path, *, offset: int = 0, line: int = 0) -> Iterator[LinesRead]:
     """The lines of a trace from an offset on, which counts bytes after decompression, and knows its place at any time.
 
-    Raises what `rvaft.compressed.opened` raises, and `TraceError` where a compressed file is damaged or ends before the offset.
+    Raises what `rvaft.support.files.opened` raises, and `TraceError` where a compressed file is damaged or ends before the offset.
     """
     with opened(trace) as stream:
-        if compressed(trace):
-            _skip(trace, stream, offset, line)
-        else:
+        if not _is_compressed(trace):
             stream.seek(offset)
-        yield Placed(stream, offset=offset, line=line)
+        try:
+            left = offset if _is_compressed(trace) else 0
+            while left:
+                block = stream.read(min(left, _BLOCK))
+                if not block:
+                    raise EOFError("it ends before the place of the checkpoint")
+                left -= len(block)
+        except failures_of(str(trace)) as error:
+            raise unreadable(error, str(trace), line + 1) from error
+        yield LinesRead(stream, offset=offset, line=line)
 
 
-# -- the file -------------------------------------------------------------------------------------------------------
+# -- the file -----------------------------------------------------------------------------------------------------------
+
+
+class Position(Protocol):
+    """How far a trace has been read: bytes after decompression, and lines."""
+
+    @property
+    def offset(self) -> int:
+        """In bytes."""
+
+    @property
+    def line(self) -> int:
+        """In lines."""
+
+
+class CheckpointHeader(msgspec.Struct, kw_only=True):
+    """The line of JSON: what a checkpoint is of, and how far the trace was read."""
+
+    version: str
+    tree: str
+    semantics: str
+    columns: list[str]
+    settings: dict[str, str]
+    trace: TraceIdentity
+    offset: int = 0
+    line: int = 0
+    events: int = 0
+
+
+class Checkpoint(NamedTuple):
+    """What is known after `events` events, which end `offset` bytes into the trace (after decompression), `line` lines."""
+
+    events: int
+    offset: int
+    line: int
+    state: Any
+
+
+def digest(tree: RVAFT) -> str:
+    """A digest of the canonical text of a tree, and of which part of it is monitored."""
+    part = tree.part_of
+    whole, branch, kind = (tree, None, None) if part is None else (part.tree, part.branch, part.kind)
+    return _sha(f"{dumps(whole)}\n{branch} {kind}".encode())
+
+
+class CheckpointFile:
+    """Where checkpoints of a run over a trace are kept, and how often: every so many events.
+
+    `columns` are the labels of what has a verdict of its own, `settings` are other options on which the meaning of the rest depends, as text.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        tree: RVAFT,
+        semantics: Semantics,
+        columns: Sequence[str],
+        trace: Path,
+        every: int = EVERY,
+        settings: Mapping[str, str] | None = None,
+    ) -> None:
+        self.path = path
+        self.trace = trace
+        self.every = every
+        self.noted = 0
+        """The number of the last event of which it is known that what it detected was told."""
+        self._about = CheckpointHeader(
+            version=rvaft.__version__,
+            tree=digest(tree),
+            semantics=semantics.value,
+            columns=list(columns),
+            settings=dict(settings or {}),
+            trace=TraceIdentity(0, "", ""),
+        )
+        self._saved = 0
+        self._digest = ""
+        self._begun = monotonic()
+        self._spent = 0.0
+
+    @property
+    def _told(self) -> Path:
+        target = self.path.resolve()
+        return target.with_name(f".{target.name[:100]}.told")
+
+    def is_due(self, events: int, *, idle: bool = False) -> bool:
+        """Whether it is time for a checkpoint after so many events: unless all is idle saving takes no longer than the rest."""
+        if events // self.every == self._saved // self.every:
+            return False
+        return idle or 2 * self._spent <= monotonic() - self._begun + GRACE
+
+    def save(self, state: object, events: int, place: Position, trace: BinaryIO | None = None) -> None:
+        """Write a checkpoint so that there is always a whole one: the one before, until the new one is safe on the disk.
+
+        `trace` is the file where its path may name another by now. Raises `OSError`, with the path, where the checkpoint cannot be written, and
+        `CheckpointError` for what cannot be kept.
+        """
+        begun = monotonic()
+        try:
+            payload = pickled(state)
+        except (pickle.PicklingError, TypeError, AttributeError, RecursionError) as error:
+            raise CheckpointError(self.path, f"these monitors cannot be kept: {_one_line(error)}") from error
+        identity = TraceIdentity.of(trace or self.trace, place.offset)
+        here = {"offset": place.offset, "line": place.line, "events": events}
+        body = msgspec.json.encode(msgspec.structs.replace(self._about, trace=identity, **here)) + b"\n" + payload
+        self._digest = _sha(body)
+        try:
+            _replace(self.path, _MAGIC + self._digest.encode() + b"\n" + body)
+            self._told.unlink(missing_ok=True)
+        except OSError as error:
+            raise OSError(error.errno, f"cannot write: {error.strerror}", str(self.path)) from error
+        self._saved = events
+        self._spent += monotonic() - begun
+
+    def note(self, event: int) -> None:
+        """Remember, until the next checkpoint, that a detection of that event has been told."""
+        self.noted = event
+        try:
+            self._told.write_text(f"{self._digest} {event}\n", encoding="ascii")
+        except OSError as error:
+            raise OSError(error.errno, f"cannot write: {error.strerror}", str(self.path)) from error
+
+    def load(self) -> Checkpoint | None:
+        """The checkpoint to go on from; None where there is no file yet.
+
+        Raises `CheckpointError` for one that was made with anything else, and for a file that is damaged or no
+        checkpoint; `OSError` and what `TraceIdentity.of` raises for a file that cannot be read.
+        """
+        try:
+            data = self.path.read_bytes()
+        except FileNotFoundError:
+            return None
+        header, payload = self._parted(data)
+        about = self._about
+        if header.version != about.version:
+            raise self._other(f"of rvaft {header.version}, this is {about.version}")
+        if header.tree != about.tree:
+            raise self._other("of another tree, or of another part of it")
+        if header.semantics != about.semantics:
+            raise self._other(f"of a run with --semantics {header.semantics}, not {about.semantics}")
+        if header.columns != about.columns:
+            raise self._other(f"of other monitors ({_listed(header.columns)}, not {_listed(about.columns)})")
+        for name in sorted({*about.settings, *header.settings}):
+            was, now = header.settings.get(name), about.settings.get(name)
+            if was != now:
+                raise self._other(f"of a run {_setting(name, was)}, not {_setting(name, now)}")
+        self._check_trace(header.trace)
+        try:
+            state = unpickled(payload)
+        except Exception as error:  # whatever a pickle makes of a class
+            raise self.unreadable(error) from error
+        self._saved = header.events
+        with suppress(OSError, ValueError):
+            noted, number = self._told.read_text(encoding="ascii").split()
+            self.noted = int(number) if noted == self._digest else 0
+        return Checkpoint(header.events, header.offset, header.line, state)
+
+    def _check_trace(self, known: TraceIdentity) -> None:
+        with self.trace.open("rb") as stream:
+            size = os.fstat(stream.fileno()).st_size
+            if size < known.length:
+                raise self._other(f"of a longer trace ({known.length} bytes were read, {self.trace} has {size})")
+            if TraceIdentity.of(stream, known.length) != known:
+                raise self._other(f"of another trace: {self.trace} does not begin with what was read")
+
+    def _parted(self, data: bytes) -> tuple[CheckpointHeader, memoryview]:
+        """The header and the pickle of a file that is whole."""
+        if not data.startswith(_MAGIC):
+            if data.startswith(_ANY_MAGIC):
+                raise self._other("of another version of rvaft")
+            raise CheckpointError(
+                self.path, "this is no checkpoint of rvaft, or the start of it is lost: name another file"
+            )
+        start = len(_MAGIC) + 65
+        body = memoryview(data)[start:]
+        self._digest = _sha(body)
+        if data[len(_MAGIC) : start] != f"{self._digest}\n".encode():
+            raise CheckpointError(self.path, f"the checkpoint is damaged or cut short: {_ANEW}")
+        end = data.find(b"\n", start)
+        try:
+            return msgspec.json.decode(data[start:end], type=CheckpointHeader), body[end + 1 - start :]
+        except (ValueError, TypeError) as error:  # msgspec's errors are such
+            raise self.unreadable(error) from error
+
+    def unreadable(self, error: Exception) -> CheckpointError:
+        """The error for a checkpoint that is whole and yet makes no sense."""
+        return CheckpointError(self.path, f"the checkpoint cannot be read: {_one_line(error)}; {_ANEW}")
+
+    def _other(self, which: str) -> CheckpointError:
+        return CheckpointError(self.path, f"this is a checkpoint {which}: {_ANEW}")
 
 
 def _replace(path: Path, data: bytes) -> None:
@@ -281,42 +422,6 @@ def _replace(path: Path, data: bytes) -> None:
             os.close(folder)
 
 
-@dataclass(frozen=True, slots=True)
-class _Header:
-    """The line of JSON."""
-
-    version: str
-    tree: str
-    semantics: str
-    columns: list[str]
-    settings: dict[str, str]
-    trace: dict[str, Any]
-    offset: int
-    line: int
-    events: int
-
-
-def _parted(path: Path, data: bytes) -> tuple[_Header, memoryview]:
-    """The header and the pickle of a file that is whole."""
-    if not data.startswith(_MAGIC):
-        if data.startswith(_ANY_MAGIC):
-            raise _other(path, "of another version of rvaft")
-        raise CheckpointError(path, "this is no checkpoint of rvaft, or the start of it is lost: name another file")
-    start = len(_MAGIC) + 65
-    body = memoryview(data)[start:]
-    if data[len(_MAGIC) : start] != f"{_checkpoint_sha(body)}\n".encode():
-        raise CheckpointError(path, f"the checkpoint is damaged or cut short: {_ANEW}")
-    end = data.find(b"\n", start)
-    try:
-        return _Header(**json.loads(data[start:end])), body[end + 1 - start :]
-    except (ValueError, TypeError) as error:
-        raise CheckpointError(path, f"the checkpoint cannot be read: {_one_line(error)}; {_ANEW}") from error
-
-
-def _other(path: Path, which: str) -> CheckpointError:
-    return CheckpointError(path, f"this is a checkpoint {which}: {_ANEW}")
-
-
 def _setting(name: str, value: str | None) -> str:
     return f"without {name}" if value is None else f"with {name} {value}"
 
@@ -326,102 +431,5 @@ def _listed(labels: Sequence[str]) -> str:
     return ", ".join([*labels[:_SHOWN], *([f"{more} more"] if more > 0 else [])])
 
 
-def _checkpoint_sha(data: bytes | memoryview) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
 def _one_line(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
-
-
-# -- the trace ------------------------------------------------------------------------------------------------------
-
-
-def _check_same(path: Path, trace: Path, known: Identity) -> None:
-    with trace.open("rb") as stream:
-        size = os.fstat(stream.fileno()).st_size
-        if size < known.length:
-            raise _other(path, f"of a longer trace ({known.length} bytes were read, {trace} has {size})")
-        if first(stream, known.length) != known:
-            raise _other(path, f"of another trace: {trace} does not begin with what was read")
-
-
-def _skip(trace: Path, stream: BinaryIO, offset: int, line: int) -> None:
-    damaged: tuple[type[Exception], ...] = (OSError, *damage())
-    left = offset
-    try:
-        while left:
-            block = stream.read(min(left, _BLOCK))
-            if not block:
-                raise EOFError("it ends before the place of the checkpoint")
-            left -= len(block)
-    except damaged as error:
-        raise unreadable(error, str(trace), line + 1) from error
-
-
-# Checkpoints of a run: written now and then, and gone on from.
-
-
-class Place(Protocol):
-    """How far a trace has been read: bytes after decompression, and lines."""
-
-    @property
-    def offset(self) -> int:
-        """In bytes."""
-
-    @property
-    def line(self) -> int:
-        """In lines."""
-
-
-@dataclass(frozen=True, slots=True)
-class Keeping:
-    """Where checkpoints of a run over a trace are kept, and how often: every so many events; `settings` are options that matter."""
-
-    file: Path
-    trace: Path
-    tree: RVAFT
-    semantics: Semantics
-    every: int = EVERY
-    settings: Mapping[str, str] = field(default_factory=dict)
-
-    def resume(self, run: Run) -> tuple[int, int, int]:
-        """Bring a run to where the last checkpoint left it; the events, bytes and lines before that place, 0 without one.
-
-        Raises `CheckpointError` for a checkpoint of anything else, and `OSError`.
-        """
-        labels = tuple(column.label for column in run.plan.bank.columns)
-        found = load(
-            self.file,
-            tree=self.tree,
-            semantics=self.semantics,
-            columns=labels,
-            trace=self.trace,
-            settings=self.settings,
-        )
-        if found is None:
-            return 0, 0, 0
-        run.restore(found.monitors, found.held, found.statistics)
-        return found.events, found.offset, found.line
-
-    def save(self, run: Run, events: int, place: Place, trace: BinaryIO | None = None) -> None:
-        """Write a checkpoint after so many events; `trace` is the file where the path may name another by now.
-
-        Raises `CheckpointError` and `OSError`.
-        """
-        save(
-            self.file,
-            Checkpoint(
-                tree=digest(self.tree),
-                semantics=self.semantics,
-                columns=tuple(column.label for column in run.plan.bank.columns),
-                trace=identity(trace or self.trace, place.offset),
-                offset=place.offset,
-                line=place.line,
-                events=events,
-                monitors=run.state,
-                statistics=run.statistics,
-                held=run.ordering,
-                settings=self.settings,
-            ),
-        )

@@ -1,36 +1,47 @@
-"""Batches of events: what a tree reads of a block of lines."""
+"""Logs read many lines at a time: what a tree reads of them is decoded by msgspec, and what msgspec does not check is looked for in the bytes."""
 
 import re
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from functools import cached_property
 from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
 from operator import attrgetter, methodcaller
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol, Self, TypeAlias, TypedDict
+from typing import Any, Final, NamedTuple, Self, TypedDict
 
 import msgspec
 
 from rvaft.analysis.pattern_index import Reads, TreeReads, brief
 from rvaft.errors import TraceError
-from rvaft.model.patterns import ObjectPattern, Pattern
+from rvaft.model.patterns import ObjectPattern
 from rvaft.model.values import Json, Scalar
 from rvaft.monitoring.reader import BOM, MAX_DEPTH, MAX_DIGITS, MAX_LINE, decode, event_on, failures_of, unreadable
+from rvaft.monitoring.stream import Batch
 from rvaft.support.files import SUFFIXES
-
-# A stream of bytes cut into blocks of whole lines.
 
 SIZE: Final = 3 << 15
 """Bytes that are read at once: small enough for the caches of the machine."""
+SHORT: Final = 2 * MAX_DEPTH
+"""A line no longer than this has neither too many levels nor too many digits."""
+MEMORY: Final = 10_000
+"""How many values of the discriminating fields, and how many skeletons of lines, are remembered; then the memory starts afresh."""
+
+_DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
+_ASCII: Final = tuple(bytes([digit]) for digit in b"234567")
+"""The third digit of the numbers of ASCII's letters and signs."""
+_REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
+"""What a decoder raises for a line that is not for it, malformed or not."""
+_DOUBT: Final = ("doubt",)
+"""In place of the values on a line that `rvaft.monitoring.reader` has to read."""
 
 
-class Block:
-    """Whole lines, as one piece of bytes."""
+class LogBlock:
+    """Whole lines, as one piece of bytes; `first` is the number of the first."""
 
-    def __init__(self, text: bytes) -> None:
+    def __init__(self, text: bytes, first: int = 1) -> None:
         self.text = text
+        self.first = first
 
     @cached_property
     def lines(self) -> list[bytes]:
@@ -40,101 +51,74 @@ class Block:
             lines.pop()
         return lines
 
-    def within(self, length: int) -> bool:
+    def is_within(self, length: int) -> bool:
         """Whether certainly no line is longer than that."""
         text, half = self.text, length // 2
         return all(text.find(b"\n", start, start + half) >= 0 for start in range(0, len(text) - half, half))
 
 
-class Blocks:
-    """The lines of a stream in turn; one longer than `MAX_LINE` is the last."""
+def blocks(stream: BufferedIOBase, file: str) -> Iterator[LogBlock]:
+    """The lines of a stream in turn; one longer than `MAX_LINE` is the last.
 
-    def __init__(self, stream: BufferedIOBase, file: str) -> None:
-        self._stream = stream
-        self._file = file
-        self._failures = failures_of(file)
-        # Damaged data is lost from the call on that meets it, so there no more is asked for at once than when it is read by lines.
-        self._at_once = min(SIZE, DEFAULT_BUFFER_SIZE) if Path(file).suffix.lower() in SUFFIXES else SIZE
-        self.line = 1
-        """The number of the first line of the block that comes next; kept by who takes the blocks."""
-
-    def __iter__(self) -> Iterator[Block]:
-        """Raises `TraceError` where the file cannot be read, after the lines that end before."""
-        held = b""
-        begun = False
-        while True:
-            text, more, failure = self._more(held)
-            whole = not more and failure is None
-            end = len(text) if whole else text.rfind(b"\n") + 1
-            given = text[:end] if begun else text[:end].removeprefix(BOM)
-            begun = True
-            if given:
-                yield Block(given)
-            if failure is not None:
-                raise unreadable(failure, self._file, self.line) from failure
-            if not more:
-                return
-            held = text[end:]
-
-    def _more(self, held: bytes) -> tuple[bytes, bool, Exception | None]:
-        """What is held and what comes after it, up to some line's end; whether there may be more; what it failed with."""
-        pieces, size = [held], len(held)
-        ended = False
-        while size < SIZE or (not ended and size <= len(BOM) + MAX_LINE):
+    Raises `TraceError` where the file cannot be read, after the lines that end before.
+    """
+    failures = failures_of(file)
+    # Damaged data is lost from the call on that meets it, so there no more is asked for at once than when it is read by lines.
+    at_once = min(SIZE, DEFAULT_BUFFER_SIZE) if Path(file).suffix.lower() in SUFFIXES else SIZE
+    held, line, mark = b"", 1, BOM
+    failure: Exception | None = None
+    more = True
+    while more:
+        pieces, size, ended = [held], len(held), False
+        while more and (size < SIZE or (not ended and size <= len(BOM) + MAX_LINE)):
             try:
-                data = self._stream.read1(self._at_once)
-            except self._failures as error:
-                return b"".join(pieces), False, error
-            if not data:
-                return b"".join(pieces), False, None
+                data = stream.read1(at_once)
+            except failures as error:
+                failure, data = error, b""
+            more = bool(data)
             pieces.append(data)
             size += len(data)
             ended = ended or b"\n" in data
-        return b"".join(pieces), ended, None
+        more = more and ended
+        text = b"".join(pieces)
+        end = len(text) if not more and failure is None else text.rfind(b"\n") + 1
+        given = text[:end].removeprefix(mark)
+        if given:
+            yield LogBlock(given, line)
+        held, mark = text[end:], b""
+        line += given.count(b"\n")
+    if failure is not None:
+        raise unreadable(failure, file, line) from failure
 
 
-# Lines of a block that the fast decoder cannot be trusted with.
+# -- what the decoder does not see --------------------------------------------------------------------------------------
 #
-# It checks all of JSON's grammar but passes over strings and numbers that nobody reads. So what it does not see is looked for here, in the
-# bytes: what is no UTF-8, what is nested too deeply, numbers that are too long, keys that are written with escapes, or repeated.
-
-SHORT: Final = 2 * MAX_DEPTH
-"""A line no longer than this has neither too many levels nor too many digits."""
-_DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
-_ASCII: Final = tuple(bytes([digit]) for digit in b"234567")
-"""The third digit of the numbers of ASCII's letters and signs."""
+# It checks all of JSON's grammar but passes over strings and numbers that nobody reads: what is no UTF-8, what is nested too deeply, numbers
+# that are too long, keys that are written with escapes, or repeated.
 
 
-def doubtful(block: Block) -> set[int]:
+def doubtful(block: LogBlock) -> set[int]:
     """The places of lines with something about them that the decoder does not see."""
     found: set[int] = set()
-    text, lines = block.text, block.lines
-    if not utf8(text):
-        found.update(place for place, line in enumerate(lines) if not utf8(line))
-    if _escapes(text):
-        found.update(place for place, line in enumerate(lines) if _escapes(line))
-    if max(map(len, lines)) > SHORT:
-        found.update(place for place, line in enumerate(lines) if len(line) > SHORT and _endless(line))
+    if not _is_utf8(block.text):
+        found.update(place for place, line in enumerate(block.lines) if not _is_utf8(line))
+    if _has_escapes(block.text):
+        found.update(place for place, line in enumerate(block.lines) if _has_escapes(line))
+    if max(map(len, block.lines)) > SHORT:
+        found.update(place for place, line in enumerate(block.lines) if len(line) > SHORT and _is_endless(line))
     return found
 
 
-def repeated(lines: Iterable[bytes], key: bytes) -> set[int]:
-    """The places of lines in which a quoted key stands more than once, as a key or as anything else."""
-    return {place for place, line in enumerate(lines) if line.count(key) > 1}
-
-
-def utf8(text: bytes) -> bool:
-    """Whether that is what the bytes are."""
-    if text.isascii():
-        return True
-    try:
-        text.decode()
-    except UnicodeDecodeError:
-        return False
+def _is_utf8(text: bytes) -> bool:
+    if not text.isascii():
+        try:
+            text.decode()
+        except UnicodeDecodeError:
+            return False
     return True
 
 
-def _escapes(text: bytes) -> bool:
+def _has_escapes(text: bytes) -> bool:
     """Whether some ASCII letter or sign is written by its number, as those of a key could be."""
     place = text.find(b"\\")
     while place >= 0:
@@ -144,7 +128,7 @@ def _escapes(text: bytes) -> bool:
     return False
 
 
-def _endless(line: bytes) -> bool:
+def _is_endless(line: bytes) -> bool:
     return (
         line.count(b"{") + line.count(b"[") > MAX_DEPTH
         or len(line) > MAX_LINE
@@ -152,310 +136,212 @@ def _endless(line: bytes) -> bool:
     )
 
 
-# What is decoded of a line: the fields that some pattern of a tree mentions, where they hold no objects or lists.
-
-ABSENT: Final = msgspec.UNSET
-REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
-"""What a decoder raises for a line that is not for it, malformed or not."""
-
-
-def fields_of(patterns: Iterable[Pattern]) -> tuple[str, ...] | None:
-    """The fields of events that patterns mention; None for patterns that the fast decoder is not for.
-
-    Such want more than fields, or fields whose names a line could write in more ways than one, escapes of ASCII by their number aside.
-    """
-    found: dict[str, None] = {}
-    for pattern in patterns:
-        if not isinstance(pattern, ObjectPattern):
-            return None
-        found.update(dict.fromkeys(field for field, _ in pattern.fields))
-    simple = all(name.isascii() and name.isprintable() and not set(name) & set('"\\/') for name in found)
-    return tuple(found) if simple else None
-
-
-def quoted(field: str) -> bytes:
-    """A field as it stands in a line."""
-    return f'"{field}"'.encode()
-
-
-class Decoder(Protocol):
-    """A decoder of msgspec; raises one of `REFUSED`."""
-
-    def decode(self, line: bytes) -> Any:
-        """The value on a line."""
-
-    def decode_lines(self, text: bytes) -> list[Any]:
-        """The values in a text, whatever lines they are on."""
-
-
-def event_decoder(fields: Iterable[str]) -> Decoder:
-    """Decodes objects to events with these fields alone; refuses those in which one of them is an object or a list."""
-    event: Any = TypedDict("event", dict.fromkeys(fields, Scalar), total=False)  # type: ignore[misc] # the names come with the tree
-    return msgspec.json.Decoder(event)
-
-
-def head_decoder(fields: Iterable[str]) -> Decoder:
-    """Decodes objects to such with attributes `f0`, `f1`, … for these fields; `ABSENT` stands for one that is not there.
-
-    Refuses objects in which one of them is an object or a list.
-    """
-    names = {f"f{number}": field for number, field in enumerate(fields)}
-    # Not to be looked at by the garbage collector: heads live for one block, and hold nothing that could refer to them.
-    head = msgspec.defstruct(
-        "Head",
-        [(name, Scalar | msgspec.UnsetType, ABSENT) for name in names],
-        rename=names.__getitem__,
-        gc=False,
-        module=__name__,
-    )
-    return msgspec.json.Decoder(head)
-
-
-# Lines that differ in their numbers alone, as those of one publisher mostly do.
-#
-# The *skeleton* of a line is what remains without the characters that numbers are written with. Two lines of the same skeleton have the same
-# strings, but for these characters, and the same brackets: such a character never stands behind the backslash of an escape, so what is
-# inside a string in one line is so in the other. Hence, where one line is an object in which no key is repeated, and the others are
-# JSON, they are objects in which no key is repeated. And where every line of a block holds an object, and the block holds as many
-# values as it has lines, every line holds one value.
-
-_OF_NUMBERS: Final = b"0123456789.+-eE"
-MEMORY: Final = 4096
-"""How many skeletons are remembered; then the memory starts afresh."""
-_FEW: Final = 16
-"""One line in so many may have a skeleton that is new: such lines take long."""
-_REST: Final = 64
-"""After a block with more new ones, so many are not looked at."""
-
-
 class Skeletons:
-    """The skeletons of lines that are one object each, and repeat none of these quoted keys.
+    """The skeletons of lines that are one object each and repeat none of these quoted keys.
 
-    `sound` says of a line whether it is one object and does not exceed the limits of a trace.
+    The *skeleton* of a line is what remains without the characters that numbers are written with. Two lines of the same skeleton have the same
+    strings, but for these characters, and the same brackets: such a character never stands behind the backslash of an escape, so what is
+    inside a string in one line is so in the other. Hence, where one line is an object in which no key is repeated, and the others are
+    JSON, they are objects in which no key is repeated. And where every line of a block holds an object, and the block holds as many
+    values as it has lines, every line holds one value.
     """
 
-    def __init__(self, keys: Iterable[bytes], sound: Callable[[bytes], bool]) -> None:
-        self._keys = tuple(key.translate(None, _OF_NUMBERS) for key in keys)
-        self._sound = sound
+    _OF_NUMBERS: Final = b"0123456789.+-eE"
+    FEW: Final = 16
+    """One line in so many may have a skeleton that is new: such lines take long."""
+    REST: Final = 64
+    """After a block with more new ones, so many are not looked at."""
+
+    def __init__(self, keys: Iterable[bytes]) -> None:
+        self._keys = tuple(key.translate(None, self._OF_NUMBERS) for key in keys)
         self._known: set[bytes] = set()
         self._resting = 0
 
-    def count(self, block: Block) -> int | None:
+    def count(self, block: LogBlock) -> int | None:
         """The number of lines of a block whose lines all have known skeletons, or None where some have not."""
         if self._resting:
             self._resting -= 1
             return None
-        lines = block.text.translate(None, _OF_NUMBERS).split(b"\n")
-        if not lines[-1]:
-            lines.pop()
+        lines = LogBlock(block.text.translate(None, self._OF_NUMBERS)).lines
         new = set(lines) - self._known
-        if len(new) * _FEW > len(lines) + _FEW:
-            self._resting = _REST
+        if len(new) * self.FEW > len(lines) + self.FEW:
+            self._resting = self.REST
             return None
-        if new and not self._learn(lines, block, new):
-            return None
-        return len(lines)
-
-    def _learn(self, lines: list[bytes], block: Block, new: set[bytes]) -> bool:
-        if len(self._known) + len(new) > MEMORY:
+        if new and len(self._known) + len(new) > MEMORY:
             self._known.clear()
             new = set(lines)
         for skeleton in new:
             if b"\\u" in skeleton or any(skeleton.count(key) > 1 for key in self._keys):
-                return False
-            if not self._sound(block.lines[lines.index(skeleton)]):
-                return False
+                return None
+            try:
+                decode(block.lines[lines.index(skeleton)], reads=Reads())
+            except ValueError:
+                return None
             self._known.add(skeleton)
-        return True
+        return len(lines)
 
 
-Values: TypeAlias = tuple[Hashable, ...]
-Wants: TypeAlias = Callable[[Values], int]
-BATCHES_MEMORY: Final = 10_000
-"""How many values of the discriminating fields are remembered; then the memory starts afresh."""
-_DOUBT: Final = ("doubt",)
-"""In place of the values on a line that `rvaft.traces` has to read."""
+# -- the reader ---------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """Events that follow each other: how many, those that may concern the tree, and the others by what tells them apart.
-
-    Of `events` each has its place among all of the batch, from 0; it has the fields that the tree's patterns mention, and perhaps
-    more. `others` counts events that fit no pattern. After the events of the batch comes the `error`, if there is one.
-    """
-
-    count: int
-    events: Sequence[tuple[int, dict[str, Json]]]
-    others: Sequence[tuple[Values, int]]
-    error: TraceError | None = None
-
-
-class _Known(NamedTuple):
-    """What values of the discriminating fields mean: whether some pattern may fit, and the quoted keys that are not to be repeated."""
+class DiscriminatorMeaning(NamedTuple):
+    """What values of the discriminating fields mean: whether events with them are looked at, and the quoted keys not to be repeated."""
 
     live: bool
-    apart: Values
     keys: tuple[bytes, ...]
 
 
-class _View(NamedTuple):
-    """A block decoded: for each line what the decoder made of it, and its values in the discriminating fields, or `_DOUBT`.
+class FastReader:
+    """Reads logs for one tree; `possible` says whether events with given values in the discriminating fields are of interest.
 
-    The values of one discriminating field stand as they are, those of several together. With `whole` the heads are events, and with
-    `sure` no key is repeated that is read.
+    Of events it decodes only these fields. The values of one discriminating field stand as they are, those of several as a tuple.
     """
 
-    heads: Sequence[Any]
-    found: list[Hashable]
-    counts: Mapping[Hashable, int]
-    whole: bool
-    sure: bool
-
-
-class Batches:
-    """Reads logs for one tree."""
-
-    def __init__(self, reads: TreeReads, fields: Sequence[str]) -> None:
+    def __init__(self, reads: TreeReads, fields: Sequence[str], possible: Callable[[Iterable[Hashable]], bool]) -> None:
         self._reads = reads
         self._discriminators = reads.discriminators
-        self._decoder = event_decoder(fields)
-        self._head = head_decoder(self._discriminators.fields).decode
-        self._known: dict[Hashable, _Known] = {}
-        self._skeletons = Skeletons(map(quoted, fields), self._sound)
+        self._possible = possible
+        event: Any = TypedDict("event", dict.fromkeys(fields, Scalar), total=False)  # type: ignore[misc] # the names come with the tree
+        self._event = msgspec.json.Decoder(event)
+        names = {f"f{number}": field for number, field in enumerate(self._discriminators.fields)}
+        # Not to be looked at by the garbage collector: heads live for one block, and hold nothing that could refer to them.
+        head = msgspec.defstruct(
+            "Head",
+            [(name, Scalar | msgspec.UnsetType, msgspec.UNSET) for name in names],
+            rename=names.__getitem__,
+            gc=False,
+            module=__name__,
+        )
+        self._head = msgspec.json.Decoder(head)
+        self._known: dict[Hashable, DiscriminatorMeaning] = {}
+        self._skeletons = Skeletons(map(_quoted, fields))
         self._dense = False
         """Whether most lines of late were of interest: then all are decoded as events at once."""
 
     @classmethod
-    def of(cls, reads: TreeReads, also: Iterable[str] = ()) -> Self | None:
-        """A reader of the logs of a tree, or None for a tree that is left to `rvaft.traces`; `also` are fields to keep."""
-        fields = fields_of(reads.patterns)
-        if not reads.discriminators.fields or fields is None:
-            return None
-        return cls(reads, tuple(dict.fromkeys((*fields, *also))))
+    def of(
+        cls, reads: TreeReads, also: Iterable[str] = (), possible: Callable[[Iterable[Hashable]], bool] | None = None
+    ) -> Self | None:
+        """A reader of the logs of a tree, or None for a tree that is left to `rvaft.monitoring.reader`; `also` are fields to keep.
 
-    def read(self, stream: BufferedIOBase, file: str, wants: Wants) -> Iterator[Batch]:
-        """All events of a stream in batches; raises `TraceError` after the batch that has it.
-
-        `wants` says how many more events that fit no pattern, with given values in the discriminating fields, are to be among
-        the events of a batch all the same; it is asked once for each batch.
+        Such a tree tells no events apart by strings, wants more than fields, or fields whose names a line could write in more ways
+        than one, escapes of ASCII by their number aside.
         """
-        coming = Blocks(stream, file)
-        for block in coming:
-            view = self._view(block)
-            batch = self._batch(block, view, wants, file, coming.line)
+        if not reads.discriminators.fields or not all(isinstance(one, ObjectPattern) for one in reads.patterns):
+            return None
+        named = [name for one in reads.patterns if isinstance(one, ObjectPattern) for name, _ in one.fields]
+        fields = tuple(dict.fromkeys((*named, *also)))
+        if not all(name.isascii() and name.isprintable() and not set(name) & set('"\\/') for name in fields):
+            return None
+        asked = reads.discriminators
+
+        def fits(values: Iterable[Hashable]) -> bool:
+            return bool(asked.candidates(asked.values(dict(zip(asked.fields, values, strict=True)))))
+
+        return cls(reads, fields, possible or fits)
+
+    def read(self, stream: BufferedIOBase, file: str) -> Iterator[Batch]:
+        """All events of a stream in batches; raises `TraceError` after the batch that has it."""
+        for block in blocks(stream, file):
+            batch = self._batch(block, file)
             yield batch
             if batch.error is not None:
                 raise batch.error
-            coming.line += len(view.heads)
 
-    # -- what is on each line ---------------------------------------------------------------------------------------
-
-    def _view(self, block: Block) -> _View:
-        if self._dense and utf8(block.text) and block.within(SHORT):
-            count = self._skeletons.count(block)
-            if count is not None:
-                with suppress(*REFUSED):
-                    heads = self._decoder.decode_lines(block.text)
-                    if len(heads) == count:
-                        found = self._found(heads, whole=True)
-                        return _View(heads, found, Counter(found), whole=True, sure=True)
+    def _batch(self, block: LogBlock, file: str) -> Batch:
         whole = self._dense
-        heads, refused = _decoded(self._decoder.decode if whole else self._head, block.lines)
-        found = self._found(heads, whole=whole)
-        counts = Counter(found)
-        doubts = doubtful(block)
-        doubts.update(refused, self._told_twice(block, found, {} if doubts else counts))
-        for place in doubts:
-            found[place] = _DOUBT
-        return _View(heads, found, Counter(found) if doubts else counts, whole, sure=False)
-
-    def _found(self, heads: Sequence[Any], *, whole: bool) -> list[Hashable]:
-        """The values in the discriminating fields, `ABSENT` for those of no head."""
-        columns: list[list[Hashable]] = []
-        for number, field in enumerate(self._discriminators.fields):
-            value: Callable[[Any], Hashable] = methodcaller("get", field, ABSENT) if whole else attrgetter(f"f{number}")
-            try:
-                columns.append(list(map(value, heads)))
-            except AttributeError:
-                columns.append([ABSENT if head is None else value(head) for head in heads])
-        return columns[0] if len(columns) == 1 else list(zip(*columns, strict=True))
-
-    def _told_twice(self, block: Block, found: Sequence[Any], counts: Mapping[Hashable, int]) -> Iterator[int]:
-        """The places of lines that may repeat a discriminating field.
-
-        With `counts`, those of `found`, no line writes a field otherwise than it is: then to count them in the block will do.
-        """
-        fields = self._discriminators.fields
-        for number, field in enumerate(fields):
-            key = quoted(field)
-            absent = counts.get(ABSENT, 0) if len(fields) == 1 else sum(values[number] is ABSENT for values in found)
-            if not counts or block.text.count(key) != len(found) - absent:
-                yield from repeated(block.lines, key)
-
-    def _sound(self, line: bytes) -> bool:
-        """Whether a line is one object."""
-        try:
-            decode(line, reads=Reads())
-        except ValueError:
-            return False
-        return True
-
-    # -- events -----------------------------------------------------------------------------------------------------
-
-    def _batch(self, block: Block, view: _View, wants: Wants, file: str, first: int) -> Batch:
-        heads, found, counts, whole, sure = view
-        known = {values: self._what(values) for values in counts if values is not _DOUBT}
-        left = {values: wants(what.apart) for values, what in known.items() if not what.live}
-        others = {values: counts[values] for values, wanted in left.items() if not wanted}
-        places = (
-            [place for place, values in enumerate(found) if values not in others] if len(others) < len(counts) else []
-        )
-        keys = {} if sure else {values: what.keys for values, what in known.items() if what.live}
+        heads = self._sound(block) if whole and _is_utf8(block.text) and block.is_within(SHORT) else None
+        sound = heads is not None
+        if heads is None:
+            heads, found, counts = self._checked(block, whole=whole)
+        else:
+            found = self._values(heads, whole=True)
+            counts = Counter(found)
+        known = {values: self._meaning(values) for values in counts if values is not _DOUBT}
+        dead = {values for values, meaning in known.items() if not meaning.live}
+        places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))
         self._dense = 2 * len(places) > len(found)
-        if sure and not left:
-            return Batch(len(found), list(enumerate(heads)), ())
+        if sound:
+            return Batch(len(found), [(place, heads[place]) for place in places] if dead else list(enumerate(heads)))
         events: list[tuple[int, dict[str, Json]]] = []
         blank = 0
         for place in places:
-            values = found[place]
-            if values in left:
-                if not left[values]:
-                    others[values] = others.get(values, 0) + 1
-                    continue
-                left[values] -= 1
+            line, values = block.lines[place], found[place]
             event: dict[str, Json] | None = None
-            if sure:
-                event = heads[place]
-            elif values is not _DOUBT and not _repeats(block.lines[place], keys.get(values, ())):
-                event = heads[place] if whole else _one(self._decoder.decode, block.lines[place])
+            if values is not _DOUBT and not _repeats(line, known[values].keys):
+                event = heads[place] if whole else _decoded(self._event, line)
             if event is None:
                 try:
-                    event = event_on(block.lines[place], file, first + place, self._reads)
+                    event = event_on(line, file, block.first + place, self._reads)
                 except TraceError as error:
-                    before = view._replace(heads=heads[:place], found=found[:place], counts=Counter(found[:place]))
-                    return replace(self._batch(block, before, wants, file, first), error=error)
+                    return Batch(place - blank, events, error)
             if event is None:
                 blank += 1
             else:
                 events.append((place - blank, event))
-        return Batch(len(found) - blank, events, [(known[values].apart, count) for values, count in others.items()])
+        return Batch(len(found) - blank, events)
 
-    def _what(self, values: Hashable) -> _Known:
+    def _sound(self, block: LogBlock) -> list[Any] | None:
+        """The events of a block in which nothing can be wrong that the decoder does not see, or None."""
+        count = self._skeletons.count(block)
+        if count is not None:
+            with suppress(*_REFUSED):
+                heads: list[Any] = self._event.decode_lines(block.text)
+                if len(heads) == count:
+                    return heads
+        return None
+
+    def _checked(self, block: LogBlock, *, whole: bool) -> tuple[list[Any], list[Hashable], Counter[Hashable]]:
+        """For each line what the decoder makes of it and its values in the discriminating fields, `_DOUBT` where it cannot be trusted."""
+        decoder = self._event if whole else self._head
+        try:
+            heads = list(map(decoder.decode, block.lines))
+            doubts = doubtful(block)
+        except _REFUSED:
+            heads = [_decoded(decoder, line) for line in block.lines]
+            doubts = doubtful(block) | {place for place, head in enumerate(heads) if head is None}
+        found = self._values(heads, whole=whole)
+        counts = Counter(found)
+        fields = self._discriminators.fields
+        for number, field in enumerate(fields):
+            # Where no line writes a field otherwise than it is, to count them in the block will do.
+            key, absent = _quoted(field), msgspec.UNSET
+            lacking = counts.get(absent, 0) if len(fields) == 1 else sum(one[number] is absent for one in found)  # type: ignore[index]
+            if doubts or block.text.count(key) != len(found) - lacking:
+                doubts.update(place for place, line in enumerate(block.lines) if line.count(key) > 1)
+        for place in doubts:
+            found[place] = _DOUBT
+        return heads, found, Counter(found) if doubts else counts
+
+    def _values(self, heads: Sequence[Any], *, whole: bool) -> list[Hashable]:
+        columns: list[list[Hashable]] = []
+        for number, field in enumerate(self._discriminators.fields):
+            value: Callable[[Any], Hashable]
+            value = methodcaller("get", field, msgspec.UNSET) if whole else attrgetter(f"f{number}")
+            try:
+                columns.append(list(map(value, heads)))
+            except AttributeError:
+                columns.append([msgspec.UNSET if head is None else value(head) for head in heads])
+        return columns[0] if len(columns) == 1 else list(zip(*columns, strict=True))
+
+    def _meaning(self, values: Hashable) -> DiscriminatorMeaning:
         known = self._known.get(values)
         if known is None:
             fields = self._discriminators.fields
-            every = values if len(fields) > 1 else (values,)
-            assert isinstance(every, tuple)
+            every: Any = values if len(fields) > 1 else (values,)
             asked = self._discriminators.values(dict(zip(fields, every, strict=True)))
-            live = bool(self._discriminators.candidates(asked))
-            keys = tuple(quoted(field) for field in self._reads.where(asked).fields if field not in fields)
-            known = _Known(live, self._discriminators.apart(every), keys)
-            if len(self._known) >= BATCHES_MEMORY:
+            keys = tuple(_quoted(field) for field in self._reads.where(asked).fields if field not in fields)
+            known = DiscriminatorMeaning(self._possible(every), keys)
+            if len(self._known) >= MEMORY:
                 self._known.clear()
             if brief(every):
                 self._known[values] = known
         return known
+
+
+def _quoted(field: str) -> bytes:
+    """A field as it stands in a line."""
+    return f'"{field}"'.encode()
 
 
 def _repeats(line: bytes, keys: tuple[bytes, ...]) -> bool:
@@ -466,17 +352,8 @@ def _repeats(line: bytes, keys: tuple[bytes, ...]) -> bool:
     return False
 
 
-def _decoded(decode: Callable[[bytes], Any], lines: Sequence[bytes]) -> tuple[list[Any], list[int]]:
-    """What a decoder makes of each line, and the places of those that it refuses; there stands None."""
+def _decoded(decoder: "msgspec.json.Decoder[Any]", line: bytes) -> Any:
     try:
-        return list(map(decode, lines)), []
-    except REFUSED:
-        heads = [_one(decode, line) for line in lines]
-        return heads, [place for place, head in enumerate(heads) if head is None]
-
-
-def _one(decode: Callable[[bytes], Any], line: bytes) -> Any:
-    try:
-        return decode(line)
-    except REFUSED:
+        return decoder.decode(line)
+    except _REFUSED:
         return None

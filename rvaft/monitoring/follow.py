@@ -3,7 +3,7 @@
 The file is looked at now and then with `os.stat`, which works on every file system. Logs are rotated in two ways. Renaming:
 another file stands at the path; the old one is read to its end first, and its last line may lack a line end. Truncating, or writing
 the file anew: what was read last is no longer there; a line that was still unfinished is dropped. Either way the file
-is then read from its start, and a `Change` says so. Two rotations between two looks are one, and the file between them is not seen.
+is then read from its start, and a `FileChange` says so. Two rotations between two looks are one, and the file between them is not seen.
 """
 
 import io
@@ -33,7 +33,7 @@ _NAP: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class FileChange:
     """Another file is read from now on: `replaced` by another file, or the same one truncated or written anew.
 
     `read` is how many bytes of the old one were read, `dropped` how many of them were a line without an end that is lost.
@@ -50,10 +50,10 @@ class Change:
         return f"{self.path} {what} and is now read from its start{lost}"
 
 
-class Followed(io.RawIOBase):
+class FollowedFile(io.RawIOBase):
     """The bytes of a file as it grows, to be closed after use; `rvaft.traces.read` takes it for a trace.
 
-    It looks every `poll` seconds, tells `changed` when it goes over to another file, and ends as soon as `stop` says so; a line
+    It looks every `poll` seconds, tells `changed` when it goes over to another file and `idle` that nothing comes, and ends as soon as `stop` says so; a line
     that is unfinished then is not given. `offset` is where to begin, at the start of a line, and `line` how many lines are before.
 
     Raises `OSError` for a file that cannot be opened, also later for the one that replaces it, and `OptionError` for what is no
@@ -69,7 +69,8 @@ class Followed(io.RawIOBase):
         *,
         poll: float = DEFAULT_POLL,
         stop: Callable[[], bool] = lambda: False,
-        changed: Callable[[Change], object] = lambda _: None,
+        changed: Callable[[FileChange], object] = lambda _: None,
+        idle: Callable[[], object] = lambda: None,
         offset: int = 0,
         line: int = 0,
     ) -> None:
@@ -82,6 +83,7 @@ class Followed(io.RawIOBase):
         self._poll = poll
         self._stop = stop
         self._changed = changed
+        self._idle = idle
         self.line = line
         self.file = _opened(self.path)
         self._next: BinaryIO | None = None
@@ -166,6 +168,7 @@ class Followed(io.RawIOBase):
                 return True
             if self._next is None:
                 self._next = self._other()
+                self._idle()
                 self._sleep()  # whoever writes to the old file may not have noticed yet
             elif self._ready:
                 self._ready += b"\n"
@@ -180,7 +183,7 @@ class Followed(io.RawIOBase):
         self.file.seek(self._position - len(self._before))
         seen = self.file.read(len(self._before) + _BLOCK)
         if not seen.startswith(self._before):
-            self._changed(Change(str(self.path), replaced=False, read=self._position, dropped=len(self._ready)))
+            self._changed(FileChange(str(self.path), replaced=False, read=self._position, dropped=len(self._ready)))
             self._start_anew()
             return self._fill() or bool(self._ready)
         new = seen[len(self._before) :]
@@ -204,7 +207,7 @@ class Followed(io.RawIOBase):
 
     def _replace(self) -> None:
         assert self._next is not None
-        self._changed(Change(str(self.path), replaced=True, read=self._position))
+        self._changed(FileChange(str(self.path), replaced=True, read=self._position))
         self.file.close()
         self.file, self._next = self._next, None
         self._start_anew()

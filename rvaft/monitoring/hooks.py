@@ -10,7 +10,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final
@@ -19,8 +19,8 @@ from rvaft.errors import OptionError
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.monitoring.explanation_json import explained, matched_events
-from rvaft.monitors import Explanation
+from rvaft.monitoring.explanation_json import explained, matched_events, told_fields
+from rvaft.monitoring.run import Detection
 
 DEFAULT_TIMEOUT: Final = 30.0
 """How long a command may take unless told otherwise, in seconds."""
@@ -34,7 +34,7 @@ _SHOWN: Final = 80
 
 
 @dataclass(frozen=True, slots=True)
-class Failure:
+class CommandFailure:
     """A command that did not do its work, and why; as text one line."""
 
     command: str
@@ -64,75 +64,68 @@ class Hooks:
     def __bool__(self) -> bool:
         return self.always is not None or bool(self.on)
 
-    def commands(self, kinds: Iterable[Kind]) -> tuple[str, ...]:
-        """What is run for a detection of these kinds, in turn: the command for all, then for faults, then for attacks."""
-        present = set(kinds)
-        chosen = (self.on[kind] for kind in Kind if kind in present and kind in self.on)
-        return (*(() if self.always is None else (self.always,)), *chosen)
-
-    def run(self, detected: Mapping[str, Json], also: Collection[Kind] = ()) -> tuple[Failure, ...]:
-        """Run the commands for a `detection`, one after the other, and say which failed.
+    def run(self, detected: Mapping[str, Json], also: Collection[Kind] = ()) -> tuple[CommandFailure, ...]:
+        """Run the commands for a `detection`, one after the other (that for all, then for faults, then for attacks), and say which failed.
 
         `also` are kinds that were detected beside those of the match: a branch of a kind may be matched without a node of that kind.
         """
         text = f"{json.dumps(detected)}\n".encode()
-        kinds = [kind for kind in Kind if kind in also or kind.value in detected["kinds"]]
-        failures = (_run(command, text, self.timeout) for command in self.commands(kinds))
+        chosen = [self.on.get(kind) for kind in Kind if kind in also or kind.value in detected["kinds"]]
+        failures = [_run(command, text, self.timeout) for command in (self.always, *chosen) if command is not None]
         return tuple(failure for failure in failures if failure is not None)
 
 
 def detection(
-    explanation: Explanation | None,
+    found: Detection,
     tree: RVAFT,
     *,
     name: str,
     trace: str,
     event: int,
     key: tuple[Json] | None = None,
-    events: Mapping[int, Json] | None = None,
+    again: bool = False,
 ) -> dict[str, Json]:
     """What a command is told: one JSON object.
 
-    `tree` and `trace` are their names, `event` is the number of the event that detected; `key` is the value that the monitor is for, and
-    only there where there is one for each. From the explanation come `branch`, `kinds`, `matched` (nodes with the numbers of
+    `tree` and `trace` are their names, `event` is the number of the event that detected; `key` says what the monitor is for, in a tuple
+    since it may be null, and is only there where there is one for each. From the explanation come `branch`, `kinds`, `matched` (nodes with the numbers of
     their events) and `variables`; without one, as from a backend that does not explain, they are null or empty. `events`
-    are those that were matched, by their numbers as text, as far as they are known.
+    are those that were matched, by their numbers as text, as far as they are known. With `again` an earlier run has told this already.
     """
-    known = events or {}
-    told = _UNEXPLAINED if explanation is None else explained(explanation, tree, known)
-    numbers = [] if explanation is None else sorted(matched_events([explanation]))
+    told = _UNEXPLAINED
+    numbers: list[int] = []
+    if found.explanation is not None:
+        told = explained(found.explanation, tree, found.events, told_fields(tree))
+        numbers = sorted(matched_events([found.explanation]))
     return {
         "tree": name,
         "trace": trace,
         **({} if key is None else {"key": key[0]}),
         "event": event,
+        **({"again": True} if again else {}),
         **told,
-        "events": {str(number): known[number] for number in numbers if number in known},
+        "events": {str(number): found.events[number] for number in numbers if number in found.events},
     }
 
 
-def _run(command: str, text: bytes, timeout: float) -> Failure | None:
+def _run(command: str, text: bytes, timeout: float) -> CommandFailure | None:
     """Run one command; in a process group of its own, so that all of it can be ended."""
+    output = subprocess.DEVNULL if sys.__stderr__ is None else sys.__stderr__.fileno()
     try:
         running = subprocess.Popen(  # noqa: S603 (the user's own command)
-            [_SHELL, "-c", command], stdin=subprocess.PIPE, stdout=_output(), start_new_session=True
+            [_SHELL, "-c", command], stdin=subprocess.PIPE, stdout=output, start_new_session=True
         )
     except (OSError, ValueError) as error:
-        return Failure(command, f"cannot be run: {getattr(error, 'strerror', None) or error}")
+        return CommandFailure(command, f"cannot be run: {getattr(error, 'strerror', None) or error}")
     try:
         running.communicate(text, timeout=timeout)  # a command that does not read its input is none the worse for it
     except subprocess.TimeoutExpired:
         _end(running)
-        return Failure(command, f"did not end within {timeout:g} s and was killed")
+        return CommandFailure(command, f"did not end within {timeout:g} s and was killed")
     except BaseException:
         _end(running)
         raise
-    return None if running.returncode == 0 else Failure(command, _reason(running.returncode))
-
-
-def _output() -> int:
-    """Where what a command prints goes; nowhere if the monitor was started without a standard error."""
-    return subprocess.DEVNULL if sys.__stderr__ is None else sys.__stderr__.fileno()
+    return None if running.returncode == 0 else CommandFailure(command, _reason(running.returncode))
 
 
 def _end(running: "subprocess.Popen[bytes]") -> None:

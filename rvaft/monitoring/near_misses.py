@@ -2,13 +2,14 @@
 
 import json
 from collections import Counter
-from collections.abc import Hashable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from rvaft.analysis.pattern_index import Decided, Letter, Reader, Shapes, TreeReads, reader
+from rvaft.analysis.pattern_index import Decided, Discriminators, Letter, PatternIndex, Reader, TreeReads, reader
+from rvaft.model.expressions import pattern_text
 from rvaft.model.guards import Predicate
-from rvaft.model.patterns import ObjectPattern, Pattern, match
+from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 
@@ -16,151 +17,88 @@ LOOKED_AT: Final = 20
 """Near misses are looked for in so many events of those that match nothing and have the same strings in the discriminating fields."""
 MOST: Final = 10_000
 """How many different such strings are told apart; events with others are not looked at."""
-_SHOWN = 40
+_SHOWN: Final = 40
 """Characters of a value in a warning."""
 
 Path = tuple[str, ...]
 
 
-@dataclass(slots=True)
-class NearMiss:
-    """Events that have all fields of an event type but one.
+class EventTypes:
+    """What events can be to a tree: of which types they are, by one look-up for the types and for all monitors of the tree.
 
-    `first` says where the first of them is, and `found` what it has in that field, None where it lacks the field. With `more` there are
-    events like these that were not looked at.
+    An event type is what an `on` names; the default event of a leaf is a type of the leaf's name. `also` are patterns of monitors.
     """
 
-    type: str
-    field: Path
-    expected: Pattern
-    found: str | None
-    first: str
-    count: int = 0
-    more: bool = False
-
-
-class Statistics:
-    """Counts over the events of one trace or several; can be pickled.
-
-    An event type is what an `on` names; the default event of a leaf is a type of the leaf's name.
-    """
-
-    def __init__(self, tree: RVAFT) -> None:
-        self.events = 0
-        self.relevant: Counter[str] = Counter()
-        self.near_misses: dict[tuple[str, Path], NearMiss] = {}
-        self._tree = tree if tree.part_of is None else tree.part_of.tree
-        self._seen: set[str] = set()
-        self._looked_at: Counter[tuple[Hashable, ...]] = Counter()
-        self._missed: dict[tuple[Hashable, ...], list[NearMiss]] = {}
-        self._compile()
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The tree and the counts; what is compiled from the tree is compiled again."""
-        compiled = {"types", "discriminators", "_readers", "_kinds", "_shapes", "_compound"}
-        return {name: value for name, value in vars(self).items() if name not in compiled}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._compile()
-
-    def _compile(self) -> None:
-        tree = self._tree
+    def __init__(self, tree: RVAFT, also: Sequence[Pattern] = ()) -> None:
+        self.tree = tree if tree.part_of is None else tree.part_of.tree
         types: dict[str, Pattern] = {}
         entries: dict[tuple[str, Letter], None] = {}
-        for relevant in tree.alphabet:
-            on = tree.nodes[relevant.node].on
+        for relevant in self.tree.alphabet:
+            on = self.tree.nodes[relevant.node].on
             name = relevant.node if on is None else on.event
-            types.setdefault(name, relevant.pattern if on is None else tree.events[on.event].pattern)
+            types.setdefault(name, relevant.pattern if on is None else self.tree.events[on.event].pattern)
             entries[name, Letter(relevant.pattern, relevant.when)] = None
-        self.types = tuple(types)
-        self.discriminators = TreeReads(tree).discriminators
-        letters: list[tuple[str, str, Letter]] = [("type", name, Letter(pattern)) for name, pattern in types.items()]
-        letters.extend(("entry", name, letter) for name, letter in entries)
-        letters.extend(("ignored", "", Letter(tree.instantiate(ignore.on), ignore.when)) for ignore in tree.ignores)
+        self.names = tuple(types)
+        letters = [("type", name, Letter(pattern)) for name, pattern in types.items()]
+        letters += [("entry", name, letter) for name, letter in entries]
+        letters += [("ignored", "", Letter(self.tree.instantiate(one.on), one.when)) for one in self.tree.ignores]
+        letters += [("monitor", "", Letter(pattern)) for pattern in dict.fromkeys(also)]
         self._kinds = tuple((kind, name) for kind, name, _ in letters)
         self._readers = tuple(reader(number, letter) for number, (_, _, letter) in enumerate(letters))
-        self._shapes = Shapes((letter.pattern for _, _, letter in letters), self._sketch)
-        leaves = ((name, tuple(_leaves(letter.pattern))) for name, letter in entries)
-        self._compound = tuple(dict.fromkeys(leaf for leaf in leaves if len(leaf[1]) > 1))
+        self.of = PatternIndex((letter.pattern for _, _, letter in letters), self._sight).of
+        """What an event is, as far as its shape says."""
+        reads = TreeReads(self.tree)
+        self.discriminators: Discriminators = reads.discriminators
+        self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
+        for pattern in reads.patterns:
+            for field, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
+                if field in self._meant and isinstance(value, Literal) and isinstance(value.value, str):
+                    self._meant[field][spelling(value.value)] = value.value
+        fields = ((name, tuple(_leaves(letter.pattern))) for name, letter in entries)
+        self.compound = tuple(dict.fromkeys(one for one in fields if len(one[1]) > 1))
+        """The types with several fields, of which an event can miss one."""
 
-    def add(self, event: Mapping[str, Json], number: int, prefix: str = "") -> bool:
-        """Count one event and say whether it is relevant to the tree; `number`, with a prefix, is its place."""
-        self.events += 1
-        sketch = self._shapes.of(event)
-        if not sketch.ready:
-            if sketch.open:
-                sketch = self._sketch(self._decided(sketch, event))
-            self._seen.update(sketch.types)
-            if not sketch.entries:
-                self._look_at(event, number, prefix)
-                return False
-            sketch.ready = not sketch.open
-        for admits in sketch.ignored:
-            if admits(event):
-                return False
-        relevant = sketch.relevant(event)
-        for name in relevant:
-            self.relevant[name] += 1
-        return bool(relevant)
+    def possible(self, values: Iterable[Hashable]) -> bool:
+        """Whether events with these values in the discriminating fields may fit a pattern, perhaps if the values were spelled as they are there."""
+        meant = {
+            field: self._meant[field].get(spelling(value), value) if isinstance(value, str) else None
+            for field, value in zip(self.discriminators.fields, values, strict=True)
+        }
+        return bool(self.discriminators.candidates(self.discriminators.values(meant)))
 
-    def pass_over(self, values: tuple[Hashable, ...], count: int) -> None:
-        """Count events that match nothing, and are not to be looked at, with these strings in the discriminating fields."""
-        self.events += count
-        if count:
-            self._note_more(values)
-
-    def wants(self, values: tuple[Hashable, ...]) -> int:
-        """How many more events that match nothing, with these strings in the discriminating fields, are looked at for near misses."""
-        if not self._compound or (values not in self._looked_at and len(self._looked_at) >= MOST):
-            return 0
-        return max(0, LOOKED_AT - self._looked_at[values])
-
-    @property
-    def never_seen(self) -> tuple[str, ...]:
-        """The event types that no event was of, in the order of the tree."""
-        return tuple(name for name in self.types if name not in self._seen)
-
-    def _sketch(self, decided: Decided) -> "_Sketch":
-        kinds = self._kinds
-        return _Sketch(
-            frozenset(kinds[n][1] for n in decided.fits if kinds[n][0] == "type"),
-            tuple((kinds[n][1], self._readers[n]) for n in decided.fits if kinds[n][0] == "entry"),
-            tuple(_admitting(self._readers[n]) for n in decided.fits if kinds[n][0] == "ignored"),
-            decided,
-        )
-
-    def _decided(self, sketch: "_Sketch", event: Mapping[str, Json]) -> Decided:
+    def decided(self, sight: "Sight", event: Mapping[str, Json]) -> "Sight":
         """What the event itself decides beside its shape. Here only patterns count: guards are asked afterwards."""
-        fits, open_ = sketch.decided
+        fits, open_ = sight.decided
         found = (number for number in open_ if match(self._readers[number].pattern, event, {}) is not None)
-        return Decided((*fits, *found), ())
+        return self._sight(Decided((*fits, *found), ()))
 
-    def _look_at(self, event: Mapping[str, Json], number: int, prefix: str) -> None:
-        values = self.discriminators.apart(map(event.get, self.discriminators.fields))
-        if self.wants(values):
-            self._looked_at[values] += 1
-            self._add_near_misses(event, f"{prefix}event {number}", values)
-        else:
-            self._note_more(values)
+    def _sight(self, decided: Decided) -> "Sight":
+        return Sight(decided, [(*self._kinds[number], self._readers[number]) for number in decided.fits])
 
-    def _note_more(self, values: tuple[Hashable, ...]) -> None:
-        for miss in self._missed.get(values, ()):
-            miss.more = True
 
-    def _add_near_misses(self, event: Json, where: str, values: tuple[Hashable, ...]) -> None:
-        missed: dict[tuple[str, Path], tuple[Pattern, str | None]] = {}
-        for name, leaves in self._compound:
-            near = _only_miss(leaves, event)
-            if near is not None:
-                missed.setdefault((name, near[0]), near[1:])
-        for (name, path), (expected, found) in missed.items():
-            new = NearMiss(name, path, expected, found, where)
-            miss = self.near_misses.setdefault((name, path), new)
-            miss.count += 1
-            like = self._missed.setdefault(values, [])
-            if miss not in like:
-                like.append(miss)
+class Sight:
+    """What events of one shape are: the types they have, the entries of the alphabet and the ignored letters that they fit."""
+
+    __slots__ = ("_entries", "constant", "decided", "ignored", "monitored", "noted", "plain", "types")
+
+    def __init__(self, decided: Decided, letters: list[tuple[str, str, Reader]]) -> None:
+        self.decided = decided
+        self.types = frozenset(name for kind, name, _ in letters if kind == "type")
+        self._entries = tuple((name, one) for kind, name, one in letters if kind == "entry")
+        self.ignored = tuple(_admitting(one) for kind, _, one in letters if kind == "ignored")
+        names = tuple(dict.fromkeys(name for name, _ in self._entries))
+        self.constant = names if all(one.holds is None for _, one in self._entries) else None
+        """The types of which every such event is relevant unless it is ignored, or None where that has to be asked of the event."""
+        self.noted: object = None
+        """The statistics that know these types as seen."""
+        self.plain = bool(self.constant) and not self.ignored and not decided.open
+        """Whether such an event is of the constant types whatever else it holds."""
+        self.monitored: tuple[Any, ...] | None = None
+        """What the shape says to each monitor, once they were asked."""
+
+    def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
+        """The types of which an event that is not ignored is relevant."""
+        return tuple(dict.fromkeys(name for name, one in self._entries if one.admits(event)))
 
 
 def _admitting(one: Reader) -> Predicate:
@@ -168,33 +106,124 @@ def _admitting(one: Reader) -> Predicate:
     return one.holds if one.plain and one.holds is not None else one.admits
 
 
-class _Sketch:
-    """What events of one shape may be: the types they have, and the entries of the alphabet and ignored letters that they fit."""
+@dataclass(slots=True)
+class NearMiss:
+    """Events that have all fields of an event type but one.
 
-    __slots__ = ("_fixed", "decided", "entries", "ignored", "open", "ready", "types")
+    `expected` is the text of the pattern there, `found` what the first event has in that field, None where it lacks the field, and `first`
+    says where that event is. With `more` there are events like these that were not looked at.
+    """
 
-    def __init__(
-        self,
-        types: frozenset[str],
-        entries: tuple[tuple[str, Reader], ...],
-        ignored: tuple[Predicate, ...],
-        decided: Decided,
-    ) -> None:
+    type: str
+    field: Path
+    expected: str
+    found: str | None
+    first: str
+    count: int = 0
+    more: bool = False
+
+
+class Statistics:
+    """Counts over the events of one trace or several; can be pickled, and added to those of other traces of the same tree."""
+
+    def __init__(self, types: EventTypes) -> None:
         self.types = types
-        self.entries = entries
-        self.ignored = ignored
-        self.decided = decided
-        self.open = bool(decided.open)
-        self.ready = False
-        """Whether its types are noted, and its events have to be asked no more than what is ignored and what is relevant."""
-        guarded = any(one.holds is not None for _, one in entries)
-        self._fixed = None if guarded else tuple(dict.fromkeys(name for name, _ in entries))
+        self.names = types.names
+        self.events = 0
+        self.tally: Counter[tuple[str, ...]] = Counter()
+        """How many events were relevant of these types together."""
+        self.near_misses: dict[tuple[str, Path], NearMiss] = {}
+        self.seen: set[str] = set()
+        """The types that some event was of."""
+        self._looked_at: Counter[tuple[Hashable, ...]] = Counter()
+        self._missed: dict[tuple[Hashable, ...], list[NearMiss]] = {}
 
-    def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
-        """The types of which an event that is not ignored is relevant."""
-        if self._fixed is not None:
-            return self._fixed
-        return tuple(dict.fromkeys(name for name, one in self.entries if one.admits(event)))
+    def __getstate__(self) -> dict[str, Any]:
+        """The counts, without what the tree says."""
+        return {name: value for name, value in vars(self).items() if name != "types"}
+
+    def add(self, event: Mapping[str, Json], number: int, prefix: str = "", sight: Sight | None = None) -> bool:
+        """Count one event and say whether it is relevant to the tree; `number`, with a prefix, is its place."""
+        self.events += 1
+        sight = sight or self.types.of(event)
+        if sight.decided.open:
+            sight = self.types.decided(sight, event)
+        if sight.noted is not self:
+            self.seen |= sight.types
+            if sight.constant == ():
+                self._look_at(event, number, prefix)
+                return False
+            sight.noted = self
+        for admits in sight.ignored:
+            if admits(event):
+                return False
+        names = sight.constant or sight.relevant(event)
+        self.tally[names] += 1
+        return bool(names)
+
+    @property
+    def relevant(self) -> Counter[str]:
+        """How many events were relevant of each type."""
+        found: Counter[str] = Counter()
+        for names, count in self.tally.items():
+            found.update(dict.fromkeys(names, count))
+        return found
+
+    def merge(self, other: "Statistics") -> None:
+        """Add the counts of a later trace of the same tree."""
+        self.events += other.events
+        self.tally.update(other.tally)
+        self.seen |= other.seen
+        for name, miss in other.near_misses.items():
+            known = self.near_misses.get(name, replace(miss, count=0))
+            self.near_misses[name] = replace(known, count=known.count + miss.count, more=known.more or miss.more)
+
+    @property
+    def never_seen(self) -> tuple[str, ...]:
+        """The event types that no event was of, in the order of the tree."""
+        return tuple(name for name in self.names if name not in self.seen)
+
+    def _look_at(self, event: Mapping[str, Json], number: int, prefix: str) -> None:
+        if not self.types.compound:
+            return
+        discriminators = self.types.discriminators
+        values = discriminators.apart(map(event.get, discriminators.fields))
+        if not self.types.possible(values):
+            return
+        known = self._looked_at[values] if values in self._looked_at or len(self._looked_at) < MOST else LOOKED_AT
+        if known >= LOOKED_AT:
+            for miss in self._missed.get(values, ()):
+                miss.more = True
+            return
+        self._looked_at[values] = known + 1
+        missed: dict[tuple[str, Path], tuple[Pattern, str | None]] = {}
+        for name, leaves in self.types.compound:
+            near = _only_miss(leaves, event)
+            if near is not None and not _another_type(discriminators.fields, near[0], near[1], event):
+                missed.setdefault((name, near[0]), near[1:])
+        for (name, path), (expected, found) in missed.items():
+            new = NearMiss(name, path, pattern_text(expected), found, f"{prefix}event {number}")
+            miss = self.near_misses.setdefault((name, path), new)
+            miss.count += 1
+            like = self._missed.setdefault(values, [])
+            if miss not in like:
+                like.append(miss)
+
+
+def spelling(text: Json) -> Json:
+    """A text as it may be meant by somebody who writes it otherwise: `/Command` and `command` are one.
+
+    >>> spelling("/Command") == spelling("command")
+    True
+    """
+    return text.strip("/ ").casefold() if isinstance(text, str) else text
+
+
+def _another_type(fields: tuple[str, ...], path: Path, expected: Pattern, event: Mapping[str, Json]) -> bool:
+    """Whether what an event misses is but the field that tells event types apart, and it does not look like the same type misspelt."""
+    if len(path) != 1 or path[0] not in fields:
+        return False
+    return not isinstance(expected, Literal) or spelling(expected.value) != spelling(event.get(path[0]))
 
 
 def _leaves(pattern: Pattern) -> Iterator[tuple[Path, Pattern]]:

@@ -13,8 +13,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
 from itertools import count
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
@@ -55,14 +54,28 @@ def read(
 
     `source` is a path or a binary stream; `name` stands for it in errors. Without `reads` a
     repeated key is refused wherever it is. `line` is the number of the first line, where a stream begins later than its file.
+
+    >>> import io
+    >>> list(read(io.BytesIO(b'{"event": "a"}')))
+    [{'event': 'a'}]
     """
     if isinstance(source, (str, os.PathLike)):
-        file = name or os.fspath(source)
         with opened(Path(source)) as stream:
-            yield from _events(_lines(stream, file, line), file, line, reads)
-    else:
-        file = name or "<trace>"
-        yield from _events(_lines(source, file, line), file, line, reads)
+            yield from read(stream, name=name or os.fspath(source), reads=reads, line=line)
+        return
+    file = name or "<trace>"
+    failures = failures_of(file)
+    for number in count(line):
+        try:
+            text = source.readline(len(BOM) + MAX_LINE + 1)
+        except failures as error:
+            raise unreadable(error, file, number) from error
+        if not text:
+            return
+        text = text.removesuffix(b"\n")
+        event = event_on(text.removeprefix(BOM) if number == 1 else text, file, number, reads)
+        if event is not None:
+            yield event
 
 
 def decode(line: bytes, *, reads: Scope | None = None, finite: bool = False) -> dict[str, Json]:
@@ -95,21 +108,6 @@ def decode(line: bytes, *, reads: Scope | None = None, finite: bool = False) -> 
     return event
 
 
-# -- lines ------------------------------------------------------------------------------------------------------
-
-
-def _lines(stream: BinaryIO, file: str, first: int) -> Iterator[bytes]:
-    failures = failures_of(file)
-    for number in count(first):
-        try:
-            line = stream.readline(len(BOM) + MAX_LINE + 1)
-        except failures as error:
-            raise unreadable(error, file, number) from error
-        if not line:
-            return
-        yield line.removesuffix(b"\n")
-
-
 def failures_of(file: str) -> tuple[type[Exception], ...]:
     """What reading from a file of that name may raise that is not the reader's fault."""
     return (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
@@ -118,13 +116,6 @@ def failures_of(file: str) -> tuple[type[Exception], ...]:
 def unreadable(error: Exception, file: str, line: int) -> TraceError:
     """A trace that cannot be read from that line on."""
     return TraceError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file, line=line)
-
-
-def _events(lines: Iterator[bytes], file: str, first: int, reads: Scope | None) -> Iterator[dict[str, Json]]:
-    for number, line in enumerate(lines, first):
-        event = event_on(line.removeprefix(BOM) if number == 1 else line, file, number, reads)
-        if event is not None:
-            yield event
 
 
 def event_on(line: bytes, file: str, number: int, reads: Scope | None) -> dict[str, Json] | None:
@@ -140,7 +131,7 @@ def event_on(line: bytes, file: str, number: int, reads: Scope | None) -> dict[s
 # -- what the decoder lets pass ----------------------------------------------------------------------------------
 
 
-class _Repeating(dict[str, Json]):
+class RepeatingObject(dict[str, Json]):
     """An object in which keys are repeated."""
 
     __slots__ = ("repeated",)
@@ -151,7 +142,7 @@ def _object(pairs: list[tuple[str, Json]]) -> dict[str, Json]:
     made = dict(pairs)
     if len(made) == len(pairs):
         return made
-    repeating = _Repeating(made)
+    repeating = RepeatingObject(made)
     repeating.repeated = frozenset(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
     return repeating
 
@@ -161,7 +152,7 @@ def _constant(name: str) -> Json:
 
 
 def _integer(digits: str) -> int:
-    if len(digits) > MAX_DIGITS:
+    if len(digits.removeprefix("-")) > MAX_DIGITS:
         raise ValueError(f"a number of more than {MAX_DIGITS} digits")
     return int(digits)
 
@@ -206,7 +197,7 @@ def _check_read(event: dict[str, Json], reads: Reads) -> None:
     while agenda:
         value, here = agenda.pop()
         if isinstance(value, dict):
-            if isinstance(value, _Repeating):
+            if isinstance(value, RepeatingObject):
                 for key in sorted(value.repeated):
                     if here.whole or key in here.fields:
                         raise ValueError(f"the key {_quoted(key)} is repeated")
@@ -240,9 +231,7 @@ def _quoted(key: str) -> str:
     return json.dumps(key if len(key) <= 40 else f"{key[:40]}…", ensure_ascii=True)
 
 
-# Where events come from: files, several by one pattern, and streams.
-
-_WILD = "*?["
+_WILD: Final = frozenset("*?[")
 
 
 def expanded(name: str) -> list[str]:
@@ -250,7 +239,7 @@ def expanded(name: str) -> list[str]:
 
     In a pattern `**` stands for any folders, none included. Raises `FileNotFoundError` where nothing matches.
     """
-    if not any(sign in name for sign in _WILD) or os.path.lexists(name):
+    if _WILD.isdisjoint(name) or os.path.lexists(name):
         return [name]
     from glob import iglob  # noqa: PLC0415 -- imported on use
 
@@ -260,34 +249,9 @@ def expanded(name: str) -> list[str]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class LogFile:
-    """A file of events; `regular` is one that can be read again, and `size` its bytes on the disk."""
-
-    name: str
-    regular: bool
-    size: int
-
-    @classmethod
-    def find(cls, name: str) -> "LogFile":
-        """The file of that name, whether it is there or not."""
-        regular = Path(name).is_file()
-        return cls(name, regular, Path(name).stat().st_size if regular else 0)
-
-    @contextmanager
-    def open(self) -> Iterator[BinaryIO]:
-        """Its bytes, decompressed; raises `OSError` and `ToolMissing`."""
-        if Path(self.name).is_dir():
-            hint = f"'{os.path.join(self.name, '*.jsonl')}'"  # noqa: PTH118 (as typed)
-            raise IsADirectoryError(errno.EISDIR, f"Is a directory; name the logs in it, for example {hint}", self.name)
-        with opened(Path(self.name)) as stream:
-            yield stream
-
-
-def place(stream: BinaryIO) -> int:
-    """How many bytes of the file on the disk have been read; 0 where nobody knows."""
-    inner = getattr(stream, "fileobj", stream)  # what a decompressor reads
-    try:
-        return int(inner.tell())
-    except (OSError, ValueError, AttributeError):
-        return 0
+def open_log(name: str) -> AbstractContextManager[BinaryIO]:
+    """The bytes of a log, decompressed; raises `OSError` and `ToolMissing`."""
+    if Path(name).is_dir():
+        hint = f"'{os.path.join(name, '*.jsonl')}'"  # noqa: PTH118 (as typed)
+        raise IsADirectoryError(errno.EISDIR, f"Is a directory; name the logs in it, for example {hint}", name)
+    return opened(Path(name))

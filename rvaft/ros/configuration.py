@@ -22,7 +22,7 @@ from rvaft.model.verdict import Semantics
 from rvaft.monitoring.monitor_set import Per, parts
 from rvaft.ros.addresses import host as checked
 from rvaft.ros.addresses import is_address
-from rvaft.ros.server import LOCAL, PORT
+from rvaft.ros.server import LOCAL, PORT, REMEDY
 from rvaft.rules.rule import listing
 from rvaft.support.budget import Undecided
 
@@ -395,7 +395,7 @@ def _library() -> "ModuleType":
     try:
         import yaml  # noqa: PLC0415 -- imported on use
     except ImportError:
-        raise ToolMissing("PyYAML", remedy="pip install 'rvaft[ros]'") from None
+        raise ToolMissing("PyYAML", remedy=REMEDY) from None
     return yaml
 
 

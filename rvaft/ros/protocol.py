@@ -5,9 +5,8 @@ A message is one JSON event. The reply is that event with the field `verdict`, w
 message that is no event gets an error with the verdict so far.
 """
 
-import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, Self
@@ -16,20 +15,14 @@ from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.api import monitor, one_of
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge
-from rvaft.model.patterns import Literal, ObjectPattern, Pattern
+from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.event_buffer import Recall
-from rvaft.monitoring.explanation_json import explained, matched_events, places
-from rvaft.monitoring.monitor_set import Bank, Column, Per, columns
+from rvaft.monitoring.explanation_json import explained, matched_events, places, told_fields
+from rvaft.monitoring.monitor_set import Column, MonitorSet, Per, columns
 from rvaft.monitoring.reader import BOM, decode
-from rvaft.monitors import Explanation
-
-# Topic and service names with and without the leading slash.
-#
-# ROS takes `/command` and `command` for one name (at the root namespace), and the versions of ROSMonitoring write it either way.
-# A tree takes them for two values, so this holds on the wire alone: an event is read under the spelling that the tree uses.
+from rvaft.monitoring.run import EventBuffer
 
 FIELDS: Final = ("topic", "service")
 """The fields of an event, at its top level, that hold such a name."""
@@ -37,16 +30,23 @@ FIELDS: Final = ("topic", "service")
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """The names that a tree spells out, per field."""
+    """The names of topics and services that a tree spells out, per field.
+
+    ROS takes `/command` and `command` for one name (at the root namespace), and the versions of ROSMonitoring write it either way.
+    A tree takes them for two values, so this holds on the wire alone: an event is read under the spelling that the tree uses.
+    """
 
     known: Mapping[str, frozenset[str]]
 
     @classmethod
     def of(cls, tree: RVAFT) -> Self:
         """The names in the runtime events and `ignore` declarations of a tree."""
-        patterns = [relevant.pattern for relevant in tree.alphabet]
-        patterns += [tree.instantiate(ignore.on) for ignore in tree.ignores]
-        return cls({field: frozenset(_literals(patterns, field)) for field in FIELDS})
+        found: dict[str, set[str]] = {field: set() for field in FIELDS}
+        for pattern in TreeReads(tree).patterns:
+            for field, inner in pattern.fields if isinstance(pattern, ObjectPattern) else ():
+                if field in found and isinstance(inner, Literal) and isinstance(inner.value, str):
+                    found[field].add(inner.value)
+        return cls({field: frozenset(names) for field, names in found.items()})
 
     def as_written(self, event: Mapping[str, Json]) -> Mapping[str, Json]:
         """The event with its names as the tree spells them; one that the tree spells both ways, or not at all, stays as it is."""
@@ -65,65 +65,50 @@ def _other(name: str) -> str:
     return name[1:] if name.startswith("/") else f"/{name}"
 
 
-def _literals(patterns: list[Pattern], field: str) -> Iterator[str]:
-    for pattern in patterns:
-        if isinstance(pattern, ObjectPattern):
-            for name, inner in pattern.fields:
-                if name == field and isinstance(inner, Literal) and isinstance(inner.value, str):
-                    yield inner.value
-
-
-# What one connection has read: the monitor of the tree, and where they are asked for those of its parts.
-
-
 class Watched:
     """The monitor of one column, which gives up where it would raise `TooLarge`; `failure` then says why."""
 
-    def __init__(self, bank: Bank, failure: str | None = None) -> None:
-        self._bank = bank
+    def __init__(self, monitors: MonitorSet, failure: str | None = None) -> None:
+        self.monitors = monitors
         self.failure = failure
 
     def fork(self) -> Self:
         """An independent one that has read the same events."""
-        return type(self)(self._bank.fork(), self.failure)
+        return type(self)(self.monitors.fork(), self.failure)
 
     def read(self, event: Json, number: int) -> bool:
         """Read the event of that number, and say whether an explanation may name it."""
         if self.failure is None:
             try:
-                self._bank.step(event, number)
+                self.monitors.step(event, number)
             except TooLarge as error:
                 self.failure = str(error)
-        return self.failure is None and self._bank.serves
+        return self.failure is None and self.monitors.serves
 
     @property
     def verdict(self) -> Verdict | None:
         """The verdict so far, or None after it gave up."""
-        return None if self.failure is not None else self._bank.verdicts[0]
-
-    @property
-    def explanation(self) -> Explanation | None:
-        """After detection, how the tree matched."""
-        return self._bank.explanation(0)
+        return None if self.failure is not None else self.monitors.verdicts[0]
 
 
 class Session:
-    """Monitors that read the same events: `whole` of the tree, `parts` of its branches or kinds, by number or name.
+    """What one connection has read: `whole` of the tree, `parts` of its branches or kinds, by number or name.
 
-    `recall` has when and where the events came that an explanation may name: of each event no more, and of events a bounded number.
+    `buffer` has when and where the events came that an explanation may name: of each event no more, and of events a bounded number.
     """
 
     def __init__(self, whole: Watched, parts: Mapping[str, Watched]) -> None:
         self.whole = whole
         self.parts = parts
-        self.recall = Recall()
+        self.fields = told_fields(whole.monitors.columns[0].part)
+        self.buffer = EventBuffer()
         self.events = 0
         """How many were read."""
 
     def fork(self) -> Self:
         """An independent session that has read the same events."""
         twin = type(self)(self.whole.fork(), {label: part.fork() for label, part in self.parts.items()})
-        twin.recall.known.update(self.recall.known)
+        twin.buffer.known.update(self.buffer.known)
         twin.events = self.events
         return twin
 
@@ -131,7 +116,7 @@ class Session:
         """Read one event; `came` is how it came, where that was put otherwise."""
         self.events += 1
         if self.whole.read(event, self.events):
-            self.recall.remember(self.events, places(event if came is None else came))
+            self.buffer.remember(self.events, places(event if came is None else came, self.fields))
         for part in self.parts.values():
             part.read(event, self.events)
 
@@ -139,7 +124,7 @@ class Session:
 def session(tree: RVAFT, semantics: Semantics | str = Semantics.PROJECTED, *, per: Per = Per.TREE) -> Session:
     """A session that has read nothing; the tree may be the part for one branch or kind.
 
-    A part without a feasible scenario has no monitor. Raises what `rvaft.monitoring.columns.columns` raises.
+    A part without a feasible scenario has no monitor. Raises what `rvaft.monitoring.monitor_set.columns` raises.
     """
     whole, *parts = columns(tree, per)
     return Session(watched(whole, semantics), {part.label: watched(part, semantics) for part in parts})
@@ -148,7 +133,7 @@ def session(tree: RVAFT, semantics: Semantics | str = Semantics.PROJECTED, *, pe
 def watched(column: Column, semantics: Semantics | str, *, limit: int = DEFAULT_LIMIT) -> Watched:
     """The monitor of a column that has read nothing; it gives up beyond `limit` partial matches."""
     meaning = one_of(Semantics, semantics)
-    return Watched(Bank([column], lambda part: monitor(part, semantics=meaning, limit=limit), meaning))
+    return Watched(MonitorSet([column], lambda part: monitor(part, semantics=meaning, limit=limit), meaning))
 
 
 MAX_MESSAGE: Final = 1024 * 1024
@@ -224,10 +209,11 @@ class Protocol:
         """What there is to say beside the verdict: how the tree was detected, or why there is no verdict."""
         if session.whole.failure is not None:
             return {"error": session.whole.failure}
-        explanation = session.whole.explanation
+        explanation = session.whole.monitors.explanation(0)
         if explanation is None:
             return {}
-        return explained(explanation, self.tree, session.recall.events(matched_events([explanation])))
+        known = session.buffer.events(matched_events([explanation]))
+        return explained(explanation, self.tree, known, session.fields)
 
 
 def protocol(
@@ -237,10 +223,11 @@ def protocol(
     vocabulary: Vocabulary = Vocabulary.RML,
     longest: int = MAX_MESSAGE,
 ) -> Protocol:
-    """The protocol for a tree, or for the part of one."""
+    """The protocol for a tree, or for the part of one.
+
+    >>> import rvaft
+    >>> tree = rvaft.loads("top and a; a;")
+    >>> protocol(tree).reply('{"event": "b"}', session(tree))
+    {'event': 'b', 'verdict': 'currently_true'}
+    """
     return Protocol(TreeReads(tree), Names.of(tree), tree, polarity, vocabulary, longest)
-
-
-def encoded(reply: Mapping[str, Json]) -> str:
-    """A reply as the text of a message."""
-    return json.dumps(reply)

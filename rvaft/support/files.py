@@ -86,7 +86,9 @@ def _zstandard() -> Any:
     try:
         import zstandard  # noqa: PLC0415 -- imported on use
     except ImportError as error:
-        raise ToolMissing("zstandard", remedy="pip install 'rvaft[zstd]', or decompress the file first") from error
+        raise ToolMissing(
+            "zstandard", remedy="pip install '.[zstd]' in a checkout of rvaft, or decompress the file first"
+        ) from error
     return zstandard
 
 

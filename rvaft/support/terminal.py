@@ -5,6 +5,7 @@ import sys
 import time
 import unicodedata
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -68,10 +69,10 @@ class Progress:
     def finish(self, size: int) -> None:
         """A file of that size has been read."""
         self._before += size
-        self.reach(0)
+        self.reach(None)
 
-    def reach(self, place: int) -> None:
-        """So many bytes of the present file have been read."""
+    def reach(self, stream: object) -> None:
+        """The present file has been read as far as this stream, or what a decompressor in it reads, knows; None is not at all."""
         if not self._total or (now := time.monotonic()) < self._next:
             return
         self._next = now + _PAUSE
@@ -80,6 +81,9 @@ class Progress:
             bar.start()
             self._shown = True
         assert self._task is not None
+        place = 0
+        with suppress(OSError, ValueError, AttributeError):
+            place = int(getattr(stream, "fileobj", stream).tell())  # type: ignore[attr-defined]
         bar.update(self._task, completed=self._before + place, refresh=True)
 
     def hide(self) -> None:

@@ -216,6 +216,69 @@ def test_a_checkpoint_that_cannot_be_written_is_an_error(tmp_path: Path) -> None
     failed(run("monitor", SAND, log, "--checkpoint", tmp_path / "no" / "state"), "state", "cannot write")
 
 
+def test_what_a_run_that_was_killed_has_told_is_told_as_such(tmp_path: Path) -> None:
+    log, state = tmp_path / "log.jsonl", tmp_path / "state"
+    log.write_text(lines(row1()))
+    words = ["monitor", PRUNED, log, "--checkpoint", state]
+    with started(*words, "--follow") as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == "event 4: true\n"
+        until = time.monotonic() + 30
+        while not (tmp_path / ".state.told").exists() and time.monotonic() < until:
+            time.sleep(0.02)
+        running.kill()
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert run(*words).stdout.splitlines()[0] == "event 4: true (told before)"
+    for form in ([], ["--detections"]):
+        for name, data in kept.items():
+            (tmp_path / name).write_bytes(data)
+        told = tmp_path / "told"
+        said = run(*words, "--format", "jsonl", *form, "--exec", f"cat > {told}").stdout.splitlines()
+        assert [json.loads(line).get("again") for line in said][-1] is True
+        assert json.loads(told.read_text())["again"] is True
+    assert "event 4" not in run(*words).stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log.jsonl", "state", "told"]
+
+
+@pytest.mark.parametrize("options", [[], ["--key", "robot"]])
+@pytest.mark.parametrize("ended", [False, True])
+def test_what_waits_for_its_turn_belongs_in_the_checkpoint(options: list[str], ended: bool, tmp_path: Path) -> None:
+    """Also at the end of the log, which may go on: a late event has the place that it has without a stop."""
+    log, state = tmp_path / "log.jsonl", tmp_path / "state"
+    events = [{"event": "x", "time": number, "robot": 1} for number in range(60)]
+    for place, (name, late) in {10: ("a", 0), 39: ("b", 0), 45: ("c", 25)}.items():
+        events[place] |= {"event": name, "time": place - late}
+    words = ["monitor", SAND, log, "--order-by", "time", "--window", 30, *options]
+    log.write_text(lines(events))
+    whole = run(*words, "--format", "jsonl", "--semantics", "scattered")
+    log.write_text(lines(events[:42]))
+    words += ["--checkpoint", state, "--checkpoint-every", 5, "--format", "jsonl", "--semantics", "scattered"]
+    if ended:
+        assert run(*words).exit_code == 0
+    else:
+        with started(*words, "--follow") as running:
+            until = time.monotonic() + 30
+            while kept_events(state) < 10 and time.monotonic() < until:
+                time.sleep(0.02)
+            running.kill()
+    log.write_text(lines(events))
+    went_on = run(*words)
+    assert (went_on.exit_code, went_on.stderr) == (whole.exit_code, whole.stderr)
+    numbers = [json.loads(line)["event"] for line in went_on.stdout.splitlines()]
+    assert went_on.stdout.splitlines() == whole.stdout.splitlines()[-len(numbers) :]
+    assert numbers[0] <= 13
+
+
+def test_checkpoints_after_every_event_take_no_longer_than_the_events(tmp_path: Path) -> None:
+    log, state = tmp_path / "log.jsonl", tmp_path / "state"
+    log.write_text(lines([{"event": "a", "time": number} for number in range(4000)]))
+    words = [SAND, log, "--order-by", "time", "--window", 1, "--semantics", "strict"]
+    begun = time.monotonic()
+    kept = run("monitor", *words, "--checkpoint", state, "--checkpoint-every", 1)
+    assert time.monotonic() - begun < 15
+    assert kept.stdout == run("monitor", *words).stdout
+
+
 # -- commands ---------------------------------------------------------------------------------------------------------
 
 
@@ -341,9 +404,9 @@ def test_a_drawing_that_cannot_be_written_stops_nothing(jobs: int, tmp_path: Pat
 
 
 def test_events_of_a_stream_that_are_forgotten_are_not_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    from rvaft.monitoring.event_buffer import Recall
+    from rvaft.monitoring.run import EventBuffer
 
-    monkeypatch.setattr(Recall.__init__, "__kwdefaults__", {"reads": None, "bound": 2})
+    monkeypatch.setattr(EventBuffer.__init__, "__kwdefaults__", {"reads": None, "bound": 2})
     data = ROW1.read_text(encoding="utf-8")
     said = run("monitor", PRUNED, data=data).stdout
     assert "  event 1 (no longer known) is ev1" in said

@@ -254,6 +254,74 @@ def test_json_lines_name_the_key(robots: Path) -> None:
     assert said[-1]["matched"][0] == {"node": "ev1", "event": 2, "time": 10.4, "topic": "/command"}
 
 
+def test_several_fields_are_one_key(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    events = [("bob", 1, "a"), ("bob", 2, "b"), ("eve", 1, "a"), ("bob", 1, "b"), ("eve", 1, "b"), ("bob", 1, "c")]
+    log.write_text(lines([{"user": user, "src": src, "event": name} for user, src, name in events] + [{"user": "x"}]))
+    result = run("monitor", SAND, log, "--key", "user", "--key", "src")
+    assert result.exit_code == 1
+    said = result.stdout.splitlines()
+    assert [line for line in said if ": event " in line] == [
+        'user="bob", src=2: event 2: false',
+        'user="bob", src=1: event 6: true',
+    ]
+    assert [line.split() for line in said[-4:]] == [
+        ["user", "src", "EVENTS", "VERDICT", "EVENT", "BRANCH", "KINDS"],
+        ['"bob"', "1", "3", "true", "6", "1", "-"],
+        ['"bob"', "2", "1", "false", "2", "-", "-"],
+        ['"eve"', "1", "2", "unknown", "-", "-", "-"],
+    ]
+    assert result.stderr == (
+        "rvaft: warning: 1 event without the field user or src, given to no monitor (first: event 7)\n"
+    )
+    told = jsonl(SAND, log, "--key", "user", "--key", "src", "--detections")
+    assert [(one["key"], one["event"], one["verdict"]) for one in told] == [({"user": "bob", "src": 1}, 6, "true")]
+
+
+@pytest.mark.parametrize("per", ["tree", "branch"])
+def test_only_detections_are_told(per: str) -> None:
+    traces = LOGS / "table[23]_row*.jsonl"
+    every = jsonl(PRUNED, traces, "--per", per)
+    told = jsonl(PRUNED, traces, "--per", per, "--detections")
+    assert told == [
+        one for one in every if "matched" in one or any("matched" in c for c in one.get("columns", {}).values())
+    ]
+    assert 0 < len(told) < len(every)
+
+
+def test_what_tells_an_event_apart_is_told(tmp_path: Path) -> None:
+    tree, log = tmp_path / "t.rvaft", tmp_path / "log.jsonl"
+    tree.write_text('event e(x) = { kind: "k", x: x };\ntoplevel t; t sand a b c; a on e(1); b on e(_); c;')
+    log.write_text(lines([{"kind": "k", "x": 1, "time": 3}, {"kind": "k", "x": 2}, {"event": "c"}]))
+    assert run("monitor", tree, log).stdout.splitlines()[1:5] == [
+        "  branch 1",
+        "  event 1 at 3 with kind k is a",
+        "  event 2 with kind k is b",
+        "  event 3 is c",
+    ]
+    (told,) = jsonl(tree, log, "--detections")
+    assert told["matched"] == [
+        {"node": "a", "event": 1, "time": 3, "fields": {"kind": "k"}},
+        {"node": "b", "event": 2, "fields": {"kind": "k"}},
+        {"node": "c", "event": 3},
+    ]
+
+
+def test_a_terminal_is_told_what_is_waited_for() -> None:
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    words = [*COMMAND, "monitor", str(SAND)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, stdin=theirs, stdout=pipe, stderr=pipe, text=True) as running:
+        os.close(theirs)
+        os.write(ours, b'{"event": "a"}\n\x04')
+        out, err = running.communicate(timeout=30)
+    os.close(ours)
+    assert err == "rvaft: reading events from standard input, one JSON object per line (Ctrl-D ends)\n"
+    assert "events read: 1;" in out
+    assert run("monitor", SAND, data="").stderr == ""
+
+
 def test_too_many_keys_are_an_error(robots: Path) -> None:
     result = run("monitor", PRUNED, robots, "--key", "robot.id", "--max-keys", 1, "--format", "jsonl")
     failed(result, "too large", "different values of robot.id", "limit 1", "--max-keys N", "event 2", str(robots))
@@ -291,6 +359,8 @@ def test_very_many_keys_are_summed_up(tmp_path: Path) -> None:
         (["--key", "a..b"], ["'a..b' is no field"]),
         (["--order-by", ""], ["is no field"]),
         (["--key", "k", "--format", "table"], ["--format table"]),
+        (["--detections"], ["--detections needs --format jsonl"]),
+        (["--key", "a", "--key", "b..c"], ["'b..c' is no field"]),
         (["--explain", "--format", "jsonl"], ["--explain", "FILE"]),
         (["--explain=log.jpg"], ["'log.jpg'", ".svg"]),
         (["--backend", "rml", "--explain"], ["--explain needs the engine"]),
@@ -325,7 +395,7 @@ def test_a_bar_is_drawn_on_a_terminal_and_never_elsewhere(tmp_path: Path) -> Non
     log.write_text('{"event": "x", "pad": "' + "y" * 200 + '"}\n' * 1)
     log.write_text(log.read_text() * 60_000 + '{"event": "b"}\n')
     ours, theirs = pty.openpty()
-    program = "import rvaft.cli.progress as p; p._PATIENCE = 0; from rvaft.cli import main; main()"
+    program = "import rvaft.support.terminal as t; t._PATIENCE = 0; from rvaft.cli import main; main()"
     words = [sys.executable, "-c", program, "monitor", str(SAND), str(log)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=theirs, text=True) as running:
         os.close(theirs)

@@ -10,7 +10,7 @@ import pytest
 
 from rvaft.cli import main
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, process, run
-from tests.test_traces import BAD
+from tests.monitoring.test_reader import BAD
 
 SAND = TREES / "gates" / "sand.rvaft"
 READERS = ("check", "show", "branches", "emit", "monitor")

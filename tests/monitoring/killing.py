@@ -8,18 +8,18 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from random import Random
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO, TextIO, cast
 
 import rvaft
+from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.checkpoint import Checkpoint, digest, identity, load, reading, save
+from rvaft.monitoring.checkpoint import CheckpointFile, open_at
+from rvaft.monitoring.monitor_set import MonitorSet, columns
 from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.reader import read
-from rvaft.monitoring.stream import Ordering
-from rvaft.monitors import Monitor
+from rvaft.monitoring.run import EventBuffer, Listener, MonitoredTrace, MonitoringPlan, TraceRun, VerdictChange
+from rvaft.monitoring.stream import Key
 
 TEXT = """
 event go(v) = { name: "go", v: v };
@@ -28,7 +28,6 @@ top or pair all;
 pair sand x y attack; x on go(V); y on back(W) when W == V + 1;
 all 2of3 a b both fault; both and a c; c sand d e;
 """
-COLUMNS = ("tree",)
 EVERY = 7
 END = "end"
 
@@ -44,14 +43,23 @@ def events(random: Random, count: int) -> list[dict[str, Any]]:
     return made
 
 
-def explained(robots: Mapping[int, Monitor]) -> list[Any]:
-    """Why each robot's monitor fired."""
-    found = [(robot, monitor.explanation) for robot, monitor in sorted(robots.items())]
-    return [
-        [robot, why.branch, sorted(why.kinds), dict(why.matched), dict(why.variables)]
-        for robot, why in found
-        if why is not None
-    ]
+class Told(Listener):
+    """Writes every verdict, and how it came about, and flushes it."""
+
+    every = True
+
+    def __init__(self, out: TextIO) -> None:
+        self.out = out
+
+    def event(self, watch: MonitoredTrace, number: int, event: Any) -> None:
+        self.out.write(f"{number} {watch.monitors.verdicts[0]} {event['robot']}\n")
+        self.out.flush()
+
+    def change(self, change: VerdictChange) -> None:
+        why = change.explanations.get(0)
+        said = "" if why is None else json.dumps([why.branch, dict(why.matched), dict(why.variables)])
+        self.out.write(f"{change.number} {change.verdicts[0]} {change.event['robot']} {said}\n")
+        self.out.flush()
 
 
 def watch(
@@ -62,45 +70,29 @@ def watch(
     It is killed so many seconds after it has read that many events.
     """
     tree = rvaft.loads(TEXT)
-    kept = folder / "kept"
-    found = None
-    if checkpoints:
-        found = load(kept, tree=tree, semantics=semantics, columns=COLUMNS, trace=trace)
-    robots: dict[int, Monitor] = {}
-    statistics, ordering, number, offset, line = Statistics(tree), Ordering("time", window=5), 0, 0, 0
-    if found is not None:
-        robots, statistics, ordering = found.monitors, found.statistics, found.held
-        number, offset, line = found.events, found.offset, found.line
-
-    def step(place: int, event: dict[str, Any]) -> None:
-        monitor = robots.get(event["robot"])
-        if monitor is None:
-            monitor = robots[event["robot"]] = rvaft.monitor(tree, semantics=semantics)
-        verdict = monitor.step(event)
-        statistics.add(event, place)
-        said = "" if monitor.explanation is None else json.dumps(dict(monitor.explanation.matched))
-        out.write(f"{place} {verdict} {said}\n")
-        out.flush()
-
-    with (folder / "told").open("a") as out, reading(trace, offset=offset, line=line) as stream:
-        out.write(f"from {number}\n")
-        for event in read(cast("BinaryIO", stream), name=str(trace)):
-            number += 1
-            deadly -= 1
-            if deadly == 0:
-                signal.setitimer(signal.ITIMER_REAL, delay)  # nobody handles its signal
-            given = ordering.add(number, event)
-            if given is not None:
-                step(*given)
-            if checkpoints and number % EVERY == 0:
-                place = identity(trace, stream.offset)
-                state = robots, statistics, ordering
-                here = stream.offset, stream.line, number
-                save(kept, Checkpoint(digest(tree), semantics, COLUMNS, place, *here, *state))
-        for given in ordering.rest():
-            step(*given)
-        told = [explained(robots), statistics.events, dict(statistics.relevant), statistics.never_seen, stream.line]
-        out.write(f"{END} {json.dumps(told)}\n")
+    monitors = MonitorSet(columns(tree), lambda part: rvaft.monitor(part, semantics=semantics), semantics)
+    plan = MonitoringPlan(monitors, TreeReads(tree), Key.parse(["robot"]), order_by="time", window=5)
+    kept = CheckpointFile(folder / "kept", tree=tree, semantics=semantics, columns=["tree"], trace=trace, every=EVERY)
+    with (folder / "told").open("a") as out:
+        run = TraceRun(plan, "log", [Told(out)], buffer=EventBuffer(), statistics=Statistics(monitors.types))
+        found = kept.load() if checkpoints else None
+        offset = line = 0
+        if found is not None:
+            run.restore(found.state, found.events)
+            offset, line = found.offset, found.line
+        out.write(f"from {run.number}\n")
+        with open_at(trace, offset=offset, line=line) as stream:
+            going_on = True
+            for going_on_ in run.read(cast("BinaryIO", stream), str(trace), line=line + 1):
+                deadly -= 1
+                if deadly == 0:
+                    signal.setitimer(signal.ITIMER_REAL, delay)  # nobody handles its signal
+                if checkpoints and going_on and (kept.is_due(run.number) or not going_on_):
+                    kept.save(run.state, run.number, stream)
+                going_on = going_on and going_on_
+        assert run.statistics is not None
+        counted = run.statistics.events, dict(run.statistics.relevant), run.statistics.never_seen, stream.line
+        out.write(f"{END} {json.dumps([*counted, *run.warnings])}\n")
 
 
 def main(folder: Path, trace: Path, semantics: Semantics, kills: int, random: Random) -> None:

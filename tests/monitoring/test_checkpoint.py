@@ -1,6 +1,7 @@
 """Checkpoints: what they keep, what they refuse, and that being killed changes nothing."""
 
 import gzip
+import hashlib
 import io
 import json
 import os
@@ -20,24 +21,14 @@ from hypothesis import strategies as st
 import rvaft
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import narrowed
-from rvaft.errors import OptionError, RvaftError, TraceError
+from rvaft.engine.monitor import engine
+from rvaft.errors import CheckpointError, OptionError, RvaftError, TraceError
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring import checkpoint as module
-from rvaft.monitoring.checkpoint import (
-    Checkpoint,
-    CheckpointError,
-    Identity,
-    Placed,
-    digest,
-    identity,
-    load,
-    reading,
-    save,
-)
+from rvaft.monitoring import checkpoint
+from rvaft.monitoring.checkpoint import Checkpoint, CheckpointFile, LinesRead, TraceIdentity, digest, open_at
 from rvaft.monitoring.hooks import Hooks
-from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.reader import decode, read
 from rvaft.monitoring.stream import Ordering
 from tests.monitoring import killing
@@ -54,33 +45,32 @@ def trace(tmp_path: Path) -> Path:
     return path
 
 
-def made(log: Path, **changes: Any) -> Checkpoint:
-    """A checkpoint after the first event."""
-    monitor = rvaft.monitor(TREE, semantics="scattered")
-    monitor.step({"event": "a"})
-    parts: dict[str, Any] = {
-        "tree": digest(TREE),
-        "semantics": Semantics.SCATTERED,
-        "columns": COLUMNS,
-        "trace": identity(log, 15),
-        "offset": 15,
-        "line": 1,
-        "events": 1,
-        "monitors": [monitor],
-        "settings": {"--key": "robot"},
-    }
-    return Checkpoint(**{**parts, **changes})
+def sha(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
-def loaded(path: Path, trace: Path, **changes: Any) -> Checkpoint | None:
+def kept(path: Path, log: Path, **changes: Any) -> CheckpointFile:
     given: dict[str, Any] = {
         "tree": TREE,
         "semantics": Semantics.SCATTERED,
         "columns": COLUMNS,
-        "trace": trace,
+        "trace": log,
         "settings": {"--key": "robot"},
     }
-    return load(path, **{**given, **changes})
+    return CheckpointFile(path, **{**given, **changes})
+
+
+def place(offset: int, line: int = 1) -> LinesRead:
+    return LinesRead(io.BytesIO(), offset=offset, line=line)
+
+
+def save(path: Path, log: Path, state: object = None, *, events: int = 1, offset: int = 15, **changes: Any) -> None:
+    """A checkpoint after the first event."""
+    kept(path, log, **changes).save(state, events, place(offset))
+
+
+def loaded(path: Path, log: Path, **changes: Any) -> Checkpoint | None:
+    return kept(path, log, **changes).load()
 
 
 def refused(path: Path, trace: Path, **changes: Any) -> str:
@@ -101,38 +91,61 @@ def refused(path: Path, trace: Path, **changes: Any) -> str:
 
 def test_all_is_kept(tmp_path: Path, trace: Path) -> None:
     path = tmp_path / "kept"
-    statistics, ordering = Statistics(TREE), Ordering("time", window=4)
-    statistics.add({"event": "a"}, 1)
-    ordering.add(2, {"event": "x", "time": 3})
     assert loaded(path, trace) is None
-    written = made(trace, statistics=statistics, held=ordering)
-    save(path, written)
-    found = loaded(path, trace)
-    assert found is not None
-    for name in ("tree", "semantics", "columns", "trace", "offset", "line", "events", "settings"):
-        assert getattr(found, name) == getattr(written, name)
-    (monitor,) = found.monitors
-    assert monitor.step({"event": "b"}) is Verdict.TRUE
-    assert found.statistics.relevant == {"a": 1}
-    assert list(found.held.rest()) == [(2, {"event": "x", "time": 3})]
-
-
-def test_events_that_are_held_may_be_what_the_reader_made_of_them(tmp_path: Path, trace: Path) -> None:
+    monitor = engine(TREE, "scattered")
+    monitor.step({"event": "a"})
     event = decode(
         b'{"event": "x", "time": 3, "n": {"k": 1, "k": 2}, "l": [null, true, 1e3, "\\u00e9"]}', reads=TreeReads(TREE)
     )
     ordering = Ordering("time", window=4)
-    ordering.add(1, event)
-    save(tmp_path / "kept", made(trace, held=ordering))
-    found = loaded(tmp_path / "kept", trace)
+    ordering.add(event)
+    save(path, trace, (monitor.snapshot(), ordering), events=7)
+    found = loaded(path, trace)
     assert found is not None
-    assert list(found.held.rest()) == [(1, event)]
+    assert found[:3] == (7, 15, 1)
+    snapshot, held = found.state
+    fresh = engine(TREE, "scattered")
+    fresh.restore(snapshot)
+    assert fresh.step({"event": "b"}) is Verdict.TRUE
+    assert list(held.rest()) == [event]
+
+
+def test_what_was_told_is_remembered_until_the_next_checkpoint(tmp_path: Path, trace: Path) -> None:
+    path = tmp_path / "kept"
+    one = kept(path, trace)
+    one.save(None, 1, place(15))
+    one.note(3)
+    again = kept(path, trace)
+    again.load()
+    assert again.noted == 3
+    again.save(None, 4, place(16))
+    one.note(9)  # of the checkpoint that is gone
+    last = kept(path, trace)
+    last.load()
+    assert last.noted == 0
+
+
+def test_writing_takes_no_longer_than_all_the_rest(
+    tmp_path: Path, trace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(checkpoint, "monotonic", lambda: now[0])
+    one = kept(tmp_path / "kept", trace, every=2)
+    monkeypatch.setattr(checkpoint, "_replace", lambda *_: now.__setitem__(0, now[0] + 1))
+    due = []
+    for events in range(1, 40):
+        now[0] += 0.1
+        if one.is_due(events):
+            due.append(events)
+            one.save(None, events, place(15))
+    assert due[:2] == [2, 4]
+    assert 4 <= len(due) <= 7
 
 
 def test_the_next_checkpoint_takes_the_place_of_the_last(tmp_path: Path, trace: Path) -> None:
     path = tmp_path / "kept"
     for events in range(3):
-        save(path, made(trace, events=events))
+        save(path, trace, events=events)
         found = loaded(path, trace)
         assert found is not None
         assert found.events == events
@@ -142,14 +155,14 @@ def test_the_next_checkpoint_takes_the_place_of_the_last(tmp_path: Path, trace: 
 
 def test_a_link_stays_a_link(tmp_path: Path, trace: Path) -> None:
     (tmp_path / "kept").symlink_to(tmp_path / "elsewhere")
-    save(tmp_path / "kept", made(trace))
+    save(tmp_path / "kept", trace)
     assert (tmp_path / "kept").is_symlink()
     assert loaded(tmp_path / "elsewhere", trace) is not None
 
 
 def test_what_a_crash_left_is_no_hindrance(tmp_path: Path, trace: Path) -> None:
     (tmp_path / ".kept.new").write_bytes(b"half")
-    save(tmp_path / "kept", made(trace))
+    save(tmp_path / "kept", trace)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["kept", "log.jsonl"]
 
 
@@ -171,14 +184,14 @@ def test_it_is_on_the_disk_before_it_takes_its_place(
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(Path, "replace", renamed)
-    save(tmp_path / "kept", made(trace))
+    save(tmp_path / "kept", trace)
     size = (tmp_path / "kept").stat().st_size
     assert done == [f"sync .kept.new {size}", "rename .kept.new", f"sync {tmp_path.name}"]
 
 
 def test_a_failure_to_write_leaves_the_last_one(tmp_path: Path, trace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "kept"
-    save(path, made(trace))
+    save(path, trace)
     before = path.read_bytes()
 
     def full(_handle: int) -> None:
@@ -186,7 +199,7 @@ def test_a_failure_to_write_leaves_the_last_one(tmp_path: Path, trace: Path, mon
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="cannot write: No space left on device") as caught:
-        save(path, made(trace, events=2))
+        save(path, trace, events=2)
     assert caught.value.filename == str(path)
     assert path.read_bytes() == before
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["kept", "log.jsonl"]
@@ -195,7 +208,7 @@ def test_a_failure_to_write_leaves_the_last_one(tmp_path: Path, trace: Path, mon
 @pytest.mark.parametrize("name", ["", "none/kept"])
 def test_a_place_where_nothing_can_be_written(tmp_path: Path, trace: Path, name: str) -> None:
     with pytest.raises(OSError, match="cannot write") as caught:
-        save(tmp_path / name, made(trace))
+        save(tmp_path / name, trace)
     assert caught.value.filename == str(tmp_path / name)
 
 
@@ -206,7 +219,7 @@ class Own:
 @pytest.mark.parametrize("monitors", [lambda: 0, Own(), [Own], Hooks("true"), sys.stdout, print])
 def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, monitors: object) -> None:
     with pytest.raises(CheckpointError, match="these monitors cannot be kept: ") as caught:
-        save(tmp_path / "kept", made(trace, monitors=monitors))
+        save(tmp_path / "kept", trace, monitors)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "kept").exists()
 
@@ -214,7 +227,7 @@ def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, mon
 def test_a_monitor_of_a_backend_is_refused_at_once(tmp_path: Path, trace: Path) -> None:
     monitor = rvaft.translate(TREE, "rml", semantics="projected").monitor()
     with pytest.raises(CheckpointError, match="has no place in a checkpoint"):
-        save(tmp_path / "kept", made(trace, monitors=[monitor]))
+        save(tmp_path / "kept", trace, [monitor])
 
 
 # -- what is refused ----------------------------------------------------------------------------------------------------
@@ -236,19 +249,19 @@ def test_a_monitor_of_a_backend_is_refused_at_once(tmp_path: Path, trace: Path) 
 def test_a_checkpoint_of_another_run_is_refused(
     tmp_path: Path, trace: Path, changes: dict[str, Any], reason: str
 ) -> None:
-    save(tmp_path / "kept", made(trace))
+    save(tmp_path / "kept", trace)
     said = refused(tmp_path / "kept", trace, **changes)
     assert reason in said
     assert said.endswith("remove it to begin anew")
 
 
 def test_many_columns_are_not_all_listed(tmp_path: Path, trace: Path) -> None:
-    save(tmp_path / "kept", made(trace, columns=tuple(str(number) for number in range(1000))))
+    save(tmp_path / "kept", trace, columns=[str(number) for number in range(1000)])
     assert "(0, 1, 2, 3, 4, 995 more, not tree, fault)" in refused(tmp_path / "kept", trace)
 
 
 def test_the_same_tree_from_another_text_is_the_same(tmp_path: Path, trace: Path) -> None:
-    save(tmp_path / "kept", made(trace))
+    save(tmp_path / "kept", trace)
     tree = rvaft.loads("// moved\n" + rvaft.dumps(TREE), file="elsewhere.rvaft")
     assert loaded(tmp_path / "kept", trace, tree=tree) is not None
 
@@ -265,9 +278,9 @@ def test_a_checkpoint_of_another_version_is_refused(
     path = tmp_path / "kept"
     with monkeypatch.context() as patched:
         patched.setattr(rvaft, "__version__", "0.0.9", raising=False)
-        save(path, made(trace))
+        save(path, trace)
     assert f"a checkpoint of rvaft 0.0.9, this is {rvaft.__version__}" in refused(path, trace)
-    path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 1", b"rvaft checkpoint 2", 1))
+    path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 2", b"rvaft checkpoint 3", 1))
     assert "a checkpoint of another version of rvaft" in refused(path, trace)
 
 
@@ -287,7 +300,7 @@ def test_a_folder_is_an_os_error(tmp_path: Path, trace: Path) -> None:
 def test_a_damaged_file_is_refused(tmp_path: Path, trace: Path, data: st.DataObject) -> None:
     whole, path = tmp_path / "whole", tmp_path / "kept"
     if not whole.exists():
-        save(whole, made(trace))
+        save(whole, trace)
     good = whole.read_bytes()
     at = data.draw(st.integers(0, len(good) - 1))
     match data.draw(st.sampled_from(["cut", "flip", "more", "less"])):
@@ -308,7 +321,7 @@ def forged(path: Path, payload: bytes, header: dict[str, Any] | None = None) -> 
     good = path.read_bytes()
     line = good.split(b"\n", 3)[2] if header is None else json.dumps(header).encode()
     body = line + b"\n" + payload
-    path.write_bytes(b"rvaft checkpoint 1\n" + module._sha(body).encode() + b"\n" + body)
+    path.write_bytes(b"rvaft checkpoint 2\n" + sha(body).encode() + b"\n" + body)
 
 
 class Calls:
@@ -343,7 +356,7 @@ def harmful(victim: str) -> dict[str, bytes]:
         "the shell": pickle.dumps((Calls(os.system, f"mkdir {victim}"), None, None)),
         "code": pickle.dumps((Calls(eval, f"__import__('os').mkdir({victim!r})"), None, None)),
         "what a module of ours imports": called("rvaft.monitoring.hooks", "os.mkdir", victim),
-        "what a module with data imports": called("rvaft.monitoring.event_buffer", "Path.mkdir", victim),
+        "what a module with data imports": called("rvaft.monitoring.run", "Path.mkdir", victim),
     }
 
 
@@ -351,14 +364,13 @@ def malicious(victim: str) -> dict[str, bytes]:
     """Pickles that reach for more than they should."""
     return {
         "getattr": pickle.dumps((Calls(getattr, Path, "mkdir"), None, None)),
-        "a function": called("rvaft.monitoring.event_buffer", "_chunks", victim),
-        "a class that a module imports": called("rvaft.monitoring.event_buffer", "Path", victim),
+        "a function": called("rvaft.monitoring.run", "_chunks", victim),
+        "a class that a module imports": called("rvaft.monitoring.run", "Path", victim),
         "below a class": called("rvaft.model.nodes", "Node.__init__.__globals__", victim),
         "a value": called("rvaft.model.tree", "TYPE_CHECKING", victim),
         "a class with commands": patching("rvaft.monitoring.hooks", "Hooks", "always", "x"),
         "no module of ours": called("rvaft.engine_of_mine", "Engine", victim),
         "nothing that is a pickle": b"\x00",
-        "too little": pickle.dumps((1, 2)),
         "nothing": b"",
     }
 
@@ -369,7 +381,7 @@ def test_a_pickle_that_does_harm_is_refused(tmp_path: Path, trace: Path, how: st
     payload = harmful(str(victim))[how]
     pickle.loads(payload)
     victim.rmdir()  # it was there
-    save(tmp_path / "kept", made(trace))
+    save(tmp_path / "kept", trace)
     forged(tmp_path / "kept", payload)
     assert "the checkpoint cannot be read" in refused(tmp_path / "kept", trace)
     assert not victim.exists()
@@ -377,7 +389,7 @@ def test_a_pickle_that_does_harm_is_refused(tmp_path: Path, trace: Path, how: st
 
 @pytest.mark.parametrize("how", malicious(""))
 def test_a_pickle_that_reaches_for_more_is_refused(tmp_path: Path, trace: Path, how: str) -> None:
-    save(tmp_path / "kept", made(trace))
+    save(tmp_path / "kept", trace)
     before = dict(vars(Hooks))
     forged(tmp_path / "kept", malicious(str(tmp_path))[how])
     assert "the checkpoint cannot be read" in refused(tmp_path / "kept", trace)
@@ -385,7 +397,7 @@ def test_a_pickle_that_reaches_for_more_is_refused(tmp_path: Path, trace: Path, 
 
 
 def test_a_forged_header_is_refused(tmp_path: Path, trace: Path) -> None:
-    save(tmp_path / "kept", made(trace))
+    save(tmp_path / "kept", trace)
     headers: list[Any] = [{}, {"version": 1}, [], "x"]
     for header in headers:
         forged(tmp_path / "kept", b"", header)
@@ -396,7 +408,7 @@ def test_a_forged_header_is_refused(tmp_path: Path, trace: Path) -> None:
 
 
 def test_a_trace_may_grow_and_move(tmp_path: Path, trace: Path) -> None:
-    save(tmp_path / "kept", made(trace))
+    save(tmp_path / "kept", trace)
     with trace.open("ab") as more:
         more.write(b'{"event": "c"}\n')
     moved = tmp_path / "other.jsonl"
@@ -409,7 +421,7 @@ def test_another_trace_is_refused(tmp_path: Path, trace: Path) -> None:
     whole = b"".join(lines)
     trace.write_bytes(whole)
     offset = len(b"".join(lines[:15_000]))
-    save(tmp_path / "kept", made(trace, trace=identity(trace, offset), offset=offset))
+    save(tmp_path / "kept", trace, offset=offset)
     assert loaded(tmp_path / "kept", trace) is not None
     trace.write_bytes(whole[: offset - 1])
     assert f"of a longer trace ({offset} bytes were read, {trace} has {offset - 1})" in refused(
@@ -435,19 +447,19 @@ def test_another_trace_is_refused(tmp_path: Path, trace: Path) -> None:
 
 def test_the_identity_of_a_stream_is_that_of_its_file(trace: Path) -> None:
     with trace.open("rb") as stream:
-        assert identity(stream, 15) == identity(trace, 15)
-    assert identity(trace, 0) == Identity(0, *[module._sha(b"")] * 2)
+        assert TraceIdentity.of(stream, 15) == TraceIdentity.of(trace, 15)
+    assert TraceIdentity.of(trace, 0) == TraceIdentity(0, *[sha(b"")] * 2)
     with pytest.raises(OptionError, match="fewer than 1000 bytes"):
-        identity(trace, 1000)
+        TraceIdentity.of(trace, 1000)
 
 
 def test_what_has_no_identity(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path, tmp_path / "pipe"):
         with pytest.raises(OptionError, match="a checkpoint needs a trace in a regular file"):
-            identity(path, 0)
+            TraceIdentity.of(path, 0)
     with pytest.raises(FileNotFoundError):
-        identity(tmp_path / "none", 0)
+        TraceIdentity.of(tmp_path / "none", 0)
 
 
 PACKING: dict[str, Callable[[bytes], bytes]] = {".gz": gzip.compress, ".zst": zstandard.compress}
@@ -463,17 +475,17 @@ def test_reading_goes_on_after_any_event(tmp_path: Path, name: str) -> None:
     lines = [b'{"n": %d}\n%s' % (number, b"\r\n" * (number % 3 == 0)) for number in range(60)]
     whole = b"".join(lines)
     path = packed(tmp_path / name, whole)
-    with reading(path) as stream:
+    with open_at(path) as stream:
         places = [(event["n"], stream.offset, stream.line) for event in read(cast("BinaryIO", stream), name=name)]
     for number, offset, line in places:
-        with reading(path, offset=offset, line=line) as stream:
+        with open_at(path, offset=offset, line=line) as stream:
             events = [event["n"] for event in read(cast("BinaryIO", stream), name=name)]
             assert events == list(range(number + 1, 60))
             assert (stream.offset, stream.line) == (len(whole), whole.count(b"\n"))
 
 
 def test_a_place_counts_what_was_given() -> None:
-    stream = Placed(io.BytesIO(b"ab\ncdef\ng"), offset=100, line=7)
+    stream = LinesRead(io.BytesIO(b"ab\ncdef\ng"), offset=100, line=7)
     assert stream.readable()
     given = [(stream.readline(3), stream.offset, stream.line) for _ in range(5)]
     assert given == [(b"ab\n", 103, 8), (b"cde", 106, 8), (b"f\n", 108, 9), (b"g", 109, 9), (b"", 109, 9)]
@@ -481,22 +493,22 @@ def test_a_place_counts_what_was_given() -> None:
 
 @pytest.mark.parametrize("name", ["log.gz", "log.zst"])
 def test_a_compressed_trace_that_changed(tmp_path: Path, name: str) -> None:
-    trace, kept = packed(tmp_path / name, LINES), tmp_path / "kept"
-    save(kept, made(trace))
+    trace, path = packed(tmp_path / name, LINES), tmp_path / "kept"
+    save(path, trace)
     whole = trace.read_bytes()
-    assert loaded(kept, trace) is not None
+    assert loaded(path, trace) is not None
     trace.write_bytes(whole + whole)  # another member
-    assert loaded(kept, trace) is not None
+    assert loaded(path, trace) is not None
     packed(trace, LINES.replace(b"x", b"y"))
-    refused(kept, trace)
+    refused(path, trace)
     trace.write_bytes(whole[: len(whole) // 2])
-    assert "of a longer trace" in refused(kept, trace)
-    with pytest.raises(TraceError, match=rf"{name}:4: cannot be read: "), reading(trace, offset=len(LINES), line=3):
+    assert "of a longer trace" in refused(path, trace)
+    with pytest.raises(TraceError, match=rf"{name}:4: cannot be read: "), open_at(trace, offset=len(LINES), line=3):
         pass
     trace.write_bytes(whole)
     with (
         pytest.raises(TraceError, match="it ends before the place of the checkpoint"),
-        reading(trace, offset=1000, line=3),
+        open_at(trace, offset=1000, line=3),
     ):
         pass
 
@@ -540,18 +552,20 @@ def test_large_monitors_are_kept(tmp_path: Path, trace: Path) -> None:
     """A match that is deeper than Python can recurse, and values as deep as a trace may have them."""
     leaves = tuple(f"n{number}" for number in range(2000))
     tree = RVAFT("top", [Node("top", rvaft.Gate.AND, leaves), *map(Node, leaves)])
-    monitor = rvaft.monitor(tree, semantics="projected")
+    monitor = engine(tree)
     for name in leaves[:-1]:
         monitor.step({"event": name})
     deep: Any = 1
     for _ in range(490):
         deep = [deep]
-    variable = rvaft.monitor(
-        rvaft.loads("event e(v) = { v: v }; event f(v) = { f: v }; top sand x y; x on e(V); y on f(V);")
-    )
+    variable = engine(rvaft.loads("event e(v) = { v: v }; event f(v) = { f: v }; top sand x y; x on e(V); y on f(V);"))
     variable.step({"v": deep})
-    save(tmp_path / "kept", made(trace, monitors=[monitor, variable]))
+    save(tmp_path / "kept", trace, [monitor.snapshot(), variable.snapshot()])
     found = loaded(tmp_path / "kept", trace)
     assert found is not None
-    assert found.monitors[0].step({"event": leaves[-1]}) is Verdict.TRUE
-    assert found.monitors[1].step({"f": deep}) is Verdict.TRUE
+    for one, event, snapshot in zip(
+        (monitor, variable), ({"event": leaves[-1]}, {"f": deep}), found.state, strict=True
+    ):
+        fresh = engine(one.tree)
+        fresh.restore(snapshot)
+        assert fresh.step(event) is Verdict.TRUE

@@ -15,12 +15,13 @@ from rvaft.errors import OptionError
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.monitoring import hooks
-from rvaft.monitoring.hooks import Failure, Hooks, detection
+from rvaft.monitoring.hooks import CommandFailure, Hooks, detection
+from rvaft.monitoring.run import Detection
 
 TREE = rvaft.loads(
     "event e(v) = { v: v }; top or x y; x sand a b; a fault on e(V); b on e(W) when W > V; y attack on e(_);"
 )
-DETECTED = detection(None, TREE, name="t.rvaft", trace="log", event=1)
+DETECTED = detection(Detection(None, {}), TREE, name="t.rvaft", trace="log", event=1)
 
 
 def detected(tree: RVAFT = TREE, kinds: str = "fault", **more: object) -> dict[str, object]:
@@ -28,7 +29,8 @@ def detected(tree: RVAFT = TREE, kinds: str = "fault", **more: object) -> dict[s
     events = {number: {"v": number, "time": number / 2} for number in (1, 2)}
     for event in events.values():
         monitor.step(event)
-    return detection(monitor.explanation, tree, name="t.rvaft", trace="log", event=2, events=events, **more)  # type: ignore[arg-type]
+    found = Detection(monitor.explanation, events)
+    return detection(found, tree, name="t.rvaft", trace="log", event=2, **more)  # type: ignore[arg-type]
 
 
 def test_the_command_is_told_the_detection(tmp_path: Path) -> None:
@@ -96,7 +98,7 @@ def test_without_commands_there_is_nothing_to_do() -> None:
 )
 def test_a_failure_is_told(command: str, reason: str) -> None:
     (failure,) = Hooks(command).run(DETECTED)
-    assert failure == Failure(command, reason)
+    assert failure == CommandFailure(command, reason)
     assert len(str(failure)) < 200
     assert "\n" not in str(failure)
 
@@ -114,7 +116,7 @@ def test_without_a_shell_the_failure_is_told(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_command_of_several_lines_is_told_on_one() -> None:
-    assert str(Failure("if true\nthen false\nfi", "ended with status 1")) == (
+    assert str(CommandFailure("if true\nthen false\nfi", "ended with status 1")) == (
         "the command 'if true then false fi' ended with status 1"
     )
 

@@ -150,5 +150,5 @@ def test_no_folder_named() -> None:
 
 def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "yaml", None)
-    failed(run("rosmonitoring", ROS, "-o", tmp_path / "out"), "PyYAML is not installed", "rvaft[ros]")
+    failed(run("rosmonitoring", ROS, "-o", tmp_path / "out"), "PyYAML is not installed", ".[ros]")
     assert not (tmp_path / "out").exists()

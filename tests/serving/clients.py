@@ -14,7 +14,7 @@ from rvaft.monitoring.monitor_set import Per
 from rvaft.ros.protocol import Polarity, Vocabulary, protocol, session
 from rvaft.ros.server import Address, serve
 
-websockets = pytest.importorskip("websockets", reason="needs rvaft[ros]")
+websockets = pytest.importorskip("websockets", reason="needs websockets")
 from websockets.asyncio.client import ClientConnection, connect  # noqa: E402 -- after the question whether it is there
 
 SEQUENCE: Final = loads("top sand a b; a attack; b fault;")

@@ -15,7 +15,7 @@ import pytest
 
 from rvaft.model.values import Json
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, process, run
-from tests.serving.clients import asked, connected
+from tests.serving.clients import asked, connected, websockets
 
 SAND = TREES / "gates" / "sand.rvaft"
 OR = TREES / "gates" / "or.rvaft"
@@ -56,7 +56,74 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
         assert asyncio.run(talk(running, url)) == 1001
         assert running.wait(timeout=20) == 0
         assert running.stderr is not None
-        assert running.stderr.read() == ""
+        said = running.stderr.read().splitlines()
+        assert [line.split(" from ")[0] for line in said] == [
+            "rvaft: connection 1",
+            "rvaft: connection 1 closed after 1 event",
+        ]
+        assert said[0].endswith(" opened")
+
+
+def test_what_happens_is_said_unless_it_is_to_be_quiet() -> None:
+    for options, expected in (
+        (
+            ["--shared"],
+            [
+                "connection 1: message refused: not JSON: expecting value",
+                "connection 1: detected at event 1: branch 1",
+                "connection 1 closed after 2 events",
+                "connection 2 closed after 1 event",
+            ],
+        ),
+        (["--quiet"], []),
+    ):
+        with serving(OR, *options) as (running, url):
+            conversation(url, "", {"event": "a"}, {"event": "b"})
+            conversation(url, {"event": "a"})
+            running.send_signal(signal.SIGTERM)
+            assert running.wait(timeout=20) == 0
+            assert running.stderr is not None
+            said = [line.removeprefix("rvaft: ") for line in running.stderr.read().splitlines()]
+            assert [line for line in said if " opened" not in line] == expected
+
+
+def test_more_connections_than_allowed_are_refused() -> None:
+    async def talk(url: str) -> None:
+        async with connected(url) as one, connected(url):
+            with pytest.raises(websockets.exceptions.InvalidStatus, match="503"):
+                async with connected(url):
+                    pass
+            assert await asked(one, {"event": "x"})
+        async with connected(url) as later:
+            assert await asked(later, {"event": "x"})
+
+    with serving(SAND, "--max-connections", "2") as (running, url):
+        asyncio.run(talk(url))
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(timeout=20) == 0
+        assert running.stderr is not None
+        assert "refused: there are 2, the most that --max-connections allows" in running.stderr.read()
+
+
+def test_without_files_for_more_connections_there_is_one_line() -> None:
+    code = (
+        "import resource; resource.setrlimit(resource.RLIMIT_NOFILE, (40, 40)); from rvaft.cli import main; "
+        f"main(['serve', {str(SAND)!r}, '--port', '0', '--quiet'][:-1])"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdout is not None
+        assert running.stderr is not None
+        host, port = running.stdout.readline().split()[-1].removeprefix("ws://").split(":")
+        clients = [socket.create_connection((host, int(port))) for _ in range(60)]
+        line = running.stderr.readline()
+        running.kill()
+        for client in clients:
+            client.close()
+        rest = running.stderr.read()
+    assert line == "rvaft: too many open files: new connections have to wait; allow more with ulimit -n\n"
+    assert "Traceback" not in rest
 
 
 def test_it_ends_although_clients_hold_on() -> None:
@@ -69,7 +136,7 @@ def test_it_ends_although_clients_hold_on() -> None:
             assert running.wait(timeout=20) == 0
             assert silent.recv(1) == b""
         assert running.stderr is not None
-        assert running.stderr.read() == ""
+        assert len(running.stderr.read().splitlines()) == 2
 
 
 def test_the_options_reach_the_replies() -> None:
@@ -128,7 +195,7 @@ def test_too_many_branches_to_monitor_one_by_one(tmp_path: Path) -> None:
 
 def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
-    failed(run("serve", SAND), "websockets is not installed: pip install 'rvaft[ros]'")
+    failed(run("serve", SAND), "websockets is not installed: pip install '.[ros]' in a checkout")
 
 
 def test_other_commands_do_not_import_the_library() -> None:

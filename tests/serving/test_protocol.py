@@ -11,10 +11,10 @@ from rvaft import Verdict, load, loads, monitor
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.monitoring.event_buffer import Recall
 from rvaft.monitoring.monitor_set import Per, columns
 from rvaft.monitoring.reader import decode
-from rvaft.ros.protocol import Polarity, Protocol, Session, Vocabulary, encoded, protocol, session, watched
+from rvaft.monitoring.run import EventBuffer
+from rvaft.ros.protocol import Polarity, Protocol, Session, Vocabulary, protocol, session, watched
 from tests.cli.runs import PRUNED
 from tests.serving.messages import BROKEN
 
@@ -24,7 +24,7 @@ DEEP: Final = 500
 
 
 def answers(speaking: Protocol, to: Session, *messages: str | bytes) -> list[Json]:
-    return [json.loads(encoded(speaking.reply(message, to))) for message in messages]
+    return [json.loads(json.dumps(speaking.reply(message, to))) for message in messages]
 
 
 def replies(tree: RVAFT, *messages: str | bytes, **options: object) -> list[Json]:
@@ -69,16 +69,16 @@ def test_a_matched_event_says_when_and_where_it_happened(semantics: str) -> None
             {"node": "b", "event": 3, "time": {"secs": 3}, "topic": "/c"},
             {"node": "c", "event": 4},
         ]
-    assert len(to.recall.known) == 3
-    assert len(first.recall.known) == 2
+    assert len(to.buffer.known) == 3
+    assert len(first.buffer.known) == 2
 
 
 def test_what_is_remembered_is_bounded() -> None:
     tree = loads("event e(x) = {e: x}; event f(x) = {f: x}; top sand a b; a on e(X); b on f(X);")
     to = session(tree, "scattered")
-    to.recall = Recall(bound=3)
+    to.buffer = EventBuffer(bound=3)
     answers(protocol(tree), to, *(json.dumps({"e": number, "time": number, "data": "x"}) for number in range(9)), "{}")
-    assert dict(to.recall.known) == {7: {"time": 6}, 8: {"time": 7}, 9: {"time": 8}}
+    assert dict(to.buffer.known) == {7: {"time": 6}, 8: {"time": 7}, 9: {"time": 8}}
     (forgotten,), (known,) = (answers(protocol(tree), to.fork(), f'{{"f": {number}}}') for number in (1, 8))
     assert forgotten["matched"] == [{"node": "a", "event": 2}, {"node": "b", "event": 11}]
     assert known["matched"] == [{"node": "a", "event": 9, "time": 8}, {"node": "b", "event": 11}]
@@ -286,7 +286,7 @@ def test_any_messages_get_the_verdicts_of_the_monitor_on_the_events_among_them(
     alone, to = monitor(tree, semantics=semantics), session(tree, semantics)
     speaking = protocol(tree, polarity=Polarity.DETECTION, vocabulary=Vocabulary.STRINGS)
     for message in messages:
-        reply = json.loads(encoded(speaking.reply(message, to)))
+        reply = json.loads(json.dumps(speaking.reply(message, to)))
         try:
             event = decode(message.encode() if isinstance(message, str) else message, reads=TreeReads(tree))
         except ValueError:

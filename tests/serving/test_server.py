@@ -416,5 +416,5 @@ def test_an_address_of_another_machine() -> None:
 
 def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
-    with pytest.raises(ToolMissing, match=r"pip install 'rvaft\[ros\]'"):
+    with pytest.raises(ToolMissing, match=r"pip install '\.\[ros\]'"):
         asyncio.run(nobody(Address(port=0)))

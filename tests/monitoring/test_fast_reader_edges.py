@@ -10,14 +10,14 @@ from typing import Any, BinaryIO, cast
 import pytest
 
 from rvaft import loads
-from rvaft.analysis.pattern_index import LONGEST, Shapes, TreeReads
+from rvaft.analysis.pattern_index import LONGEST, PatternIndex, TreeReads
 from rvaft.errors import TraceError
 from rvaft.monitoring import fast_reader, reader
-from rvaft.monitoring.fast_reader import Batches, Block, Skeletons
-from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.fast_reader import FastReader, LogBlock, Skeletons
+from rvaft.monitoring.near_misses import EventTypes, Statistics
 from rvaft.monitoring.reader import BOM, MAX_DIGITS, read
 from rvaft.support.files import opened
-from tests.fast.test_batches import GOOD, TREES, Held, same
+from tests.monitoring.test_fast_reader import GOOD, TREES, Held, same
 
 
 @pytest.mark.parametrize(
@@ -81,11 +81,11 @@ def test_a_file_that_fails_midway(end: bytes, *, dense: bool) -> None:
     data = b"\n".join([GOOD, b"", *[GOOD] * 50]) + end
     with pytest.raises(TraceError) as slow:
         list(read(cast("BinaryIO", io.BufferedReader(cast("io.FileIO", _Failing(data)), 128)), name="log"))
-    batches = Batches.of(TreeReads(TREES["one"]))
+    batches = FastReader.of(TreeReads(TREES["one"]))
     assert batches is not None
     batches._dense = dense
     counts: list[int] = []
-    found = batches.read(io.BufferedReader(cast("io.FileIO", _Failing(data)), 128), "log", lambda _: 0)
+    found = batches.read(io.BufferedReader(cast("io.FileIO", _Failing(data)), 128), "log")
     with pytest.raises(TraceError) as quick:
         counts.extend(batch.count for batch in found)
     lines = data.count(b"\n")
@@ -95,20 +95,20 @@ def test_a_file_that_fails_midway(end: bytes, *, dense: bool) -> None:
 
 def test_skeletons_without_end_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fast_reader, "MEMORY", 20)
-    monkeypatch.setattr(fast_reader, "_FEW", 0)
-    known = Skeletons([b'"topic"'], lambda line: isinstance(json.loads(line), dict))
+    monkeypatch.setattr(Skeletons, "FEW", 0)
+    known = Skeletons([b'"topic"'])
     for number in range(30):
         lines = [json.dumps({chr(97 + number % 26) * (number + 1): place, "x" * place: 1}) for place in range(10)]
-        assert known.count(Block("\n".join(lines).encode())) == 10
+        assert known.count(LogBlock("\n".join(lines).encode())) == 10
         assert len(known._known) <= 20
 
 
 def test_values_without_end_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvaft.monitoring.fast_reader.BATCHES_MEMORY", 20)
-    batches = Batches.of(TreeReads(TREES["one"]))
+    monkeypatch.setattr("rvaft.monitoring.fast_reader.MEMORY", 20)
+    batches = FastReader.of(TreeReads(TREES["one"]))
     assert batches is not None
     text = b"\n".join(b'{"topic":"t%d"}' % (number % 70) for number in range(500))
-    count = sum(batch.count for batch in batches.read(io.BytesIO(text), "log", lambda _: 0))
+    count = sum(batch.count for batch in batches.read(io.BytesIO(text), "log"))
     assert (count, len(batches._known) <= 20) == (500, True)
 
 
@@ -117,7 +117,7 @@ def test_nothing_at_all() -> None:
 
 
 def test_the_longest_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (reader, fast_reader, fast_reader):
+    for module in (reader, fast_reader):
         monkeypatch.setattr(module, "MAX_LINE", 3000)
     for length, number in ((2999, None), (3000, None), (3001, 2), (9000, 2)):
         start = b'{"topic":"t","value":1,"x":"'
@@ -134,11 +134,11 @@ def test_far_too_deep() -> None:
 
 
 def test_a_field_that_lines_write_with_escapes() -> None:
-    assert Batches.of(TreeReads(loads('event e(v) = { topic: "t", "a\\nb": v }; toplevel a; a on e(V);'))) is None
+    assert FastReader.of(TreeReads(loads('event e(v) = { topic: "t", "a\\nb": v }; toplevel a; a on e(V);'))) is None
 
 
 def test_a_line_of_blanks_can_be_too_long_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("rvaft.monitoring.reader", "rvaft.monitoring.fast_reader", "rvaft.monitoring.fast_reader"):
+    for module in ("rvaft.monitoring.reader", "rvaft.monitoring.fast_reader"):
         monkeypatch.setattr(f"{module}.MAX_LINE", 1000)
     good = b'{"topic":"t","value":1}\n'
     for blank in (b" " * 1001, b"\t" * 70_000, b" " * 200_000):
@@ -162,9 +162,9 @@ def test_damaged_data_is_read_up_to_the_damage(place: int, tmp_path: Path) -> No
         try:
             with opened(log) as stream:
                 if quick:
-                    batches = Batches.of(TreeReads(TREES["one"]))
+                    batches = FastReader.of(TreeReads(TREES["one"]))
                     assert batches is not None
-                    for batch in batches.read(cast("BufferedIOBase", stream), str(log), lambda _: 0):
+                    for batch in batches.read(cast("BufferedIOBase", stream), str(log)):
                         count += batch.count
                 else:
                     for _ in read(stream, name=str(log), reads=TreeReads(TREES["one"])):
@@ -178,15 +178,15 @@ def test_damaged_data_is_read_up_to_the_damage(place: int, tmp_path: Path) -> No
 
 def test_long_strings_are_not_remembered() -> None:
     tree = loads('event a() = { topic: "t", data: "stop" }; toplevel r; r and x y; x on a(); y;')
-    shapes = Shapes([tree.pattern("x")], lambda decided: decided)  # type: ignore[list-item]
-    statistics, reads = Statistics(tree), TreeReads(tree)
-    batches = Batches.of(reads)
+    shapes = PatternIndex([tree.pattern("x")], lambda decided: decided)  # type: ignore[list-item]
+    statistics, reads = Statistics(EventTypes(tree)), TreeReads(tree)
+    batches = FastReader.of(reads)
     assert batches is not None
     for number in range(50):
         event = {"topic": f"{number}" + "x" * LONGEST, "data": f"{number}" + "x" * LONGEST}
         assert shapes.of(event) == ((), ())
         statistics.add(event, number)
-        list(batches.read(io.BytesIO(json.dumps(event).encode()), "log", lambda _: 0))
+        list(batches.read(io.BytesIO(json.dumps(event).encode()), "log"))
     assert not shapes._memory
     assert not batches._known
-    assert len(statistics._looked_at) == 1
+    assert not statistics._looked_at

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft.errors import OptionError
-from rvaft.monitoring.stream import Backwards, Late, Ordering, ordered
+from rvaft.monitoring.stream import Backwards, Field, Key, Ordering
 
 numbers = st.integers(-20, 20) | st.floats(-20, 20)
 
@@ -20,9 +20,15 @@ def events(times: Sequence[Any]) -> list[tuple[int, dict[str, Any]]]:
     return [(n, {"n": n} if time is None else {"n": n, "time": time}) for n, time in enumerate(times, 1)]
 
 
-def given_order(times: Sequence[Any], window: int) -> tuple[list[int], Late]:
-    late = Late()
-    return [number for number, _ in ordered(events(times), "time", window=window, late=late)], late
+def ordered(trace: Sequence[tuple[int, dict[str, Any]]], ordering: Ordering) -> list[int]:
+    numbers = {id(event): number for number, event in trace}
+    given = [event for _, one in trace if (event := ordering.add(one)) is not None]
+    return [numbers[id(event)] for event in (*given, *ordering.rest())]
+
+
+def given_order(times: Sequence[Any], window: int) -> tuple[list[int], Ordering]:
+    ordering = Ordering("time", window=window)
+    return ordered(events(times), ordering), ordering
 
 
 def by_hand(times: Sequence[Any], window: int) -> tuple[list[int], list[int]]:
@@ -50,10 +56,9 @@ def test_the_smallest_of_those_that_wait_comes_first(times: list[float | None], 
     expected, late = by_hand(times, window)
     order, met = given_order(times, window)
     assert order == expected
-    assert met.count == len(late)
-    assert met.first == (late[0] if late else None)
+    assert (met.late, met.first_late) == (len(late), late[0] if late else 0)
     without = [number for number, time in enumerate(times, 1) if time is None]
-    assert (met.without, met.first_without) == (len(without), without[0] if without else None)
+    assert (met.without, met.first_without) == (len(without), without[0] if without else 0)
 
 
 @given(st.lists(numbers, max_size=60), st.integers(0, 10), st.randoms(use_true_random=False))
@@ -67,39 +72,39 @@ def test_within_the_window_it_is_a_stable_sort(times: list[float], window: int, 
         came.append(left.pop(0 if due else random.randrange(min(len(left), window + 1)))[1])
     order, late = given_order(came, window)
     assert order == [number for number, _ in sorted(enumerate(came, 1), key=lambda pair: pair[1])]
-    assert late.count == 0
+    assert late.late == 0
 
 
 def test_an_event_beyond_the_window_comes_at_once_and_is_counted() -> None:
     order, late = given_order([5, 6, 7, 1, 8, 2, 9], window=2)
     assert order == [1, 4, 2, 6, 3, 5, 7]
-    assert (late.count, late.first) == (2, 4)
+    assert (late.late, late.first_late) == (2, 4)
 
 
 def test_what_comes_after_a_late_event_is_put_in_order_as_before() -> None:
     order, late = given_order([10, 20, 30, 1, 50, 40, 60], window=2)
     assert order == [1, 4, 2, 3, 6, 5, 7]
-    assert (late.count, late.first) == (1, 4)
+    assert (late.late, late.first_late) == (1, 4)
 
 
 def test_an_event_without_a_number_stays_behind_the_one_before() -> None:
     for nothing in (None, "12", True, [3], {"time": 1}):
         order, late = given_order([nothing, 3, nothing, 1, nothing, 2], window=10)
         assert order == [1, 4, 5, 6, 2, 3]
-        assert (late.without, late.first_without, late.count) == (3, 1, 0)
+        assert (late.without, late.first_without, late.late) == (3, 1, 0)
 
 
 def test_without_a_window_nothing_moves() -> None:
     order, late = given_order([3, 1, 2, 3], window=0)
     assert order == [1, 2, 3, 4]
-    assert (late.count, late.first) == (2, 2)
+    assert (late.late, late.first_late) == (2, 2)
 
 
 def test_at_most_the_window_is_held_back() -> None:
     ordering = Ordering("time", window=3)
-    given = [ordering.add(number, event) for number, event in events(range(10))]
+    given = [ordering.add(event) for _, event in events(range(10))]
     assert [pair is not None for pair in given] == [False] * 3 + [True] * 7
-    assert [number for number, _ in ordering.rest()] == [8, 9, 10]
+    assert [event["n"] for event in ordering.rest()] == [8, 9, 10]
 
 
 def test_numbers_are_compared_by_value() -> None:
@@ -108,9 +113,13 @@ def test_numbers_are_compared_by_value() -> None:
 
 
 def test_a_field_by_its_path() -> None:
-    stamped = [(1, {"header": {"stamp": 2}}), (2, {"header.stamp": 1, "header": {"stamp": 9}}), (3, {"header": 0})]
-    late = Late()
-    assert [n for n, _ in ordered(stamped, "header.stamp", window=5, late=late)] == [2, 3, 1]
+    stamped: list[tuple[int, dict[str, Any]]] = [
+        (1, {"header": {"stamp": 2}}),
+        (2, {"header.stamp": 1, "header": {"stamp": 9}}),
+        (3, {"header": 0}),
+    ]
+    late = Ordering("header.stamp", window=5)
+    assert ordered(stamped, late) == [2, 3, 1]
     assert (late.without, late.first_without) == (1, 3)
 
 
@@ -118,26 +127,70 @@ def test_an_ordering_goes_on_from_a_pickle() -> None:
     random = Random(5)
     trace = events([number + random.randrange(12) for number in range(200)])
     straight, halting = Ordering("time", window=7), Ordering("time", window=7)
-    for number, event in trace:
+    for _, event in trace:
         halting = pickle.loads(pickle.dumps(halting))
-        assert halting.add(number, event) == straight.add(number, event)
-    assert halting.late == straight.late
-    assert straight.late.count
+        assert halting.add(event) == straight.add(event)
+    assert halting.late == straight.late > 0
     assert list(pickle.loads(pickle.dumps(halting)).rest()) == list(straight.rest())
 
 
 @pytest.mark.parametrize(("field", "window"), [("time", -1), ("", 5), ("a..b", 5)])
 def test_options_that_make_no_sense(field: str, window: int) -> None:
     with pytest.raises(OptionError):
-        ordered([], field, window=window)
+        Ordering(field, window=window)
 
 
 def test_time_that_goes_back_is_counted() -> None:
-    times = [1, 5, None, 3, 4, "0", 4.0, 3.5, 9]
     watching = Backwards("time")
-    seen = [number for number, event in events(times) if watching.see(number, event)]
-    assert seen == [4, 8]
+    for number, event in events([1, 5, None, 3, 4, "0", 4.0, 3.5, 9]):
+        watching.see(number, event)
     assert (watching.count, watching.first) == (2, 4)
     fresh = Backwards("time")
-    assert [fresh.see(number, event) for number, event in events([2, 2, 3])] == [False] * 3
-    assert (fresh.count, fresh.first) == (0, None)
+    for number, event in events([2, 2, 3]):
+        fresh.see(number, event)
+    assert (fresh.count, fresh.first) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        (1, 1.0, True),
+        (1, True, False),
+        (0, False, False),
+        ("1", 1, False),
+        (None, False, False),
+        ([1, 2], [1.0, 2], True),
+        ({"a": 1, "b": 2}, {"b": 2, "a": 1}, True),
+        (2**60, float(2**60), True),
+    ],
+)
+def test_keys_are_told_apart_as_everywhere(one: Any, other: Any, same: bool) -> None:
+    for fields in (["k"], ["k", "m"]):
+        key = Key.parse(fields)
+        names = []
+        for value in (one, other):
+            found = key.of({"k": value, "m": 1})
+            assert found is not None
+            names.append(key.name(found))
+        assert (names[0] == names[1]) is same
+
+
+def test_several_fields_are_one_key() -> None:
+    key = Key.parse(["user", "host.src"])
+    assert key.of({"user": None, "host": {"src": 7}}) == (None, 7)
+    assert key.told((None, 7)) == {"user": None, "host.src": 7}
+    assert key.of({"user": 1}) is key.of({"host": {"src": 1}}) is None
+    assert Key.parse(["a", "a"]).told((1,)) == 1
+
+
+def test_a_field_whose_name_has_dots_comes_before_the_path() -> None:
+    field = Field.parse("a.b")
+    assert field.of({"a.b": 1, "a": {"b": 2}}) == (1,)
+    assert field.of({"a": {"b": 2}}) == (2,)
+    assert field.of({"a": [1]}) is None
+
+
+@pytest.mark.parametrize("text", ["", ".", "a.", ".a", "a..b"])
+def test_what_is_no_path_is_refused(text: str) -> None:
+    with pytest.raises(OptionError, match="is no field"):
+        Field.parse(text)

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvaft.errors import OptionError, TraceError
-from rvaft.monitoring.follow import Change, Followed, stopping
+from rvaft.monitoring.follow import FileChange, FollowedFile, stopping
 from rvaft.monitoring.reader import read
 
 POLL = 0.0003
@@ -73,9 +73,9 @@ class Log:
     def truncate(self) -> None:
         self.writing.truncate(0)
 
-    def follow(self, *steps: Callable[[], object], **more: Any) -> tuple[Followed, list[Change]]:
-        changes: list[Change] = []
-        return Followed(self.path, poll=POLL, stop=Script(*steps), changed=changes.append, **more), changes
+    def follow(self, *steps: Callable[[], object], **more: Any) -> tuple[FollowedFile, list[FileChange]]:
+        changes: list[FileChange] = []
+        return FollowedFile(self.path, poll=POLL, stop=Script(*steps), changed=changes.append, **more), changes
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ def log(tmp_path: Path) -> Iterator[Log]:
         yield made
 
 
-def lines(stream: Followed) -> list[bytes]:
+def lines(stream: FollowedFile) -> list[bytes]:
     with stream:
         return list(iter(stream.readline, b""))
 
@@ -163,9 +163,9 @@ def test_blocks_are_whole_lines_or_parts_of_one(data: list[bytes], size: int) ->
 def test_a_program_may_notice_late_that_its_log_was_renamed(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     """What it writes to the old file when the new one has been seen already comes first, too."""
     log.write(b"1\n")()
-    sleep = Followed._sleep
+    sleep = FollowedFile._sleep
 
-    def slept(self: Followed) -> None:
+    def slept(self: FollowedFile) -> None:
         if self._next is not None:
             log.write(b"2\n")()
         sleep(self)
@@ -174,7 +174,7 @@ def test_a_program_may_notice_late_that_its_log_was_renamed(log: Log, monkeypatc
         log.rename()
         log.path.write_bytes(b"3\n")
 
-    monkeypatch.setattr(Followed, "_sleep", slept)
+    monkeypatch.setattr(FollowedFile, "_sleep", slept)
     stream, changes = log.follow(replace)
     assert lines(stream) == [b"1\n", b"2\n", b"3\n"]
     assert len(changes) == 1
@@ -190,7 +190,7 @@ def test_what_is_written_in_the_moment_of_renaming_is_not_lost(log: Log) -> None
 
     stream, changes = log.follow(replace)
     assert lines(stream) == [b"1\n", b"2\n", b"3\n", b"4\n"]
-    assert changes == [Change(str(log.path), replaced=True, read=5)]
+    assert changes == [FileChange(str(log.path), replaced=True, read=5)]
     assert (stream.offset, stream.line) == (2, 1)
 
 
@@ -235,7 +235,7 @@ def test_a_file_written_anew_is_read_from_its_start(log: Log, after: bytes) -> N
 
     stream, changes = log.follow(anew)
     assert lines(stream) == [b"1\n", b"2\n", *after.splitlines(keepends=True)]
-    assert changes == [Change(str(log.path), replaced=False, read=4)]
+    assert changes == [FileChange(str(log.path), replaced=False, read=4)]
 
 
 def test_a_truncated_file_is_read_from_its_start(log: Log) -> None:
@@ -249,7 +249,7 @@ def test_a_truncated_file_is_read_from_its_start(log: Log) -> None:
 def test_an_unfinished_line_that_is_truncated_is_lost_and_told(log: Log) -> None:
     stream, changes = log.follow(log.write(b"1\n2"), log.truncate, log.write(b"3\n"))
     assert lines(stream) == [b"1\n", b"3\n"]
-    assert changes == [Change(str(log.path), replaced=False, read=3, dropped=1)]
+    assert changes == [FileChange(str(log.path), replaced=False, read=3, dropped=1)]
     assert str(changes[0]) == (
         f"{log.path} was truncated or written anew and is now read from its start; an unfinished line of 1 bytes is lost"
     )
@@ -335,7 +335,7 @@ def test_a_buffer_around_it_waits_for_whole_lines(log: Log) -> None:
 
 def test_the_end_may_come_before_all_is_read(log: Log) -> None:
     log.write(b"1\n" * 1_000_000)()
-    with Followed(log.path, poll=POLL, stop=iter([False, True, True]).__next__) as stream:
+    with FollowedFile(log.path, poll=POLL, stop=iter([False, True, True]).__next__) as stream:
         assert 0 < len(list(stream)) < 1_000_000
 
 
@@ -343,7 +343,7 @@ def test_many_lines_are_read_fast(log: Log) -> None:
     count = 200_000
     log.write(b'{"event": "something", "time": 1.5}\n' * count)()
     size = log.path.stat().st_size
-    stream = Followed(log.path, poll=POLL, stop=lambda: stream.offset == size)
+    stream = FollowedFile(log.path, poll=POLL, stop=lambda: stream.offset == size)
     begun = time.perf_counter()
     assert len(lines(stream)) == count
     followed = time.perf_counter() - begun
@@ -355,18 +355,18 @@ def test_many_lines_are_read_fast(log: Log) -> None:
 
 def test_what_cannot_be_followed(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        Followed(tmp_path / "none")
+        FollowedFile(tmp_path / "none")
     with pytest.raises(OptionError, match="regular file"):
-        Followed(tmp_path)
+        FollowedFile(tmp_path)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OptionError, match="regular file"):
-        Followed(tmp_path / "pipe")
+        FollowedFile(tmp_path / "pipe")
     (tmp_path / "log.gz").touch()
     with pytest.raises(OptionError, match="compressed"):
-        Followed(tmp_path / "log.gz")
+        FollowedFile(tmp_path / "log.gz")
     (tmp_path / "log").touch()
     with pytest.raises(OptionError, match="positive"):
-        Followed(tmp_path / "log", poll=0)
+        FollowedFile(tmp_path / "log", poll=0)
 
 
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
@@ -385,8 +385,8 @@ def test_a_signal_asks_for_the_end(asked: signal.Signals) -> None:
 
 FOLLOW = """
 import sys
-from rvaft.monitoring.tailing import Followed, stopping
-with stopping() as stop, Followed(sys.argv[1], poll=float(sys.argv[2]), stop=stop) as stream:
+from rvaft.monitoring.follow import FollowedFile, stopping
+with stopping() as stop, FollowedFile(sys.argv[1], poll=float(sys.argv[2]), stop=stop) as stream:
     for line in stream:
         print(line.decode().strip(), flush=True)
 print("ended at", stream.offset)

@@ -52,9 +52,14 @@ class RmlBackend(Backend):
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as an RML text; raises `NotExpressible` and `TooLarge`."""
         start = perf_counter()
-        made = translate(tree, Semantics(semantics), limit=self.default_limit if limit is None else limit)
-        metrics = Metrics(symbols=made.symbols, states=made.equations, seconds=perf_counter() - start)
-        return Specification(made.text, self.language, metrics, self.read)
+        limit = self.default_limit if limit is None else limit
+        text, symbols, equations = self._translated(tree, Semantics(semantics), limit)
+        metrics = Metrics(symbols=symbols, states=equations, seconds=perf_counter() - start)
+        return Specification(text, self.language, metrics, self.read)
+
+    def _translated(self, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
+        """The text, the symbols and the number of its equations."""
+        return translate(tree, semantics, limit=limit)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs an RML text, whoever wrote it; its texts define their events, so `atoms` is not looked at."""

@@ -16,14 +16,12 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from itertools import combinations
 from math import comb, prod
-from time import perf_counter
 from typing import ClassVar, Final, assert_never
 
 from backends.rml.backend import RmlBackend
 from backends.rml.writer.names import LARGEST, RESERVED, quoted
 from rvaft.analysis.branches import Branch, branches, or_gates
 from rvaft.analysis.normal_form import Body, Op, body
-from rvaft.backend import Metrics, Specification
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, conjuncts, holds
 from rvaft.model.guards import variables as guard_variables
@@ -361,12 +359,7 @@ class RmlPaperBackend(RmlBackend):
     faithful: ClassVar[bool] = False
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.STRICT, Semantics.PROJECTED})
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as an RML text; raises `NotExpressible` and `TooLarge`."""
-        semantics = Semantics(semantics)
+    def _translated(self, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
         if semantics not in self.semantics:
             raise NotExpressible("the paper does not say how", backend=self.name, semantics=semantics)
-        start = perf_counter()
-        text, symbols, equations = specification(tree, semantics, self.default_limit if limit is None else limit)
-        metrics = Metrics(symbols=symbols, states=equations, seconds=perf_counter() - start)
-        return Specification(text, self.language, metrics, self.read)
+        return specification(tree, semantics, limit)

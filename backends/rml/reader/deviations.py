@@ -54,7 +54,7 @@ def _calculated(parts: Iterable[s.Part]) -> tuple[list[s.Data], list[s.Data]]:
     return conditions, [a for part in expressions if part.operator == "call" for a in part.data[1]]
 
 
-class Pair:
+class RunOfText:
     """A text and a trace: what the rows of the table look at."""
 
     def __init__(self, text: str, trace: Sequence[Json]) -> None:
@@ -103,7 +103,7 @@ class Pair:
 # -- the predicates, true where they cannot tell -----------------------------------------------------------------------
 
 
-def _meets_no_number(pair: Pair) -> bool:
+def _meets_no_number(pair: RunOfText) -> bool:
     """A string, a boolean, null, a list or an object in a `with` is an error that ends the monitor, with exit code 0.
 
     Here two strings compare by code points; otherwise the event does not match.
@@ -118,7 +118,7 @@ def _meets_no_number(pair: Pair) -> bool:
     )
 
 
-def _is_inexact(pair: Pair) -> bool:
+def _is_inexact(pair: RunOfText) -> bool:
     """A `with` compares doubles up to 1e-10, integers included.
 
     Here integers are exact, the rest are IEEE doubles, compared exactly.
@@ -127,7 +127,7 @@ def _is_inexact(pair: Pair) -> bool:
     return bool(pair.guarded) and (not pair.exact or any(part.operator in _INEXACT for part in parts))
 
 
-def _leaves_unbound(pair: Pair) -> bool:
+def _leaves_unbound(pair: RunOfText) -> bool:
     """A `with` over a variable that has no value yet holds, and is forgotten.
 
     Here it does not hold.
@@ -150,7 +150,7 @@ def _leaves_unbound(pair: Pair) -> bool:
     return any(d.guard is not None and not s.names(d.guard) <= bound(d) for d in pair.guarded)
 
 
-def _has_two_forms(pair: Pair) -> bool:
+def _has_two_forms(pair: RunOfText) -> bool:
     """1 and 1.0 differ in patterns, in arguments and as values of variables; in a `with` they are equal.
 
     Here they are equal, as in JSON.
@@ -160,7 +160,7 @@ def _has_two_forms(pair: Pair) -> bool:
     return bool(floats) and (calculates or any(isinstance(n, int) and n in floats for n in pair.numbers))
 
 
-def _binds_objects(pair: Pair) -> bool:
+def _binds_objects(pair: RunOfText) -> bool:
     """A variable that stands for an object matches every object that has at least its fields.
 
     Here a variable matches what equals its value.
@@ -169,12 +169,12 @@ def _binds_objects(pair: Pair) -> bool:
     return pair.variable_event or (nested and any(isinstance(part, s.Name) for part in pair.parts))
 
 
-def _guards_negation(pair: Pair) -> bool:
+def _guards_negation(pair: RunOfText) -> bool:
     """`not matches P with G` means ¬P ∧ G, and G holds where its variables have no value (see 3). Here it does not hold there."""
     return any(declaration.negated for declaration in pair.guarded)
 
 
-def _forgets_all(pair: Pair) -> bool:
+def _forgets_all(pair: RunOfText) -> bool:
     """An operand of `|` that has become `all` is forgotten: the other one alone decides from then on.
 
     Here it is kept, so that any event can be taken.
@@ -186,7 +186,7 @@ def _forgets_all(pair: Pair) -> bool:
     return any(part.operator in ("all", "filter") for part in parts)
 
 
-def _calculates_as_prolog(pair: Pair) -> bool:
+def _calculates_as_prolog(pair: RunOfText) -> bool:
     """Prolog calculates: strings of one letter are numbers, and what has no value is an error that ends the monitor.
 
     Here no rule applies where a condition has no value; an argument without value is false.
@@ -217,7 +217,7 @@ class Deviation(NamedTuple):
 
     number: int
     title: str
-    touches: Callable[[Pair], bool]
+    touches: Callable[[RunOfText], bool]
 
 
 DEVIATIONS: Final = (
@@ -238,5 +238,5 @@ def touching(text: str, trace: Iterable[Json]) -> list[Deviation]:
     >>> [row.title for row in touching("a matches {v: 1}; Main = a all;", [{"v": 1.0}])]
     ['1 and 1.0']
     """
-    pair = Pair(text, list(trace))
+    pair = RunOfText(text, list(trace))
     return [deviation for deviation in DEVIATIONS if deviation.touches(pair)]

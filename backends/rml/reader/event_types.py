@@ -113,7 +113,7 @@ class Mark(Enum):
 UNBOUND: Final = Mark.UNBOUND
 
 
-def declared(program: s.Program) -> Mapping[tuple[str, int], list[s.Declaration]]:
+def declared(program: s.RmlProgram) -> Mapping[tuple[str, int], list[s.Declaration]]:
     """The declarations of each event type, those that every specification has among them."""
     found: dict[tuple[str, int], list[s.Declaration]] = {}
     for declaration in (*program.declarations, s.ANY, s.NONE):
@@ -124,7 +124,7 @@ def declared(program: s.Program) -> Mapping[tuple[str, int], list[s.Declaration]
 class EventTypes:
     """The event types of one specification."""
 
-    def __init__(self, program: s.Program) -> None:
+    def __init__(self, program: s.RmlProgram) -> None:
         self._declared = declared(program)
 
     def matches(self, use: s.TypeUse, event: Json) -> Iterator[dict[str, Json]]:

@@ -14,8 +14,8 @@ from typing import Final, TypeAlias
 
 from backends.rml.reader.event_types import UNBOUND, EventTypes, truth
 from backends.rml.reader.static_checks import checked
-from backends.rml.reader.syntax import Name, Program
-from backends.rml.reader.terms import RmlTerm, Terms, is_open, mark, opened
+from backends.rml.reader.syntax import Name, RmlProgram
+from backends.rml.reader.terms import RmlTerm, TermTable, is_open, mark, opened
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Verdict
@@ -80,8 +80,8 @@ class RmlMonitor(Monitor):
 class Transitions:
     """The rules for one program; the steps that were taken last are remembered."""
 
-    def __init__(self, program: Program) -> None:
-        self.terms = Terms(program)
+    def __init__(self, program: RmlProgram) -> None:
+        self.terms = TermTable(program)
         self.types = EventTypes(program)
         self.start: Final = self.terms.body("Main")
         self._taken: dict[tuple[RmlTerm, Hashable], RmlTerm | None] = {}

@@ -66,7 +66,7 @@ def observed(text: str) -> tuple[Observed, ...] | None:
 class _Questions:
     """The questions of one program."""
 
-    def __init__(self, program: s.Program) -> None:
+    def __init__(self, program: s.RmlProgram) -> None:
         self._program = program
         self._fresh = count(1)
         self._found: list[Observed] = []

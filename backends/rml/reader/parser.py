@@ -1,4 +1,4 @@
-"""From RML text to `syntax.Program`, by the published grammar."""
+"""From RML text to `syntax.RmlProgram`, by the published grammar."""
 
 import math
 import re
@@ -62,12 +62,12 @@ class _RmlSyntax(Transformer[Token, Any]):
             return Tree(rule, parts)
         return s.Apply(_SIGNS[rule], tuple(parts)) if rule in _SIGNS else s.Expression(str(rule), tuple(parts))
 
-    def start(self, *parts: s.Declaration | s.Equation) -> s.Program:
+    def start(self, *parts: s.Declaration | s.Equation) -> s.RmlProgram:
         equations: dict[str, s.Equation] = {}
         for equation in (part for part in parts if isinstance(part, s.Equation)):
             if equations.setdefault(equation.name, equation) is not equation:
                 raise refusal(f"{equation.name} is defined twice", equation.place)
-        return s.Program(tuple(part for part in parts if isinstance(part, s.Declaration)), equations)
+        return s.RmlProgram(tuple(part for part in parts if isinstance(part, s.Declaration)), equations)
 
     # -- event types
     def declaration(self, use: s.TypeUse, no: Token | None, found: Any, guard: s.Data | None) -> s.Declaration:
@@ -193,7 +193,7 @@ _LITERALS: Final = {"LOWER", "INT", "FLOAT", "BOOLEAN", "_NULL", "STRING", "_IGN
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def parse(text: str) -> s.Program:
+def parse(text: str) -> s.RmlProgram:
     """The specification; raises `LanguageError` with line, column and what was expected.
 
     >>> list(parse("a matches {e: 'a'}; Main = a all;").equations)
@@ -205,7 +205,7 @@ def parse(text: str) -> s.Program:
         raise _language_error(text, error) from None
     except VisitError as error:
         raise error.orig_exc from None
-    assert isinstance(program, s.Program)
+    assert isinstance(program, s.RmlProgram)
     return program
 
 

@@ -17,7 +17,7 @@ from backends.rml.reader.syntax import (
     Fields,
     Ignored,
     Items,
-    Program,
+    RmlProgram,
     TypeUse,
     expressions,
     fold,
@@ -30,7 +30,7 @@ DERIVATION_LIMIT: Final = 100
 
 
 @lru_cache(maxsize=64)
-def checked(text: str) -> Program:
+def checked(text: str) -> RmlProgram:
     """The specification of a text; raises `LanguageError` for what is no RML or cannot run, and `TooLarge`."""
     program = parse(text)
     if "Main" not in program.equations:
@@ -54,7 +54,7 @@ def _check_use(use: TypeUse) -> None:
             raise refusal(message, use.place)
 
 
-def _check_derived(program: Program) -> None:
+def _check_derived(program: RmlProgram) -> None:
     graph = nx.DiGraph()
     for declaration in program.declarations:
         parents = [parent for parent in declaration.alternatives if isinstance(parent, TypeUse)]
@@ -82,7 +82,7 @@ def references(body: Expression) -> list[str]:
     return [part.data[0] for part in expressions(body) if part.operator == "call"]
 
 
-def reachable(program: Program, names: Iterable[str]) -> Iterator[tuple[str, Expression]]:
+def reachable(program: RmlProgram, names: Iterable[str]) -> Iterator[tuple[str, Expression]]:
     """The equations that some can unfold, these among them, with their bodies."""
     seen = dict.fromkeys(names)
     waiting = list(seen)
@@ -112,7 +112,7 @@ Beginning: TypeAlias = tuple[bool, frozenset[str]]
 """Whether an expression may halt at once, and the equations that it may unfold before any event."""
 
 
-def _check_contractive(program: Program) -> None:
+def _check_contractive(program: RmlProgram) -> None:
     halting = dict.fromkeys(program.equations, False)
 
     def beginning(part: Expression, below: list[Beginning]) -> Beginning:

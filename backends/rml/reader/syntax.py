@@ -136,7 +136,7 @@ class Equation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Program:
+class RmlProgram:
     """A whole specification."""
 
     declarations: tuple[Declaration, ...]

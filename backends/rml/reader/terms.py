@@ -14,7 +14,7 @@ from weakref import WeakValueDictionary
 
 from backends.rml.reader.event_types import UNBOUND, argument
 from backends.rml.reader.static_checks import references, settle
-from backends.rml.reader.syntax import Constant, Data, Expression, Name, Program, TypeUse, fold, names
+from backends.rml.reader.syntax import Constant, Data, Expression, Name, RmlProgram, TypeUse, fold, names
 from rvaft.model.values import Json
 
 Values: TypeAlias = Mapping[str, Json | Name]
@@ -56,7 +56,7 @@ def _mark_environment(environment: Environment) -> Hashable:
     return tuple((name, mark(value)) for name, value in environment)
 
 
-def _free_variables(program: Program) -> Mapping[str, frozenset[str]]:
+def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
     """For each equation the variables it can use, its parameters left out: its own, and those of equations it refers to.
 
     Equations see the variables of the place they are unfolded at (scope is dynamic), so this is what has to travel with them.
@@ -113,10 +113,10 @@ class RmlTerm:
         return any(map(is_open, self.free))
 
 
-class Terms:
+class TermTable:
     """The terms of one program."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: RmlProgram) -> None:
         self._equations = program.equations
         self._free = _free_variables(program)
         self._known: WeakValueDictionary[Hashable, RmlTerm] = WeakValueDictionary()

@@ -1,5 +1,5 @@
 """The translation of a tree into RML."""
 
-from backends.rml.writer.translation import Translation, translate
+from backends.rml.writer.translation import translate
 
-__all__ = ["Translation", "translate"]
+__all__ = ["translate"]

@@ -209,7 +209,7 @@ class MatchState(NamedTuple):
     bound: frozenset[str] = frozenset()
 
 
-class Alternative(NamedTuple):
+class RmlAlternative(NamedTuple):
     """On an event that is all the letters, go on to the target; `fits` is the set of all letters it then is."""
 
     letters: tuple[RmlLetter, ...]
@@ -249,7 +249,7 @@ class Determinised:
         start = MatchState(frozenset({((0, ()), (1 << len(scenarios)) - 1)}))
         self._number = {start: 0}
         self._waiting = [start]
-        self.alternatives: list[list[Alternative]] = []
+        self.alternatives: list[list[RmlAlternative]] = []
         for state in self._waiting:
             self.alternatives.append(list(self._alternatives(state)))
 
@@ -268,7 +268,7 @@ class Determinised:
         guards = {name: self._tree.nodes[name].when for name in self._tree.order if name in self._guarded}
         self._speaks = {name: frozenset(variables(when)) for name, when in guards.items() if when is not None}
 
-    def _alternatives(self, state: MatchState) -> Iterator[Alternative]:
+    def _alternatives(self, state: MatchState) -> Iterator[RmlAlternative]:
         moves = self._moves(state)
         if self._scattered:
             moves = {letter: move for letter, move in moves.items() if move.detects or self._helps(state, move)}
@@ -279,9 +279,9 @@ class Determinised:
             detects = any(move.detects for move in fitting)
             target = ACCEPT if detects else self._target(state, fitting, letters)
             if target != STAY:
-                yield Alternative(letters, fits, target)
+                yield RmlAlternative(letters, fits, target)
         if self._scattered:
-            yield Alternative((), 0, STAY)
+            yield RmlAlternative((), 0, STAY)
 
     def _count(self) -> None:
         """One more alternative, in whatever state."""
@@ -381,12 +381,12 @@ StateClass: TypeAlias = tuple[tuple[tuple[RmlLetter, ...], int], ...]
 """The alternatives: on an event that is all the letters, go on to the target, a class (or `ACCEPT` or `STAY`)."""
 
 
-def minimised(states: list[list[Alternative]]) -> list[StateClass]:
+def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
     """The classes, every one before those that lead to it; the last is that of the first state."""
     number: dict[StateClass, int] = {}
     of_state: dict[int, int] = {}
     for state in _later_first(states):
-        kept: list[Alternative] = []
+        kept: list[RmlAlternative] = []
         for one in reversed(states[state]):  # not where the next one that would fit leads to the same
             target = of_state.get(one.target, one.target)
             following = next((other for other in kept if not other.fits & ~one.fits), None)
@@ -398,7 +398,7 @@ def minimised(states: list[list[Alternative]]) -> list[StateClass]:
     return list(number)
 
 
-def _later_first(states: list[list[Alternative]]) -> Iterator[int]:
+def _later_first(states: list[list[RmlAlternative]]) -> Iterator[int]:
     """The states, each after all that it leads to; the only loops are STAY, so there is such an order."""
     done: set[int] = set()
     agenda = [(0, False)]

@@ -1,7 +1,6 @@
 """From a tree to an RML text: gate by gate where that is safe, else determinised into equations."""
 
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from backends.rml.writer.composition import Composition, Plain
@@ -28,17 +27,8 @@ Property: TypeAlias = tuple[Written, list[tuple[str, Written]]]
 """The expression of the whole, and the equations that it needs."""
 
 
-@dataclass(frozen=True, slots=True)
-class Translation:
-    """A text, its symbols, and how many equations it has, that of `Main` included."""
-
-    text: str
-    symbols: int
-    equations: int
-
-
-def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> Translation:
-    """The tree as an RML text; raises `NotExpressible`, `TooLarge`, `TreeError`.
+def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> tuple[str, int, int]:
+    """The tree as an RML text, its symbols, and how many equations it has, that of `Main` included; raises `NotExpressible`, `TooLarge`, `TreeError`.
 
     `limit` bounds the scenarios, the alternatives of equations, and with `SYMBOLS` the length of the text.
     """
@@ -61,7 +51,7 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> Translation:
     size = symbols(body)
     if size + sum(map(symbols, types.lines)) > SYMBOLS * limit:
         raise TooLarge(f"symbols of the RML text, {SYMBOLS} allowed for each alternative", limit=limit)
-    return Translation(text, size, 1 + len(made))
+    return text, size, 1 + len(made)
 
 
 def _property(tree: RVAFT, semantics: Semantics, letters: RmlLetters, limit: int) -> Property:

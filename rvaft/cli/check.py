@@ -2,13 +2,13 @@
 
 import json
 from collections.abc import Callable, Sequence
-from importlib.metadata import version
 from pathlib import PurePath
 from typing import Final
 from urllib.parse import quote
 
 import click
 
+import rvaft
 from rvaft.cli.failure import FAILED, FOUND, report
 from rvaft.cli.options import standard_bytes
 from rvaft.errors import LanguageError, RvaftError
@@ -101,7 +101,7 @@ def _sarif(findings: Sequence[Finding]) -> str:
     titles = {code: meanings()[code].title for code in sorted({finding.code for finding in findings})}
     driver = {
         "name": "rvaft",
-        "version": version("rvaft"),
+        "version": rvaft.__version__,
         "rules": [{"id": code, "shortDescription": {"text": title}} for code, title in titles.items()],
     }
     results = [

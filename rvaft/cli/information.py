@@ -10,7 +10,8 @@ import click
 
 from rvaft.analysis.branches import Branch, branches
 from rvaft.backend import Backend, all_backends
-from rvaft.cli.options import load_tree, tree_argument
+from rvaft.cli.options import tree_argument
+from rvaft.cli.show import load_tree
 from rvaft.errors import ToolMissing
 from rvaft.export.property_text import WIDTH, align_latex, kinds_of, property_sign, property_text, property_unicode
 from rvaft.model.nodes import Node

@@ -8,18 +8,23 @@ from pathlib import Path, PurePath
 import click
 
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.api import monitor
-from rvaft.cli.options import load_tree, output_option, semantics_option, tree_argument
+from rvaft.api import load, loads, monitor
+from rvaft.cli.options import output_option, semantics_option, standard_bytes, tree_argument
 from rvaft.errors import OptionError
 from rvaft.export import SUFFIXES, Format, Look, draw, format_of, losses
 from rvaft.export.layout import NARROWEST, WIDTH, Marks, branch_marks, marks
+from rvaft.language.parser import decoded
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.monitoring.explanation_json import counted, matched_events
 from rvaft.monitoring.reader import read
 from rvaft.support.files import deliver
 
-# What `show --highlight` marks: a branch, or what a trace detects.
+
+def load_tree(tree: str) -> RVAFT:
+    """The tree in a file, or for `-` on standard input; raises as `rvaft.load` does."""
+    return loads(decoded(standard_bytes("TREE"), "<stdin>"), "<stdin>") if tree == "-" else load(tree)
+
 
 _BRANCH = re.compile(r"branch:(.*)", re.DOTALL)
 

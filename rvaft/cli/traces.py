@@ -8,11 +8,11 @@ from typing import Final
 
 import click
 
-from cross_check.generate import PLAIN, NoTraceFound, detecting, near_miss
+from cross_check.generate import PLAIN, NoTraceFound, detecting
+from cross_check.generate import near_miss as missing
 from cross_check.generate.traces import random_trace
 from rvaft.api import load, narrowed
 from rvaft.cli.options import exclusive, part_options, semantics_option, tree_argument
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole
@@ -23,20 +23,6 @@ RANDOM_LENGTH: Final = 10
 """The most events of a random trace, unless `--length` says otherwise."""
 _REDRAWS: Final = 20
 """How often to draw again so that a trace is none of those before; some trees have only one."""
-
-Maker = Callable[[Random, RVAFT, Semantics, int | None], list[Json]]
-
-
-def _detecting(random: Random, tree: RVAFT, semantics: Semantics, longest: int | None) -> list[Json]:
-    return detecting(random, tree, semantics, manner=PLAIN, longest=longest)
-
-
-def _near_miss(random: Random, tree: RVAFT, semantics: Semantics, longest: int | None) -> list[Json]:
-    return near_miss(random, tree, semantics, manner=PLAIN, longest=longest).trace
-
-
-def _random(random: Random, tree: RVAFT, semantics: Semantics, longest: int | None) -> list[Json]:  # noqa: ARG001
-    return random_trace(random, tree, max_length=longest or RANDOM_LENGTH)
 
 
 @click.command("traces")
@@ -70,21 +56,35 @@ def traces_command(
     """
     exclusive(**{"detect": detect or None, "near-miss": near_miss or None, "random": chance or None})
     exclusive(branch=branch, kind=kind)
-    folder = None if output in (None, "-") else output
+    folder = None if output in (None, "-") else Path(output or "")
     wanted = number or (DEFAULT_NUMBER if folder is not None else 1)
     if folder is None and wanted > 1:
         raise click.UsageError(f"{wanted} traces need a folder: name it with -o", click.get_current_context())
-    name, make = ("near-miss", _near_miss) if near_miss else ("random", _random) if chance else ("detect", _detecting)
     part = narrowed(load(tree), branch, kind)
+    name = "near-miss" if near_miss else "random" if chance else "detect"
+    chosen = Semantics(semantics)
+
+    def make(random: Random) -> list[Json]:
+        if near_miss:
+            return missing(random, part, chosen, manner=PLAIN, longest=length).trace
+        if chance:
+            return random_trace(random, part, max_length=length or RANDOM_LENGTH)
+        return detecting(random, part, chosen, manner=PLAIN, longest=length)
+
     try:
-        texts = _texts(wanted, f"{seed} {name}", lambda random: make(random, part, Semantics(semantics), length))
+        texts = _texts(wanted, f"{seed} {name}", make)
     except NoTraceFound as error:
         remedy = "another --seed" if length is None else "a larger --length or another --seed"
         raise click.ClickException(f"{click.format_filename(tree)}: {error}; try {remedy}") from error
     if folder is None:
         deliver(texts[0].encode(), output)
-    else:
-        _write(Path(folder), name, texts)
+        return 0
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OSError(error.errno, f"cannot make the folder: {error.strerror}", str(folder)) from error
+    for place, text in enumerate(texts, 1):
+        write_whole(folder / f"{name}-{place}.jsonl", text.encode())
     return 0
 
 
@@ -99,12 +99,3 @@ def _texts(wanted: int, seed: str, make: Callable[[Random], list[Json]]) -> list
                 break
         texts.append(text)
     return texts
-
-
-def _write(folder: Path, name: str, texts: list[str]) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot make the folder: {error.strerror}", str(folder)) from error
-    for number, text in enumerate(texts, 1):
-        write_whole(folder / f"{name}-{number}.jsonl", text.encode())

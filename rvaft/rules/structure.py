@@ -275,16 +275,20 @@ def _topics(event: EventType, calls: list[On]) -> list[Pattern]:
 # Rules about what is written but does nothing, or does what was perhaps not meant, on trees.
 
 
+_GUESSES = 100
+"""Children for which a similar name is looked for: whoever leaves out many does so on purpose, and each takes its time."""
+
+
 def undeclared(space: ScenarioSpace) -> Iterator[Report]:
     """A child that no statement defines is perhaps misspelt."""
     tree = space.tree
     declared = [name for name, node in tree.nodes.items() if node.declared]
-    for node in tree.nodes.values():
-        if not node.declared:
-            guess = did_you_mean(node.name, declared)
-            mend = f"write `{name_text(node.name)};`"
-            message = f"child {node.name} is not declared; it observes its default event ({mend}){guess}"
-            yield Report(node.place(), message, (node.name,))
+    missing = [node for node in tree.nodes.values() if not node.declared]
+    for number, node in enumerate(missing):
+        guess = did_you_mean(node.name, declared) if number < _GUESSES else ""
+        mend = f"write `{name_text(node.name)};`"
+        message = f"child {node.name} is not declared; it observes its default event ({mend}){guess}"
+        yield Report(node.place(), message, (node.name,))
 
 
 def unreachable(space: ScenarioSpace) -> Iterator[Report]:

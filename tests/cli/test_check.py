@@ -176,3 +176,13 @@ def test_sarif(wrong: Path, warned: Path) -> None:
     place = said["results"][0]["locations"][0]["physicalLocation"]
     assert place["artifactLocation"]["uri"] == str(wrong)
     assert place["region"].keys() == {"startLine", "startColumn"}
+
+
+def test_names_are_guessed_for_a_hundred_children_and_no_more(tmp_path: Path) -> None:
+    """Comparing every undeclared child with every declared one would keep `check` busy for minutes."""
+    tree = tmp_path / "deep.rvaft"
+    gates = (f"gate{number} 2of3 gate{number + 1} x{number} gat{number};" for number in range(300))
+    tree.write_text("toplevel gate0;\n" + "\n".join(gates) + "\ngate300;\n")
+    lines = run("check", tree).stdout.splitlines()
+    assert len(lines) == 600
+    assert sum("did you mean gate" in line for line in lines) == 50

@@ -125,9 +125,6 @@ class PatternIndex(Generic[T]):
         )
 
 
-Shapes = PatternIndex
-
-
 def brief(values: Iterable[Json]) -> bool:
     """Whether no string among these values is too long to be remembered."""
     return all(not isinstance(value, str) or len(value) <= LONGEST for value in values)

@@ -6,8 +6,9 @@ from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import Kept
-from rvaft.model.nodes import Gate, Place
+from rvaft.model.nodes import Place
 from rvaft.model.tree import RVAFT
 
 # What `rvaft check` reports: one finding per line.
@@ -95,12 +96,12 @@ def branch_of(tree: RVAFT, kept: Kept) -> str:
     choices = [
         f"{children[0]} at {name}"
         for name, children in kept.items()
-        if tree.nodes[name].gate is Gate.OR and len(tree.nodes[name].children) > 1
+        if body(tree.nodes[name]).op is Op.ONE and len(tree.nodes[name].children) > 1
     ]
     votes = [
         f"{name} keeps {' '.join(children)}"
         for name, children in kept.items()
-        if tree.nodes[name].gate is Gate.VOT and len(tree.nodes[name].children) > 1
+        if body(tree.nodes[name]).op is Op.AT_LEAST and len(tree.nodes[name].children) > 1
     ]
     branch = f"the branch that chooses {listing(choices)}" if choices else "the only branch"
     return f"{branch}, when {listing(votes)}" if votes else branch

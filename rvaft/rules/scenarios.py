@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import networkx as nx
 
+from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import ScenarioSpace, inevitable, path
 from rvaft.analysis.unification import Overlaps
-from rvaft.model.nodes import Gate
 from rvaft.model.patterns import Pattern
 from rvaft.rules.rule import Report, branch_of, listing
 from rvaft.support.bits import bits as members
@@ -176,12 +176,9 @@ def _surely_ordered(space: ScenarioSpace, bits: dict[str, int]) -> dict[str, int
     for name in space.resolutions.union:
         if name in parent:
             over = parent[name]
-            gate = tree.nodes[over].gate
-            siblings = 0
-            if gate is not None and gate.ordered:
-                for_all = parts[over] & ~bits.get(over, 0)
-                siblings = for_all & ~parts[name]
-            beside[name] = beside[over] | siblings
+            beside[name] = beside[over]
+            if body(tree.nodes[over]).op is Op.SEQUENCE:
+                beside[name] |= parts[over] & ~bits.get(over, 0) & ~parts[name]
             above[name] = above[over] | bits.get(over, 0)
         else:
             beside[name] = above[name] = 0
@@ -197,7 +194,7 @@ def _surely_exclusive(space: ScenarioSpace, bits: dict[str, int]) -> dict[str, i
     for name in space.resolutions.union:
         over = parent.get(name)
         exclusive[name] = 0 if over is None else exclusive[over]
-        if over is not None and tree.nodes[over].gate is Gate.OR:
+        if over is not None and body(tree.nodes[over]).op is Op.ONE:
             exclusive[name] |= parts[over] & ~bits.get(over, 0) & ~parts[name]
     return exclusive
 
@@ -216,8 +213,7 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[Report]:
         for parent in tree.parents(node.name):
             if parent in space.resolutions and node.name in space.resolutions.union[parent]:
                 sides[parent] = slots[parent]
-                gate = tree.nodes[parent].gate
-                if gate is not None and gate.ordered:
+                if body(tree.nodes[parent]).op is Op.SEQUENCE:
                     sides[parent] |= 1 << len(owners)
                     owners.append(parent)
         slots[node.name] = 0

@@ -9,7 +9,7 @@ from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.language.draft import BrokenPrune, Draft, DraftTopic, PruneFault
 from rvaft.model.expressions import name_text
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import EventType, Gate, Ignore, On, Place
+from rvaft.model.nodes import EventType, Ignore, On, Place
 from rvaft.model.patterns import Literal, Pattern, Variable
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.topics import absolute, topic_of, wrong_name, wrong_type
@@ -58,7 +58,7 @@ def threshold(draft: Draft) -> Iterator[Report]:
     for node in draft.nodes.values():
         for said in node.gates:
             use, count = said.value, len(said.value.children)
-            if use.gate is not Gate.VOT or use.threshold is None or not count:
+            if use.threshold is None or not count:
                 continue
             total = count if use.out_of is None else use.out_of
             if total != count:

@@ -4,19 +4,20 @@ import csv
 import io
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import groupby
 from typing import Final, Self
 from xml.etree import ElementTree as ET
 
-from cross_check.results import Difference, Result, Status
+from cross_check.results import Result, Status
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.support.terminal import columns
 
-# What many results come to.
+_RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
+_SKIPPED: Final = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,64 +54,50 @@ class Totals:
         )
 
     @property
-    def participants(self) -> Sequence[str]:
-        """The participants in the order they came."""
-        return tuple(dict.fromkeys(participant for participant, _ in self.statuses))
-
-    @property
-    def semantics(self) -> Sequence[Semantics]:
-        """The semantics in the order they came."""
-        return tuple(dict.fromkeys(semantics for _, semantics in self.statuses))
-
-    def counted(self, participant: str, semantics: Semantics) -> str:
-        """How often what, in one cell of a table."""
-        counts = self.statuses.get((participant, semantics), Counter())
-        return ", ".join(f"{status} {counts[status]}" for status in Status if counts[status])
+    def table(self) -> list[list[str]]:
+        """How often what: a line for each participant, a column for each semantics, in the order they came."""
+        semantics = list(dict.fromkeys(one for _, one in self.statuses))
+        lines = [["participant", *semantics]]
+        for participant in dict.fromkeys(participant for participant, _ in self.statuses):
+            counts = [self.statuses.get((participant, one), Counter()) for one in semantics]
+            cells = (", ".join(f"{status} {one[status]}" for status in Status if one[status]) for one in counts)
+            lines.append([participant, *cells])
+        return lines
 
     @property
     def headline(self) -> str:
         """All in one line."""
-        said = [
-            _many(self.trees, "tree"),
-            _many(self.comparisons, "comparison"),
-            _many(self.verdicts, "verdict"),
-            _many(self.proofs, "proof"),
-        ]
-        if not self.participants or not self.verdicts:
-            return f"{', '.join(said)}; nothing was compared"
-        differ = len(self.differing)
+        counted = {"tree": self.trees, "comparison": self.comparisons, "verdict": self.verdicts, "proof": self.proofs}
+        if not self.verdicts:
+            return f"{', '.join(_many(number, what) for what, number in counted.items())}; nothing was compared"
         if self.masked:
-            said.append(_many(self.masked, "masked trace"))
-        return f"{', '.join(said)}; {_many(differ, 'disagreement') if differ else 'no disagreement'}"
-
-
-_RAN = frozenset({Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS})
+            counted["masked trace"] = self.masked
+        differ = len(self.differing)
+        said = ", ".join(_many(number, what) for what, number in counted.items())
+        return f"{said}; {_many(differ, 'disagreement') if differ else 'no disagreement'}"
 
 
 def _many(number: int, what: str) -> str:
     return f"{number:,} {what}{'' if number == 1 else 's'}"
 
 
-# Results for a terminal, as lines of plain text.
-
-
 def result_lines(results: Iterable[Result]) -> list[str]:
-    """One line per participant and comparison."""
-    rows: list[tuple[str, ...]] = [("TREE", "SEMANTICS", "PARTICIPANT", "SECONDS", "SYMBOLS", "STATES", "RESULT")]
+    """For a terminal: one line per participant and comparison."""
+    rows = [["TREE", "SEMANTICS", "PARTICIPANT", "SECONDS", "SYMBOLS", "STATES", "RESULT"]]
     for result in results:
-        sizes = tuple("" if size is None else str(size) for size in (result.symbols, result.states))
-        named = (result.job.title, str(result.job.semantics), result.participant, f"{result.seconds:.3f}")
-        rows.append((*named, *sizes, result.text))
+        named = [result.job.title, result.job.semantics, result.participant, f"{result.seconds:.3f}"]
+        rows.append([*named, *_sizes(result), result.text])
     return columns(rows)
 
 
+def _sizes(result: Result) -> list[str]:
+    return ["" if size is None else str(size) for size in (result.symbols, result.states)]
+
+
 def summary_lines(totals: Totals) -> list[str]:
-    """One line per participant, with how often what under each semantics."""
-    head = ("PARTICIPANT", *(semantics.upper() for semantics in totals.semantics))
-    counts = (
-        (name, *(totals.counted(name, semantics) for semantics in totals.semantics)) for name in totals.participants
-    )
-    return columns([head, *counts])
+    """For a terminal: one line per participant, with how often what under each semantics."""
+    head, *lines = totals.table
+    return columns([[cell.upper() for cell in head], *lines])
 
 
 def difference_lines(result: Result) -> list[str]:
@@ -121,13 +108,10 @@ def difference_lines(result: Result) -> list[str]:
     rows = [("EVENT", found.baseline, result.participant)]
     for event, expected, got in zip(found.trace, found.expected, found.got, strict=True):
         rows.append((json.dumps(event, ensure_ascii=False), expected.symbol, got.symbol))
-    lines = columns(rows)
-    return lines if found.trace else ["they differ before any event"]
+    return columns(rows) if found.trace else ["they differ before any event"]
 
 
-# Results as CSV and JSON.
-
-COLUMNS: Final = (
+COLUMNS: Final = [
     "tree",
     "semantics",
     "participant",
@@ -137,7 +121,7 @@ COLUMNS: Final = (
     "states",
     "verdicts",
     "result",
-)
+]
 """The columns of the CSV report, as those of Spot's `ltlcross` where they mean the same."""
 
 
@@ -147,9 +131,8 @@ def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(COLUMNS)
     for result in results:
-        sizes = ("" if size is None else size for size in (result.symbols, result.states))
-        row = (result.job.title, result.job.semantics, result.participant, exit_status(result), f"{result.seconds:.6f}")
-        writer.writerow([*row, *sizes, result.verdicts, result.text])
+        row = [result.job.title, result.job.semantics, result.participant, exit_status(result), f"{result.seconds:.6f}"]
+        writer.writerow([*row, *_sizes(result), result.verdicts, result.text])
     return stream.getvalue()
 
 
@@ -157,23 +140,20 @@ def json_text(results: Iterable[Result], note: str = "") -> str:
     """The totals and every result, with the traces that show differences; `note` is what else there is to say."""
     every = list(results)
     totals = Totals.of(every)
-    counts = {
-        "trees": totals.trees,
-        "comparisons": totals.comparisons,
-        "verdicts": totals.verdicts,
-        "proofs": totals.proofs,
-        "disagreements": len(totals.differing),
-    }
+    counts = {name: getattr(totals, name) for name in ("trees", "comparisons", "verdicts", "proofs")}
+    counts["disagreements"] = len(totals.differing)
     found = {"version": version("rvaft"), "note": note, "totals": counts, "results": [_object(one) for one in every]}
     return json.dumps(found, indent=1) + "\n"
 
 
 def exit_status(result: Result) -> str:
     """How it ended, whatever the verdicts were: `ok` for everybody who gave verdicts to the end."""
-    return str(result.status) if result in Totals.of([result]).unable else "ok"
+    return "ok" if result.status in _RAN else str(result.status)
 
 
 def _object(result: Result) -> dict[str, Json]:
+    found = result.difference
+    names = ["symbols", "states", "verdicts", "traces", "longest", "masked", "masks"]
     return {
         "tree": result.job.name,
         "branch": result.job.branch,
@@ -183,67 +163,41 @@ def _object(result: Result) -> dict[str, Json]:
         "status": result.status,
         "exit_status": exit_status(result),
         "seconds": round(result.seconds, 6),
-        "symbols": result.symbols,
-        "states": result.states,
-        "verdicts": result.verdicts,
-        "traces": result.traces,
-        "longest": result.longest,
-        "masked": result.masked,
-        "masks": list(result.masks),
+        **{name: getattr(result, name) for name in names},
         "result": result.text,
-        "difference": None if result.difference is None else _difference(result.difference),
+        "difference": found and {name: getattr(found, name) for name in ("trace", "baseline", "expected", "got")},
     }
-
-
-def _difference(found: Difference) -> dict[str, Json]:
-    return {
-        "trace": list(found.trace),
-        "baseline": found.baseline,
-        "expected": [verdict.value for verdict in found.expected],
-        "got": [verdict.value for verdict in found.got],
-    }
-
-
-# Results as JUnit XML, which continuous integration shows as tests.
-
-_SKIPPED = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 
 
 def junit_text(results: Iterable[Result], note: str = "") -> str:
-    """One suite per tree and semantics, one test case per participant.
+    """For continuous integration, as tests: one suite per tree and semantics, one test case per participant.
 
     A disagreement is a failure, what could not run an error, and what a language cannot say or is too large is skipped.
     """
     root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
     for job, group in groupby(results, key=lambda result: result.job):
         cases = list(group)
+        kinds = [_kind(case) for case in cases]
         suite = ET.SubElement(root, "testsuite", name=_text(f"{job.title} ({job.semantics})"))
-        suite.set("tests", str(len(cases)))
-        suite.set("failures", str(sum(case.status is Status.DIFFERS for case in cases)))
-        suite.set("errors", str(sum(_erroneous(case) for case in cases)))
-        suite.set("skipped", str(sum(case.status in _SKIPPED for case in cases)))
+        counts = {"failures": kinds.count("failure"), "errors": kinds.count("error"), "skipped": kinds.count("skipped")}
+        for name, number in {"tests": len(cases), **counts}.items():
+            suite.set(name, str(number))
         suite.set("time", f"{sum(case.seconds for case in cases):.3f}")
-        for case in cases:
-            _case(suite, case)
+        for case, kind in zip(cases, kinds, strict=True):
+            classname = _text(f"{job.title}.{job.semantics}")
+            made = ET.SubElement(suite, "testcase", name=_text(case.participant), classname=classname)
+            made.set("time", f"{case.seconds:.3f}")
+            if kind:
+                said = ET.SubElement(made, kind, message=_text(case.text))
+                said.text = _text("\n".join(difference_lines(case))) or None
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
-def _erroneous(result: Result) -> bool:
-    return result.status in (Status.COULD_NOT_RUN, Status.TOOL_MISSING)
-
-
-def _case(suite: ET.Element, result: Result) -> None:
-    name = _text(result.participant)
-    made = ET.SubElement(suite, "testcase", name=name, classname=_text(f"{result.job.title}.{result.job.semantics}"))
-    made.set("time", f"{result.seconds:.3f}")
-    if result.status is Status.DIFFERS:
-        failure = ET.SubElement(made, "failure", message=_text(result.text))
-        failure.text = _text("\n".join(difference_lines(result)))
-    elif result.status in _SKIPPED:
-        ET.SubElement(made, "skipped", message=_text(result.text))
-    elif _erroneous(result):
-        ET.SubElement(made, "error", message=_text(result.text))
+def _kind(result: Result) -> str:
+    if result.status in _RAN:
+        return "failure" if result.status is Status.DIFFERS else ""
+    return "skipped" if result.status in _SKIPPED else "error"
 
 
 def _text(text: str) -> str:
@@ -251,34 +205,24 @@ def _text(text: str) -> str:
     return "".join(c if c in "\t\n" or (c.isprintable() or ord(c) > 0x9F) else "\ufffd" for c in text)
 
 
-# Results as Markdown, for the summary page of a run in continuous integration.
-
-
 def markdown_text(results: Iterable[Result], note: str = "") -> str:
     """The totals as a table, then each disagreement with its trace, then what could not be compared."""
     totals = Totals.of(results)
     lines = ["## rvaft cross-check", "", f"{'; '.join(filter(None, [totals.headline, note]))}.", ""]
-    if not totals.participants:
+    if not totals.statuses:
         return "\n".join(lines)
-    lines += _row(["participant", *totals.semantics])
-    lines += _row(["---"] * (1 + len(totals.semantics)))
-    for participant in totals.participants:
-        lines += _row([participant, *(totals.counted(participant, semantics) for semantics in totals.semantics)])
+    head, *rows = totals.table
+    lines += [f"| {' | '.join(map(_cell, row))} |" for row in (head, ["---"] * len(head), *rows)]
     for result in totals.differing:
-        lines += ["", f"### {_cell(f'{result.participant}: {result.job.title} ({result.job.semantics})')}", ""]
-        lines += [f"    {line}" for line in difference_lines(result)]
+        lines += ["", f"### {_cell(_named(result))}", "", *(f"    {line}" for line in difference_lines(result))]
     if totals.unable:
         lines += ["", "### Not compared", ""]
-        lines += [_item(result) for result in totals.unable]
+        lines += [f"- {_cell(f'{_named(result)}: {result.text}')}" for result in totals.unable]
     return "\n".join(lines) + "\n"
 
 
-def _item(result: Result) -> str:
-    return f"- {_cell(f'{result.participant}: {result.job.title} ({result.job.semantics}): {result.text}')}"
-
-
-def _row(cells: Iterable[str]) -> list[str]:
-    return [f"| {' | '.join(map(_cell, cells))} |"]
+def _named(result: Result) -> str:
+    return f"{result.participant}: {result.job.title} ({result.job.semantics})"
 
 
 def _cell(text: str) -> str:
@@ -287,15 +231,3 @@ def _cell(text: str) -> str:
     for sign in "\\|`*_<>[]":
         plain = plain.replace(sign, f"\\{sign}")
     return plain
-
-
-__all__ = [
-    "Totals",
-    "csv_text",
-    "difference_lines",
-    "json_text",
-    "junit_text",
-    "markdown_text",
-    "result_lines",
-    "summary_lines",
-]

@@ -1,9 +1,9 @@
 """Traces with something wrong in them: what happens to logs, and what tells implementations apart."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from random import Random
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias, assert_never
 
 from cross_check.generate.believable import Look
 from cross_check.generate.detections import ATTEMPTS, WILD, Manner, detecting, noise, some_event
@@ -14,7 +14,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, equal, is_number
 from rvaft.model.verdict import Semantics, Verdict
 
-Place: TypeAlias = tuple[int, tuple[str | int, ...]]
+TracePlace: TypeAlias = tuple[int, tuple[str | int, ...]]
 """The index of an event, and the fields and list indices that lead to a value in it."""
 
 _EXACT: Final = 2**53
@@ -50,80 +50,73 @@ def disturbed_by(
     kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()
 ) -> list[Json] | None:
     """The trace after one edit of a kind, different from what it was, or None where there is nothing to edit in that way."""
-    if kind in (Disturbance.OTHER, Disturbance.THROUGHOUT):
-        return _other(random, trace, [*interesting_values(tree), *values], everywhere=kind is Disturbance.THROUGHOUT)
-    return _EDITS[kind](random, trace, tree)
+    index = random.randrange(len(trace)) if trace else 0
+    match kind:
+        case Disturbance.EXTRA:
+            return _inserted(random, trace, some_event(random, tree, interesting_values(tree)))
+        case Disturbance.NOISE:
+            event = noise(random, tree, COMMON)
+            return None if event is None else _inserted(random, trace, event)
+        case Disturbance.MISSING:
+            return [*trace[:index], *trace[index + 1 :]] if trace else None
+        case Disturbance.REPEATED:
+            again = random.choice((index, random.randint(index, len(trace) - 1))) + 1 if trace else 0
+            return [*trace[:again], trace[index], *trace[again:]] if trace else None
+        case Disturbance.SWAPPED:
+            return _swapped(random, trace)
+        case Disturbance.BOUND:
+            return _bound(random, trace, tree)
+        case Disturbance.TYPE:
+            return _edited(
+                random, trace, lambda old: [v for v in COMMON if _kind(v) is not _kind(old)] + _look_alikes(old)
+            )
+        case Disturbance.NUMBER:
+            return _edited(random, trace, _other_number)
+        case Disturbance.FIELD:
+            return _without_field(random, trace)
+        case Disturbance.OTHER | Disturbance.THROUGHOUT:
+            every = [*interesting_values(tree), *values]
+            return _other(random, trace, every, everywhere=kind is Disturbance.THROUGHOUT)
+        case _:
+            assert_never(kind)
 
 
-# -- whole events -------------------------------------------------------------------------------------------------
-
-
-def _extra(random: Random, trace: list[Json], tree: RVAFT) -> list[Json]:
-    return _with(random, trace, some_event(random, tree, interesting_values(tree)))
-
-
-def _noise(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
-    event = noise(random, tree, COMMON)
-    return None if event is None else _with(random, trace, event)
-
-
-def _with(random: Random, trace: list[Json], event: Json) -> list[Json]:
+def _inserted(random: Random, trace: list[Json], event: Json) -> list[Json]:
     index = random.randint(0, len(trace))
     return [*trace[:index], event, *trace[index:]]
 
 
-def _missing(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
-    if not trace:
-        return None
-    index = random.randrange(len(trace))
-    return [*trace[:index], *trace[index + 1 :]]
-
-
-def _swapped(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
-    for _ in range(10):
-        if len(trace) > 1:
-            first = random.randrange(len(trace) - 1)
-            second = random.choice((first + 1, random.randrange(first + 1, len(trace))))
-            if not equal(trace[first], trace[second]):
-                result = list(trace)
-                result[first], result[second] = result[second], result[first]
-                return result
+def _swapped(random: Random, trace: list[Json]) -> list[Json] | None:
+    for _ in range(10 if len(trace) > 1 else 0):
+        first = random.randrange(len(trace) - 1)
+        second = random.choice((first + 1, random.randrange(first + 1, len(trace))))
+        if not equal(trace[first], trace[second]):
+            result = list(trace)
+            result[first], result[second] = result[second], result[first]
+            return result
     return None
-
-
-def _repeated(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
-    if not trace:
-        return None
-    index = random.randrange(len(trace))
-    again = random.choice((index, random.randint(index, len(trace) - 1))) + 1
-    return [*trace[:again], trace[index], *trace[again:]]
-
-
-# -- values in events ---------------------------------------------------------------------------------------------
 
 
 def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
     """Bounds are the constants of the tree, the numbers of the trace, and the sums of both (`T2 >= T1 + 10`)."""
-    numbers = [place for place in _places(trace) if is_number(_at(trace, place))]
-    if not numbers:
-        return None
-    place = random.choice(numbers)
-    old = _at(trace, place)
-    constants = [constant for constant in interesting_values(tree) if is_number(constant)]
-    other, constant = _at(trace, random.choice(numbers)), random.choice(constants)
-    bounds = (old, other, constant, other + constant, other - constant)
-    new = [near for bound in bounds for near in around(bound) if not equal(near, old)]
-    return _put(trace, place, random.choice(new)) if new else None
+    numbers = [value for _, value in _places(trace) if is_number(value)]
+    constant = random.choice([constant for constant in interesting_values(tree) if is_number(constant)])
+    other = random.choice(numbers) if numbers else 0
+
+    def near(old: Json) -> list[Json]:
+        bounds = (old, other, constant, other + constant, other - constant) if is_number(old) else ()
+        return [one for bound in bounds for one in around(bound) if not equal(one, old)]
+
+    return _edited(random, trace, near)
 
 
-def _type(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
-    places = _places(trace)
+def _edited(random: Random, trace: list[Json], instead: Callable[[Json], Sequence[Json]]) -> list[Json] | None:
+    """The trace with another value at one place, one of those that the value there may become."""
+    places = [(place, new) for place, old in _places(trace) if (new := instead(old))]
     if not places:
         return None
-    place = random.choice(places)
-    old = _at(trace, place)
-    others: list[Json] = [value for value in COMMON if _kind(value) is not _kind(old)]
-    return _put(trace, place, random.choice([*others, *_look_alikes(old)]))
+    place, new = random.choice(places)
+    return _put(trace, place, random.choice(new))
 
 
 def _look_alikes(value: Json) -> list[Json]:
@@ -135,14 +128,21 @@ def _look_alikes(value: Json) -> list[Json]:
     return []
 
 
+def _other_number(value: Json) -> list[Json]:
+    """1.0 for 1, and 1 for 1.0."""
+    if not is_number(value) or abs(value) >= _EXACT or value != int(value):
+        return []
+    return [float(value) if isinstance(value, int) else int(value)]
+
+
 def _other(random: Random, trace: list[Json], values: Sequence[Json], *, everywhere: bool) -> list[Json] | None:
     """What ties events together breaks at one place; what a condition says of all of them is broken in all of them."""
-    places = _scalars(trace)
-    if not places:
+    scalars = _scalars(trace)
+    if not scalars:
         return None
-    old = _at(trace, place := random.choice(places))
-    others = [*values, *(_at(trace, other) for other in places), *_next_to(old)]
-    return _exchanged(random, trace, place, others, everywhere=everywhere)
+    place, old = random.choice(scalars)
+    others = [*values, *(value for _, value in scalars), *_next_to(old)]
+    return _exchanged(random, trace, place, old, others, everywhere=everywhere)
 
 
 def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) -> list[Json] | None:
@@ -150,34 +150,28 @@ def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) 
 
     The rest stays, so that one condition is met or broken while the others hold. Now and then a value becomes one that looks like it.
     """
-    alike = [(place, twin) for place in _scalars(trace) for twin in _look_alikes(_at(trace, place))]
+    alike = [(place, twin) for place, value in _scalars(trace) for twin in _look_alikes(value)]
     if alike and random.random() < _CARELESS:
         return _put(trace, *random.choice(alike))
     kinds = {_kind(constant) for constant in constants}
-    places = [place for place in _scalars(trace) if _kind(_at(trace, place)) in kinds]
+    places = [(place, value) for place, value in _scalars(trace) if _kind(value) in kinds]
     if not places:
         return None
     near = [value for constant in constants for value in (constant, *_next_to(constant))]
-    return _exchanged(random, trace, random.choice(places), near, everywhere=random.random() < 0.5)
+    return _exchanged(random, trace, *random.choice(places), near, everywhere=random.random() < 0.5)
 
 
 def _exchanged(
-    random: Random, trace: list[Json], place: Place, values: Sequence[Json], *, everywhere: bool
+    random: Random, trace: list[Json], place: TracePlace, old: Json, values: Sequence[Json], *, everywhere: bool
 ) -> list[Json] | None:
     """The trace with one of the values of the same kind at a place, and wherever else the old one stands."""
-    old = _at(trace, place)
     others = [value for value in values if _kind(value) is _kind(old) and not equal(value, old)]
     if not others:
         return None
     new = random.choice(others)
-    for other in _scalars(trace) if everywhere else [place]:
-        if equal(_at(trace, other), old):
-            trace = _put(trace, other, new)
+    for other in [other for other, value in _scalars(trace) if equal(value, old)] if everywhere else [place]:
+        trace = _put(trace, other, new)
     return trace
-
-
-def _scalars(trace: list[Json]) -> list[Place]:
-    return [place for place in _places(trace) if not isinstance(_at(trace, place), (dict, list))]
 
 
 def _next_to(value: Json) -> list[Json]:
@@ -186,78 +180,53 @@ def _next_to(value: Json) -> list[Json]:
     return list(around(value)) if is_number(value) else []
 
 
-def _number(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
-    places = []
-    for place in _places(trace):
-        value = _at(trace, place)
-        if is_number(value) and abs(value) < _EXACT and value == int(value):
-            places.append(place)
+def _without_field(random: Random, trace: list[Json]) -> list[Json] | None:
+    places = [place for place, _ in _places(trace) if isinstance(place[1][-1], str)]
     if not places:
         return None
-    place = random.choice(places)
-    value = _at(trace, place)
-    return _put(trace, place, float(value) if isinstance(value, int) else int(value))
-
-
-def _field(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:  # noqa: ARG001
-    places = [place for place in _places(trace) if isinstance(place[1][-1], str)]
-    if not places:
-        return None
-    index, path = random.choice(places)
-    owner: Place = (index, path[:-1])
-    return _put(trace, owner, {name: value for name, value in _at(trace, owner).items() if name != path[-1]})
+    index, (*above, last) = random.choice(places)
+    owner = dict(trace[index] if not above else _at(trace[index], above))
+    del owner[last]
+    return _put(trace, (index, tuple(above)), owner)
 
 
 def _kind(value: Json) -> type:
     return float if is_number(value) else type(value)
 
 
-def _places(trace: list[Json]) -> list[Place]:
-    """All values inside the events, in order; an event itself is none."""
-    found: list[Place] = []
+def _scalars(trace: list[Json]) -> list[tuple[TracePlace, Json]]:
+    return [(place, value) for place, value in _places(trace) if not isinstance(value, (dict, list))]
+
+
+def _places(trace: list[Json]) -> list[tuple[TracePlace, Json]]:
+    """All values inside the events with their places, in order; an event itself is none."""
+    found: list[tuple[TracePlace, Json]] = []
     for index, event in enumerate(trace):
         todo: list[tuple[tuple[str | int, ...], Json]] = [((), event)]
         while todo:
             path, value = todo.pop()
             if path:
-                found.append((index, path))
-            if isinstance(value, Mapping):
-                todo += [((*path, name), inner) for name, inner in reversed(list(value.items()))]
-            elif isinstance(value, list):
-                todo += [((*path, number), inner) for number, inner in reversed(list(enumerate(value)))]
+                found.append(((index, path), value))
+            inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+            todo += [((*path, step), part) for step, part in reversed(list(inner))]
     return found
 
 
-def _at(trace: list[Json], place: Place) -> Json:
-    index, path = place
-    value = trace[index]
+def _at(event: Json, path: Sequence[str | int]) -> Json:
     for step in path:
-        value = value[step]
-    return value
+        event = event[step]
+    return event
 
 
-def _put(trace: list[Json], place: Place, new: Json) -> list[Json]:
+def _put(trace: list[Json], place: TracePlace, new: Json) -> list[Json]:
     """The trace with another value at a place; only what leads there is copied."""
     index, path = place
     for depth in range(len(path) - 1, -1, -1):
-        owner = _at(trace, (index, path[:depth]))
-        copied: Json = dict(owner) if isinstance(owner, Mapping) else list(owner)
-        copied[path[depth]] = new
-        new = copied
+        owner = _at(trace[index], path[:depth]).copy()
+        owner[path[depth]] = new
+        new = owner
     return [*trace[:index], new, *trace[index + 1 :]]
 
-
-_EDITS: Final[Mapping[Disturbance, Callable[[Random, list[Json], RVAFT], list[Json] | None]]] = {
-    Disturbance.EXTRA: _extra,
-    Disturbance.MISSING: _missing,
-    Disturbance.SWAPPED: _swapped,
-    Disturbance.REPEATED: _repeated,
-    Disturbance.BOUND: _bound,
-    Disturbance.TYPE: _type,
-    Disturbance.NUMBER: _number,
-    Disturbance.FIELD: _field,
-    Disturbance.NOISE: _noise,
-}
 
 # Random traces that are one edit away from a detection.
 

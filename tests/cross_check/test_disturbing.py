@@ -78,7 +78,7 @@ def test_values_next_to_bounds_come_from_the_tree_and_from_sums() -> None:
     assert {249, 251} <= {value for value, _ in moved}
     assert {9, 11} <= {time for _, time in moved}
     late: list[Json] = [{"name": "move", "wp": 1, "t": 7}, {"name": "read", "value": {"v": 300, "list": [90]}}]
-    times = {disturbed_by(Disturbance.BOUND, Random(seed), late, TREE)[1]["value"]["list"][0] for seed in range(2_000)}  # type: ignore[index]
+    times = {disturbed_by(Disturbance.BOUND, Random(seed), late, TREE)[1]["value"]["list"][0] for seed in range(10_000)}  # type: ignore[index]
     assert {16, 17, 18} <= times
 
 

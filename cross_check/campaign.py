@@ -1,6 +1,6 @@
 """Random trees to compare, reproducible from a seed."""
 
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import product
@@ -11,13 +11,11 @@ from cross_check.comparison import Comparison, Roster, raised
 from cross_check.generate.trees import Shape, random_tree
 from cross_check.results import Job, Result, Status
 from cross_check.traces import Effort
-from rvaft.analysis.branches import restrict
+from rvaft.analysis.branches import branches, restrict
+from rvaft.api import loads
 from rvaft.errors import TreeError
-from rvaft.language.parser import parse_guard
-from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On
-from rvaft.model.patterns import Literal, ObjectPattern, Variable
+from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Scalar
 from rvaft.rules import require_valid
 from rvaft.support.processes import Killed, in_processes
 
@@ -31,10 +29,11 @@ from rvaft.support.processes import Killed, in_processes
 EFFORT: Final = Effort(words=200, traces=32, recheck=False)
 """Enough to notice every fault that the tests plant in translations and readers, and no more."""
 
-LEAVES: Final = ("a", "b", "c", "d")
-SEEN: Final = EventType("seen", ("what",), ObjectPattern((("event", Variable("what")),)))
-AT: Final = EventType("at", ("place", "time"), ObjectPattern((("at", Variable("place")), ("time", Variable("time")))))
-READ: Final = EventType("read", ("value",), ObjectPattern((("value", Variable("value")),)))
+EVENTS: Final = """
+event seen(what) = { event: what };
+event at(place, time) = { at: place, time: time };
+event read(value) = { value: value };
+"""
 GUARDS: Final = {
     "a bound": "T > 3",
     "a bound that counts": "T >= 3",
@@ -45,8 +44,6 @@ GUARDS: Final = {
     "a negation": "not (T == S or Q == P)",
     "a negated order": "not (T < 3)",
 }
-LITERALS: Final[tuple[Scalar, ...]] = (1, 1.0, "1", True)
-"""The first two are equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,215 +56,93 @@ class Entry:
     kind: Kind | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class GateOver:
-    """A gate with a threshold, if it has one."""
-
-    gate: Gate
-    threshold: int | None = None
-
-    def __str__(self) -> str:
-        return str(self.gate) if self.threshold is None else f"{self.threshold}of"
-
-    def node(self, name: str, children: Sequence[str], on: On | None = None) -> Node:
-        """A node with this gate."""
-        return Node(name, self.gate, tuple(children), self.threshold, on)
-
-
-def gates(children: int) -> Iterator[GateOver]:
-    """Every gate that can have so many children, VOT with every threshold."""
+def gates(children: int) -> Iterator[str]:
+    """Every gate that can have so many children as it is written, a vote with every threshold."""
     for gate in Gate:
-        if gate is Gate.VOT:
-            yield from (GateOver(gate, k) for k in range(1, children + 1))
-        else:
-            yield GateOver(gate)
+        yield from (f"{k}of{children}" for k in range(1, children + 1)) if gate is Gate.VOT else [str(gate)]
 
 
 def catalogue() -> Iterator[Entry]:
     """All trees of the run without arguments: small ones first, and early those that tell most."""
     yield from _single(1, 2)
-    yield from _valued()
+    for name, text in _WRITTEN.items():
+        yield _entry(name, text)
     yield from _parts()
-    yield from _same_event()
-    yield from _alike()
-    yield from _shared()
-    yield from _deep()
+    for gate in gates(3):
+        yield _entry(f"{gate}, two children with one event", f'r {gate} a b c; a on seen("e"); b on seen("e");')
+    for gate in gates(2):
+        text = f'r {gate} p q; p sand a b; q sand c d; a on seen("e"); c on seen("e");'
+        yield _entry(f"{gate}, two children that begin alike", text)  # who decides at that event decides too early
+    for gate in gates(2):  # the `or` leaves an ordered gate a feasible scenario
+        yield _entry(f"{gate} over a shared node", f"r {gate} p q; p or a s; q sand b s;")
+    for gate in ("and", "2of3"):
+        yield _entry(f"{gate} with an order that a choice adds", f"r {gate} o x s; o or q c; q sand x s;")
+    for outer, middle in product(Gate, (Gate.SAND, Gate.OR)):
+        above, upper = ("2of3", "a s e") if outer is Gate.VOT else (outer, "a s")
+        yield _entry(f"{above} over {middle} over and", f"r {above} {upper}; s {middle} g d; g and b c;")
+    yield _entry("1of2 with two to follow", "r sand v y z; v 1of2 a b;")
     yield from _guarded()
-    yield from _votes()
-    yield from _nested()
+    vote = "r sand v z; v 2of4 ab cd ef g; ab sand a b; cd sand c d; ef sand e f;"
+    yield _entry("2of4 over sequences", vote)  # more orders than anybody writes out one by one
+    for outer, inner in product(Gate, repeat=2):
+        above, upper = ("2of3", "a g d") if outer is Gate.VOT else (outer, "g a")
+        below, lower = ("2of3", "b c e") if inner is Gate.VOT else (inner, "b c")
+        yield _entry(f"{above} over {below}", f"r {above} {upper}; g {below} {lower};")
     yield from _single(3, 4)
+
+
+_WRITTEN: Final = {
+    "a guard that decides relevance": "r sand b c; b on read(V) when V > 2;",
+    "an `ignore` with a guard": "ignore read(X) when X <= 2; r sand a c b; a on read(V); b on read(W);",
+    "a variable bound twice": "r sand a b; a on at(P, S); b on read(P);",
+    **{  # bounds so that 1, 1.0 and true meet
+        f"{gate}, a variable bound twice": f"r {gate} a b; a on seen(V); b on read(V) when V >= 0 and V <= 1;"
+        for gate in (Gate.SAND, Gate.SAND_RL, Gate.AND)
+    },
+    # the values of variables are never all tried, so what follows is tested, not proved
+    "literals of several types": """
+        r or p q; p sand a b c d; a on read(1); b on read(1.0); c on read("1"); d on read(true);
+        q sand v w; v on at(P, S); w on at(P, T);
+    """,
+}
+
+
+def _entry(name: str, text: str) -> Entry:
+    """An entry for a tree as it is written; events that it does not mention are left out."""
+    used = "".join(f"{line}\n" for line in EVENTS.splitlines() if f" {line[6:].partition('(')[0]}(" in text)
+    return Entry(name, loads(used + text))
 
 
 def _single(*counts: int) -> Iterator[Entry]:
     for count in counts:
-        leaves = LEAVES[:count]
+        leaves = " ".join("abcd"[:count])
         for gate in gates(count):
-            name = f"{gate}/{count}" if gate.threshold is None else f"{gate}{count}"
-            yield Entry(name, RVAFT("r", [gate.node("r", leaves), *map(Node, leaves)]))
+            name = gate if "of" in gate else f"{gate}/{count}"
+            yield _entry(name, f"r {gate} {leaves};")
             for causality in Causality:
                 # below another gate: what comes before and after the gate's own event has to show
-                top = Node("t", Gate.SAND, ("r", "z"))
-                own = gate.node("r", leaves, On("seen", (Literal("r"),)))
-                nodes = [top, own, *map(Node, (*leaves, "z"))]
-                yield Entry(f"{name} with its own event, {causality}", RVAFT("t", nodes, [SEEN], causality=causality))
-
-
-def _same_event() -> Iterator[Entry]:
-    """Two children that one event can serve, and a third; only one of them takes it."""
-    on = On("seen", (Literal("e"),))
-    for gate in gates(3):
-        nodes = [gate.node("r", ("a", "b", "c")), Node("a", on=on), Node("b", on=on), Node("c")]
-        yield Entry(f"{_named(gate, 3)}, two children with one event", RVAFT("r", nodes, [SEEN]))
-
-
-def _alike() -> Iterator[Entry]:
-    """Two children that begin with the same event and go on differently: whoever decides at that event decides too early."""
-    on = On("seen", (Literal("e"),))
-    for gate in gates(2):
-        first, second = Node("p", Gate.SAND, ("a", "b")), Node("q", Gate.SAND, ("c", "d"))
-        leaves = [Node("a", on=on), Node("b"), Node("c", on=on), Node("d")]
-        nodes = [gate.node("r", ("p", "q")), first, second, *leaves]
-        yield Entry(f"{_named(gate, 2)}, two children that begin alike", RVAFT("r", nodes, [SEEN]))
-
-
-def _shared() -> Iterator[Entry]:
-    """A node below two nodes; the gate joins them. The `or` leaves an ordered gate a feasible scenario."""
-    for gate in gates(2):
-        nodes = [
-            gate.node("r", ("p", "q")),
-            Node("p", Gate.OR, ("a", "s")),
-            Node("q", Gate.SAND, ("b", "s")),
-            *map(Node, ("a", "b", "s")),
-        ]
-        yield Entry(f"{_named(gate, 2)} over a shared node", RVAFT("r", nodes))
-
-    for gate in (GateOver(Gate.AND), GateOver(Gate.VOT, 2)):
-        nodes = [
-            gate.node("r", ("o", "x", "s")),
-            Node("o", Gate.OR, ("q", "c")),
-            Node("q", Gate.SAND, ("x", "s")),
-            *map(Node, ("c", "x", "s")),
-        ]
-        yield Entry(f"{_named(gate, 3)} with an order that a choice adds", RVAFT("r", nodes))
-
-
-def _nested() -> Iterator[Entry]:
-    for outer, inner in product(Gate, repeat=2):
-        above = GateOver(outer, 2 if outer is Gate.VOT else None)
-        below = GateOver(inner, 2 if inner is Gate.VOT else None)
-        upper = ("a", "g", "d") if outer is Gate.VOT else ("g", "a")
-        lower = ("b", "c", "e") if inner is Gate.VOT else ("b", "c")
-        leaves = [name for name in (*upper, *lower) if name != "g"]
-        nodes = [above.node("r", upper), below.node("g", lower), *map(Node, leaves)]
-        yield Entry(f"{_named(above, len(upper))} over {_named(below, len(lower))}", RVAFT("r", nodes))
-
-
-def _deep() -> Iterator[Entry]:
-    """An order of, or a choice between, a gate and a leaf, below each gate."""
-    for outer, middle in product(Gate, (Gate.SAND, Gate.OR)):
-        gate = GateOver(outer, 2 if outer is Gate.VOT else None)
-        upper = ("a", "s", "e") if outer is Gate.VOT else ("a", "s")
-        leaves = [name for name in (*upper, "b", "c", "d") if name != "s"]
-        nodes = [gate.node("r", upper), Node("s", middle, ("g", "d")), Node("g", Gate.AND, ("b", "c"))]
-        yield Entry(f"{_named(gate, len(upper))} over {middle} over and", RVAFT("r", [*nodes, *map(Node, leaves)]))
-    nodes = [Node("r", Gate.SAND, ("v", "y", "z")), GateOver(Gate.VOT, 1).node("v", ("a", "b"))]
-    yield Entry("1of2 with two to follow", RVAFT("r", [*nodes, *map(Node, "abyz")]))
-
-
-def _votes() -> Iterator[Entry]:
-    """A vote over sequences and a leaf, with something after it: more orders than anybody writes out one by one."""
-    pairs = ("ab", "cd", "ef")
-    nodes = [
-        Node("r", Gate.SAND, ("v", "z")),
-        GateOver(Gate.VOT, 2).node("v", (*pairs, "g")),
-        *(Node(pair, Gate.SAND, tuple(pair)) for pair in pairs),
-        *map(Node, "abcdefgz"),
-    ]
-    yield Entry("2of4 over sequences", RVAFT("r", nodes))
+                text = f'causality {causality}; toplevel t; t sand r z; r {gate} {leaves} on seen("r");'
+                yield _entry(f"{name} with its own event, {causality}", text)
 
 
 def _parts() -> Iterator[Entry]:
     """Branches and kinds: events of other branches stay relevant."""
-    nodes = [
-        Node("r", Gate.OR, ("p", "q")),
-        Node("p", Gate.SAND, ("a", "b")),
-        Node("q", Gate.SAND, ("a", "t")),
-        Node("t", Gate.OR, ("c", "d")),
-        Node("a"),
-        Node("b"),
-        Node("c", kind=Kind.FAULT),
-        Node("d", kind=Kind.ATTACK),
-    ]
-    tree = RVAFT("r", nodes)
-    for number, _ in enumerate(tree.branches(), 1):
+    tree = loads("r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
+    for number, _ in enumerate(branches(tree), 1):
         yield Entry("branches", tree, branch=number)
     for kind in Kind:
         yield Entry("branches", tree, kind=kind)
-
-
-def _valued() -> Iterator[Entry]:
-    """A variable bound twice, guards on one event, `ignore`, literals."""
-    own = Node("b", on=_on(READ, "V"), when=parse_guard("V > 2"))
-    nodes = [Node("r", Gate.SAND, ("b", "c")), own, Node("c")]
-    yield Entry("a guard that decides relevance", RVAFT("r", nodes, [READ]))
-    nodes = [
-        Node("r", Gate.SAND, ("a", "c", "b")),
-        Node("a", on=_on(READ, "V")),
-        Node("b", on=_on(READ, "W")),
-        Node("c"),
-    ]
-    ignored = Ignore(On("read", (Variable("X"),)), parse_guard("X <= 2"))
-    yield Entry("an `ignore` with a guard", RVAFT("r", nodes, [READ], ignores=[ignored]))
-    nodes = [Node("r", Gate.SAND, ("a", "b")), _FIRST, Node("b", on=_on(READ, "P"))]
-    yield Entry("a variable bound twice", RVAFT("r", nodes, [AT, READ]))
-    for gate in (Gate.SAND, Gate.SAND_RL, Gate.AND):
-        few = Node("b", on=_on(READ, "V"), when=parse_guard("V >= 0 and V <= 1"))  # so that 1, 1.0 and true meet
-        nodes = [Node("r", gate, ("a", "b")), Node("a", on=_on(SEEN, "V")), few]
-        yield Entry(f"{gate}, a variable bound twice", RVAFT("r", nodes, [SEEN, READ]))
-    nodes = [
-        Node("r", Gate.OR, ("p", "q")),
-        Node("p", Gate.SAND, ("a", "b", "c", "d")),
-        *(Node(name, on=On("read", (Literal(one),))) for name, one in zip("abcd", LITERALS, strict=True)),
-        Node(
-            "q", Gate.SAND, ("v", "w")
-        ),  # the values of variables are never all tried, so what follows is tested, not proved
-        Node("v", on=_on(AT, "P", "S")),
-        Node("w", on=_on(AT, "P", "T")),
-    ]
-    yield Entry("literals of several types", RVAFT("r", nodes, [AT, READ]))
 
 
 def _guarded() -> Iterator[Entry]:
     """Guards over two events: at their binder, on a gate, on a choice."""
     for name, guard in GUARDS.items():
         for gate in (Gate.SAND, Gate.AND):
-            second = Node("b", on=_on(AT, "Q", "T"), when=parse_guard(guard))
-            nodes = [Node("r", gate, ("a", "b")), _FIRST, second]
-            yield Entry(f"{gate}, a guard with {name}", RVAFT("r", nodes, [AT]))
-    late = parse_guard("T > S + 2")
-    nodes = [Node("r", Gate.SAND, ("a", "b", "c"), when=late), _FIRST, Node("b", on=_on(AT, "Q", "T")), Node("c")]
-    yield Entry("a guard on a gate", RVAFT("r", nodes, [AT]))
-    high, low = (Node(name, when=parse_guard(when)) for name, when in (("h", "S >= 3"), ("l", "S < 3")))
-    nodes = [
-        Node("r", Gate.SAND, ("a", "o")),
-        _FIRST,
-        Node("o", Gate.OR, ("p", "q")),
-        Node("p", Gate.AND, ("h", "c")),
-        Node("q", Gate.AND, ("l", "d")),
-        *(high, low, Node("c"), Node("d")),
-    ]
-    yield Entry("guards on choices", RVAFT("r", nodes, [AT]))
-
-
-def _on(event: EventType, *variables: str) -> On:
-    return On(event.name, tuple(map(Variable, variables)))
-
-
-_FIRST: Final = Node("a", on=_on(AT, "P", "S"))
-
-
-def _named(gate: GateOver, children: int) -> str:
-    return str(gate) if gate.threshold is None else f"{gate}{children}"
+            yield _entry(f"{gate}, a guard with {name}", f"r {gate} a b; a on at(P, S); b on at(Q, T) when {guard};")
+    late = "r sand a b c when T > S + 2; a on at(P, S); b on at(Q, T);"
+    yield _entry("a guard on a gate", late)
+    choice = "r sand a o; a on at(P, S); o or p q; p and h c; q and l d; h when S >= 3; l when S < 3;"
+    yield _entry("guards on choices", choice)
 
 
 MAX_NODES: Final = 9
@@ -287,7 +162,7 @@ def campaign(number: int, seed: int, max_nodes: int = MAX_NODES) -> Iterator[Ent
 
 def _feasible_branch(random: Random, tree: RVAFT) -> int | None:
     """The number of some branch that can be monitored by itself."""
-    number = random.randint(1, sum(1 for _ in tree.branches()))
+    number = random.randint(1, sum(1 for _ in branches(tree)))
     try:
         require_valid(restrict(tree, branch=number))
     except TreeError:

@@ -17,7 +17,7 @@ import networkx as nx
 from rvaft.analysis.formula import TEXT, formula, write
 from rvaft.analysis.normal_form import Op, body
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.nodes import Gate, Kind, Node
+from rvaft.model.nodes import Kind, Node
 from rvaft.model.tree import RVAFT, Whole, reachable
 
 DEFAULT_LIMIT = 20_000
@@ -354,7 +354,7 @@ def _union(tree: RVAFT, ways: list[Allowed], branch: int | None, kind: Kind | No
         for node in _part(tree, allowed):
             copies.append(_renamed(node, number))
             origins[copies[-1].name] = node.name
-    top = Node(f"{tree.root}#", Gate.OR, tuple(_copy(tree.root, number) for number in range(1, len(ways) + 1)))
+    top = Node.choice(f"{tree.root}#", tuple(_copy(tree.root, number) for number in range(1, len(ways) + 1)))
     whole = Whole(tree, branch, kind, origins)
     nodes = [top, *copies]
     return _with(tree, top.name, nodes, whole)

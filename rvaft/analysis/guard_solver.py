@@ -64,7 +64,7 @@ def contradictory_over_reals(guards: Iterable[Guard]) -> bool | None:
 MAX_ALTERNATIVES: Final = 256
 
 
-class Comparison(NamedTuple):
+class GuardComparison(NamedTuple):
     """A comparison that is true; its operands are literals, variables or arithmetic."""
 
     operator: Operator
@@ -72,7 +72,7 @@ class Comparison(NamedTuple):
     right: Guard
 
 
-Way: TypeAlias = tuple[Comparison, ...]
+Way: TypeAlias = tuple[GuardComparison, ...]
 
 
 class TooManyAlternatives(Exception):
@@ -103,13 +103,13 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             )
         case Operation(operator, (left, right)) if operator in COMPARISONS:
             negated = OPERATORS[operator].negated
-            compared = Comparison(operator if truth or negated is None else negated, folded(left), folded(right))
+            compared = GuardComparison(operator if truth or negated is None else negated, folded(left), folded(right))
             if not variables(left) and not variables(right):
                 return [()] if holds(Operation(compared.operator, compared[1:]), {}) else []
             truths = any(isinstance(side, Operation) and side.operator not in ARITHMETIC for side in compared[1:])
             return [()] if truths else [(compared,)]
         case Variable():
-            return [(Comparison(Operator.EQ, guard, Literal(truth)),)]
+            return [(GuardComparison(Operator.EQ, guard, Literal(truth)),)]
         case Literal(constant):
             return [()] if constant is truth else []
         case _:
@@ -279,7 +279,7 @@ def _refuted_over_reals(guards: list[Guard], *, weaken: bool) -> bool:
     return all(not _real_solutions(way) for way in kept)
 
 
-def _survives_rounding(comparison: Comparison) -> bool:
+def _survives_rounding(comparison: GuardComparison) -> bool:
     """Whether nothing is rounded, or only once, and strictly compared with a representable number.
 
     Rounding is monotone and keeps representable numbers, so `round(x) < c` implies `x < c` for such a c, x being one operation on a variable and a
@@ -307,7 +307,7 @@ def _representable(number: object) -> bool:
     return isinstance(number, float) or (_is_whole(Literal(number)) and abs(number) <= _EXACT)  # type: ignore[arg-type]
 
 
-def _real_solutions(way: list[Comparison]) -> bool:
+def _real_solutions(way: list[GuardComparison]) -> bool:
     """Whether real numbers may satisfy the comparisons; True where sympy cannot tell."""
     import sympy  # noqa: PLC0415  (slow to import, and seldom needed)
     from sympy.logic.inference import satisfiable  # noqa: PLC0415

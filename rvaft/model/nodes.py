@@ -32,6 +32,11 @@ class Gate(StrEnum):
         """Whether the gate orders the parts of its children."""
         return self in (Gate.SAND, Gate.SAND_RL)
 
+    @property
+    def counts(self) -> bool:
+        """Whether the gate has a threshold."""
+        return self is Gate.VOT
+
 
 class Causality(StrEnum):
     """Whether a node's event comes before (top_down) or after (bottom_up) those of its descendants.
@@ -186,6 +191,11 @@ class Node:
         _expect(f"the threshold of {self.name}", self.threshold, int | None, "an int")
         _expect(f"the event (`on`) of {self.name}", self.on, On | None, "an On")
         _expect(f"the guard (`when`) of {self.name}", self.when, Literal | Variable | Operation | None, "a guard")
+
+    @classmethod
+    def choice(cls, name: str, children: tuple[str, ...]) -> "Node":
+        """A node of which one child has to happen."""
+        return cls(name, Gate.OR, children)
 
     def place(self, part: str = "name") -> Place:
         """Where a part of the node stands, or, where that is not known, its name."""

@@ -16,7 +16,7 @@ import networkx as nx
 
 from rvaft.errors import ToolFailed, ToolMissing, TreeError
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Relevant, Topic
+from rvaft.model.nodes import Causality, EventType, Ignore, Kind, Node, On, Relevant, Topic
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.topics import by_name
@@ -323,7 +323,7 @@ def _check_gate(node: Node) -> None:
         raise TreeError(
             f"{node.name} needs a gate and children, or neither", rule="gate-without-children", nodes=[node.name]
         )
-    if (node.gate is Gate.VOT) != (node.threshold is not None):
+    if (node.gate is not None and node.gate.counts) != (node.threshold is not None):
         raise TreeError(f"{node.name}: a threshold belongs to a VOT gate alone", rule="threshold", nodes=[node.name])
     if node.threshold is not None and not 1 <= node.threshold <= len(node.children):
         message = f"{node.name}: the threshold {node.threshold} is not between 1 and {len(node.children)}"

@@ -20,7 +20,7 @@ from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Node, On, Place
 from rvaft.model.patterns import Anything, Variable, rigid_variables
-from rvaft.rules.rule import Report, branch_of, did_you_mean, listing
+from rvaft.rules.rule import RuleReport, branch_of, did_you_mean, listing
 from rvaft.support.budget import Budget, Undecided
 
 # Rules about variables: each is bound where a guard needs it, and none is written once only (semantics, section 1).
@@ -29,7 +29,7 @@ _ONE_OF_TWO_LETTERS: Final = 0.5
 """How alike names must be to be taken for each other: T1 and T2 are."""
 
 
-def unbound_variable(space: ScenarioSpace) -> Iterator[Report]:
+def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Every variable of a guard occurs in an `on` in every feasible scenario that contains the guard."""
     tree = space.tree
     guarded = [(node, guard_variables(node.when)) for node in tree.top_down() if node.when is not None]
@@ -60,7 +60,7 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[Report]:
                         continue
                     kept = {}  # There surely is such a scenario, only it was not found in time to be named.
                 if kept is not None:
-                    yield Report(node.place("when"), _unbound(space, node, name, binders[name], kept), (node.name,))
+                    yield RuleReport(node.place("when"), _unbound(space, node, name, binders[name], kept), (node.name,))
     if late is not None:
         raise late
 
@@ -74,7 +74,7 @@ def _unbound(space: ScenarioSpace, node: Node, name: str, binders: list[str], ke
     return f"{said}; no `on` binds it{guess}"
 
 
-def variable_once(space: ScenarioSpace) -> Iterator[Report]:
+def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A variable written once says nothing; it is often misspelt."""
     tree = space.tree
     uses: Counter[str] = Counter()
@@ -93,7 +93,7 @@ def variable_once(space: ScenarioSpace) -> Iterator[Report]:
         once += [(ignore.place, name, ()) for name in inside if inside[name] == 1]
     known = [name for name in uses if uses[name] > 1]
     for place, name, nodes in once:
-        yield Report(place, f"variable {name} is used once only; write `_`{did_you_mean(name, known)}", nodes)
+        yield RuleReport(place, f"variable {name} is used once only; write `_`{did_you_mean(name, known)}", nodes)
 
 
 def _arguments(on: On | None) -> list[str]:
@@ -108,7 +108,7 @@ Group = dict[str, Guard]
 Core = tuple[str, ...]
 
 
-def contradictory_guards(space: ScenarioSpace) -> Iterator[Report]:
+def contradictory_guards(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Some branch has guards that no values satisfy together."""
     budget = space.budget()
     for group in _groups(space):
@@ -118,19 +118,23 @@ def contradictory_guards(space: ScenarioSpace) -> Iterator[Report]:
             branch = branch_of(space.tree, kept)
             place = space.tree.nodes[core[0]].place("when")
             if refuted(guards):
-                yield Report(place, f"{where} cannot hold{' together' * (len(core) > 1)} in {branch}; mend one", core)
+                yield RuleReport(
+                    place, f"{where} cannot hold{' together' * (len(core) > 1)} in {branch}; mend one", core
+                )
                 continue
             budget.spend(_ALGEBRA)
 
             certain = contradictory(guards)
             if certain:
-                yield Report(place, f"{where} cannot hold{' together' * (len(core) > 1)} in {branch}; mend one", core)
+                yield RuleReport(
+                    place, f"{where} cannot hold{' together' * (len(core) > 1)} in {branch}; mend one", core
+                )
             elif certain is None and contradictory_over_reals(guards):
                 message = f"{where} contradict each other by exact arithmetic and can hold at most through rounding"
-                yield Report(place, f"{message}, in {branch}", core, undecided=True)
+                yield RuleReport(place, f"{message}, in {branch}", core, undecided=True)
             elif certain is None:
                 message = f"whether {where} can hold in {branch} was not decided"
-                yield Report(place, message, core, undecided=True)
+                yield RuleReport(place, message, core, undecided=True)
 
 
 def _groups(space: ScenarioSpace) -> Iterator[Group]:

@@ -14,7 +14,7 @@ from rvaft.errors import RvaftError, TreeError
 from rvaft.language.draft import Draft
 from rvaft.model.tree import RVAFT
 from rvaft.rules import guards, scenarios, structure
-from rvaft.rules.rule import Finding, Report, Rule, Severity
+from rvaft.rules.rule import Finding, Rule, RuleReport, Severity
 from rvaft.support.budget import DEFAULT_LIMIT, Undecided
 
 DRAFT_RULES: Final = (
@@ -112,7 +112,7 @@ def _findings(rule: Rule, subject: Any) -> list[Finding]:
         message = (
             f"{rule.code} was not decided within {subject.limit} steps; share fewer nodes, or check parts of the tree"
         )
-        found.append(UNDECIDED.finding(Report(root.place(), message, (root.name,))))
+        found.append(UNDECIDED.finding(RuleReport(root.place(), message, (root.name,))))
     return found
 
 
@@ -124,7 +124,7 @@ def _sorted(findings: Iterable[Finding]) -> list[Finding]:
 
 
 @dataclass(frozen=True, slots=True)
-class Meaning:
+class CodeMeaning:
     """The words that explain a code.
 
     `bad` is a smallest text that breaks the rule and `mended` the same text put right; with `python` both are code that builds a tree,
@@ -139,10 +139,10 @@ class Meaning:
 
 
 @cache
-def meanings() -> dict[str, Meaning]:
+def meanings() -> dict[str, CodeMeaning]:
     """What every code means."""
     text = files("rvaft.rules").joinpath("rules.toml").read_text(encoding="utf-8")
-    return {code: Meaning(**words) for code, words in tomllib.loads(text).items()}
+    return {code: CodeMeaning(**words) for code, words in tomllib.loads(text).items()}
 
 
 class UnknownRule(RvaftError, KeyError):
@@ -203,7 +203,7 @@ def page() -> str:
     return _PAGE.format(table=table, sections=sections, others=others)
 
 
-def _section(rule: Rule, said: Meaning) -> str:
+def _section(rule: Rule, said: CodeMeaning) -> str:
     language = "python" if said.python else "rvaft"
     return (
         f"\n## {rule.code}\n\n*{rule.severity}: {said.title}.* {said.explanation}\n\n"

@@ -44,7 +44,7 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class RuleReport:
     """What a rule found, in one line that says what is wrong and how to mend it.
 
     With `undecided` the rule could not tell whether it is broken.
@@ -61,9 +61,9 @@ class Rule(NamedTuple):
 
     code: str
     severity: Severity
-    check: Callable[[Any], Iterable[Report]]
+    check: Callable[[Any], Iterable[RuleReport]]
 
-    def finding(self, report: Report) -> Finding:
+    def finding(self, report: RuleReport) -> Finding:
         """A report under this rule's code."""
         return Finding(report.place, self.severity, self.code, report.message, report.nodes)
 

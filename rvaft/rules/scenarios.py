@@ -8,7 +8,7 @@ from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import ScenarioSpace, inevitable, path
 from rvaft.analysis.unification import Overlaps
 from rvaft.model.patterns import Pattern
-from rvaft.rules.rule import Report, branch_of, listing
+from rvaft.rules.rule import RuleReport, branch_of, listing
 from rvaft.support.bits import bits as members
 from rvaft.support.bits import mask_of, union
 from rvaft.support.budget import Budget
@@ -18,7 +18,7 @@ from rvaft.support.budget import Budget
 _EVENT, _NEVER = 1, 2
 
 
-def no_scenario(space: ScenarioSpace) -> Iterator[Report]:
+def no_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Some scenario must be feasible."""
     if not space.is_empty:
         return
@@ -27,13 +27,13 @@ def no_scenario(space: ScenarioSpace) -> Iterator[Report]:
     if not space.resolutions:
         dead = tuple(name for name in tree.order if name in space.dead)
         why = f"the guard of {listing(dead)} never holds; mend the guard or take the node out"
-        yield Report(place, f"the tree has no feasible scenario: {why}", (tree.root, *dead))
+        yield RuleReport(place, f"the tree has no feasible scenario: {why}", (tree.root, *dead))
         return
     why = "some event always has to come before itself; do not share a node between the children of an ordered gate"
-    yield Report(place, f"the tree has no feasible scenario: {why}", (tree.root,))
+    yield RuleReport(place, f"the tree has no feasible scenario: {why}", (tree.root,))
 
 
-def silent_scenario(space: ScenarioSpace) -> Iterator[Report]:
+def silent_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Every feasible scenario must have an occurrence; one without is feasible when its guards are: it orders nothing."""
     tree = space.tree
     if all(node.has_event for node in tree.top_down() if node.leaf):
@@ -47,10 +47,10 @@ def silent_scenario(space: ScenarioSpace) -> Iterator[Report]:
     message = f"{branch_of(tree, kept)}, has no runtime event and would be detected before anything happened"
     mend = f"; give {listing(guards[:3] or (tree.root,), 'or')} an event with `on`"
     place = tree.nodes[guards[0] if guards else tree.root].place()
-    yield Report(place, message.replace(", has", " has") + mend, guards or (tree.root,))
+    yield RuleReport(place, message.replace(", has", " has") + mend, guards or (tree.root,))
 
 
-def infeasible_scenario(space: ScenarioSpace) -> Iterator[Report]:
+def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Scenarios that no trace can match are dropped, which is worth knowing."""
     if not space.resolutions:
         return
@@ -58,7 +58,7 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[Report]:
     for name in tree.order:
         if name in space.dead:
             message = f"the guard of {name} never holds, so every scenario with {name} is dropped"
-            yield Report(tree.nodes[name].place("when"), message, (name,))
+            yield RuleReport(tree.nodes[name].place("when"), message, (name,))
     if space.acyclic or space.is_empty:
         return
     budget = space.budget()
@@ -73,13 +73,13 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[Report]:
                 f"{listing(nodes)} would have to come before itself in {branch_of(tree, kept)}, so that scenario is "
                 "dropped; let no event be part of two children of one ordered gate"
             )
-            yield Report(tree.nodes[nodes[0]].place(), message, nodes)
+            yield RuleReport(tree.nodes[nodes[0]].place(), message, nodes)
 
 
 _SHOWN = 50
 
 
-def ambiguous_event(space: ScenarioSpace) -> Iterator[Report]:
+def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Two occurrences that no order separates, and an event that could be either."""
     tree, budget = space.tree, space.budget()
     found = 0
@@ -89,13 +89,15 @@ def ambiguous_event(space: ScenarioSpace) -> Iterator[Report]:
         found += 1
         if found > _SHOWN:
             place = tree.nodes[one].place("on")
-            yield Report(place, f"more than {_SHOWN} pairs of unordered nodes share events; the others are not listed")
+            yield RuleReport(
+                place, f"more than {_SHOWN} pairs of unordered nodes share events; the others are not listed"
+            )
             return
         message = (
             f"{one} and {other} are not ordered and one event can serve either (never both); "
             "order them with `sand`, or tell their events apart"
         )
-        yield Report(tree.nodes[one].place("on"), message, (one, other))
+        yield RuleReport(tree.nodes[one].place("on"), message, (one, other))
 
 
 def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
@@ -199,7 +201,7 @@ def _surely_exclusive(space: ScenarioSpace, bits: dict[str, int]) -> dict[str, i
     return exclusive
 
 
-def shared_under_order(space: ScenarioSpace) -> Iterator[Report]:
+def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A node with two parents in one scenario whose possible places in the sequences of ordered gates differ."""
     tree, budget = space.tree, space.budget()
     if not tree.shared:
@@ -228,7 +230,7 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[Report]:
                 f"{node.name} is shared by {one} and {other} and happens once, so the order that {owners[slot]} asks for "
                 f"by way of {by} also binds it below {too}; use two nodes if two events are meant"
             )
-            yield Report(node.place(), message, (node.name, one, other))
+            yield RuleReport(node.place(), message, (node.name, one, other))
 
 
 def _together(space: ScenarioSpace, name: str, sides: dict[str, int], budget: Budget) -> tuple[str, str] | None:

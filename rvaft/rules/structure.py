@@ -14,34 +14,34 @@ from rvaft.model.patterns import Literal, Pattern, Variable
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.topics import absolute, topic_of, wrong_name, wrong_type
 from rvaft.model.tree import sorted_topologically
-from rvaft.rules.rule import Report, did_you_mean, listing
+from rvaft.rules.rule import RuleReport, did_you_mean, listing
 
 
-def duplicate_setting(draft: Draft) -> Iterator[Report]:
+def duplicate_setting(draft: Draft) -> Iterator[RuleReport]:
     """Each part of a node is set once, in whichever files."""
     words = {"gate": "gate", "on": "runtime event (`on`)", "when": "guard (`when`)"}
     for node in draft.nodes.values():
         for part, places in node.settings().items():
             for again in places[1:]:
                 said = f"the {words.get(part, part)} of {node.name} is set twice, first at {places[0]}; remove one"
-                yield Report(again, said, (node.name,))
+                yield RuleReport(again, said, (node.name,))
     for said_again in draft.causalities[1:]:
         first = draft.causalities[0]
         if said_again.value is not first.value:
             message = f"`causality` is set twice, first to {first.value} at {first.place}; remove one"
-            yield Report(said_again.place, message)
+            yield RuleReport(said_again.place, message)
 
 
-def gate_without_children(draft: Draft) -> Iterator[Report]:
+def gate_without_children(draft: Draft) -> Iterator[RuleReport]:
     """A gate has children."""
     for node in draft.nodes.values():
         for said in node.gates:
             if not said.value.children:
                 message = f"{node.name} is a gate without children; list them, or leave out the gate"
-                yield Report(said.place, message, (node.name,))
+                yield RuleReport(said.place, message, (node.name,))
 
 
-def duplicate_child(draft: Draft) -> Iterator[Report]:
+def duplicate_child(draft: Draft) -> Iterator[RuleReport]:
     """No gate lists a child twice."""
     for node in draft.nodes.values():
         for said in node.gates:
@@ -50,10 +50,10 @@ def duplicate_child(draft: Draft) -> Iterator[Report]:
                 seen[child.value] += 1
                 if seen[child.value] == 2:
                     message = f"{node.name} lists its child {child.value} twice; use two nodes if it must happen twice"
-                    yield Report(child.place, message, (node.name, child.value))
+                    yield RuleReport(child.place, message, (node.name, child.value))
 
 
-def threshold(draft: Draft) -> Iterator[Report]:
+def threshold(draft: Draft) -> Iterator[RuleReport]:
     """The K of a KofN is between 1 and N, and N is the number of children."""
     for node in draft.nodes.values():
         for said in node.gates:
@@ -69,36 +69,36 @@ def threshold(draft: Draft) -> Iterator[Report]:
                     else f"list {total} children"
                 )
                 message = f"{node.name} is {written} but has {count} child{'ren' * (count != 1)}; {mend}"
-                yield Report(said.place, message, (node.name,))
+                yield RuleReport(said.place, message, (node.name,))
             elif not 1 <= use.threshold <= count:
                 message = f"{node.name} asks for {use.threshold} of {count} children; K must be between 1 and {count}"
-                yield Report(said.place, message, (node.name,))
+                yield RuleReport(said.place, message, (node.name,))
 
 
-def no_root(draft: Draft) -> Iterator[Report]:
+def no_root(draft: Draft) -> Iterator[RuleReport]:
     """One node is the root: what `toplevel` names, or the only node that is nobody's child."""
     top = Place(draft.file)
     if not draft.nodes:
-        yield Report(top, "the tree is empty; state at least its root")
+        yield RuleReport(top, "the tree is empty; state at least its root")
     elif draft.toplevels:
         first = draft.toplevels[0]
         known = set(draft.nodes) | {child.value for child in draft.undeclared()}
         for said in draft.toplevels:
             if said.value != first.value:
                 message = f"`toplevel` names {said.value}, but {first.value} at {first.place}; there is one root"
-                yield Report(said.place, message, (first.value, said.value))
+                yield RuleReport(said.place, message, (first.value, said.value))
             elif said.value not in known:
                 guess = did_you_mean(said.value, draft.nodes)
-                yield Report(said.place, f"the root {said.value} is not stated anywhere{guess}", (said.value,))
+                yield RuleReport(said.place, f"the root {said.value} is not stated anywhere{guess}", (said.value,))
     else:
         roots = draft.parentless()
         if len(roots) > 1:
             names = tuple(node.name for node in roots)
             message = f"{listing(names)} are nobody's child; say which is the root with `toplevel NAME;`"
-            yield Report(roots[1].place, message, names)
+            yield RuleReport(roots[1].place, message, names)
 
 
-def cycle(draft: Draft) -> Iterator[Report]:
+def cycle(draft: Draft) -> Iterator[RuleReport]:
     """No node is below itself."""
     below = {
         node.name: [child.value for child in node.children() if child.value in draft.nodes]
@@ -117,14 +117,14 @@ def cycle(draft: Draft) -> Iterator[Report]:
             message = f"{listing(names)} form a cycle" if len(names) > 1 else f"{first} is its own child"
             node = draft.nodes[names[-1]]
             place = next(child.place for child in node.children() if child.value == edges[-1][1])
-            yield Report(place, f"{message}; a node cannot be below itself: remove {edges[-1][1]} here", names)
+            yield RuleReport(place, f"{message}; a node cannot be below itself: remove {edges[-1][1]} here", names)
 
 
-def prune(draft: Draft) -> Iterator[Report]:
+def prune(draft: Draft) -> Iterator[RuleReport]:
     """What is pruned exists, and what stays can do without it."""
     for broken in draft.broken_prunes:
         nodes = tuple(name for name in (broken.node, broken.pruned) if name is not None)
-        yield Report(broken.place, _prune_message(draft, broken), nodes)
+        yield RuleReport(broken.place, _prune_message(draft, broken), nodes)
 
 
 def _prune_message(draft: Draft, broken: BrokenPrune) -> str:
@@ -140,7 +140,7 @@ def _prune_message(draft: Draft, broken: BrokenPrune) -> str:
             return f"cannot prune {broken.pruned}: the gate {broken.node} would have no child left; prune {broken.node} too"
 
 
-def unknown_child(_: Draft) -> Iterator[Report]:
+def unknown_child(_: Draft) -> Iterator[RuleReport]:
     """A child is a node. In a text a child that is not declared becomes a leaf, so only trees built in code break this."""
     return iter(())
 
@@ -148,35 +148,35 @@ def unknown_child(_: Draft) -> Iterator[Report]:
 # Rules about event types and their use, on drafts.
 
 
-def duplicate_event(draft: Draft) -> Iterator[Report]:
+def duplicate_event(draft: Draft) -> Iterator[RuleReport]:
     """An event type is declared once, in whichever file."""
     first: dict[str, EventType] = {}
     for event in draft.events:
         if first.setdefault(event.name, event) is not event:
             before = first[event.name].place
-            yield Report(event.place, f"event type {event.name} is declared twice, first at {before}; remove one")
+            yield RuleReport(event.place, f"event type {event.name} is declared twice, first at {before}; remove one")
 
 
-def unused_parameter(draft: Draft) -> Iterator[Report]:
+def unused_parameter(draft: Draft) -> Iterator[RuleReport]:
     """Every parameter occurs in the pattern."""
     for event in draft.events:
         used = set(pattern_variables(event.pattern))
         for parameter in event.parameters:
             if parameter not in used:
                 message = f"parameter {parameter} of event {event.name} is not in its pattern; use it there or drop it"
-                yield Report(event.place, message)
+                yield RuleReport(event.place, message)
 
 
-def unknown_event(draft: Draft) -> Iterator[Report]:
+def unknown_event(draft: Draft) -> Iterator[RuleReport]:
     """Every event type that is applied is declared."""
     known = {event.name for event in draft.events}
     for on, place, nodes in _calls(draft):
         if on.event not in known:
             guess = did_you_mean(on.event, known) or f"; declare it with `event {on.event}(...) = {{ ... }};`"
-            yield Report(place, f"unknown event type {on.event}{guess}", nodes)
+            yield RuleReport(place, f"unknown event type {on.event}{guess}", nodes)
 
 
-def event_arity(draft: Draft) -> Iterator[Report]:
+def event_arity(draft: Draft) -> Iterator[RuleReport]:
     """An event type is applied to as many arguments as it has parameters."""
     known: dict[str, EventType] = {}
     for event in draft.events:
@@ -188,20 +188,20 @@ def event_arity(draft: Draft) -> Iterator[Report]:
             message = (
                 f"event {on.event} takes {count}; write {on.event}({', '.join(parameters)}) with `_` for any value"
             )
-            yield Report(place, message, nodes)
+            yield RuleReport(place, message, nodes)
 
 
-def ignore_variable(draft: Draft) -> Iterable[Report]:
+def ignore_variable(draft: Draft) -> Iterable[RuleReport]:
     """The guard of an `ignore` speaks of the event that is ignored, and of nothing else."""
     return _foreign_variables(draft.ignores)
 
 
-def ignore_variable_of_tree(space: ScenarioSpace) -> Iterable[Report]:
+def ignore_variable_of_tree(space: ScenarioSpace) -> Iterable[RuleReport]:
     """The same of a tree that was built in code."""
     return _foreign_variables(space.tree.ignores)
 
 
-def _foreign_variables(ignores: Iterable[Ignore]) -> Iterator[Report]:
+def _foreign_variables(ignores: Iterable[Ignore]) -> Iterator[RuleReport]:
     """The `ignore` declarations whose guard uses a variable that their event does not bind."""
     for ignore in ignores:
         own = {argument.name for argument in ignore.on.arguments if isinstance(argument, Variable)}
@@ -211,7 +211,7 @@ def _foreign_variables(ignores: Iterable[Ignore]) -> Iterator[Report]:
                 f"the guard of this `ignore` uses {listing(missing)}, which {ignore.on.event}(...) does not bind; "
                 "the variables of an `ignore` are its own"
             )
-            yield Report(ignore.place, message)
+            yield RuleReport(ignore.place, message)
 
 
 def _calls(draft: Draft) -> Iterator[tuple[On, Place, tuple[str, ...]]]:
@@ -225,7 +225,7 @@ def _calls(draft: Draft) -> Iterator[tuple[On, Place, tuple[str, ...]]]:
 # Rules about `topic` declarations: of drafts, and, for those that are of no use, of trees.
 
 
-def duplicate_topic(draft: Draft) -> Iterator[Report]:
+def duplicate_topic(draft: Draft) -> Iterator[RuleReport]:
     """All declarations of a topic give it one message type, in whichever files."""
     first: dict[str, DraftTopic] = {}
     for topic in draft.topics:
@@ -233,20 +233,20 @@ def duplicate_topic(draft: Draft) -> Iterator[Report]:
         before = first.setdefault(absolute(name), topic)
         if before.type.value != type_:
             message = f"topic {name} has the message type {type_} here and {before.type.value} at {before.type.place}; remove one"
-            yield Report(topic.type.place, message)
+            yield RuleReport(topic.type.place, message)
 
 
-def malformed_topic(draft: Draft) -> Iterator[Report]:
+def malformed_topic(draft: Draft) -> Iterator[RuleReport]:
     """Topics, publishers and message types are called as ROS calls them."""
     for topic in draft.topics:
         for said in (topic.name, *topic.publishers):
             if wrong := wrong_name(said.value):
-                yield Report(said.place, wrong)
+                yield RuleReport(said.place, wrong)
         if wrong := wrong_type(topic.type.value):
-            yield Report(topic.type.place, wrong)
+            yield RuleReport(topic.type.place, wrong)
 
 
-def unused_topic(space: ScenarioSpace) -> Iterator[Report]:
+def unused_topic(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A topic over which no event type comes."""
     tree = space.tree
     calls = [node.on for node in tree.nodes.values() if node.on is not None] + [ignore.on for ignore in tree.ignores]
@@ -260,7 +260,7 @@ def unused_topic(space: ScenarioSpace) -> Iterator[Report]:
         if name not in used:
             guess = did_you_mean(name, used)
             message = f"no event type has the topic {topic.name}; remove its declaration, or use it in a pattern{guess}"
-            yield Report(topic.place, message)
+            yield RuleReport(topic.place, message)
 
 
 def _topics(event: EventType, calls: list[On]) -> list[Pattern]:
@@ -279,7 +279,7 @@ _GUESSES = 100
 """Children for which a similar name is looked for: whoever leaves out many does so on purpose, and each takes its time."""
 
 
-def undeclared(space: ScenarioSpace) -> Iterator[Report]:
+def undeclared(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A child that no statement defines is perhaps misspelt."""
     tree = space.tree
     declared = [name for name, node in tree.nodes.items() if node.declared]
@@ -288,32 +288,32 @@ def undeclared(space: ScenarioSpace) -> Iterator[Report]:
         guess = did_you_mean(node.name, declared) if number < _GUESSES else ""
         mend = f"write `{name_text(node.name)};`"
         message = f"child {node.name} is not declared; it observes its default event ({mend}){guess}"
-        yield Report(node.place(), message, (node.name,))
+        yield RuleReport(node.place(), message, (node.name,))
 
 
-def unreachable(space: ScenarioSpace) -> Iterator[Report]:
+def unreachable(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A node that does not lie below the root takes part in nothing."""
     tree = space.tree
     reachable = set(tree.order)
     for node in tree.nodes.values():
         if node.name not in reachable and node.declared:
             message = f"{node.name} cannot be reached from the root {tree.root}; make it a child, or prune it"
-            yield Report(node.place(), message, (node.name,))
+            yield RuleReport(node.place(), message, (node.name,))
 
 
-def unused_event(space: ScenarioSpace) -> Iterator[Report]:
+def unused_event(space: ScenarioSpace) -> Iterator[RuleReport]:
     """An event type that neither a node nor an `ignore` uses."""
     tree = space.tree
     used = {node.on.event for node in tree.nodes.values() if node.on is not None}
     used.update(ignore.on.event for ignore in tree.ignores)
     for event in tree.events.values():
         if event.name not in used:
-            yield Report(event.place, f"event type {event.name} is not used; use it with `on`, or remove it")
+            yield RuleReport(event.place, f"event type {event.name} is not used; use it with `on`, or remove it")
 
 
-def root_event(space: ScenarioSpace) -> Iterator[Report]:
+def root_event(space: ScenarioSpace) -> Iterator[RuleReport]:
     """The undesired event is what the tree concludes, not what it observes."""
     root = space.tree.nodes[space.tree.root]
     if root.has_event:
         message = f"the root {root.name} carries a runtime event, which every match must contain; move it to a child"
-        yield Report(root.place("on"), message, (root.name,))
+        yield RuleReport(root.place("on"), message, (root.name,))

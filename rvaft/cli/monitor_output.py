@@ -28,7 +28,7 @@ from rvaft.monitoring.near_misses import NearMiss, Statistics
 from rvaft.monitoring.run import Listener, MonitoredTrace, VerdictChange
 from rvaft.monitoring.stream import Key
 from rvaft.monitors import Ended, Explanation, Pending
-from rvaft.support.terminal import Progress, visible
+from rvaft.support.terminal import ProgressBar, visible
 from rvaft.support.terminal import columns as aligned
 
 ENDS: Final = 1_000
@@ -53,7 +53,7 @@ class Sink:
     The progress bar makes room for what is printed.
     """
 
-    def __init__(self, file: TextIO | None = None, progress: Progress | None = None) -> None:
+    def __init__(self, file: TextIO | None = None, progress: ProgressBar | None = None) -> None:
         self._file = file
         self._progress = progress
         self.errors: list[str] = []

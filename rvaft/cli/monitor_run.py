@@ -22,7 +22,7 @@ from rvaft.monitoring.reader import open_log
 from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, TraceRun, VerdictChange
 from rvaft.monitors import Explanation
 from rvaft.support.files import deliver
-from rvaft.support.terminal import Progress
+from rvaft.support.terminal import ProgressBar
 
 if TYPE_CHECKING:
     from rvaft.monitoring.hooks import Hooks
@@ -160,7 +160,7 @@ class Monitoring:
     """Runs traces one after the other and adds up their statistics."""
 
     def __init__(
-        self, settings: Settings, sink: Sink, progress: Progress | None = None, *, drawing: bool = True
+        self, settings: Settings, sink: Sink, progress: ProgressBar | None = None, *, drawing: bool = True
     ) -> None:
         self.settings = settings
         self.sink = sink
@@ -290,7 +290,7 @@ def run(settings: Settings, traces: Sequence[TraceSource], jobs: int, *, failed:
     try:
         sizes = sum(trace.size for trace in traces)
         watched = not settings.follow and all(trace.file is not None for trace in traces)
-        progress = Progress(sizes) if watched and sizes else None
+        progress = ProgressBar(sizes) if watched and sizes else None
         sink = Sink(progress=progress)
         monitoring = Monitoring(settings, sink, progress)
         if jobs > 1 and len(traces) > 1:

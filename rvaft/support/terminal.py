@@ -55,7 +55,7 @@ _PAUSE: Final = 0.1
 """Seconds between two drawings."""
 
 
-class Progress:
+class ProgressBar:
     """A bar on standard error; never shown where that is no terminal, where the run is short, or where nothing is known of its length."""
 
     def __init__(self, total: int) -> None:

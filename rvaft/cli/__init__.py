@@ -6,7 +6,7 @@ over 1. An interrupt ends with 130 and a closed pipe with 141, as if the signal 
 
 import io
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any, Final
 
@@ -82,27 +82,17 @@ class Commands(click.Group):
         with guarded():
             return super().invoke(ctx)
 
-    def main(
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = None,
-        complete_var: str | None = None,
-        standalone_mode: bool = True,
-        windows_expand_args: bool = True,
-        **extra: Any,
-    ) -> Any:
+    def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         """Run and exit; with `standalone_mode` off return the exit status instead."""
+        extra["prog_name"] = extra.get("prog_name") or "rvaft"
+        main: Any = super().main
 
         def run() -> Any:
-            _check_output()
-            return super(Commands, self).main(
-                args,
-                prog_name or "rvaft",
-                complete_var,
-                standalone_mode=False,
-                windows_expand_args=windows_expand_args,
-                **extra,
-            )
+            if isinstance(sys.stdout, io.TextIOWrapper):
+                sys.stdout.reconfigure(errors="backslashreplace")  # it takes every text
+            elif sys.stdout is None:
+                raise click.ClickException("standard output is closed")
+            return main(*args, standalone_mode=False, **extra)
 
         status = _status(run)
         if standalone_mode:
@@ -124,14 +114,6 @@ def _status(run: Callable[[], Any]) -> int:
         except BrokenPipeError:
             return BROKEN_PIPE
         return FAILED
-
-
-def _check_output() -> None:
-    """Standard output takes every text, and is there at all."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
-    elif sys.stdout is None:
-        raise click.ClickException("standard output is closed")
 
 
 def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:

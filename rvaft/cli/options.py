@@ -35,10 +35,15 @@ def part_options(function: F) -> F:
     return click.option("--branch", type=int, metavar="N", help="Only this branch, counted from 1.")(function)
 
 
+def misused(message: str) -> click.UsageError:
+    """The error for options that do not go together, with a hint at the command's help."""
+    return click.UsageError(message, click.get_current_context())
+
+
 def standard_input(argument: str) -> BinaryIO:
     """Standard input, which the argument of that name stands for; refused where it is closed."""
     if sys.stdin is None:
-        raise click.UsageError(f"standard input is closed: name a {argument}", click.get_current_context())
+        raise misused(f"standard input is closed: name a {argument}")
     return sys.stdin.buffer
 
 
@@ -55,10 +60,7 @@ def exclusive(**options: object) -> None:
     """Refuse that more than one of these options is given; the keywords are the options' names."""
     given = [f"--{name}" for name, value in options.items() if value is not None]
     if len(given) > 1:
-        raise click.UsageError(f"{' and '.join(given)} exclude each other", click.get_current_context())
-
-
-# What the errors of backends tell a user of the command: which backend was meant, which option mends it.
+        raise misused(f"{' and '.join(given)} exclude each other")
 
 
 @contextmanager
@@ -73,20 +75,11 @@ def suggesting() -> Iterator[None]:
             raise
         raise OptionError(f"{error}; did you mean {meant}?") from error
     except TooLarge as error:
-        if _raised_by_limit(error):
-            error.add_note("raise it with --limit N")
+        given = click.get_current_context().params
+        has_limit = {"language", "limit"} <= given.keys()
+        if has_limit and error.limit == (given["limit"] or backend(given["language"]).default_limit):
+            error.add_note("raise it with --limit N")  # that limit, and not one of another computation
         raise
-
-
-def _raised_by_limit(error: TooLarge) -> bool:
-    """Whether the command has the option `--limit` and that is the limit, not one of another computation."""
-    given = click.get_current_context().params
-    if not {"language", "limit"} <= given.keys():
-        return False
-    return error.limit == (given["limit"] or backend(given["language"]).default_limit)
-
-
-# Options of which the value is a list with commas, or a number of seconds.
 
 
 def some_semantics(

@@ -9,7 +9,7 @@ import click
 
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import load, loads, monitor
-from rvaft.cli.options import output_option, semantics_option, standard_bytes, tree_argument
+from rvaft.cli.options import misused, output_option, semantics_option, standard_bytes, tree_argument
 from rvaft.errors import OptionError
 from rvaft.export import SUFFIXES, Format, Look, draw, format_of, losses
 from rvaft.export.layout import NARROWEST, WIDTH, Marks, branch_marks, marks
@@ -118,9 +118,9 @@ def show_command(
     if chosen is Format.TIKZ:
         _refuse({"--stagger": stagger}, chosen, "which forest lays out")
     if len(highlight) > 1:
-        raise click.UsageError("--highlight marks one branch or one trace: give it once", click.get_current_context())
+        raise misused("--highlight marks one branch or one trace: give it once")
     if chosen.binary and output in (None, "-") and sys.stdout.isatty():
-        raise click.UsageError("this format is binary: name a file with -o, or redirect standard output")
+        raise misused("this format is binary: name a file with -o, or redirect standard output")
     loaded = load_tree(tree)
     look = Look(
         events=chosen is Format.TREE if events is None else events,
@@ -145,8 +145,7 @@ def _refuse(options: Mapping[str, object], form: Format, why: str) -> None:
         name.replace("--", "--no-") if value is False else name for name, value in options.items() if value is not None
     ]
     if given:
-        message = f"{' and '.join(given)}: not for the format {form}, {why}"
-        raise click.UsageError(message, click.get_current_context())
+        raise misused(f"{' and '.join(given)}: not for the format {form}, {why}")
 
 
 def _suggested(output: str | None) -> Format:
@@ -156,6 +155,5 @@ def _suggested(output: str | None) -> Format:
         return Format.TREE
     found = format_of(output)
     if found is None:
-        message = f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format"
-        raise click.UsageError(message, click.get_current_context())
+        raise misused(f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format")
     return found

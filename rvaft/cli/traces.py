@@ -12,7 +12,7 @@ from cross_check.generate import PLAIN, NoTraceFound, detecting
 from cross_check.generate import near_miss as missing
 from cross_check.generate.traces import random_trace
 from rvaft.api import load, narrowed
-from rvaft.cli.options import exclusive, part_options, semantics_option, tree_argument
+from rvaft.cli.options import exclusive, misused, part_options, semantics_option, tree_argument
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole
@@ -59,7 +59,7 @@ def traces_command(
     folder = None if output in (None, "-") else Path(output or "")
     wanted = number or (DEFAULT_NUMBER if folder is not None else 1)
     if folder is None and wanted > 1:
-        raise click.UsageError(f"{wanted} traces need a folder: name it with -o", click.get_current_context())
+        raise misused(f"{wanted} traces need a folder: name it with -o")
     part = narrowed(load(tree), branch, kind)
     name = "near-miss" if near_miss else "random" if chance else "detect"
     chosen = Semantics(semantics)

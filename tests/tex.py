@@ -13,7 +13,9 @@ needs_tex: Final = pytest.mark.skipif(
 )
 _COMMAND: Final = re.compile(r"\\(?:[A-Za-z]+\*?|.)", re.DOTALL)
 _COMMENT: Final = re.compile(r"^%.*\n", re.MULTILINE)
-_INDEX: Final = re.compile(r"[_^](?=\{)")
+_INDEX: Final = re.compile(
+    r"[_^](?=\{)|(?<=\{)[_^](?=.\})"
+)  # `\ensuremath{^4}` is a raised 4 without anything below it
 ENVIRONMENT: Final = re.compile(r"\\(?:begin|end)\{[a-z]+\*?\}")
 
 

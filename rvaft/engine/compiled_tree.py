@@ -11,7 +11,7 @@ configuration has to remember, and the guards that wait for them.
 """
 
 from collections import Counter
-from collections.abc import Callable, Container, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
@@ -256,15 +256,3 @@ class TreeLetters:
         if relevant and ignored:
             relevant = not any(one.admits(event) for one in ignored)
         return _new(Reading, (relevant, hits))
-
-    def served(
-        self, event: Mapping[str, Json], sketch: Sketch | None = None, wanted: Container[int] | None = None
-    ) -> Reading:
-        """The same but for relevance; of the letters only those `wanted` are tried."""
-        hits: list[Hit] = []
-        for number, nodes, _, test, values_of in (self.sketch(event) if sketch is None else sketch).serving:
-            if (wanted is None or number in wanted) and (test is None or test(event)):
-                values = values_of(event)
-                if values is not None:
-                    hits.append(_new(Hit, (number, nodes, values)))
-        return _new(Reading, (False, hits)) if hits else NOTHING

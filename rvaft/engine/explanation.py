@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from rvaft.analysis.branches import branches, number_of, or_gates
 from rvaft.analysis.normal_form import Op
@@ -41,16 +41,6 @@ class FoundMatch(NamedTuple):
 
     steps: tuple[MatchedEvent, ...]
     kept: Mapping[str, tuple[str, ...]]
-
-
-class MatchFinder(Protocol):
-    """Finds the matches at the detecting prefix."""
-
-    def find(self, choices: Mapping[str, str]) -> FoundMatch | None:
-        """A match of a scenario in which each of these choices of one child, where it is reached, keeps the child chosen."""
-
-    def is_possible(self, gate: str, child: str) -> bool:
-        """False only where certainly no match keeps this child of a choice (or, if it is the first, does without the choice)."""
 
 
 def whole(tree: RVAFT) -> RVAFT:
@@ -90,7 +80,7 @@ class FollowedMatches:
         self._number = {name: node for node, name in enumerate(strategy.compiled.names)}
 
     def find(self, choices: Mapping[str, str]) -> FoundMatch | None:
-        """A match under choices."""
+        """A match of a scenario in which each of these choices of one child, where it is reached, keeps the child chosen."""
         kept = kept_nodes(self.tree, choices)
         fitting = [steps for steps in self.matches if all(step.node in kept for step in steps)]
         if not fitting:
@@ -104,7 +94,10 @@ class FollowedMatches:
         return None
 
     def is_possible(self, gate: str, child: str) -> bool:
-        """With one match and no sharing it is known what was taken below the gate."""
+        """False only where certainly no match keeps this child of a choice (or, if it is the first, does without the choice).
+
+        With one match and no sharing it is known what was taken below the gate.
+        """
         compiled, number = self.strategy.compiled, self._number
         if len(self.matches) > 1 or compiled.core or gate not in number or child not in number:
             return True
@@ -145,7 +138,7 @@ class EarliestMatches:
         self._number = {name: node for node, name in enumerate(names)}
 
     def find(self, choices: Mapping[str, str]) -> FoundMatch | None:
-        """A match under choices."""
+        """As that of `FollowedMatches`."""
         run, names = self.strategy.run_under(self._choices(choices)), self._names
         if not run.detected:
             return None
@@ -160,7 +153,7 @@ class EarliestMatches:
         return [self._names[node] for node in self.strategy.run_under(self._choices(choices)).awaited()]
 
     def is_possible(self, gate: str, child: str) -> bool:
-        """What events never came decides; the first child also stands for not reaching the gate."""
+        """As that of `FollowedMatches`: what events never came decides."""
         node, kept = self._number.get(gate), self._number.get(child)
         if node is None or kept is None:
             return True
@@ -196,7 +189,7 @@ class EarliestMatches:
 
 def explain(tree: RVAFT, strategy: Following | Earliest) -> Explanation:
     """The explanation after detection; its branch is None where there are too many to find the lowest."""
-    finder: MatchFinder
+    finder: FollowedMatches | EarliestMatches
     finder = EarliestMatches(tree, strategy) if isinstance(strategy, Earliest) else FollowedMatches(tree, strategy)
     part = tree.part_of
     found = finder.find({})
@@ -221,7 +214,7 @@ def explain(tree: RVAFT, strategy: Following | Earliest) -> Explanation:
     )
 
 
-def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:
+def _lowest(tree: RVAFT, finder: FollowedMatches | EarliestMatches, found: FoundMatch) -> tuple[FoundMatch, int | None]:
     """The match whose branch has the lowest number, and that number where it is certain.
 
     The digit that counts most is made as small as it can be, then the next. A choice that the best match so far does not reach has
@@ -246,7 +239,9 @@ def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundM
     return found, number_of(tree, {name: found.kept[name][0] for name in order if name in found.kept})
 
 
-def _lowest_of_kind(tree: RVAFT, finder: MatchFinder, kind: Kind, found: FoundMatch) -> tuple[FoundMatch, int | None]:
+def _lowest_of_kind(
+    tree: RVAFT, finder: FollowedMatches | EarliestMatches, kind: Kind, found: FoundMatch
+) -> tuple[FoundMatch, int | None]:
     """The same among the branches of a kind, which a match may be in with what its scenario does not contain."""
     for branch in islice(branches(tree), BRANCHES):
         if kind in branch.kinds:

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.analysis.normal_form import Op
 from rvaft.analysis.unification import Overlaps
-from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Hit, Reading, Sketch, TreeLetters
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
@@ -358,7 +358,14 @@ class Earliest:
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means, as far as that matters now: letters that nobody waits for are not tried."""
-        return self.letters.served(event, sketch, self._waiting)
+        waiting = self._waiting
+        hits = []
+        for letter, nodes, _, test, values_of in (self.letters.sketch(event) if sketch is None else sketch).serving:
+            if (waiting is None or letter in waiting) and (test is None or test(event)):
+                values = values_of(event)
+                if values is not None:
+                    hits.append(Hit(letter, nodes, values))
+        return Reading(False, hits) if hits else NOTHING
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""

@@ -12,7 +12,7 @@ keeps: neither can be mended by choices to come.
 from collections.abc import Hashable, Iterator, Mapping
 from functools import cached_property
 from itertools import combinations
-from typing import Final, NamedTuple, Optional, TypeAlias
+from typing import Final, TypeAlias
 
 from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
@@ -26,14 +26,6 @@ MEMORY: Final = 20_000
 
 Resolution: TypeAlias = Mapping[int, tuple[int, ...]]
 """The nodes of the core that a scenario reaches, parents first, each with the children it keeps."""
-
-
-class KeptNode(NamedTuple):
-    """A node of a resolution in the making with the children it keeps, and the node before it."""
-
-    before: Optional["KeptNode"]
-    node: int
-    children: tuple[int, ...]
 
 
 class SharedNodes:
@@ -68,23 +60,19 @@ class SharedNodes:
             if len(self._memory) >= MEMORY:
                 self._memory.clear()
             complete = next(self.resolutions(configuration, complete=True), None) is not None
-            found = self._memory[key] = (complete, not complete and self._unfinished(configuration))
+            partial = False
+            if (
+                not complete
+            ):  # parts are as finished as they can be: where that leaves nothing to come, there is a match already
+                resolutions = self.resolutions(configuration, complete=False)
+                elements = (self._elements(configuration, kept) for kept in resolutions)
+                partial = any(present & ~finished for present, finished in elements)
+            found = self._memory[key] = (complete, partial)
         return found
 
     def possible(self, configuration: Configuration) -> bool:
         """Whether what is taken is all or a part of some feasible scenario, guards that are open left aside."""
         return next(self.resolutions(configuration, complete=False), None) is not None
-
-    def _unfinished(self, configuration: Configuration) -> bool:
-        """Whether something remains in a resolution that has what is taken as a part.
-
-        Parts are looked at as finished as they can be: where that leaves nothing to come, there is a match already.
-        """
-        for kept in self.resolutions(configuration, complete=False):
-            present, finished = self._elements(configuration, kept)
-            if present & ~finished:
-                return True
-        return False
 
     def inverted(self, configuration: Configuration, node: int) -> frozenset[tuple[int, int]]:
         """The orders between elements that taking this node's event breaks."""
@@ -202,9 +190,14 @@ class SharedNodes:
         core = self.compiled.core
         able = self._able(configuration, complete=complete)
         touched = self._touched(configuration)
-        needed = [node for node in core if self._needed(configuration, node)]
+        taken = configuration.taken
+        needed = [  # those without which something taken is in no scenario
+            node
+            for node in core
+            if taken >> node & 1 or any(self._has(configuration, c, TOUCHED) for c in self.compiled.children[node])
+        ]
         # Resolutions in the making: the place in the core, the nodes reached, those resolved.
-        agenda: list[tuple[int, int, KeptNode | None]] = [(0, 1, None)] if able & 1 else []
+        agenda: list[tuple[int, int, dict[int, tuple[int, ...]]]] = [(0, 1, {})] if able & 1 else []
         seen: set[tuple[int, int]] = set()
         steps = 0
         while agenda:
@@ -218,44 +211,24 @@ class SharedNodes:
                     options = list(self._options(configuration, node, able, complete=complete))
                     if len(options) != 1:
                         break
-                    kept = KeptNode(kept, node, options[0])
+                    kept[node] = options[0]
                     reached |= mask_of(options[0])
                 place += 1
             if steps > self.limit:
-                raise TooLarge(f"resolutions of the choices that share nodes: {self._choices}", limit=self.limit)
-            ahead = (place, reached & self._ahead[place])
+                names = [self.compiled.names[node] for node in core if self.compiled.chooses >> node & 1]
+                named = ", ".join(names[:10]) + (", …" if len(names) > 10 else "")
+                raise TooLarge(f"resolutions of the choices that share nodes: {named}", limit=self.limit)
+            ahead = (place, reached & self._mask & -(1 << core[place]) if place < len(core) else 0)
             if ahead in seen or not self._within_reach(place, reached, able, needed):
                 continue
             if not self._ordered:
                 seen.add(ahead)  # what is reached ahead is all that matters
-            resolution = _unrolled(kept)
-            if not self._allows(configuration, resolution, touched):
+            if not self._allows(configuration, kept, touched):
                 continue
             if place == len(core):
-                yield resolution
+                yield kept
             else:
-                agenda.extend(
-                    (place + 1, reached | mask_of(children), KeptNode(kept, node, children))
-                    for children in reversed(options)
-                )
-
-    @cached_property
-    def _ahead(self) -> list[int]:
-        """For each place in the core the nodes from there on."""
-        masks = [0]
-        for node in reversed(self.compiled.core):
-            masks.append(masks[-1] | 1 << node)
-        return masks[::-1]
-
-    @property
-    def _choices(self) -> str:
-        names = [self.compiled.names[node] for node in self.compiled.core if self.compiled.chooses >> node & 1]
-        return ", ".join(names[:10]) + (", …" if len(names) > 10 else "")
-
-    def _needed(self, configuration: Configuration, node: int) -> bool:
-        """Whether something taken is in a scenario only if this node is."""
-        children = self.compiled.children[node]
-        return configuration.taken >> node & 1 > 0 or any(self._has(configuration, c, TOUCHED) for c in children)
+                agenda.extend((place + 1, reached | mask_of(c), {**kept, node: c}) for c in reversed(options))
 
     def _within_reach(self, place: int, reached: int, able: int, needed: list[int]) -> bool:
         """Whether all that is needed is reached, or may be by choices to come."""
@@ -311,11 +284,3 @@ class SharedNodes:
                 for picked in combinations(shared, size):
                     chosen = {*picked, *touched, *silent, *waiting[:missing]}
                     yield tuple(child for child in children if child in chosen)
-
-
-def _unrolled(kept: KeptNode | None) -> Resolution:
-    found: list[tuple[int, tuple[int, ...]]] = []
-    while kept is not None:
-        found.append((kept.node, kept.children))
-        kept = kept.before
-    return dict(reversed(found))

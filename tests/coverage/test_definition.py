@@ -7,8 +7,6 @@ from typing import Any
 
 import pytest
 
-from cross_check.generate.traces import random_trace
-from cross_check.generate.trees import Shape, random_tree
 from rvaft.coverage import BranchCoverage, Coverage
 from rvaft.errors import TreeError
 from rvaft.model.tree import RVAFT
@@ -17,14 +15,8 @@ from rvaft.semantics import Reference, branches
 from rvaft.semantics.events import observe
 from rvaft.semantics.reference import Partial, relevant
 from tests.engine.checking import small_valid_trees
-from tests.engine.dense import SHAPES, dense_trace, dense_tree
-from tests.engine.living import living_trace
+from tests.engine.dense import SHAPES, WILD, trace_of, tree_of
 
-WILD = {
-    "any": Shape(),
-    "shared": Shape(sharing=0.6, variables=0.3),
-    "variables": Shape(sharing=0.1, variables=1, typed_events=0.9, guards=0.5),
-}
 ALL = [*SHAPES, *WILD]
 SEMANTICS = ["strict", "projected", "scattered"]
 Events = list[dict[str, Any]]
@@ -33,15 +25,8 @@ Events = list[dict[str, Any]]
 def cases(shape: str, semantics: str, count: int) -> Iterator[tuple[RVAFT, Events]]:
     """Random trees with a trace each that goes deep into some branch of many."""
     random = Random(f"coverage {shape} {semantics}")
-
-    def made() -> RVAFT:
-        return dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
-
-    for tree in islice(small_valid_trees(made), count):
-        if shape in SHAPES:
-            yield tree, [*living_trace(random, tree, shape, semantics, 6), *dense_trace(random, SHAPES[shape], 3)]
-        else:
-            yield tree, random_trace(random, tree)[:12]
+    for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), count):
+        yield tree, trace_of(random, tree, shape, semantics)
 
 
 class Expected:

@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any, Final
 
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
+from rvaft.engine import Engine
 from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.nodes import Causality, EventType, Gate, Kind, Node, On
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Verdict
 
 EVENTS: Final = (
     EventType("letter", ("l",), ObjectPattern((("l", Variable("l")),))),
@@ -97,3 +101,37 @@ SHAPES: Final = {
     "variables": Dense(variables=0.7, guards=0.3, nodes=8),
     "shared variables": Dense(variables=0.6, guards=0.3, sharing=0.6, nodes=8),
 }
+
+
+def living_trace(random: Random, tree: RVAFT, shape: str, semantics: str, length: int = 9) -> list[dict[str, Any]]:
+    """A trace for a dense tree that avoids ⊥ for as long as it easily can, and ends with detection if it comes there."""
+    trace: list[dict[str, Any]] = []
+    monitor = Engine(tree, semantics)
+    while len(trace) < length and not monitor.verdict.final:
+        for event in dense_trace(random, SHAPES[shape], 6):
+            ahead = monitor.fork()
+            if ahead.step(event) is not Verdict.FALSE:
+                break
+        trace.append(event)
+        monitor = ahead
+    return trace
+
+
+WILD: Final = {
+    "any": Shape(),
+    "shared trees": Shape(sharing=0.6, variables=0.3),
+    "only variables": Shape(sharing=0.1, variables=1, typed_events=0.9, guards=0.5),
+    "wide": Shape(max_nodes=13, max_children=6, typed_events=0.3),
+}
+
+
+def tree_of(random: Random, shape: str) -> RVAFT:
+    """A random tree, dense or wild; it may break the rules about scenarios."""
+    return dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
+
+
+def trace_of(random: Random, tree: RVAFT, shape: str, semantics: str) -> list[dict[str, Any]]:
+    """A trace that goes deep into the tree, and then goes on anyhow."""
+    if shape in SHAPES:
+        return [*living_trace(random, tree, shape, semantics, 6), *dense_trace(random, SHAPES[shape], 3)]
+    return random_trace(random, tree)[:12]

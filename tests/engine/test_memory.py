@@ -9,8 +9,6 @@ PROGRAM = """
 import sys
 from itertools import islice
 import rvaft
-import rvaft
-from rvaft.verdict import Verdict
 
 TREE = '''
 event go(w, t)   = { do: "go", where: w, time: t };
@@ -50,7 +48,7 @@ for event in islice(stream, few):
 before = resident()
 for event in islice(stream, many - few):
     verdict = monitor.step(event)
-assert verdict is Verdict.UNKNOWN
+assert verdict is rvaft.Verdict.UNKNOWN
 print(resident() - before)
 """
 

@@ -1,32 +1,20 @@
-"""A monitor pickled in the middle of a trace goes on as if nothing had happened."""
+"""A monitor pickled in the middle of a trace goes on as if nothing had happened (see also `test_random`)."""
 
 import copy
 import pickle
 import subprocess
 import sys
-from itertools import islice
-from random import Random
 from typing import Any
 
 import pytest
 
 import rvaft
-from cross_check.generate.traces import random_trace
-from cross_check.generate.trees import Shape, random_tree
-from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
-from rvaft.model.nodes import Gate, Kind, Node
+from rvaft.errors import TraceError
+from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
-from tests.engine.checking import small_valid_trees
-from tests.engine.dense import SHAPES, dense_tree
-from tests.engine.living import living_trace
-
-WILD = {
-    "any": Shape(),
-    "shared": Shape(sharing=0.6, variables=0.3),
-    "variables": Shape(sharing=0.1, variables=1, typed_events=0.9, guards=0.5),
-}
+from tests.engine.test_random import same
 
 
 def again(monitor: Engine) -> Engine:
@@ -34,52 +22,6 @@ def again(monitor: Engine) -> Engine:
     twin = pickle.loads(pickle.dumps(monitor))
     assert isinstance(twin, Engine)
     return twin
-
-
-def same(left: Engine, right: Engine) -> None:
-    """Both monitors tell the same."""
-    assert left.verdict == right.verdict
-    assert left.state == right.state
-    assert left.explanation == right.explanation
-    assert left.pending() == right.pending()
-    assert left.ended == right.ended
-
-
-def parts(random: Random, tree: RVAFT) -> list[RVAFT]:
-    """The tree, and perhaps what a monitor for a kind or a branch looks at."""
-    kinds = sorted({node.kind for node in tree.nodes.values() if node.kind is not None})
-    found = [tree]
-    if kinds and random.random() < 0.5:
-        try:
-            found.append(restrict(tree, kind=Kind(random.choice(kinds))))
-        except rvaft.TreeError:
-            found.append(restrict(tree, branch=1))
-    return found
-
-
-@pytest.mark.parametrize("semantics", list(Semantics))
-@pytest.mark.parametrize("shape", [*SHAPES, *WILD])
-def test_a_monitor_goes_on(shape: str, semantics: Semantics) -> None:
-    random = Random(f"pickle {shape} {semantics}")
-    told: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
-
-    def made() -> RVAFT:
-        return dense_tree(random, SHAPES[shape]) if shape in SHAPES else random_tree(random, WILD[shape])
-
-    for tree in islice(small_valid_trees(made), 8):
-        for part in parts(random, tree):
-            trace = living_trace(random, tree, shape, semantics) if shape in SHAPES else random_trace(random, tree)
-            straight, halting = Engine(part, semantics), Engine(part, semantics)
-            for event in trace:
-                kept = pickle.dumps(halting)
-                halting.step({"event": "lost with the machine"})
-                halting = pickle.loads(kept)
-                assert halting.step(event) == straight.step(event)
-                assert halting.state == straight.state
-            same(halting, straight)
-            same(again(halting), straight)
-            told[straight.verdict] += 1
-    assert told[Verdict.TRUE]
 
 
 def test_an_end_is_kept() -> None:
@@ -131,20 +73,6 @@ def test_partial_matches_share_what_they_have_in_common() -> None:
 
 
 @pytest.mark.parametrize("semantics", list(Semantics))
-def test_asking_first_changes_nothing(semantics: Semantics) -> None:
-    """What was computed on demand is written or made anew, but never wrong afterwards."""
-    engine = Engine(rvaft.loads("top 2of3 a b c;"), semantics)
-    assert engine.explanation is None
-    engine.step({"event": "a"})
-    twin = again(engine)
-    engine.step({"event": "b"})
-    assert engine.explanation is not None
-    assert twin.explanation is None
-    assert twin.step({"event": "c"}) is Verdict.TRUE
-    assert again(engine).explanation == engine.explanation != twin.explanation
-
-
-@pytest.mark.parametrize("semantics", list(Semantics))
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, Engine.fork])
 def test_copies_are_independent(copied: Any, semantics: Semantics) -> None:
     for text in ("top sand x y; x or a b; y and c d;", "top sand a b;"):
@@ -178,3 +106,22 @@ def test_another_process_goes_on() -> None:
         monitor.step({"v": value})
     done = subprocess.run([sys.executable, "-c", RESUME], input=pickle.dumps(monitor), capture_output=True, check=True)
     assert done.stdout.decode() == "true {'x': 2, 'y': 4} {'V': 2}\n"
+
+
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_skipped_events_are_counted(semantics: Semantics) -> None:
+    monitor = Engine(rvaft.loads("top sand a b;"), semantics)
+    monitor.step({"event": "a"})
+    assert monitor.skip(0) is Verdict.UNKNOWN
+    expected = Verdict.FALSE if semantics is Semantics.STRICT else Verdict.UNKNOWN
+    assert monitor.skip(1_000_000) is expected
+    if expected is Verdict.FALSE:  # the first one ends the match
+        assert monitor.ended is not None
+        assert (monitor.ended.event, [one.node for one in monitor.ended.pending[0].awaited]) == (2, ["b"])
+        assert monitor.skip(3) is Verdict.FALSE
+    else:
+        assert monitor.step({"event": "b"}) is Verdict.TRUE
+        assert monitor.explanation is not None
+        assert monitor.explanation.matched == {"a": 1, "b": 1_000_002}
+    with pytest.raises(TraceError):
+        monitor.step([])

@@ -5,14 +5,12 @@ from random import Random
 import pytest
 
 import rvaft
-from rvaft.analysis.branches import branches, number_of
 from rvaft.engine import Engine
 from rvaft.engine.scattered_linear import Earliest
 from rvaft.errors import TooLarge
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
-from tests.engine.dense import SHAPES, dense_tree
 
 MANY = 5_000
 LEAVES = [f"l{index}" for index in range(MANY)]
@@ -68,12 +66,6 @@ def test_large_trees_are_explained(name: str, semantics: str) -> None:
     assert monitor.explanation.branch == {"or": MANY, "chain of or": MANY + 1}.get(name, 1)
 
 
-def test_large_and_falls() -> None:
-    monitor = Engine(wide(Gate.AND))
-    verdicts = [monitor.step({"event": letter}) for letter in [*LEAVES[:100], LEAVES[50]]]
-    assert verdicts[-2:] == [Verdict.UNKNOWN, Verdict.FALSE]
-
-
 def test_a_scattered_log_does_not_grow() -> None:
     """What is kept for the explanation depends on the tree alone."""
     monitor = Engine(
@@ -122,16 +114,6 @@ def test_too_many_ways_are_refused_by_name() -> None:
         list(monitor.run([{f"f{i}": 1 for i in range(20)}] * 10))
 
 
-def test_scattered_keeps_few_partial_matches_where_only_some_events_compete() -> None:
-    leaves = " ".join(f"l{i}" for i in range(40))
-    types = "event p(x) = { x: x }; event q(y) = { y: y }; "
-    tree = rvaft.loads(f"{types} top and {leaves} m n; m on p(1); n on q(1);")
-    monitor = Engine(tree, "scattered", limit=10)
-    events = [{"event": f"l{i}"} for i in range(40)]
-    assert set(monitor.run([*events, {"x": 1, "y": 1}, *events])) == {Verdict.UNKNOWN}
-    assert monitor.step({"y": 1}) is Verdict.TRUE
-
-
 def test_resolutions_of_a_core_are_bounded() -> None:
     """Which choices cover exactly the events seen is as hard as satisfiability."""
     random = Random(3)
@@ -147,11 +129,3 @@ def test_resolutions_of_a_core_are_bounded() -> None:
     monitor = Engine(tree, limit=200)
     with pytest.raises(TooLarge, match="o0"):
         list(monitor.run({"event": leaf} for leaf in used))
-
-
-def test_branch_numbers_are_counted() -> None:
-    random = Random(5)
-    for _ in range(150):
-        tree = dense_tree(random, SHAPES["plain"])
-        for branch in branches(tree):
-            assert number_of(tree, branch.choices) == branch.number

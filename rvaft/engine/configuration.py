@@ -24,7 +24,7 @@ class Configuration:
     `taken` are the occurrences that have their event. `dead` are the nodes whose guard does not hold, `closed` those whose guard
     waits for nothing. `binding` keeps the variables that still matter. `inversions` says which orders between two shared elements of
     the tree the match has broken: harmless while some scenario does not demand them (always empty where no node is shared).
-    `flags` and `tallies` are what `Progress` knows, where it differs from the start; both follow from the rest. `witness` is how
+    `flags` and `tallies` are what `PartProgress` knows, where it differs from the start; both follow from the rest. `witness` is how
     the match came about and no part of the state.
     """
 

@@ -41,7 +41,7 @@ _CHANGES: Final = [[tuple(b - a for a, b in zip(x, y, strict=True)) for y in _CO
 """From the flags of a child before and after to the change of the tally."""
 
 
-class Progress:
+class PartProgress:
     """The flags of all nodes before any event, and their change as occurrences are taken."""
 
     def __init__(self, compiled: CompiledTree) -> None:

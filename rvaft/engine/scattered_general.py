@@ -44,7 +44,7 @@ class Stage:
     """The variables that partial matches here remember."""
     directions: Mapping[str, int]
     """Of these the ones of which a greater (1) or smaller (-1) value can do more."""
-    moves: dict[int, "Move | None"] = field(default_factory=dict)
+    moves: dict[int, "StageMove | None"] = field(default_factory=dict)
 
     def key(self, binding: Mapping[str, Json]) -> Hashable:
         """Equal for bindings of its variables that nothing can tell apart."""
@@ -52,7 +52,7 @@ class Stage:
 
 
 @dataclass(slots=True, eq=False)
-class Move:
+class StageMove:
     """A node's event from a stage on: what has to agree, and what is to be decided.
 
     The guards in `alone` are decided by the values of the event, those in `joint` by those and the ones remembered.
@@ -103,14 +103,14 @@ class Stages:
             found = self._known[place] = Stage(sample, is_match, tuple(sorted(sample.binding)), directions)
         return found
 
-    def move(self, stage: Stage, node: int) -> Move | None:
+    def move(self, stage: Stage, node: int) -> StageMove | None:
         """A node's event from a stage on; None where it cannot come there."""
         if node not in stage.moves:
             self._size += 1
             stage.moves[node] = self._move(stage, node) if self.matching.admits(stage.sample, node) else None
         return stage.moves[node]
 
-    def _move(self, stage: Stage, node: int) -> Move:
+    def _move(self, stage: Stage, node: int) -> StageMove:
         compiled, remembered = self.matching.compiled, stage.sample.binding
         names = compiled.exported[node]
         bound = stage.sample.copy()
@@ -120,9 +120,9 @@ class Stages:
         joint = tuple(guard for guard in closing if guard not in alone)
         compared = tuple(name for name in names if name in remembered)
         predicates = tuple(holds for guard in joint if (holds := compiled.predicates[guard]) is not None)
-        return Move(stage, node, compared, alone, joint, predicates, sum(1 << guard for guard in alone))
+        return StageMove(stage, node, compared, alone, joint, predicates, sum(1 << guard for guard in alone))
 
-    def outcome(self, move: Move, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
+    def outcome(self, move: StageMove, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
         """Where a move leads if, of the guards that its event decides, these hold, and the others have these outcomes."""
         place = (held & move.mask, outcomes)
         if place not in move.outcomes:
@@ -136,7 +136,7 @@ class Stages:
             move.outcomes[place] = found
         return move.outcomes[place]
 
-    def is_hopeful(self, move: Move, held: int) -> bool:
+    def is_hopeful(self, move: StageMove, held: int) -> bool:
         """Whether a move may lead anywhere if, of the guards that its event decides, these hold."""
         if len(move.joint) > _MANY:
             return True
@@ -242,7 +242,7 @@ class LetterWatch:
     """The guards that the event may decide, each as a set of one, with what it says."""
     names: tuple[str, ...]
     """The variables of the event that matter."""
-    moves: list[tuple[StageGroup, Move, int]] = field(default_factory=list)
+    moves: list[tuple[StageGroup, StageMove, int]] = field(default_factory=list)
     """What the groups can take, with the place of the node in the letter."""
     groups: int = 0
     """How many groups were looked at."""

@@ -10,7 +10,7 @@ node starts and completes at most once, so the total work is linear in the tree,
 from collections import Counter
 from collections.abc import Callable, Container, Hashable, Iterator, Mapping, Sequence
 from copy import copy
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.analysis.normal_form import Op
@@ -68,21 +68,15 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> Starts | None
 def _compete(compiled: CompiledTree, letters: TreeLetters) -> bool:
     """Whether one event can serve two occurrences of one scenario, neither before the other, or finding out takes too long."""
     serving = [(letter.pattern, nodes) for letter, nodes in zip(letters.letters, letters.serves, strict=True) if nodes]
-    pairs = [combinations(nodes, 2) for _, nodes in serving]
+    overlaps = Overlaps([pattern for pattern, _ in serving]).pairs()
+    alike = (pair for _, nodes in serving for pair in combinations(nodes, 2))
+    overlapping = (pair for one, other in overlaps for pair in product(serving[one][1], serving[other][1]))
     effort = 0
-    for among in pairs:
-        for one, other in among:
-            beside, steps = _beside(compiled, one, other)
-            effort += steps
-            if beside or effort > EFFORT:
-                return True
-    for left, right in Overlaps([pattern for pattern, _ in serving]).pairs():
-        effort += 1
-        for one, other in product(serving[left][1], serving[right][1]):
-            beside, steps = _beside(compiled, one, other)
-            effort += steps
-            if beside or effort > EFFORT:
-                return True
+    for pair in chain(alike, overlapping):
+        beside, steps = _beside(compiled, *pair)
+        effort += steps
+        if beside or effort > EFFORT:
+            return True
     return False
 
 

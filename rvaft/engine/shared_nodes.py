@@ -17,7 +17,7 @@ from typing import Final, TypeAlias
 from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import Configuration
-from rvaft.engine.progress import DONE, MORE, POSSIBLE, SURE, TOUCHED, Progress
+from rvaft.engine.progress import DONE, MORE, POSSIBLE, SURE, TOUCHED, PartProgress
 from rvaft.errors import TooLarge
 from rvaft.support.bits import bits, mask_of
 
@@ -31,7 +31,7 @@ Resolution: TypeAlias = Mapping[int, tuple[int, ...]]
 class SharedNodes:
     """The core of a tree; raises `TooLarge` where one search takes more than `limit` steps."""
 
-    def __init__(self, compiled: CompiledTree, progress: Progress, *, limit: int) -> None:
+    def __init__(self, compiled: CompiledTree, progress: PartProgress, *, limit: int) -> None:
         self.compiled = compiled
         self.progress = progress
         self.limit = limit

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import Configuration, Witness
-from rvaft.engine.progress import MORE, SURE, Progress
+from rvaft.engine.progress import MORE, SURE, PartProgress
 from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.model.values import Json, equal
 
@@ -14,7 +14,7 @@ class Matching:
 
     def __init__(self, compiled: CompiledTree, *, limit: int) -> None:
         self.compiled = compiled
-        self.progress = Progress(compiled)
+        self.progress = PartProgress(compiled)
         self.shared = SharedNodes(compiled, self.progress, limit=limit)
 
     def start(self) -> Configuration:

@@ -104,7 +104,7 @@ def agrees(record: Pending, partial: Partial) -> bool:
 @pytest.mark.parametrize("semantics", ["strict", "projected"])
 def test_pending_is_what_the_definition_says(shape: str, semantics: str) -> None:
     compared = ended = 0
-    for random, tree, trace in cases(shape, 5 if shape in SHAPES else 12):
+    for random, tree, trace in cases(shape, 8 if shape in SHAPES else 16):
         kind = random.choice([None, None, "fault"])
         if kind is not None and not any(tree.nodes[n].kind is Kind(kind) for b in branches(tree) for n in b):
             kind = None
@@ -139,7 +139,7 @@ def test_scattered_waits_for_nothing_else_and_for_all_that_matters(shape: str) -
     But nothing that is not waited for changes what is waited for, and the last event of a match was waited for.
     """
     compared = passed = detected = 0
-    for _, tree, trace in cases(shape, 5 if shape in SHAPES else 12):
+    for _, tree, trace in cases(shape, 8 if shape in SHAPES else 16):
         references = References(tree, "scattered", None)
         engine = Engine(tree, "scattered")
         for event in [*trace, *trace]:

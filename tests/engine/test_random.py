@@ -113,4 +113,4 @@ def test_all_ways_to_the_same_events(shape: str, semantics: str, monkeypatch: py
             for monitor in (taking, pickled, forgetful):
                 same(monitor, straight)
         told[straight.verdict] += 1
-    assert told[Verdict.TRUE] or shape not in SHAPES
+    assert told[Verdict.TRUE] + told[Verdict.FALSE] or semantics == "scattered"

@@ -3,9 +3,11 @@
 import asyncio
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from enum import StrEnum
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import click
 
@@ -20,9 +22,9 @@ from rvaft.ros.configuration import (
     Action,
     LeftOut,
     NoConfiguration,
-    Options,
     Oracle,
     Planned,
+    RosOptions,
     RosVersion,
     commands_text,
     configuration,
@@ -37,6 +39,17 @@ from rvaft.ros.server import CONNECTIONS, LOCAL, PORT, Address, serve
 from rvaft.support.files import place
 from rvaft.support.terminal import visible
 
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def _choice(name: str, kind: type[StrEnum], text: str, default: StrEnum | None = None) -> Callable[[Command], Command]:
+    """An option whose value is one of an enumeration."""
+    words = click.Choice([choice.value for choice in kind])
+    return click.option(
+        name, type=words, default=default and default.value, show_default=default is not None, help=text
+    )
+
+
 CONFIGURATION: Final = "monitors.yaml"
 COMMANDS: Final = "run.txt"
 
@@ -46,27 +59,13 @@ COMMANDS: Final = "run.txt"
 @click.option(
     "-o", "--output", metavar="DIR", required=True, help="The folder to write to; made where it is not there."
 )
-@click.option(
-    "--per",
-    type=click.Choice([choice.value for choice in Per]),
-    default=Per.TREE.value,
-    show_default=True,
-    help="One monitor for the tree, for each branch, or for each kind.",
-)
+@_choice("--per", Per, "One monitor for the tree, for each branch, or for each kind.", Per.TREE)
 @part_options
 @semantics_option
-@click.option(
-    "--action",
-    type=click.Choice([choice.value for choice in Action]),
-    help="Log all topics or filter all; default: filter those with publishers, if there is one monitor.",
+@_choice(
+    "--action", Action, "Log all topics or filter all; default: filter those with publishers, if there is one monitor."
 )
-@click.option(
-    "--oracle",
-    type=click.Choice([choice.value for choice in Oracle]),
-    default=Oracle.RVAFT.value,
-    show_default=True,
-    help="Who answers the monitors: rvaft serve, or the RML oracle of ROSMonitoring.",
-)
+@_choice("--oracle", Oracle, "Who answers the monitors: rvaft serve, or the RML oracle of ROSMonitoring.", Oracle.RVAFT)
 @click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Where the oracles are.")
 @click.option(
     "--port",
@@ -75,13 +74,7 @@ COMMANDS: Final = "run.txt"
     show_default=True,
     help="That of the first oracle; others follow.",
 )
-@click.option(
-    "--ros-version",
-    type=click.Choice([choice.value for choice in RosVersion]),
-    default=RosVersion.ROS2.value,
-    show_default=True,
-    help="Which ROS the monitors are generated for.",
-)
+@_choice("--ros-version", RosVersion, "Which ROS the monitors are generated for.", RosVersion.ROS2)
 @click.option("--id", "name", metavar="NAME", help="What the monitors are called; default: as the root of the tree.")
 @click.option("--force", is_flag=True, help="Replace files that are there already, and remove those of an earlier run.")
 def rosmonitoring_command(
@@ -107,7 +100,7 @@ def rosmonitoring_command(
     if output in ("", "-"):
         raise click.UsageError(f"-o names a folder, and '{output}' is none", click.get_current_context())
     exclusive(branch=branch, kind=kind, per=None if per == Per.TREE else per)
-    options = Options(
+    options = RosOptions(
         Semantics(semantics),
         None if action is None else Action(action),
         Oracle(oracle),
@@ -131,8 +124,10 @@ def rosmonitoring_command(
             files.update([found])
     path = tree if Path(tree).is_absolute() else os.path.relpath(tree, output)
     files[COMMANDS] = commands_text(monitors, options, tree=path, configuration=CONFIGURATION)
-    for gone in _earlier(Path(output)):
-        files.setdefault(gone, None)
+    with suppress(OSError, UnicodeDecodeError):  # the specifications of the monitors of an earlier run
+        ids = stated_ids((Path(output) / CONFIGURATION).read_text(encoding="utf-8"))
+        for gone in leftover(Path(output), ids):
+            files.setdefault(gone, None)
     place(Path(output), files, force=force)
     for reason in left_out:
         click.echo(visible(f"rvaft: warning: {reason}"), err=True)
@@ -147,16 +142,7 @@ def _check_stays(tree: Path) -> None:
         raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
 
 
-def _earlier(folder: Path) -> list[str]:
-    """The specifications in the folder of the monitors that its configuration has."""
-    try:
-        ids = stated_ids((folder / CONFIGURATION).read_text(encoding="utf-8"))
-        return list(leftover(folder, ids))
-    except (OSError, UnicodeDecodeError):
-        return []
-
-
-def _specifications(monitors: tuple[Planned, ...], options: Options) -> Iterator[tuple[str, str] | LeftOut]:
+def _specifications(monitors: tuple[Planned, ...], options: RosOptions) -> Iterator[tuple[str, str] | LeftOut]:
     """The files for the RML oracle; where that is the one to be asked, none may be left out."""
     for monitor in monitors:
         for found in specifications(monitor, options.semantics):
@@ -178,27 +164,11 @@ _MEBIBYTE = 1024 * 1024
 @click.option("--shared", is_flag=True, help="One monitor for all connections instead of one for each.")
 @semantics_option
 @part_options
-@click.option(
-    "--per",
-    type=click.Choice([choice.value for choice in Per]),
-    default=Per.TREE.value,
-    show_default=True,
-    help="Give also a verdict for each branch or kind.",
+@_choice("--per", Per, "Give also a verdict for each branch or kind.", Per.TREE)
+@_choice(
+    "--polarity", Polarity, "Whether true means that the tree can never be detected, or that it is.", Polarity.PROPERTY
 )
-@click.option(
-    "--polarity",
-    type=click.Choice([choice.value for choice in Polarity]),
-    default=Polarity.PROPERTY.value,
-    show_default=True,
-    help="Whether true means that the tree can never be detected, or that it is.",
-)
-@click.option(
-    "--vocabulary",
-    type=click.Choice([choice.value for choice in Vocabulary]),
-    default=Vocabulary.RML.value,
-    show_default=True,
-    help="Definitive verdicts as JSON booleans (rml) or as strings.",
-)
+@_choice("--vocabulary", Vocabulary, "Definitive verdicts as JSON booleans (rml) or as strings.", Vocabulary.RML)
 @click.option(
     "--max-connections",
     type=click.IntRange(1, 100_000),

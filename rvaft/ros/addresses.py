@@ -13,8 +13,6 @@ from urllib.parse import urlsplit
 
 from rvaft.errors import OptionError
 
-# What may be named as a host: what one can connect to, not what the system reads as any address.
-
 _LONGEST: Final = 253
 _ADDRESS: Final = re.compile(r"[0-9A-Fa-f.:]+(?:%[A-Za-z0-9._-]+)?")
 _NAME: Final = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)(?:\.(?!-)[A-Za-z0-9_-]{1,63}(?<!-))*\.?")

@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 
-# What a configuration is asked to be.
-
-
 class RosVersion(StrEnum):
     """Which ROS the monitors are generated for."""
 
@@ -55,8 +52,8 @@ class Oracle(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
-    """`port` is that of the first oracle; without `action`, topics with publishers are filtered where that is possible.
+class RosOptions:
+    """What a configuration is asked to be: `port` is that of the first oracle; without `action`, topics with publishers are filtered where that is possible.
 
     Raises `OptionError` for what is no host.
     """
@@ -76,12 +73,6 @@ class NoConfiguration(RvaftError, ValueError):
     """ROSMonitoring cannot monitor this tree as it stands; the message says what to write where."""
 
 
-# Which topics a monitor subscribes to: those of the events that its verdicts depend on.
-#
-# That is more than the events of a branch. Under `projected` an event that is relevant to the whole tree ends the matches of a
-# branch that it does not fit, and under `strict` any event does, so their monitors have to see all events of the whole tree.
-
-
 @dataclass(frozen=True, slots=True)
 class Subscription:
     """A topic as the patterns of the tree spell it, and what was declared of it."""
@@ -94,6 +85,9 @@ class Subscription:
 
 def subscriptions(tree: RVAFT, semantics: Semantics) -> tuple[Subscription, ...]:
     """The topics that a monitor of this tree, or of this part of a tree, needs; in the order of its nodes.
+
+    That is more than those of a branch. Under `projected` an event that is relevant to the whole tree ends the matches of a
+    branch that it does not fit, and under `strict` any event does, so their monitors have to see all events of the whole tree.
 
     Raises `NoConfiguration` for an event that comes over no topic of its own, for a topic of which no message type is
     declared, and for two topics that one generated monitor cannot tell apart.
@@ -197,8 +191,6 @@ def _check_types(wanted: tuple[Subscription, ...]) -> None:
             )
 
 
-# Which monitors a tree gets: one for all of it, one for each branch, or one for each kind.
-
 _LAST_PORT: Final = 65_535
 _IDENTIFIER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -221,7 +213,7 @@ def monitor_id(name: str) -> str:
 
 def planned(
     tree: RVAFT,
-    options: Options,
+    options: RosOptions,
     *,
     per: Per = Per.TREE,
     branch: int | None = None,
@@ -253,7 +245,7 @@ def planned(
     return tuple(made)
 
 
-def _action(topic: Subscription, options: Options, *, alone: bool) -> Action:
+def _action(topic: Subscription, options: RosOptions, *, alone: bool) -> Action:
     """To filter takes publishers to come between, a single monitor, and an oracle that answers false at a detection alone."""
     if options.action is not Action.FILTER:
         possible = topic.publishers and alone and options.oracle is Oracle.RVAFT
@@ -283,12 +275,8 @@ def _parts(tree: RVAFT, per: Per, base: str) -> list[tuple[str, RVAFT]]:
     return found
 
 
-# The monitors as RML and in the Prolog form that ROSMonitoring's RML oracle loads.
-
 SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
-"""The backends, and how their files end."""
-
-
+"""The backends of the texts for ROSMonitoring's RML oracle, and how their files end."""
 _BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- module(spec, "}
 """How these texts begin, whatever the tree."""
 
@@ -335,7 +323,7 @@ _FINAL_ONLY: Final = 2
 """ROSMonitoring's `warning` that reports `false` and leaves `currently_false` alone, which the RML oracle always begins with."""
 
 
-def configuration(monitors: Sequence[Planned], options: Options) -> dict[str, Json]:
+def configuration(monitors: Sequence[Planned], options: RosOptions) -> dict[str, Json]:
     """The configuration as a value. `nodes` are the publishers that monitors come between."""
     publishers = dict.fromkeys(
         name
@@ -368,7 +356,7 @@ def stated_ids(text: str) -> list[str]:
     return [id_ for id_ in ids if isinstance(id_, str)]
 
 
-def _monitor(monitor: Planned, options: Options) -> dict[str, Json]:
+def _monitor(monitor: Planned, options: RosOptions) -> dict[str, Json]:
     return {
         "id": monitor.id,
         "log": f"./logs/{monitor.id}.jsonl",
@@ -399,10 +387,7 @@ def _library() -> "ModuleType":
     return yaml
 
 
-# What to run: an oracle for each monitor, then ROSMonitoring's generator.
-
-
-def commands_text(monitors: Sequence[Planned], options: Options, *, tree: str, configuration: str) -> str:
+def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str, configuration: str) -> str:
     """The commands, to be run in the folder of the files; `tree` is the path of the tree from there."""
     lines = ["# Run in this folder, each oracle in a terminal of its own."]
     for monitor in monitors:
@@ -420,7 +405,7 @@ def _rml_oracle(monitor: Planned) -> str:
     return f"{script} {monitor.id}.pl {monitor.port}"
 
 
-def _serve(monitor: Planned, options: Options, tree: str) -> Iterator[str]:
+def _serve(monitor: Planned, options: RosOptions, tree: str) -> Iterator[str]:
     yield from ("rvaft", "serve", tree, "--port", str(monitor.port))
     if options.host != LOCAL:
         yield from ("--host", options.host)

@@ -159,7 +159,8 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: dict[str, int]
     kinds = [node.kind.value] if node.kind else []
     kinds += ["condition"] if is_condition(node) else []
     name = quote(node.name, safe="")
-    known = f'id="node-{name}", class="{" ".join(kinds)}", tooltip={title(f"{node.name}  {said(node)}".rstrip())}'
+    kind = f'class="{" ".join(kinds)}", ' if kinds else ""
+    known = f'id="node-{name}", {kind}tooltip={title(f"{node.name}  {said(node)}".rstrip())}'
     fill = _PALE if faint else _FILL[node.kind]
     yield f'n{own} [label=<{label}>, fillcolor="{fill}", style="{style}"{bold}, {known}];'
     if node.gate is None:

@@ -21,7 +21,7 @@ from rvaft.cli.monitor_output import (
     TextReporter,
     warning,
 )
-from rvaft.cli.monitor_run import SUFFIXES, TERMINAL, Settings, TraceSource, require_drawable, run
+from rvaft.cli.monitor_run import SUFFIXES, TERMINAL, MonitorSettings, TraceSource, require_drawable, run
 from rvaft.cli.options import exclusive, part_options, semantics_option, standard_input, suggesting, tree_argument
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge
@@ -152,7 +152,7 @@ def monitor_command(*, tree: str, semantics: str, branch: int | None, kind: str 
             every=options["checkpoint_every"] or EVERY,
             settings={name: str(value) for name, value in given.items() if value is not None},
         )
-    settings = Settings(
+    settings = MonitorSettings(
         MonitoringPlan(
             monitors,
             TreeReads(whole, also),

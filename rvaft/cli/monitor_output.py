@@ -24,7 +24,7 @@ from rvaft.monitoring.explanation_json import (
     variables,
 )
 from rvaft.monitoring.monitor_set import Column, Per
-from rvaft.monitoring.near_misses import NearMiss, Statistics
+from rvaft.monitoring.near_misses import NearMissCount, Statistics
 from rvaft.monitoring.run import Listener, MonitoredTrace, VerdictChange
 from rvaft.monitoring.stream import Key
 from rvaft.monitors import Ended, Explanation, Pending
@@ -359,7 +359,7 @@ def held(statistics: Statistics) -> Iterator[str]:
     yield from (f"warning: {_near(miss)}" for miss in statistics.near_misses.values())
 
 
-def _near(miss: NearMiss) -> str:
+def _near(miss: NearMissCount) -> str:
     field = ".".join(miss.field)
     has = "is missing" if miss.found is None else f"is {miss.found}, not {miss.expected}"
     least = "at least " if miss.more else ""

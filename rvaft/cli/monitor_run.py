@@ -129,7 +129,7 @@ class TraceSource:
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class MonitorSettings:
     """How every trace is run: the plan, what is printed and by whom, what is done on detection."""
 
     plan: MonitoringPlan
@@ -144,7 +144,7 @@ class Settings:
 
 
 @dataclass(slots=True)
-class Outcome:
+class TraceOutcome:
     """What a trace has come to: whether it was read to its end, and the first detection in it, where it is to be drawn."""
 
     status: int
@@ -160,7 +160,7 @@ class Monitoring:
     """Runs traces one after the other and adds up their statistics."""
 
     def __init__(
-        self, settings: Settings, sink: Sink, progress: ProgressBar | None = None, *, drawing: bool = True
+        self, settings: MonitorSettings, sink: Sink, progress: ProgressBar | None = None, *, drawing: bool = True
     ) -> None:
         self.settings = settings
         self.sink = sink
@@ -176,7 +176,7 @@ class Monitoring:
             self.drawing = Drawing(shape.tree, settings.drawing, sink, deliver if drawing else None)
             self.listeners.append(self.drawing)
 
-    def watch(self, trace: TraceSource) -> Outcome:
+    def watch(self, trace: TraceSource) -> TraceOutcome:
         """Run one trace; a malformed one is reported up to the fault."""
         settings, drawing = self.settings, self.drawing
         again = trace.file is not None and Path(trace.file).is_file() and settings.plan.plain and not settings.follow
@@ -202,7 +202,7 @@ class Monitoring:
             self.sink.warn(f"{prefix}{said}")
         self.statistics = run.statistics or self.statistics
         rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if settings.shape.summed else []
-        outcome = Outcome(FAILED if failed else FOUND if run.found else 0, not failed, rows)
+        outcome = TraceOutcome(FAILED if failed else FOUND if run.found else 0, not failed, rows)
         if drawing is not None:
             outcome.drawn, outcome.detections = drawing.first, drawing.count - before
             outcome.undrawn = drawing.failed
@@ -284,7 +284,7 @@ class Monitoring:
             kept.note(run.detected)
 
 
-def run(settings: Settings, traces: Sequence[TraceSource], jobs: int, *, failed: bool) -> int:
+def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int, *, failed: bool) -> int:
     """Run all traces and return the exit status; `failed` says that some of those that were asked for are not there."""
     gc.freeze()  # spare the collector, which the decoding of events sets going, what is there already
     try:
@@ -310,7 +310,7 @@ def run(settings: Settings, traces: Sequence[TraceSource], jobs: int, *, failed:
         gc.unfreeze()
 
 
-def _in_processes(monitoring: Monitoring, traces: Sequence[TraceSource], jobs: int) -> Iterator[Outcome]:
+def _in_processes(monitoring: Monitoring, traces: Sequence[TraceSource], jobs: int) -> Iterator[TraceOutcome]:
     """Run traces in several processes; what each prints is passed on, complete, in the order of the traces."""
     from tempfile import TemporaryDirectory  # noqa: PLC0415 -- imported on use
 
@@ -320,7 +320,7 @@ def _in_processes(monitoring: Monitoring, traces: Sequence[TraceSource], jobs: i
     to_draw = settings.drawing is not None
     with TemporaryDirectory(prefix="rvaft-") as folder:
 
-        def work(number: int) -> tuple[Outcome, Statistics, list[str]]:
+        def work(number: int) -> tuple[TraceOutcome, Statistics, list[str]]:
             with (Path(folder) / str(number)).open("w", encoding="utf-8", errors="backslashreplace") as file:
                 own = Monitoring(settings, Sink(file), drawing=False)
                 return own.watch(traces[number]), own.statistics, own.sink.errors
@@ -339,7 +339,7 @@ def _in_processes(monitoring: Monitoring, traces: Sequence[TraceSource], jobs: i
                     sink.report(
                         click.ClickException(f"{traces[number].name}: the process that monitored it was killed")
                     )
-                    yield Outcome(FAILED)
+                    yield TraceOutcome(FAILED)
                     continue
                 outcome, statistics, errors = result
                 sink.flush()

@@ -33,7 +33,7 @@ from rvaft.language.printer import dumps
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.near_misses import NearMiss, Statistics
+from rvaft.monitoring.near_misses import NearMissCount, Statistics
 from rvaft.monitoring.reader import MAX_DEPTH, RepeatingObject, failures_of, unreadable
 from rvaft.monitoring.stream import Backwards, Field, Ordering
 from rvaft.monitors import Awaited, Ended, Explanation, Pending
@@ -69,7 +69,7 @@ _CLASSES: Final = (
     Explanation,
     Field,
 )
-_MORE: Final = (Kind, NearMiss, Ordering, Pending, RepeatingObject, Semantics, Snapshot, Statistics, Verdict)
+_MORE: Final = (Kind, NearMissCount, Ordering, Pending, RepeatingObject, Semantics, Snapshot, Statistics, Verdict)
 ADMITTED: Final[Mapping[tuple[str, str], type]] = {(one.__module__, one.__qualname__): one for one in _CLASSES + _MORE}
 """The classes of which a checkpoint consists. None of them runs commands, writes files or listens, and none must: a pickle can set the
 attributes of a class that it can name."""

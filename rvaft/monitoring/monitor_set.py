@@ -18,7 +18,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.near_misses import EventTypes, Sight
+from rvaft.monitoring.near_misses import EventTypeIndex, Sight
 from rvaft.monitors import Ended, Explanation, Monitor
 
 MOST: Final = 1_000
@@ -99,7 +99,7 @@ class MonitorSet:
         self._strict = semantics is Semantics.STRICT
         self.take_over(tuple(make(column.part) for column in columns))
         patterns = [letter.pattern for engine in self.engines for letter in engine.letters.letters]
-        self.types = EventTypes(self.columns[0].part, patterns)
+        self.types = EventTypeIndex(self.columns[0].part, patterns)
         """What events are to the tree: one look-up serves the counts and all monitors."""
         self.since: dict[int, int] = {}
         """For each column whose verdict is final the number of the event that made it so."""

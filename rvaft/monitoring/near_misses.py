@@ -23,7 +23,7 @@ _SHOWN: Final = 40
 Path = tuple[str, ...]
 
 
-class EventTypes:
+class EventTypeIndex:
     """What events can be to a tree: of which types they are, by one look-up for the types and for all monitors of the tree.
 
     An event type is what an `on` names; the default event of a leaf is a type of the leaf's name. `also` are patterns of monitors.
@@ -107,7 +107,7 @@ def _admitting(one: Reader) -> Predicate:
 
 
 @dataclass(slots=True)
-class NearMiss:
+class NearMissCount:
     """Events that have all fields of an event type but one.
 
     `expected` is the text of the pattern there, `found` what the first event has in that field, None where it lacks the field, and `first`
@@ -126,17 +126,17 @@ class NearMiss:
 class Statistics:
     """Counts over the events of one trace or several; can be pickled, and added to those of other traces of the same tree."""
 
-    def __init__(self, types: EventTypes) -> None:
+    def __init__(self, types: EventTypeIndex) -> None:
         self.types = types
         self.names = types.names
         self.events = 0
         self.tally: Counter[tuple[str, ...]] = Counter()
         """How many events were relevant of these types together."""
-        self.near_misses: dict[tuple[str, Path], NearMiss] = {}
+        self.near_misses: dict[tuple[str, Path], NearMissCount] = {}
         self.seen: set[str] = set()
         """The types that some event was of."""
         self._looked_at: Counter[tuple[Hashable, ...]] = Counter()
-        self._missed: dict[tuple[Hashable, ...], list[NearMiss]] = {}
+        self._missed: dict[tuple[Hashable, ...], list[NearMissCount]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         """The counts, without what the tree says."""
@@ -202,7 +202,7 @@ class Statistics:
             if near is not None and not _another_type(discriminators.fields, near[0], near[1], event):
                 missed.setdefault((name, near[0]), near[1:])
         for (name, path), (expected, found) in missed.items():
-            new = NearMiss(name, path, pattern_text(expected), found, f"{prefix}event {number}")
+            new = NearMissCount(name, path, pattern_text(expected), found, f"{prefix}event {number}")
             miss = self.near_misses.setdefault((name, path), new)
             miss.count += 1
             like = self._missed.setdefault(values, [])

@@ -65,7 +65,7 @@ def _other(name: str) -> str:
     return name[1:] if name.startswith("/") else f"/{name}"
 
 
-class Watched:
+class ColumnMonitor:
     """The monitor of one column, which gives up where it would raise `TooLarge`; `failure` then says why."""
 
     def __init__(self, monitors: MonitorSet, failure: str | None = None) -> None:
@@ -97,7 +97,7 @@ class Session:
     `buffer` has when and where the events came that an explanation may name: of each event no more, and of events a bounded number.
     """
 
-    def __init__(self, whole: Watched, parts: Mapping[str, Watched]) -> None:
+    def __init__(self, whole: ColumnMonitor, parts: Mapping[str, ColumnMonitor]) -> None:
         self.whole = whole
         self.parts = parts
         self.fields = told_fields(whole.monitors.columns[0].part)
@@ -130,10 +130,10 @@ def session(tree: RVAFT, semantics: Semantics | str = Semantics.PROJECTED, *, pe
     return Session(watched(whole, semantics), {part.label: watched(part, semantics) for part in parts})
 
 
-def watched(column: Column, semantics: Semantics | str, *, limit: int = DEFAULT_LIMIT) -> Watched:
+def watched(column: Column, semantics: Semantics | str, *, limit: int = DEFAULT_LIMIT) -> ColumnMonitor:
     """The monitor of a column that has read nothing; it gives up beyond `limit` partial matches."""
     meaning = one_of(Semantics, semantics)
-    return Watched(MonitorSet([column], lambda part: monitor(part, semantics=meaning, limit=limit), meaning))
+    return ColumnMonitor(MonitorSet([column], lambda part: monitor(part, semantics=meaning, limit=limit), meaning))
 
 
 MAX_MESSAGE: Final = 1024 * 1024

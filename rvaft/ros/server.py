@@ -72,7 +72,7 @@ class Address:
         checked(self.host)
 
 
-class Oracle:
+class OracleServer:
     """Answers the messages of all connections; `fresh` gives the session of a new one, `say` is told what happens, a line each."""
 
     def __init__(
@@ -162,7 +162,7 @@ async def serve(
     """
     library = _library()
     make_room(address.connections)
-    oracle = Oracle(protocol, fresh, address, say)
+    oracle = OracleServer(protocol, fresh, address, say)
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(oracle.failed)
     async with AsyncExitStack() as stack:

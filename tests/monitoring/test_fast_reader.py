@@ -15,7 +15,7 @@ from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.patterns import ObjectPattern, match
 from rvaft.monitoring import fast_reader
 from rvaft.monitoring.fast_reader import FastReader
-from rvaft.monitoring.near_misses import EventTypes, Statistics
+from rvaft.monitoring.near_misses import EventTypeIndex, Statistics
 from rvaft.monitoring.reader import MAX_DEPTH, MAX_DIGITS, read
 
 ONE = 'event a(v) = { topic: "t", value: v }; event b(v, w) = { topic: "u", value: v, other: w }; toplevel r; r and x y; x on a(V); y on b(V, W);'
@@ -240,7 +240,7 @@ def test_one_odd_line_among_many(line: bytes) -> None:
 def test_statistics_are_the_same(name: str, some: list[dict[str, Any]]) -> None:
     tree = TREES[name]
     data = b"".join(json.dumps(event).encode() + b"\n" for event in some)
-    types = EventTypes(tree)
+    types = EventTypeIndex(tree)
     slow, quick = Statistics(types), Statistics(types)
     for number, event in enumerate(some, 1):
         slow.add(event, number)

@@ -14,7 +14,7 @@ from rvaft.analysis.pattern_index import LONGEST, PatternIndex, TreeReads
 from rvaft.errors import TraceError
 from rvaft.monitoring import fast_reader, reader
 from rvaft.monitoring.fast_reader import FastReader, LogBlock, Skeletons
-from rvaft.monitoring.near_misses import EventTypes, Statistics
+from rvaft.monitoring.near_misses import EventTypeIndex, Statistics
 from rvaft.monitoring.reader import BOM, MAX_DIGITS, read
 from rvaft.support.files import opened
 from tests.monitoring.test_fast_reader import GOOD, TREES, Held, same
@@ -179,7 +179,7 @@ def test_damaged_data_is_read_up_to_the_damage(place: int, tmp_path: Path) -> No
 def test_long_strings_are_not_remembered() -> None:
     tree = loads('event a() = { topic: "t", data: "stop" }; toplevel r; r and x y; x on a(); y;')
     shapes = PatternIndex([tree.pattern("x")], lambda decided: decided)  # type: ignore[list-item]
-    statistics, reads = Statistics(EventTypes(tree)), TreeReads(tree)
+    statistics, reads = Statistics(EventTypeIndex(tree)), TreeReads(tree)
     batches = FastReader.of(reads)
     assert batches is not None
     for number in range(50):

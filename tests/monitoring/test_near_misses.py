@@ -4,7 +4,7 @@ import pickle
 
 from rvaft import loads
 from rvaft.api import narrowed
-from rvaft.monitoring.near_misses import LOOKED_AT, MOST, EventTypes, Statistics
+from rvaft.monitoring.near_misses import LOOKED_AT, MOST, EventTypeIndex, Statistics
 
 TREE = loads(
     'event a(v, w) = { topic: "/a", value: v, other: w }; event b(v) = { topic: "/b", level: v };'
@@ -13,7 +13,7 @@ TREE = loads(
 
 
 def test_what_is_relevant() -> None:
-    statistics = Statistics(EventTypes(TREE))
+    statistics = Statistics(EventTypeIndex(TREE))
     log: list[tuple[dict[str, object], bool]] = [
         ({"topic": "/a", "value": 1, "other": 1}, True),
         ({"topic": "/a", "value": -1, "other": 1}, False),
@@ -27,7 +27,7 @@ def test_what_is_relevant() -> None:
 
 
 def test_near_misses_are_looked_for_in_the_first_events_that_are_alike() -> None:
-    statistics = Statistics(EventTypes(TREE))
+    statistics = Statistics(EventTypeIndex(TREE))
     for number in range(1, LOOKED_AT + 1):
         statistics.add({"topic": "/A", "value": 1, "other": 1}, number)
     [miss] = statistics.near_misses.values()
@@ -42,7 +42,7 @@ def test_near_misses_are_looked_for_in_the_first_events_that_are_alike() -> None
 
 def test_another_type_is_no_near_miss() -> None:
     """What misses but the field that tells event types apart is of another type, unless the value is the same but for its spelling."""
-    statistics = Statistics(EventTypes(TREE))
+    statistics = Statistics(EventTypeIndex(TREE))
     for number, topic in enumerate(["/c", "/ab", None, 1, ["/a"]], 1):
         statistics.add({"topic": topic, "value": 1, "other": 1, "level": 1}, number)
     statistics.add({"value": 1, "other": 1}, 6)
@@ -53,14 +53,14 @@ def test_another_type_is_no_near_miss() -> None:
 
 
 def test_topics_without_end_are_not_remembered() -> None:
-    statistics = Statistics(EventTypes(TREE))
+    statistics = Statistics(EventTypeIndex(TREE))
     for number in range(MOST + 10):
         statistics.add({"topic": f"/a{'/' * number}"[:50] + " " * (number // 40)}, number)
     assert len(statistics._looked_at) <= MOST
 
 
 def test_a_pickle_goes_on_counting() -> None:
-    types = EventTypes(TREE)
+    types = EventTypeIndex(TREE)
     statistics = Statistics(types)
     statistics.add({"topic": "/a", "value": 1, "other": 1}, 1)
     statistics.add({"topic": "/B", "level": 1}, 2)
@@ -83,7 +83,7 @@ def test_every_string_that_a_pattern_asks_for_tells_events_apart() -> None:
         'event k(v) = { kind: "k", value: v };'
         "toplevel r; r and x y z; x on a(V); y on b(V); z on k(V);"
     )
-    discriminators = EventTypes(tree).discriminators
+    discriminators = EventTypeIndex(tree).discriminators
     assert discriminators.fields == ("topic", "kind")
     for event, fitting in (
         ({"topic": "/a"}, 1),
@@ -98,7 +98,9 @@ def test_every_string_that_a_pattern_asks_for_tells_events_apart() -> None:
 
 
 def test_an_event_of_a_type_may_miss_what_the_tree_asks_of_it() -> None:
-    statistics = Statistics(EventTypes(loads('event a(v) = { topic: "/a", value: v }; toplevel r; r or x; x on a(1);')))
+    statistics = Statistics(
+        EventTypeIndex(loads('event a(v) = { topic: "/a", value: v }; toplevel r; r or x; x on a(1);'))
+    )
     assert not statistics.add({"topic": "/a", "value": 2}, 7)
     [miss] = statistics.near_misses.values()
     assert (miss.type, miss.field, miss.found, miss.first) == ("a", ("value",), "2", "event 7")
@@ -111,7 +113,7 @@ def test_an_event_of_several_types() -> None:
         'event c(v) = { topic: "/t", deep: { value: v } };'
         "toplevel r; r and x y z; x on a(V) when V > 1; y on b(V); z on c(V) when V > 1;"
     )
-    statistics = Statistics(EventTypes(tree))
+    statistics = Statistics(EventTypeIndex(tree))
     for _ in range(2):
         assert statistics.add({"topic": "/t", "value": 1, "level": 1, "deep": {"value": 2}}, 1)
         assert statistics.add({"topic": "/t", "value": 2, "level": 1}, 2)
@@ -123,6 +125,6 @@ def test_an_event_of_several_types() -> None:
 
 def test_a_part_is_counted_as_the_whole() -> None:
     whole = loads("toplevel r; r or x y; x; y;")
-    statistics = Statistics(EventTypes(narrowed(whole, 1, None)))
+    statistics = Statistics(EventTypeIndex(narrowed(whole, 1, None)))
     assert statistics.add({"event": "y"}, 1)
     assert (statistics.names, statistics.never_seen) == (("x", "y"), ("x",))

@@ -49,8 +49,8 @@ def letters(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
     """The letters of some questions; raises `TooLarge` for more than `limit` of them.
 
     >>> from rvaft.language.parser import parse_guard, parse_pattern
-    >>> asked = Observed(parse_pattern("{v: _V}"), parse_guard("_V > 3"))
-    >>> letters([asked]).events
+    >>> from cross_check.letters import untied
+    >>> letters([untied(Observed(parse_pattern("{v: V}"), parse_guard("V > 3")))]).events
     ({}, {'v': 4})
     """
     questions = tuple(dict.fromkeys(observed))

@@ -21,6 +21,7 @@ from rvaft.model.guards import (
     holds,
     value,
     variables,
+    walk,
 )
 from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute
 from rvaft.model.values import Json, Scalar, is_number, key
@@ -117,9 +118,9 @@ def _folded(guard: Guard) -> Guard | None:
 def _calculation(left: Guard, right: Guard, found: Asked) -> None:
     found.ordered = found.calculated = True
     names = list(dict.fromkeys((*variables(left), *variables(right))))
-    for constant in (*_numbers(left), *_numbers(right)):
-        for called in names:
-            found.constant(called, constant)
+    constants = [part.value for part in (*walk(left), *walk(right)) if isinstance(part, Literal)]
+    for called, constant in product(names, filter(is_number, constants)):
+        found.constant(called, constant)
     if len(names) > 1:
         found.gap = SEVERAL
         return
@@ -137,19 +138,9 @@ def _calculation(left: Guard, right: Guard, found: Asked) -> None:
             return "defined"
         return "above" if result > other.value else "below" if result < other.value else "equal"
 
-    last = 2 ** (_DOUBLE_BITS + _BITS * _steps(calculated))
-    for bound in (*_changes(side, _integer, last), *_changes(side, _double, _LAST_DOUBLE)):
+    last = 2 ** (_DOUBLE_BITS + _BITS * sum(isinstance(part, Operation) for part in walk(calculated)))
+    for bound in (*_changes(side, int, last), *_changes(side, _double, _LAST_DOUBLE)):
         found.constant(name, bound)
-
-
-def _numbers(guard: Guard) -> list[Scalar]:
-    match guard:
-        case Literal(constant) if is_number(constant):
-            return [constant]
-        case Operation(_, operands):
-            return [constant for operand in operands for constant in _numbers(operand)]
-        case _:
-            return []
 
 
 def _monotone(guard: Guard) -> bool:
@@ -168,16 +159,8 @@ def _monotone(guard: Guard) -> bool:
     return isinstance(guard, Variable)
 
 
-def _steps(guard: Guard) -> int:
-    return 1 + sum(map(_steps, guard.operands)) if isinstance(guard, Operation) else 0
-
-
 def _moderate(constant: Scalar) -> bool:
     return not isinstance(constant, (int, float)) or not constant or 1 / _MODERATE <= abs(constant) <= _MODERATE
-
-
-def _integer(rank: int) -> int:
-    return rank
 
 
 def _double(rank: int) -> float:
@@ -213,28 +196,17 @@ _PARTS: Final = 16
 _READABLE: Final = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Regions:
-    """For each region some values, all different; `points` are the constants between regions.
-
-    A region with fewer values than were wanted is there with all that it has.
-    """
-
-    regions: tuple[tuple[Json, ...], ...]
-    points: tuple[Scalar, ...] = ()
-
-
 def regions(
     constants: Iterable[Scalar], avoid: Iterable[Scalar], many: int, fresh: Fresh, *, ordered: bool, calculated: bool
-) -> Regions:
+) -> tuple[list[tuple[Json, ...]], tuple[Scalar, ...]]:
     """`many` values from every region between the constants and `many` without order, none of them among those to avoid.
 
     Without `ordered`, guards ask for equality alone, and values without order are all there is to try. With `calculated`, integers
-    and doubles of equal value are told apart.
+    and doubles of equal value are told apart. A region with fewer values is there with all that it has; the constants come second.
     """
     opaque = tuple(fresh.opaque(number) for number in range(many))
     if not ordered:
-        return Regions((opaque,))
+        return [opaque], ()
     points = {key(one): one for one in constants}
     numbers = sorted(one for one in points.values() if isinstance(one, (int, float)) and is_number(one))
     strings = sorted(one for one in points.values() if isinstance(one, str))
@@ -244,7 +216,7 @@ def regions(
         sorts = [_integers(low, high), _doubles(low, high)]
         found += [_taken(one, many, avoided) for one in (sorts if calculated else [chain(*sorts)])]
     found += [_taken(_strings(low, high), many, avoided) for low, high in pairwise((None, *strings, None))]
-    return Regions((*(region for region in found if region), opaque), tuple(points.values()))
+    return [*filter(None, found), opaque], tuple(points.values())
 
 
 def _taken(values: Iterator[Json], many: int, avoided: set[Hashable]) -> tuple[Json, ...]:
@@ -354,8 +326,8 @@ class Choices:
         """Whether a question asks for equality in its pattern."""
         self._many = sum(len(variables(one.guard)) for one in guarded)
         self._literals = {key(literal.value) for pattern in patterns for _, literal in _literals(pattern)}
-        self._regions = self._all_regions()
-        self._crowded = self._linked and any(len(region) < self._many for region in self._regions.regions)
+        self._regions, self._points = self._all_regions()
+        self._crowded = self._linked and any(len(region) < self._many for region in self._regions)
         self._tried = 0
 
     def events(self, closed: int, event: Json) -> Iterator[Json]:
@@ -399,8 +371,8 @@ class Choices:
     def _from(self, slots: range) -> list[Json]:
         """Values of every region, not those of other groups where there are enough; then the constants between regions."""
         mine = slice(slots.start, slots.stop)
-        found = [region if len(region) < self._many else region[mine] for region in self._regions.regions]
-        return [*chain.from_iterable(found), *self._regions.points]
+        found = [region if len(region) < self._many else region[mine] for region in self._regions]
+        return [*chain.from_iterable(found), *self._points]
 
     def _shown(
         self, placed: Sequence["_Placed"], known: Mapping[Place, Json], values: Mapping[Place, Sequence[Json]]
@@ -433,7 +405,7 @@ class Choices:
             return [value]
         return [value, other] if other == value else [value]
 
-    def _all_regions(self) -> Regions:
+    def _all_regions(self) -> tuple[list[tuple[Json, ...]], tuple[Scalar, ...]]:
         constants = [one.value for about in self._guarded for group in about.asked.constants.values() for one in group]
         literals = [literal.value for pattern in self._patterns for _, literal in _literals(pattern)]
         if any(one.asked.pairs for one in self._guarded):  # a variable is compared with what may be a literal elsewhere

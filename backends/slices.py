@@ -38,12 +38,14 @@ def advance(
     step: Callable[[int, Binding], tuple[Verdict, int]],
     *,
     matter: Callable[[int], Set[str]] | None = None,
+    keep_all: bool = False,
     limit: int = LIMIT,
 ) -> Slices | None:
     """The slices after an event, none where there is no hope; None where one of them has detected.
 
     `extensions` gives what atoms of a state would make of a binding, `step` where an event leads under a binding, and what that means;
-    `matter`, the variables on which a state still depends: others are forgotten. Raises `TooLarge` beyond `limit` slices.
+    `matter`, the variables on which a state still depends: others are forgotten.
+    `keep_all` where a slice that has bound more may still detect what the other does not, as under a negated atom with a guard. Raises `TooLarge` beyond `limit` slices.
 
     >>> one = advance(start(0), lambda state, bound: [{"X": 1}], lambda state, bound: (Verdict.UNKNOWN, len(bound)))
     >>> [(state, binding) for (_, state), binding in one.items()]
@@ -71,7 +73,7 @@ def advance(
                         after[assignment, to] = binding
                 case Verdict.FALSE:
                     pass
-    if len(after) > 1:
+    if len(after) > 1 and not keep_all:
         after = {one: binding for one, binding in after.items() if not _is_redundant(*one, after)}
     if len(after) > limit:
         bound_names = sorted({name for binding in after.values() for name in binding})

@@ -8,15 +8,14 @@ continuation; ⊥ if there is none where it can still hold. A slice in which it 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, NamedTuple, TypeAlias
 
 from backends.ltlf.formulas import Connective, Formulas
 from backends.ltlf.progression import Residuals
 from backends.ltlf.reader import Header, Observation, formula_of
 from backends.ltlf.satisfiability import Liveness
+from backends.slices import advance, start
 from rvaft.analysis.pattern_index import FirstLiterals, literals_of
 from rvaft.backend import Observed
-from rvaft.errors import TooLarge
 from rvaft.model.guards import Operation, Operator, holds, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import (
@@ -32,11 +31,9 @@ from rvaft.model.patterns import (
     substitute,
     variables,
 )
-from rvaft.model.values import Json, key
+from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-
-SLICE_LIMIT: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,24 +172,13 @@ def _program(text: str, given: tuple[tuple[str, Pattern], ...]) -> LtlfProgram:
     return LtlfProgram(text, dict(given))
 
 
-Assignment: TypeAlias = frozenset[tuple[str, Hashable]]
-"""A binding as a key."""
-
-
-class LtlfSlice(NamedTuple):
-    """A binding and what the formula still demands under it."""
-
-    binding: Binding
-    residual: int
-
-
 class LtlfMonitor(Monitor):
     """A formula of LTLf on a trace; `TooLarge` where values give rise to too many slices."""
 
     def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
         super().__init__()
-        self._program = program = _program(text, tuple(sorted(given.items(), key=lambda item: item[0])))
-        self._slices = {(_assignment({}), program.initial): LtlfSlice({}, program.initial)}
+        self._program = _program(text, tuple(sorted(given.items(), key=lambda item: item[0])))
+        self._slices = start(self._program.initial)
 
     @property
     def state(self) -> Hashable:
@@ -200,40 +186,28 @@ class LtlfMonitor(Monitor):
         return self._program, frozenset(self._slices), self._verdict
 
     def _advance(self, event: Json) -> Verdict:
-        slices: dict[tuple[Assignment, int], LtlfSlice] = {}
-        residuals, liveness, atoms = self._program.residuals, self._program.liveness, self._program.atoms
-        candidates = self._program.candidates(event)
-        for binding, residual in self._slices.values():
+        program = self._program
+        residuals, liveness, atoms = program.residuals, program.liveness, program.atoms
+        candidates = program.candidates(event)
+
+        def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
+            """With the values that one more atom takes from the event."""
+            if not residuals.variables(residual) <= binding.keys():
+                for name in sorted(residuals.now(residual) & candidates):
+                    if not atoms[name].binds <= binding.keys():
+                        extended = atoms[name].extended(event, binding)
+                        if extended is not None:
+                            yield extended
+
+        def step(residual: int, binding: Binding) -> tuple[Verdict, int]:
             asked = residuals.now(residual) & candidates
-            for extended in self._extensions(binding, residual, event, asked):
-                letter = frozenset(name for name in asked if atoms[name].holds(event, extended))
-                accepted, rest = residuals.step(residual, letter)
-                if accepted and liveness.is_valid(rest):
-                    self._slices = {}
-                    return Verdict.TRUE
-                if accepted or liveness.is_satisfiable(rest):
-                    names = residuals.variables(rest)
-                    kept = {name: value for name, value in extended.items() if name in names}
-                    slices[_assignment(kept), rest] = LtlfSlice(kept, rest)
-                    if len(slices) > SLICE_LIMIT:
-                        raise TooLarge("the trace gives rise to more assignments of the variables", limit=SLICE_LIMIT)
-        self._slices = slices
-        return Verdict.UNKNOWN if slices else Verdict.FALSE
+            letter = frozenset([name for name in asked if atoms[name].holds(event, binding)])
+            accepted, rest = residuals.step(residual, letter)
+            if accepted and liveness.is_valid(rest):
+                return Verdict.TRUE, rest
+            return Verdict.UNKNOWN if accepted or liveness.is_satisfiable(rest) else Verdict.FALSE, rest
 
-    def _extensions(self, binding: Binding, residual: int, event: Json, asked: frozenset[str]) -> Iterator[Binding]:
-        """The binding itself, and with the values that one more atom takes from the event."""
-        yield binding
-        if self._program.residuals.variables(residual) <= binding.keys():
-            return
-        seen = {_assignment(binding)}
-        for name in sorted(asked):
-            atom = self._program.atoms[name]
-            if not atom.binds <= binding.keys():
-                extended = atom.extended(event, binding)
-                if extended is not None and _assignment(extended) not in seen:
-                    seen.add(_assignment(extended))
-                    yield extended
-
-
-def _assignment(binding: Binding) -> Assignment:
-    return frozenset((name, key(value)) for name, value in binding.items())
+        # All are kept: a guard counts as true while it has an unbound variable, so a slice that has bound more may violate less.
+        slices = advance(self._slices, extensions, step, matter=residuals.variables, keep_all=True)
+        self._slices = slices or {}
+        return Verdict.TRUE if slices is None else Verdict.UNKNOWN if slices else Verdict.FALSE

@@ -6,6 +6,7 @@ Sets of parts and of events are bits, so that a tree of thousands of nodes is no
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations, pairwise
 from typing import Final, TypeAlias, assert_never
 
@@ -273,7 +274,7 @@ def settled(
         yield form, {}
         return
     budget = CellBudget("the choices that guards depend on take more than the limit allows", limit)
-    waiting = [iter([form])]
+    waiting: list[Iterator[NormalForm]] = [iter([form])]
     while waiting:
         candidate = next(waiting[-1], None)
         if candidate is None:
@@ -283,14 +284,10 @@ def settled(
         budget.spend(len(kept))
         found = _placed(candidate, kept, patterns)
         if isinstance(found, int):
-            waiting.append(_resolved(candidate, found, monotone=monotone))
+            choices = ways(candidate.parts[found], monotone=monotone)
+            waiting.append(map(partial(candidate.resolve, found), choices))
         else:
             yield candidate, found
-
-
-def _resolved(form: NormalForm, number: int, *, monotone: bool) -> Iterator[NormalForm]:
-    for way in ways(form.parts[number], monotone=monotone):
-        yield form.resolve(number, way)
 
 
 def _placed(form: NormalForm, kept: Sequence[int], patterns: Mapping[str, Pattern]) -> GuardsOf | int:

@@ -39,11 +39,12 @@ class Observation:
 
     def __str__(self) -> str:
         whens = "".join(f" when {guard_text(guard)}" for guard in self.guards)
-        return _STRING.sub(_without_comment_signs, pattern_text(self.pattern) + whens)
-
-
-def _without_comment_signs(string: re.Match[str]) -> str:
-    return string.group().replace("*/", "*\\u002f").replace("/*", "\\u002f*")
+        return _STRING.sub(
+            lambda string: (
+                string.group().replace("*/", "*\\u002f").replace("/*", "\\u002f*")
+            ),  # they would end the comment
+            pattern_text(self.pattern) + whens,
+        )
 
 
 @dataclass(slots=True)
@@ -60,8 +61,8 @@ class Header:
     def __str__(self) -> str:
         lines = [OPENING]
         lines += [f"atom {name} := {observation}" for name, observation in self.atoms.items()]
-        lines += [f"relevant {name} := {entry}" for name, entries in self.relevant.items() for entry in entries]
-        lines += [f"ignored {name} := {entry}" for name, entries in self.ignored.items() for entry in entries]
+        for kind, several in (("relevant", self.relevant), ("ignored", self.ignored)):
+            lines += [f"{kind} {name} := {entry}" for name, entries in several.items() for entry in entries]
         lines += [f"{name} := {formula}" for name, formula in self.definitions.items()]
         return "\n".join([*lines, CLOSING]) + "\n"
 
@@ -86,7 +87,7 @@ def split(text: str) -> tuple[Header, str]:
 
 
 def _blank(text: str) -> str:
-    return re.sub(r"[^\n]", " ", text)
+    return re.sub(r".", " ", text)
 
 
 def _read_line(header: Header, line: str, number: int) -> None:
@@ -109,20 +110,16 @@ def _read_line(header: Header, line: str, number: int) -> None:
 
 
 def _observation(text: str, line: str, number: int, column: int) -> Observation:
-    pieces = list(_pieces(text))
-    try:
-        pattern = parse_pattern(pieces[0][1])
-    except LanguageError as error:
-        raise _malformed(error.message, line, number, column + error.column - 1) from None
-    if not isinstance(pattern, ObjectPattern | Anything):
-        raise _malformed("an event is an object: expected a pattern such as { field: 1 }, or _", line, number, column)
-    guards: list[Guard] = []
-    for start, piece in pieces[1:]:
+    parts: list[Any] = []
+    for start, piece in _pieces(text):
         try:
-            guards.append(parse_guard(piece))
+            parts.append(parse_guard(piece) if parts else parse_pattern(piece))
         except LanguageError as error:
             raise _malformed(error.message, line, number, column + start + error.column - 1) from None
-    return Observation(pattern, tuple(guards))
+        if not isinstance(parts[0], ObjectPattern | Anything):
+            message = "an event is an object: expected a pattern such as { field: 1 }, or _"
+            raise _malformed(message, line, number, column)
+    return Observation(parts[0], tuple(parts[1:]))
 
 
 def _pieces(text: str) -> Iterator[tuple[int, str]]:

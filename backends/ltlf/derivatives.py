@@ -11,6 +11,7 @@ from backends.ltlf.parts import ways
 from rvaft.analysis.normal_form import Op, Part
 from rvaft.support.bits import bits, mask_of
 from rvaft.support.budget import CellBudget
+from rvaft.support.trampoline import Call, run
 
 State = TypeVar("State", bound=Hashable)
 
@@ -122,12 +123,11 @@ DONE: Final = 0
 
 
 class Term(NamedTuple):
-    """What has to be observed: an event (a formula), or something of other terms; AT_LEAST so many of them."""
+    """What has to be observed: an event, or something of other terms. `number` is the formula of EVENT, the count of AT_LEAST."""
 
     op: Op
     inner: tuple[int, ...] = ()
-    event: int = 0
-    need: int = 0
+    number: int = 0
 
 
 class Terms:
@@ -152,7 +152,7 @@ class Terms:
 
     def event(self, event: int) -> int:
         """The term of an event."""
-        return self._make(Term(Op.EVENT, event=event))
+        return self._make(Term(Op.EVENT, (), event))
 
     def part(self, op: Op, inner: Sequence[int], need: int = 0) -> int:
         """The term of a part whose own parts have these terms."""
@@ -172,7 +172,7 @@ class Terms:
             case Op.AT_LEAST:
                 rest = sorted(term for term in inner if term != DONE)
                 need = max(need - (len(inner) - len(rest)), 0)
-                return self.part(Op.ALL, rest) if need == len(rest) else self._make(Term(op, tuple(rest), need=need))
+                return self.part(Op.ALL, rest) if need == len(rest) else self._make(Term(op, tuple(rest), need))
             case Op.EVENT | Op.CONDITION:
                 raise AssertionError(op)
             case _:
@@ -183,7 +183,7 @@ class Terms:
         if found is None:
             self._budget.spend(1 + len(row.inner))
             found = self._index[row] = len(self._rows)
-            need = {Op.EVENT: 1, Op.ONE: 1, Op.AT_LEAST: row.need}.get(row.op, len(row.inner))
+            need = {Op.EVENT: 1, Op.ONE: 1, Op.AT_LEAST: row.number}.get(row.op, len(row.inner))
             self._rows.append(row)
             self._over.append(sum(self._over[term] for term in row.inner) >= need)
         return found
@@ -205,16 +205,13 @@ class Terms:
 
     def steps(self, term: int) -> tuple[tuple[int, int], ...]:
         """The events that may come next, each with the term that is then left."""
-        todo = [term]
-        while todo:
-            current = todo[-1]
-            missing = [inner for inner in self._first(current) if inner not in self._steps]
-            if missing:
-                todo.extend(missing)
-            else:
-                todo.pop()
-                if current not in self._steps:
-                    self._steps[current] = tuple(dict.fromkeys(self._made(current)))
+        return run(self._steps_of(term))
+
+    def _steps_of(self, term: int) -> Call[tuple[tuple[int, int], ...]]:
+        if term not in self._steps:
+            for inner in reversed(self._first(term)):
+                yield self._steps_of(inner)
+            self._steps[term] = tuple(dict.fromkeys(self._made(term)))
         return self._steps[term]
 
     def _first(self, term: int) -> Sequence[int]:
@@ -225,9 +222,9 @@ class Terms:
         return row.inner
 
     def _made(self, term: int) -> Iterable[tuple[int, int]]:
-        op, parts, own, need = self._rows[term]
+        op, parts, number = self._rows[term]
         if op is Op.EVENT:
-            yield own, DONE
+            yield number, DONE
         previous = None
         for index, inner in enumerate(self._first(term)):
             if inner == previous and op is not Op.SEQUENCE:  # those that ask for the same make the same step
@@ -243,7 +240,7 @@ class Terms:
                     case Op.ONE:
                         yield event, left
                     case Op.AT_LEAST:
-                        yield event, self.part(Op.ALL, [left, self.part(Op.AT_LEAST, others, need - 1)])
+                        yield event, self.part(Op.ALL, [left, self.part(Op.AT_LEAST, others, number - 1)])
                     case Op.EVENT | Op.CONDITION:
                         raise AssertionError(op)
                     case _:

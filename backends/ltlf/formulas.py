@@ -6,6 +6,7 @@ depth is too deep. The core of LTLf is small: constants, atoms, `!`, `&`, `|`, t
 
 from collections.abc import Hashable, Iterable, Mapping
 from enum import Enum
+from functools import cache
 from hashlib import blake2b
 from itertools import chain
 from typing import Final, NamedTuple
@@ -77,13 +78,15 @@ class Formulas:
 
     def conjunction(self, operands: Iterable[int]) -> int:
         """`f & g & …`: each operand once, in order; of none it is true."""
-        return self._junction(Connective.AND, operands, neutral=TRUE, absorbing=FALSE)
+        return self.junction(Connective.AND, operands)
 
     def disjunction(self, operands: Iterable[int]) -> int:
         """`f | g | …`: each operand once, in order; of none it is false."""
-        return self._junction(Connective.OR, operands, neutral=FALSE, absorbing=TRUE)
+        return self.junction(Connective.OR, operands)
 
-    def _junction(self, op: Connective, operands: Iterable[int], *, neutral: int, absorbing: int) -> int:
+    def junction(self, op: Connective, operands: Iterable[int]) -> int:
+        """One of the two above."""
+        neutral, absorbing = (TRUE, FALSE) if op is Connective.AND else (FALSE, TRUE)
         unique = dict.fromkeys(operand for operand in operands if operand != neutral)
         if absorbing in unique:
             return absorbing
@@ -177,7 +180,7 @@ class Diagrams:
         """Variable, function where it is false, function where it is true."""
         self._index: dict[tuple[int, int, int], int] = {}
         self._choices: dict[tuple[int, int, int], int] = {}
-        self._supports: dict[int, list[int]] = {}
+        self.support = cache(self._support)
 
     def variable(self, number: int) -> int:
         """The function that is that variable."""
@@ -236,11 +239,9 @@ class Diagrams:
                 todo += [(f, g, h, variable), (f1, g1, h1, _CONSTANT), (f0, g0, h0, _CONSTANT)]
         return done.pop()
 
-    def support(self, f: int) -> list[int]:
+    def _support(self, f: int) -> list[int]:
         """The variables that f depends on, from the top."""
-        if f not in self._supports:
-            self._supports[f] = sorted({self.nodes[node][0] for node in self._below(f)}, reverse=True)
-        return self._supports[f]
+        return sorted({self.nodes[node][0] for node in self._below(f)}, reverse=True)
 
     def _below(self, f: int) -> list[int]:
         """The inner nodes of f, each before those above it."""

@@ -14,9 +14,9 @@ from backends.ltlf.progression import Residuals
 from backends.ltlf.reader import Header, Observation, formula_of
 from backends.ltlf.satisfiability import Liveness
 from backends.slices import advance, start
-from rvaft.analysis.pattern_index import FirstLiterals, literals_of
+from rvaft.analysis.pattern_index import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
 from rvaft.backend import Observed
-from rvaft.model.guards import Operation, Operator, holds, renamed
+from rvaft.model.guards import holds, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import (
     Anything,
@@ -89,23 +89,19 @@ def _event_atom(observation: Observation) -> Atom:
 def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:
     """True at events that fit one of the observations for some values of the variables, and none of the ignored ones."""
 
-    def fitting(observations: Sequence[Observation]) -> Callable[[Json], bool]:
-        index = FirstLiterals(literals_of(one.pattern) for one in observations)
-        return lambda event: any(_fits(observations[number], event) for number in index.candidates(event))
+    def fitting(observations: Sequence[Observation]) -> PatternIndex[list[Reader]]:
+        readers = [reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(observations)]
+        return PatternIndex(
+            [one.pattern for one in observations], lambda at: [readers[number] for number in (*at.fits, *at.open)]
+        )
 
-    is_relevant, is_ignored = fitting(relevant), fitting(ignored)
+    relevance, ignorance = fitting(relevant), fitting(ignored)
 
     def extended(event: Json, binding: Binding) -> Binding | None:
-        return binding if is_relevant(event) and not is_ignored(event) else None
+        fits = isinstance(event, Mapping) and any(one.admits(event) for one in relevance.of(event))
+        return binding if fits and not any(one.admits(event) for one in ignorance.of(event)) else None
 
     return Atom(Anything(), frozenset(), frozenset(), extended)
-
-
-def _fits(observation: Observation, event: Json) -> bool:
-    found = match(observation.pattern, event, {})
-    return found is not None and all(
-        set(guard_variables(guard)) <= found.keys() and holds(guard, found) for guard in observation.guards
-    )
 
 
 # What a formula asks of events: the patterns and guards of its atoms, and what its header says of relevance.
@@ -121,7 +117,10 @@ def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...]:
 
 def _questions(header: Header, name: str, given: Mapping[str, Pattern]) -> Iterator[Observed]:
     if name not in header.relevant and name not in header.ignored:
-        yield _question(_observation(header, name, given))
+        one = _observation(header, name, given)
+        # a guard on a variable that the atom cannot share with others never has its value, and counts as true
+        guards = tuple(g for g in one.guards if not any(variable.startswith("_") for variable in guard_variables(g)))
+        yield Observed(one.pattern, Observation(one.pattern, guards).when)
         return
     for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
         taken = variables(one.pattern)
@@ -132,15 +131,7 @@ def _questions(header: Header, name: str, given: Mapping[str, Pattern]) -> Itera
                 while own[variable] in taken:
                     own[variable] = f"_{own[variable]}"
             pattern = substitute(one.pattern, {old: Variable(new) for old, new in own.items()})
-            yield _question(Observation(pattern, tuple(renamed(guard, own) for guard in one.guards)), local=True)
-
-
-def _question(observation: Observation, *, local: bool = False) -> Observed:
-    # a guard on a variable that the atom cannot share with others never has its value, and counts as true
-    guards = tuple(g for g in observation.guards if local or all(name[0] != "_" for name in guard_variables(g)))
-    if len(guards) > 1:
-        return Observed(observation.pattern, Operation(Operator.AND, guards))
-    return Observed(observation.pattern, *guards)
+            yield Observed(pattern, one.when and renamed(one.when, own))
 
 
 # A text made ready to run.

@@ -7,6 +7,7 @@ to express search control knowledge for planning (Artificial Intelligence, 2000)
 """
 
 from collections.abc import Iterable, Mapping
+from functools import cache, lru_cache
 from typing import Final, NamedTuple, assert_never
 
 from backends.ltlf.formulas import BOTTOM, FALSE, JUNCTIONS, TOP, TRUE, Connective, Diagrams, Formulas
@@ -14,6 +15,7 @@ from rvaft.support.trampoline import Call, run
 
 NODE_LIMIT: Final = 2_000_000
 STEPS_KEPT: Final = 200_000
+"""How many steps are remembered, of all residuals together."""
 
 
 class Progression(NamedTuple):
@@ -36,11 +38,11 @@ class Residuals:
         self._formulas = formulas
         self.diagrams = Diagrams(NODE_LIMIT)
         self._lifted: dict[int, int] = {TRUE: TOP, FALSE: BOTTOM}
-        self._asked: dict[int, frozenset[str]] = {}
-        self._now: dict[int, frozenset[str]] = {}
-        self._mentioned: dict[int, frozenset[str]] = {}
-        self._idle: dict[int, Progression] = {}
-        self._steps: dict[tuple[int, frozenset[str]], Progression] = {}
+        self.variables = cache(self._variables_of)
+        self.now = cache(self._asked_now)
+        self.step = lru_cache(STEPS_KEPT)(self._stepped)
+        self._asks = cache(self._asked)
+        self._idle = cache(self._without_atoms)
         self._bare: list[bool] = []
         """Of each formula: is it, apart from `!`, `&` and `|`, about the first position (an atom is in sight)?"""
         self._monotone: list[bool] = []
@@ -58,47 +60,31 @@ class Residuals:
         """The residual that is the formula itself."""
         return run(self._lift(formula))
 
-    def variables(self, residual: int) -> frozenset[str]:
+    def _variables_of(self, residual: int) -> frozenset[str]:
         """The variables that can still make a difference."""
-        if residual not in self._mentioned:
-            support = self.diagrams.support(residual)
-            self._mentioned[residual] = frozenset().union(*(self._variables[formula] for formula in support))
-        return self._mentioned[residual]
+        return frozenset().union(*(self._variables[formula] for formula in self.diagrams.support(residual)))
 
-    def now(self, residual: int) -> frozenset[str]:
+    def _asked_now(self, residual: int) -> frozenset[str]:
         """The atoms that the next event is asked for."""
-        if residual not in self._now:
-            self._now[residual] = frozenset().union(*map(self._asks, self.diagrams.support(residual)))
-        return self._now[residual]
+        return frozenset().union(*map(self._asks, self.diagrams.support(residual)))
 
-    def _asks(self, formula: int) -> frozenset[str]:
-        if formula not in self._asked:
-            rows = (self._formulas.rows[number] for number in self._formulas.reachable(formula, now=True))
-            self._asked[formula] = frozenset(row.name for row in rows if row.op is Connective.ATOM)
-        return self._asked[formula]
-
-    def step(self, residual: int, letter: frozenset[str]) -> Progression:
-        """The residual after one event; `letter` are the atoms that are true at it, of those that are asked (`now`)."""
-        key = (residual, letter)
-        if key not in self._steps:
-            if len(self._steps) >= STEPS_KEPT:
-                self._steps.clear()
-            self._steps[key] = self._stepped(residual, letter)
-        return self._steps[key]
+    def _asked(self, formula: int) -> frozenset[str]:
+        rows = (self._formulas.rows[number] for number in self._formulas.reachable(formula, now=True))
+        return frozenset(row.name for row in rows if row.op is Connective.ATOM)
 
     def _stepped(self, residual: int, letter: frozenset[str]) -> Progression:
+        """The residual after one event; `letter` are the atoms that are true at it, of those that are asked (`now`)."""
         known = dict(_CONSTANTS)
         found: dict[int, Progression] = {}
         for formula in self.diagrams.support(residual):
-            if not self._asks(formula).isdisjoint(letter):
-                found[formula] = run(self._progress(formula, letter, known))
-                continue
-            if formula not in self._idle:
-                self._idle[formula] = run(self._progress(formula, frozenset(), dict(_CONSTANTS)))
-            found[formula] = self._idle[formula]
+            idle = self._asks(formula).isdisjoint(letter)
+            found[formula] = self._idle(formula) if idle else run(self._progress(formula, letter, known))
         accepted = self.diagrams.evaluate(residual, {formula: after.accepted for formula, after in found.items()})
         rest = self.diagrams.compose(residual, {formula: after.residual for formula, after in found.items()})
         return Progression(accepted, rest)
+
+    def _without_atoms(self, formula: int) -> Progression:
+        return run(self._progress(formula, frozenset(), dict(_CONSTANTS)))
 
     def _lift(self, formula: int) -> Call[int]:
         """Boolean combinations of `F`, `U` and `X[!]` are taken apart; others wait as one variable until the next event."""

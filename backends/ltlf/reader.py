@@ -20,7 +20,7 @@ from backends.ltlf.formulas import FALSE, TRUE, Formulas
 from rvaft.errors import LanguageError, ToolMissing
 from rvaft.language.parser import parse_guard, parse_pattern
 from rvaft.model.expressions import guard_text, pattern_text
-from rvaft.model.guards import Guard
+from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.patterns import Anything, ObjectPattern, Pattern
 
 OPENING: Final = "/* rvaft"
@@ -36,6 +36,12 @@ class Observation:
 
     pattern: Pattern
     guards: tuple[Guard, ...] = ()
+
+    @property
+    def when(self) -> Guard | None:
+        """One guard that holds when all do."""
+        several = len(self.guards) > 1
+        return Operation(Operator.AND, self.guards) if several else next(iter(self.guards), None)
 
     def __str__(self) -> str:
         whens = "".join(f" when {guard_text(guard)}" for guard in self.guards)

@@ -86,6 +86,13 @@ def test_guards_wait_for_their_variables() -> None:
     assert verdicts(text, [{"q": 4}, {"p": 5}, {"p": "a"}]) == "???"
 
 
+def test_an_assignment_that_has_bound_more_may_violate_less() -> None:
+    atoms = ("d := {d: Y}", "p := {p: X}", "c := {c: 1}", "q := {q: Y} when X < Y")
+    text = "/* rvaft\n" + "".join(f"atom {atom}\n" for atom in atoms) + "*/\nd & X[!]((p | c) & X[!] !q)"
+    assert verdicts(text, [{"d": 3}, {"p": 5, "c": 1}, {"q": 3}]) == "??T"
+    assert verdicts(text, [{"d": 3}, {"p": 2, "c": 1}, {"q": 3}]) == "??F"
+
+
 def test_relevance_has_its_own_variables() -> None:
     header = "/* rvaft\natom p := {p: X}\nrelevant rel := {p: X} when X > 0\nignored rel := {p: X, off: true}\n*/\n"
     text = header + "!rel U (rel & p & X[!](!rel U (rel & p)))"

@@ -9,6 +9,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
+from backends.ltlf import mona
+from backends.ltlf.monitor import LtlfMonitor, observed
+from backends.ltlf.translation import translation
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
@@ -19,7 +22,16 @@ __all__ = ["LtlfBackend"]
 
 
 class LtlfBackend(Backend):
-    """LTLf in Spot's syntax: every tree under every semantics."""
+    """LTLf in Spot's syntax: every tree under every semantics.
+
+    >>> from rvaft import loads
+    >>> print(LtlfBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
+    /* rvaft
+    atom break_in := { event: "break_in" }
+    atom alarm := { event: "alarm" }
+    */
+    F(break_in & X[!] F alarm)
+    """
 
     name: ClassVar[str] = "ltlf"
     language: ClassVar[str] = "ltlf"
@@ -29,8 +41,6 @@ class LtlfBackend(Backend):
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as a formula; `TooLarge` beyond `limit` subformulas, never `NotExpressible`."""
-        from backends.ltlf.translation import translation  # noqa: PLC0415 -- kept off the start-up path
-
         start = time.perf_counter()
         limit = self.default_limit if limit is None else limit
         text, metrics = translation(tree, Semantics(semantics), limit=limit)
@@ -42,14 +52,10 @@ class LtlfBackend(Backend):
 
         Raises `LanguageError`, and `ToolMissing` where Spot is not installed.
         """
-        from backends.ltlf.monitor import LtlfMonitor  # noqa: PLC0415 (Spot takes long to import)
-
         return LtlfMonitor(text, {} if atoms is None else atoms)
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...]:
         """What the atoms of the formula ask of events; raises `LanguageError` and `ToolMissing` as `read` does."""
-        from backends.ltlf.monitor import observed  # noqa: PLC0415 -- needs Spot
-
         return observed(text, {} if atoms is None else atoms)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
@@ -60,6 +66,4 @@ class LtlfBackend(Backend):
         """
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
-        from backends.ltlf.mona import read  # noqa: PLC0415 -- needs Spot, ltlf2dfa and MONA
-
-        return read(text, {} if atoms is None else atoms)
+        return mona.read(text, {} if atoms is None else atoms)

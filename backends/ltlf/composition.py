@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import assert_never
 
-from backends.ltlf.derivatives import Order, Orders, State, Terms
+from backends.ltlf.derivatives import DerivativeTerms, Order, Orders, State
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
 from backends.ltlf.parts import Anatomy
 from rvaft.analysis.normal_form import Op
@@ -98,7 +98,7 @@ class Composer:
         self._known: dict[tuple[int, int], int] = {}
         self._free: set[int] = set()
         """Parts below a separable one: they are translated one by one although they share occurrences."""
-        self._terms = Terms(limit)
+        self._terms = DerivativeTerms(limit)
         self._term: dict[int, int] = {}
         self._orders = Orders(anatomy.parts, event_of, monotone=positions.monotone, limit=limit)
         self._states: dict[int, frozenset[Order]] = {}

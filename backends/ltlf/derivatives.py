@@ -122,7 +122,7 @@ def _is_acyclic(order: Order) -> bool:
 DONE: Final = 0
 
 
-class Term(NamedTuple):
+class DerivativeTerm(NamedTuple):
     """What has to be observed: an event, or something of other terms. `number` is the formula of EVENT, the count of AT_LEAST."""
 
     op: Op
@@ -130,7 +130,7 @@ class Term(NamedTuple):
     number: int = 0
 
 
-class Terms:
+class DerivativeTerms:
     """The terms made so far, equal terms equal numbers; a sequence is its first part and the rest, so that the rests of long ones are shared.
 
     The steps of a term: of parts in any order one makes a step, of alternatives one is taken, of a sequence the next part begins when
@@ -141,7 +141,7 @@ class Terms:
         self._budget = CellBudget(
             "the states of the sum over all orders of the events take more than the limit allows", limit
         )
-        self._rows = [Term(Op.SEQUENCE)]
+        self._rows = [DerivativeTerm(Op.SEQUENCE)]
         self._index = {self._rows[0]: DONE}
         self._over = [True]
         self._steps: dict[int, tuple[tuple[int, int], ...]] = {DONE: ()}
@@ -152,7 +152,7 @@ class Terms:
 
     def event(self, event: int) -> int:
         """The term of an event."""
-        return self._make(Term(Op.EVENT, (), event))
+        return self._make(DerivativeTerm(Op.EVENT, (), event))
 
     def part(self, op: Op, inner: Sequence[int], need: int = 0) -> int:
         """The term of a part whose own parts have these terms."""
@@ -165,20 +165,22 @@ class Terms:
                     row = self._rows[term]
                     flat.extend(row.inner if row.op is Op.ALL else [term] if term != DONE else ())
                 flat.sort()
-                return self._make(Term(op, tuple(flat))) if len(flat) > 1 else flat[0] if flat else DONE
+                return self._make(DerivativeTerm(op, tuple(flat))) if len(flat) > 1 else flat[0] if flat else DONE
             case Op.ONE:
                 unique = sorted(set(inner))
-                return unique[0] if len(unique) == 1 else self._make(Term(op, tuple(unique)))
+                return unique[0] if len(unique) == 1 else self._make(DerivativeTerm(op, tuple(unique)))
             case Op.AT_LEAST:
                 rest = sorted(term for term in inner if term != DONE)
                 need = max(need - (len(inner) - len(rest)), 0)
-                return self.part(Op.ALL, rest) if need == len(rest) else self._make(Term(op, tuple(rest), need))
+                return (
+                    self.part(Op.ALL, rest) if need == len(rest) else self._make(DerivativeTerm(op, tuple(rest), need))
+                )
             case Op.EVENT | Op.CONDITION:
                 raise AssertionError(op)
             case _:
                 assert_never(op)
 
-    def _make(self, row: Term) -> int:
+    def _make(self, row: DerivativeTerm) -> int:
         found = self._index.get(row)
         if found is None:
             self._budget.spend(1 + len(row.inner))
@@ -200,7 +202,7 @@ class Terms:
                 parts.append(left)
         rest = inner[-1] if inner else DONE
         for part in reversed(parts):
-            rest = part if rest == DONE else self._make(Term(Op.SEQUENCE, (part, rest)))
+            rest = part if rest == DONE else self._make(DerivativeTerm(Op.SEQUENCE, (part, rest)))
         return rest
 
     def steps(self, term: int) -> tuple[tuple[int, int], ...]:

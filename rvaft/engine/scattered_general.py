@@ -181,13 +181,13 @@ class StageGroup:
 
     def excels(self, binding: Mapping[str, Json]) -> bool:
         """Whether some member can do all that one with this binding could."""
-        directions = self.stage.directions
-        return any(at_least(rival.configuration.binding, binding, directions) for rival in self._comparable(binding))
+        rivals, directions = self._comparable(binding), self.stage.directions
+        return any(at_least(rival.configuration.binding, binding, directions) for rival in rivals)
 
     def excelled(self, binding: Mapping[str, Json]) -> list[Member]:
         """The members that can do no more than one with this binding."""
-        directions = self.stage.directions
-        return [r for r in self._comparable(binding) if at_least(binding, r.configuration.binding, directions)]
+        rivals, directions = self._comparable(binding), self.stage.directions
+        return [rival for rival in rivals if at_least(binding, rival.configuration.binding, directions)]
 
     def add(self, member: Member) -> None:
         """Take a member in."""

@@ -45,24 +45,10 @@ OPERATORS: Final = 2_000
 
 
 def program(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
-    """The program; `symbols` names each atom in a way that ltlf2dfa takes. Raises `ToolMissing`, `ToolFailed`, `TooLarge`."""
-    text = _text(formulas, root, symbols)
-    try:
-        from ltlf2dfa.base import MonaProgram  # noqa: PLC0415 -- not there on every machine
-        from ltlf2dfa.parser.ltlf import LTLfParser  # noqa: PLC0415 -- not there on every machine
-    except ImportError as error:
-        raise ToolMissing("ltlf2dfa", remedy="run `pip install 'rvaft[mona]'`") from error
-    try:
-        made: Any = MonaProgram(LTLfParser()(text)).mona_program()
-    except RecursionError:
-        raise TooLarge("the formula is nested too deep for ltlf2dfa", limit=OPERATORS) from None
-    except Exception as error:
-        raise ToolFailed("ltlf2dfa", reason=f"{type(error).__name__}: {error}".splitlines()[0]) from error
-    return str(made)
+    """The program; `symbols` names each atom in a way that ltlf2dfa takes. Raises `ToolMissing`, `ToolFailed`, `TooLarge`.
 
-
-def _text(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
-    """The formula in the syntax of ltlf2dfa, where `X` is the strong next; every operand in parentheses."""
+    In the syntax of ltlf2dfa `X` is the strong next; every operand stands in parentheses.
+    """
     sizes: dict[int, int] = {}
     texts: dict[int, str] = {}
     for number in formulas.reachable(root):
@@ -75,7 +61,18 @@ def _text(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
             texts[number] = f"({f' {row.op.value} '.join(operands)})"
         else:
             texts[number] = symbols[row.name] if row.op is Connective.ATOM else _WRITTEN[row.op].format(*operands)
-    return texts[root]
+    try:
+        from ltlf2dfa.base import MonaProgram  # noqa: PLC0415 -- not there on every machine
+        from ltlf2dfa.parser.ltlf import LTLfParser  # noqa: PLC0415 -- not there on every machine
+    except ImportError as error:
+        raise ToolMissing("ltlf2dfa", remedy="run `pip install 'rvaft[mona]'`") from error
+    try:
+        made: Any = MonaProgram(LTLfParser()(texts[root])).mona_program()
+    except RecursionError:
+        raise TooLarge("the formula is nested too deep for ltlf2dfa", limit=OPERATORS) from None
+    except Exception as error:
+        raise ToolFailed("ltlf2dfa", reason=f"{type(error).__name__}: {error}".splitlines()[0]) from error
+    return str(made)
 
 
 # Running MONA, and the automaton that it prints.
@@ -110,19 +107,9 @@ class MonaAutomaton:
     verdicts: Mapping[int, Verdict]
     """Of each state, once something was read: ⊤ where it and all that it leads to accept, ⊥ where none does."""
 
-    def step(self, state: int, letter: frozenset[str]) -> int:
-        """The state after a letter, which is the set of names that are true."""
-        word = ["1" if name in letter else "0" for name in self.names]
-        fitting = (to for cube, to in self.edges[state] if all(c in ("X", w) for c, w in zip(cube, word, strict=True)))
-        return next(fitting)
-
-
-def automaton(program: str) -> MonaAutomaton:
-    """The automaton of a program; raises `ToolMissing`, `ToolFailed`, and `TooLarge` where MONA comes to no end in time."""
-    return _read(_output(program))
-
 
 def _output(program: str) -> str:
+    """What MONA prints of a program; raises `ToolMissing`, `ToolFailed`, and `TooLarge` where it comes to no end in time."""
     mona = shutil.which("mona")
     if mona is None:
         raise ToolMissing("mona", remedy=REMEDY)
@@ -193,7 +180,7 @@ def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[MonaAutoma
     if len(names) > ATOMS:
         raise TooLarge(f"a formula with {len(names)} atoms for mona", limit=ATOMS)
     symbols = {name: f"p{number}" for number, name in enumerate(names)}  # ltlf2dfa writes symbols in upper case
-    made = automaton(program(formulas, root, symbols))
+    made = _read(_output(program(formulas, root, symbols)))
     return made, {symbol.upper(): atoms[name] for name, symbol in symbols.items()}
 
 
@@ -212,6 +199,9 @@ class MonaMonitor(Monitor):
         return self._automaton, self._at, self._verdict
 
     def _advance(self, event: Json) -> Verdict:
-        letter = frozenset(name for name in self._automaton.names if self._atoms[name].holds(event, {}))
-        self._at = self._automaton.step(self._at, letter)
+        word = ["1" if self._atoms[name].holds(event, {}) else "0" for name in self._automaton.names]
+        for cube, to in self._automaton.edges[self._at]:
+            if all(asked in ("X", bit) for asked, bit in zip(cube, word, strict=True)):
+                self._at = to
+                break
         return self._automaton.verdicts[self._at]

@@ -248,9 +248,9 @@ class Draft:
         left = tuple(child for child in use.children if child.value not in gone)
         if len(left) == len(use.children):
             return use
-        if left and use.gate is not Gate.VOT:
+        if left and use.threshold is None:
             return GateUse(use.gate, left)
         lost = next(child.value for child in use.children if child.value in gone)
-        fault = PruneFault.VOTE if use.gate is Gate.VOT else PruneFault.EMPTY
+        fault = PruneFault.VOTE if use.threshold is not None else PruneFault.EMPTY
         self.broken_prunes.append(BrokenPrune(fault, lost, pruned[lost], name))
         return use

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from rvaft.model.expressions import guard_text, name_text, on_text, pattern_text, quoted, value_text, word_text
-from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Node, Topic
+from rvaft.model.nodes import Causality, EventType, Ignore, Node, Topic
 from rvaft.model.tree import RVAFT
 
 _WIDEST: Final = 40
@@ -71,7 +71,7 @@ def _node_cells(node: Node) -> list[str]:
 def _gate(node: Node) -> str:
     if node.gate is None:
         return ""
-    gate = f"{node.threshold}of{len(node.children)}" if node.gate is Gate.VOT else node.gate.value
+    gate = f"{node.threshold}of{len(node.children)}" if node.threshold is not None else node.gate.value
     return " ".join([gate, *(name_text(child) for child in node.children)])
 
 

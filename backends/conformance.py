@@ -6,20 +6,22 @@
 
 The expected verdicts come from an oracle that the caller gives, a monitor for a tree and a semantics that shares nothing with the
 backend. A refusal (`NotExpressible`) and a text that would be too large (`TooLarge`) are counted apart from each other and
-from failures; a refusal of what the caller requires is one. Where a tool is missing, `ToolMissing` goes through to the caller.
+from failures; a refusal of what the caller requires is one. Of a backend that is not `readable`, only the text is looked at. Where a tool
+is missing, `ToolMissing` goes through to the caller.
 """
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import islice, product
+from functools import partial
+from itertools import islice, product, zip_longest
 from random import Random
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
-from rvaft.model.guards import Guard, Operation, Operator, holds
+from rvaft.model.guards import ORDERINGS, Guard, Operation, holds, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Literal, Variable, match, variables
 from rvaft.model.tree import RVAFT
@@ -27,7 +29,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
-# The trees of the conformance suite, each with the events that matter to it.
+# The trees, each with the events that matter to it.
 #
 # Every gate at one to three children, with and without its own event, under both causalities; every gate in every other; nodes
 # shared in all ways; events that several nodes fit; guards, variables, `ignore`, and parts that keep the whole tree's alphabet.
@@ -35,7 +37,7 @@ from rvaft.monitors import Monitor
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """A tree, and events that fit its nodes.
+    """A tree, and events that fit its nodes; in their order, and in the reverse, they are always tried.
 
     `determinate`: whenever two occurrences may be next after the same events, no event fits both, so that there is
     never more than one assignment of the variables to follow.
@@ -137,49 +139,61 @@ VARIABLES = {
     "undefined guards": ("r sand a b; a on px(X); b or y z; y when X > 1; z when not (X > 1);", True),
 }
 
-VALUES: tuple[Any, ...] = (0, 1, 2, 3)
+VALUES: tuple[Json, ...] = tuple({name: value} for name in "xyk" for value in range(name != "x", 4))
+PAIRS: tuple[Json, ...] = tuple({"x": x, "y": y} for x, y in ((1, 1), (1, 2), (2, 1)))
+
+AT_A: Final = "r sand a b; b on py(_); a on "
+DECISIVE: dict[str, tuple[str, Json]] = {
+    "at least, and equal": ("px(X) when X >= 2", 2),
+    "more than, and equal": ("px(X) when X > 2", 2),
+    "at most, and equal": ("px(X) when X <= 2", 2),
+    "less than, and equal": ("px(X) when X < 2", 2),
+    "one of two conditions": ("px(X) when X < 1 or X > 2", 3),
+    "the other of two conditions": ("px(X) when X > 2 or X < 1", 3),
+    "the first of both conditions": ("px(X) when X > 0 and X < 3", 3),
+    "the second of both conditions": ("px(X) when X < 3 and X > 0", 3),
+    "a condition that does not hold": ("px(X) when not (X == 1)", 1),
+    "a text for a number": ("px(1)", "1"),
+    "a number for a text": ('px("1")', 1),
+    "a truth for a number": ("px(1)", True),
+    "a number for a truth": ("px(true)", 1),
+    "a number written otherwise": ("px(1)", 1.0),
+    "nothing for a number": ("px(0)", None),
+    "a text equal to a number": ("px(X) when X == 1", "1"),
+    "a truth equal to a number": ("px(X) when X == 1", True),
+    "a text unequal to a number": ("px(X) when X != 1", "1"),
+    "a text more than a number": ("px(X) when X > 0", "1"),
+    "a truth more than a number": ("px(X) when X > 0", True),
+}
+"""One event of a sequence, and the value that tells it from what it is easily taken for."""
 
 
 def examples() -> Iterator[Example]:
     """All of them, in a stable order."""
-    yield from _gates()
-    yield from _nested()
-    for name, text in (*PLAIN.items(), *SHARED.items()):
-        yield _default(name, text)
-        yield _default(f"{name}, bottom up", f"causality bottom_up; {text}")
-    values = [{"x": 1}, {"y": 1}, {"x": 1, "y": 1}, {"x": 2}, {"y": 2}, {"k": 1}, {"k": 2}]
-    for name, text in OVERLAPPING.items():
-        yield Example(name, _tree(text), tuple(values))
-    for name, text in IGNORING.items():
-        yield Example(name, _tree(text), tuple(values))
-    for name, (text, determinate) in VARIABLES.items():
-        yield Example(name, _tree(text), _valued(text), determinate)
-    yield from _restricted()
-
-
-def _gates() -> Iterator[Example]:
     leaves = ("a", "b", "c")
     for size, gate in product((1, 2, 3), GATES):
-        if gate[0].isdigit() and int(gate[0]) > size:
-            continue
-        text = f"r {gate.format(n=size)} {' '.join(leaves[:size])};"
-        yield _default(text, text)
-        for causality in ("top_down", "bottom_up"):
-            own = f"causality {causality}; t sand r z; {text.removesuffix(';')} on at(1);"
-            yield _default(f"{text} with an event, {causality}", own)
-
-
-def _nested() -> Iterator[Example]:
+        if not gate[0].isdigit() or int(gate[0]) <= size:
+            text = f"r {gate.format(n=size)} {' '.join(leaves[:size])};"
+            yield _default(text, text)
+            for causality in ("top_down", "bottom_up"):
+                own = f"causality {causality}; t sand r z; {text.removesuffix(';')} on at(1);"
+                yield _default(f"{text} with an event, {causality}", own)
     for outer, inner in product(("or", "and", "sand", "sand_rl", "2of3"), repeat=2):
-        third = " d" if outer == "2of3" else ""
-        below = " e" if inner == "2of3" else ""
-        text = f"r {outer} a g{third}; g {inner} b c{below};"
+        text = f"r {outer} a g{' d' * (outer == '2of3')}; g {inner} b c{' e' * (inner == '2of3')};"
         yield _default(text, text)
-
-
-def _restricted() -> Iterator[Example]:
-    text = "r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;"
-    whole = _default("the whole", text)
+    for name, text in (PLAIN | SHARED).items():
+        yield _default(name, text)
+        yield _default(f"{name}, bottom up", f"causality bottom_up; {text}")
+    values: list[Json] = [{"x": 1}, {"y": 1}, {"x": 1, "y": 1}, {"x": 2}, {"y": 2}, {"k": 1}, {"k": 2}]
+    for name, text in (OVERLAPPING | IGNORING).items():
+        yield Example(name, _tree(text), tuple(values))
+    for name, (text, determinate) in VARIABLES.items():
+        events = [event for event in VALUES if "k" not in event or "at(" in text]
+        events += [*(PAIRS if "pxy" in text else ()), {"x": "1"}, {"x": 1.0}]
+        yield Example(name, _tree(text), tuple(events), determinate)
+    for name, (event, value) in DECISIVE.items():
+        yield Example(name, _tree(f"{AT_A}{event};"), ({"x": value}, {"y": 1}, {"x": 0}), determinate=True)
+    whole = _default("the whole", "r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
     for number in (1, 2, 3):
         yield Example(f"branch {number}", restrict(whole.tree, branch=number), whole.events)
     for kind in ("fault", "attack"):
@@ -198,17 +212,12 @@ def _default(name: str, text: str) -> Example:
     return Example(name, tree, (*({"event": word} for word in sorted(words)), *numbers))
 
 
-def _valued(text: str) -> tuple[Json, ...]:
-    """Events with values that meet and miss, of a wrong type too."""
-    events: list[Json] = [{"x": value} for value in VALUES] + [{"y": value} for value in VALUES[1:]]
-    events += [{"k": value} for value in (1, 2, 3) if "at(" in text]
-    events += [{"x": x, "y": y} for x, y in ((1, 1), (1, 2), (2, 1)) if "pxy" in text]
-    return (*events, {"x": "1"}, {"x": 1.0})
-
+# What is required, and what a run finds.
 
 Oracle: TypeAlias = Callable[[RVAFT, Semantics], Monitor]
 Required: TypeAlias = Callable[[Example, Semantics], bool]
 Trace: TypeAlias = Sequence[Json]
+Finding: TypeAlias = tuple[str, str, Trace]
 
 NOISE: Json = {"nothing": "of interest"}
 
@@ -244,20 +253,14 @@ def strings_ordered(tree: RVAFT, semantics: Semantics) -> bool:
     asked = [node.when for node in tree.top_down()]
     if semantics is Semantics.PROJECTED:
         asked += [entry.when for entry in tree.alphabet] + [ignore.when for ignore in tree.ignores]
-    return any(_orders_a_string(guard) for guard in asked if guard is not None)
+    return any(_orders_a_string(part) for guard in asked if guard is not None for part in walk(guard))
 
 
-def _orders_a_string(guard: Guard) -> bool:
-    match guard:
-        case Operation(Operator.LT | Operator.LE | Operator.GT | Operator.GE, (left, right)):
-            return any(
-                isinstance(one, Variable) and isinstance(other, Literal) and isinstance(other.value, str)
-                for one, other in ((left, right), (right, left))
-            ) or any(map(_orders_a_string, (left, right)))
-        case Operation(_, operands):
-            return any(map(_orders_a_string, operands))
-        case _:
-            return False
+def _orders_a_string(part: Guard) -> bool:
+    if not isinstance(part, Operation) or part.operator not in ORDERINGS:
+        return False
+    kinds = [type(one.value) if isinstance(one, Literal) else type(one) for one in part.operands]
+    return Variable in kinds and str in kinds
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,6 +283,7 @@ class Report:
     """What a run has found; `refusals` and `too_large` name the example and the semantics."""
 
     backend: str
+    readable: bool = True
     translations: int = 0
     verdicts: int = 0
     failures: list[Failure] = field(default_factory=list)
@@ -288,8 +292,8 @@ class Report:
 
     @property
     def passed(self) -> bool:
-        """Whether something was compared and nothing failed."""
-        return self.verdicts > 0 and not self.failures
+        """Whether something was compared (or, where nothing can be read, translated) and nothing failed."""
+        return (self.verdicts if self.readable else self.translations) > 0 and not self.failures
 
     def __str__(self) -> str:
         summary = (
@@ -312,19 +316,44 @@ def run(
     """Check a backend on the examples (or on other `trees`) under each semantics that it offers.
 
     `words` bounds the traces for each tree and semantics, `limit` is handed to `translate`.
+
+    >>> from rvaft import backend, monitor
+    >>> print(run(backend("rml"), lambda tree, semantics: monitor(tree, semantics=semantics), trees=[*examples()][:2], words=2))
+    rml: 6 translations, 110 verdicts compared, 0 failures, 0 refusals, 0 too large
     """
-    report = Report(backend.name)
-    for example in examples() if trees is None else trees:
-        for semantics in Semantics:
-            check = _Check(backend, oracle, example, semantics, report)
-            specification = check.translated(required(example, semantics), limit)
-            if specification is not None:
-                traces = list(_traces(example, words, Random(f"{seed} {example.name}")))  # noqa: S311 -- no secret
-                check.all(specification, traces)
+    report = Report(backend.name, readable=backend.readable)
+    for example, semantics in product(examples() if trees is None else trees, Semantics):
+        found: list[Finding] = []
+        try:
+            specification = backend.translate(example.tree, semantics, limit=limit)
+        except NotExpressible as refusal:
+            report.refusals.append((example.name, semantics))
+            if required(example, semantics):
+                found.append(("required", f"refused: {refusal.reason}", ()))
+        except TooLarge as error:
+            report.too_large.append((example.name, semantics))
+            if limit is None:
+                found.append(("size", f"a small tree is too large: {error.what}", ()))
+        else:
+            report.translations += 1
+            found += _text(backend, example.tree, semantics, specification)
+            if backend.readable:
+                tried = list(traces(example, words, Random(f"{seed} {example.name}")))  # noqa: S311 -- no secret
+                try:
+                    found += _start(specification)
+                except LanguageError as error:
+                    found.append(("readable", f"the backend cannot read its own text: {error.message}", ()))
+                else:
+                    found += _verdicts(specification, partial(oracle, example.tree, semantics), tried, report)
+                    found += _self_contained(backend, specification, tried[:5])
+                    found += _independent(specification, tried[:5])
+                    found += islice(_states(specification, tried), 1)
+                    found += islice(_observed(backend, specification, tried), 1)
+        report.failures += [Failure(check, example.name, semantics, what, tuple(trace)) for check, what, trace in found]
     return report
 
 
-def _traces(example: Example, most: int, random: Random) -> Iterator[Trace]:
+def traces(example: Example, most: int, random: Random) -> Iterator[Trace]:
     """All words over the events of an example where there are few, otherwise a sample, and some longer ones."""
     letters = [*example.events, NOISE]
     length = 2
@@ -340,6 +369,94 @@ def _traces(example: Example, most: int, random: Random) -> Iterator[Trace]:
         shuffled = random.sample(example.events, len(example.events))
         shuffled.insert(random.randint(0, len(shuffled)), random.choice(letters))
         yield shuffled
+
+
+def _text(backend: Backend, tree: RVAFT, semantics: Semantics, specification: Specification) -> Iterator[Finding]:
+    if backend.translate(tree, semantics).text != specification.text:
+        yield "repeatable", "the second translation differs from the first", ()
+    if specification.language != backend.language:
+        yield "language", f"{specification.language} is not {backend.language}", ()
+    if specification.metrics.symbols <= 0:
+        yield "metrics", f"{specification.metrics.symbols} symbols", ()
+
+
+def _start(specification: Specification) -> Iterator[Finding]:
+    if specification.monitor().verdict is not Verdict.UNKNOWN:
+        yield "start", "the verdict before any event is not unknown", ()
+
+
+def _verdicts(
+    specification: Specification, oracle: Callable[[], Monitor], tried: Sequence[Trace], report: Report
+) -> Iterator[Finding]:
+    """After every prefix the verdict is the oracle's, also after a final one."""
+    for trace in tried:
+        monitor, expected = specification.monitor(), oracle()
+        for position, event in enumerate(trace, 1):
+            got, wanted = monitor.step(event), expected.step(event)
+            report.verdicts += 1
+            if got is not wanted or monitor.verdict is not got:
+                yield "verdict", f"{got.symbol} instead of {wanted.symbol}", trace[:position]
+                break
+
+
+def _self_contained(backend: Backend, specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
+    """The text alone says everything."""
+    for trace in tried:
+        read = backend.read(str(specification.text))
+        if list(read.run(trace)) != list(specification.monitor().run(trace)):
+            yield "self-contained", "the text read back gives other verdicts", trace
+
+
+def _independent(specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
+    """Monitors that run side by side do not feel each other."""
+    beside: list[list[Verdict]] = [[] for _ in tried]
+    monitors = [specification.monitor() for _ in tried]
+    for events in zip_longest(*tried):
+        for monitor, event, verdicts in zip(monitors, events, beside, strict=True):
+            if event is not None:
+                verdicts.append(monitor.step(event))
+    for trace, verdicts in zip(tried, beside, strict=True):
+        if list(specification.monitor().run(trace)) != verdicts:
+            yield "independent", "another monitor of the same text changes the verdicts", trace
+
+
+def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
+    """Monitors with equal states give equal verdicts from there on."""
+
+    def after(prefix: Trace) -> list[list[Verdict]]:
+        return [[*specification.monitor().run([*prefix, *future])][len(prefix) - 1 :] for future in tried[-3:]]
+
+    by_state: dict[object, Trace] = {}
+    for trace in tried[:10]:
+        monitor = specification.monitor()
+        for position, event in enumerate(trace, 1):
+            monitor.step(event)
+            known, prefix = by_state.setdefault(monitor.state, trace[:position]), trace[:position]
+            if known != prefix and after(known) != after(prefix):
+                yield "state", f"the state is that after {list(known)}, the future is not", prefix
+
+
+def _observed(backend: Backend, specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
+    """Where the backend says what a text asks of events, events with equal answers have equal effects."""
+    questions = backend.observed(specification.text)
+    if questions is None:
+        return
+    groups: dict[tuple[object, ...], list[Json]] = {}
+    for event in _variants(tried):
+        groups.setdefault(tuple(_answer(question, event) for question in questions), []).append(event)
+    for trace in tried[-3:]:
+        for position in (0, len(trace) // 3, len(trace) // 2):
+            monitor = specification.monitor()
+            list(monitor.run(trace[:position]))
+            for first, *others in groups.values():
+                wanted = _effect(monitor, first) if others else None
+                for other in others:
+                    if _effect(monitor, other) != wanted:
+                        yield (
+                            "observed",
+                            f"{other} has another effect than {first}, and the same answers",
+                            trace[:position],
+                        )
 
 
 def _variants(traces: Sequence[Trace]) -> list[Json]:
@@ -363,141 +480,6 @@ def _answer(question: Observed, event: Json) -> object:
     return question.when is None or (set(names) <= binding.keys() and holds(question.when, binding))
 
 
-def _effect(monitor: Monitor, event: Json) -> tuple[Verdict, Hashable]:
+def _effect(monitor: Monitor, event: Json) -> object:
     after = monitor.fork()
     return after.step(event), after.state
-
-
-@dataclass(frozen=True, slots=True)
-class _Check:
-    """The checks of one tree under one semantics."""
-
-    backend: Backend
-    oracle: Oracle
-    example: Example
-    semantics: Semantics
-    report: Report
-
-    def translated(self, required: bool, limit: int | None) -> Specification | None:
-        """The specification, unless it is refused or too large."""
-        try:
-            specification = self.backend.translate(self.example.tree, self.semantics, limit=limit)
-        except NotExpressible as refusal:
-            self.report.refusals.append((self.example.name, self.semantics))
-            if required:
-                self._fail("required", f"refused: {refusal.reason}")
-            return None
-        except TooLarge as error:
-            self.report.too_large.append((self.example.name, self.semantics))
-            if limit is None:
-                self._fail("size", f"a small tree is too large: {error.what}")
-            return None
-        self.report.translations += 1
-        return specification
-
-    def all(self, specification: Specification, traces: Sequence[Trace]) -> None:
-        """Every check that needs a text."""
-        self._repeatable(specification)
-        try:
-            self._fresh(specification)
-        except LanguageError as error:
-            self._fail("readable", f"the backend cannot read its own text: {error.message}")
-            return
-        self._verdicts(specification, traces)
-        self._self_contained(specification, traces[:5])
-        self._independent(specification, traces[:5])
-        self._states(specification, traces)
-        self._observed(specification, traces)
-
-    def _repeatable(self, specification: Specification) -> None:
-        again = self.backend.translate(self.example.tree, self.semantics)
-        if again.text != specification.text:
-            self._fail("repeatable", "the second translation differs from the first")
-        if specification.language != self.backend.language:
-            self._fail("language", f"{specification.language} is not {self.backend.language}")
-        if specification.metrics.symbols <= 0:
-            self._fail("metrics", f"{specification.metrics.symbols} symbols")
-
-    def _fresh(self, specification: Specification) -> None:
-        if specification.monitor().verdict is not Verdict.UNKNOWN:
-            self._fail("start", "the verdict before any event is not unknown")
-
-    def _verdicts(self, specification: Specification, traces: Sequence[Trace]) -> None:
-        """After every prefix the verdict is the oracle's, also after a final one."""
-        for trace in traces:
-            monitor, expected = specification.monitor(), self.oracle(self.example.tree, self.semantics)
-            for position, event in enumerate(trace, 1):
-                got, wanted = monitor.step(event), expected.step(event)
-                self.report.verdicts += 1
-                if got is not wanted or monitor.verdict is not got:
-                    self._fail("verdict", f"{got.symbol} instead of {wanted.symbol}", trace[:position])
-                    break
-
-    def _self_contained(self, specification: Specification, traces: Sequence[Trace]) -> None:
-        """The text alone says everything."""
-        for trace in traces:
-            read = self.backend.read(str(specification.text))
-            if list(read.run(trace)) != list(specification.monitor().run(trace)):
-                self._fail("self-contained", "the text read back gives other verdicts", trace)
-
-    def _independent(self, specification: Specification, traces: Sequence[Trace]) -> None:
-        """Monitors that run side by side do not feel each other."""
-        alone = [list(specification.monitor().run(trace)) for trace in traces]
-        beside: list[list[Verdict]] = [[] for _ in traces]
-        monitors = [specification.monitor() for _ in traces]
-        for position in range(max(map(len, traces), default=0)):
-            for number, trace in enumerate(traces):
-                if position < len(trace):
-                    beside[number].append(monitors[number].step(trace[position]))
-        for trace, one, other in zip(traces, alone, beside, strict=True):
-            if one != other:
-                self._fail("independent", "another monitor of the same text changes the verdicts", trace)
-
-    def _states(self, specification: Specification, traces: Sequence[Trace]) -> None:
-        """Monitors with equal states give equal verdicts from there on."""
-        by_state: dict[object, Trace] = {}
-        futures = traces[-3:]
-        for trace in traces[:10]:
-            monitor = specification.monitor()
-            for position, event in enumerate(trace, 1):
-                monitor.step(event)
-                known = by_state.setdefault(monitor.state, trace[:position])
-                if known == trace[:position]:
-                    continue
-                if self._after(specification, known, futures) != self._after(specification, trace[:position], futures):
-                    self._fail("state", f"the state is that after {list(known)}, the future is not", trace[:position])
-                    return
-
-    def _observed(self, specification: Specification, traces: Sequence[Trace]) -> None:
-        """Where the backend says what a text asks of events, events with equal answers have equal effects."""
-        questions = self.backend.observed(specification.text)
-        if questions is None:
-            return
-        groups: dict[tuple[object, ...], list[Json]] = {}
-        for event in _variants(traces):
-            groups.setdefault(tuple(_answer(question, event) for question in questions), []).append(event)
-        alike = [group for group in groups.values() if len(group) > 1]
-        for trace in traces[-3:]:
-            for position in (0, len(trace) // 3, len(trace) // 2):
-                monitor = specification.monitor()
-                list(monitor.run(trace[:position]))
-                for first, *others in alike:
-                    wanted = _effect(monitor, first)
-                    for other in others:
-                        if _effect(monitor, other) != wanted:
-                            what = f"{other} has another effect than {first}, and the same answers"
-                            self._fail("observed", what, trace[:position])
-                            return
-
-    @staticmethod
-    def _after(specification: Specification, prefix: Trace, futures: Sequence[Trace]) -> list[list[Verdict]]:
-        verdicts = []
-        for future in futures:
-            monitor = specification.monitor()
-            for event in prefix:
-                monitor.step(event)
-            verdicts.append([monitor.verdict, *monitor.run(future)])
-        return verdicts
-
-    def _fail(self, check: str, what: str, trace: Trace = ()) -> None:
-        self.report.failures.append(Failure(check, self.example.name, self.semantics, what, tuple(trace)))

@@ -93,5 +93,5 @@ def _built(tree: RVAFT, semantics: Semantics, work: Work) -> tuple[Automaton, St
     else:
         graphs = decided(parts, parts.root, at_least=not scattered, work=work)
         plans = [plan(parts, graph, at_least=not scattered, work=work) for graph in graphs]
-        automaton = determinised(Moves(plans), letters, work, scattered=scattered)
+        automaton = determinised(Moves(plans, work), letters, work, scattered=scattered)
     return minimised(automaton, letters, looping=scattered), parts, letters

@@ -46,8 +46,9 @@ class Move(NamedTuple):
 class Moves:
     """The moves of the configurations of some plans; computed once for each configuration."""
 
-    def __init__(self, plans: Sequence[Plan]) -> None:
+    def __init__(self, plans: Sequence[Plan], work: Work) -> None:
         self._plans = plans
+        self._work = work
         self._moves: dict[Configuration, tuple[Move, ...]] = {}
 
     def start(self) -> Iterator[Configuration]:
@@ -58,8 +59,13 @@ class Moves:
     def of(self, configuration: Configuration) -> tuple[Move, ...]:
         """The moves of a configuration, in a stable order."""
         if configuration not in self._moves:
-            self._moves[configuration] = tuple(dict.fromkeys(self._find(configuration)))
+            self._moves[configuration] = found = tuple(dict.fromkeys(self._find(configuration)))
+            self._work.step(len(found) * (20 + self.width(configuration) // 10))
         return self._moves[configuration]
+
+    def width(self, configuration: Configuration) -> int:
+        """How many bits its sets may have: what steps cost grows with it."""
+        return self._plans[configuration.plan].events.bit_length()
 
     def breaking(self, move: Move, holding: int) -> Configuration:
         """Where a move leads when of the guards it notes only these hold."""
@@ -169,7 +175,7 @@ class Moves:
         missing = choice.least - (configuration.taken & choice.mask).bit_count()
         if missing <= 0:
             return (0,)
-        untaken = (plan.alternatives[one].silent for one in bits(choice.mask & ~configuration.taken))
+        untaken = (plan.alternatives[one].silent for one in bits(choice.silent & ~configuration.taken))
         able = [ways for silent in untaken if (ways := [one for one in silent if not one & configuration.broken])]
         return smallest(union(one) for some in combinations(able, missing) for one in product(*some))
 
@@ -248,7 +254,7 @@ class Successors:
         dominates = self._moves.dominates
         bit, worse = 1 << len(self._found), 0
         if self._scattered:
-            self._work.step(len(self._found))
+            self._work.step(len(self._found) * (10 + self._moves.width(configuration) // 50))
             if any(dominates(other, configuration) for other in self._kept):
                 return 0
             for index, other in enumerate(self._found):

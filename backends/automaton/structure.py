@@ -25,6 +25,8 @@ from rvaft.support.bits import bits, mask_of, union
 EDGES: Final = 10
 STEPS: Final = 1000
 """How many edges, and how many steps of the construction, the limit allows for each state it allows."""
+QUICK: Final = 10_000_000
+"""So many steps take a few seconds, and are allowed under any limit."""
 
 
 class Work:
@@ -45,9 +47,10 @@ class Work:
         self.check(self._edges, f"edges of the automaton, {EDGES} allowed for each state", EDGES)
 
     def step(self, many: int) -> None:
-        """So many more steps are done."""
+        """So many more steps are done; each takes about a fifth of a microsecond."""
         self._steps += many
-        self.check(self._steps, f"steps of the construction, {STEPS} allowed for each state", STEPS)
+        if self._steps > QUICK:
+            self.check(self._steps, f"steps of the construction, {STEPS} allowed for each state", STEPS)
 
     def check(self, reached: int, what: str, each: int = 1) -> None:
         """Refuse more of something than `each` for each state."""
@@ -221,10 +224,10 @@ class Alternative(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """A choice: its alternatives, also as bits, how many of them at least, and whether more may be taken."""
+    """A choice: its alternatives, those of them that can be complete without an event, how many at least, and whether more may be taken."""
 
-    alternatives: tuple[int, ...]
     mask: int
+    silent: int
     least: int
     more: bool
 
@@ -312,9 +315,9 @@ def plan(structure: Structure, graph: Graph, *, at_least: bool, work: Work) -> P
                 known = (mandatory[child], whole[child], first[child], silent[child])
                 alternatives.append(Alternative(bit[number], up, *known))
         if part.chooses:
-            own_alternatives = tuple(range(start, len(alternatives)))
-            more = at_least and part.op is Op.AT_LEAST
-            choices[bit[number]] = Choice(own_alternatives, mask_of(own_alternatives), part.need, more)
+            mask = mask_of(range(start, len(alternatives)))
+            quiet = mask_of(one for one in bits(mask) if alternatives[one].silent)
+            choices[bit[number]] = Choice(mask, quiet, part.need, at_least and part.op is Op.AT_LEAST)
     moments: dict[int, Moment] = {}
     for number in happening:
         atom = structure.atoms[graph[number].node]

@@ -87,7 +87,7 @@ def test_emitted_formulas_have_the_verdicts_of_the_reference() -> None:
                 assert one.status == "not expressible"
                 continue
             assert isinstance(one, Participant), one
-            for trace in conformance._traces(example, 16, Random(example.name)):
+            for trace in conformance.traces(example, 16, Random(example.name)):
                 verdicts = list(one.start().run(trace))
                 assert verdicts == list(Reference(example.tree, semantics).run(trace)), (example.name, semantics, trace)
                 found.update(verdicts)

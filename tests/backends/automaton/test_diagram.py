@@ -10,9 +10,13 @@ from xml.dom import minidom
 import pytest
 
 from backends.automaton import AutomatonBackend
-from backends.automaton.diagram import joined
-from backends.automaton.hoa_writer import Cube
-from rvaft import NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
+from backends.automaton.backend import _built, _relevance
+from backends.automaton.diagram import joined, possible
+from backends.automaton.hoa_writer import Cube, write
+from backends.automaton.structure import Work
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
+from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
 from rvaft.analysis.branches import restrict
 from rvaft.backend import all_backends, backend
 from rvaft.export import picture
@@ -21,6 +25,7 @@ from tests.export.geometry import measured, overlaps
 from tests.export.trees import awkward
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
+FINAL = re.compile(r"(s\d+) \[label=<([⊤⊥])>")
 EDGE = re.compile(r"^  (\w+) -> (\w+)(?: \[label=<(.*?)>(?:, .*)?\])?;$", re.MULTILINE)
 
 
@@ -51,11 +56,8 @@ def test_a_sequence() -> None:
 
 
 def test_events_and_guards_stand_for_propositions() -> None:
-    lines = [
-        line
-        for label in edges(AutomatonBackend().diagram(load(PRUNED), Semantics.PROJECTED)).values()
-        for line in label
-    ]
+    dot = AutomatonBackend().diagram(load(PRUNED), Semantics.PROJECTED)
+    lines = [line for label in edges(dot).values() for line in label]
     assert 'result(Waypoint, "success")' in lines
     assert "goal(MBGoal) [NewWp != MBGoal]" in lines
     assert 'move(NewWp, T2) [NewWp != "entrance"; not (T2 >= T1 + 10)]' in lines
@@ -65,49 +67,25 @@ def test_events_and_guards_stand_for_propositions() -> None:
 
 @pytest.mark.parametrize("semantics", list(Semantics))
 @pytest.mark.parametrize(
-    "text",
-    [
-        "top 2of3 a b c;",
-        "top and a b c;",
-        "top sand v d; v 2of3 a b c;",
-        "top or x y; x sand a b; y sand_rl a c b;",
-    ],
+    "text", ["top 2of3 a b c;", "top sand v d; v 2of3 a b c;", "top or x y; x sand a b; y sand_rl a c b;"]
 )
 def test_walking_the_edges_gives_the_verdicts(text: str, semantics: Semantics) -> None:
-    """All words of five letters, followed on the drawing, against the engine."""
-    tree = loads(text)
-    found = edges(drawn(text, semantics.value))
-    top = re.search(r"(s\d+) \[label=<⊤>", drawn(text, semantics.value))
-    bottom = re.search(r"(s\d+) \[label=<⊥>", drawn(text, semantics.value))
-    table = {(source, line): target for (source, target), label in found.items() for line in label}
+    """All words of four letters, followed on the drawing, against the engine."""
+    tree, dot = loads(text), drawn(text, semantics.value)
+    final = {state: Verdict.TRUE if sign == "⊤" else Verdict.FALSE for state, sign in FINAL.findall(dot)}
+    table = {(source, line): target for (source, target), label in edges(dot).items() for line in label or ["start"]}
     letters = [name for name in tree.nodes if tree.nodes[name].leaf]
     for word in product(letters, repeat=4):
-        state, watching = (
-            next(target for source, target in found if source == "start"),
-            monitor(tree, semantics=semantics),
-        )
+        state, watching = table["start", "start"], monitor(tree, semantics=semantics)
         for letter in word:
-            verdict = watching.step({"event": letter})
-            if state not in (top and top[1], bottom and bottom[1]):
+            if state not in final:
                 state = table.get((state, letter)) or table.get((state, "else")) or table[state, "any event"]
-            said = (
-                Verdict.TRUE
-                if top and state == top[1]
-                else Verdict.FALSE
-                if bottom and state == bottom[1]
-                else Verdict.UNKNOWN
-            )
-            assert said is verdict
+            assert final.get(state, Verdict.UNKNOWN) is watching.step({"event": letter})
 
 
 def test_letters_that_share_events_say_so() -> None:
-    lines = {
-        line
-        for label in edges(
-            drawn("event x() = { x: 1 }; event y() = { y: 1 }; top and a b; a on x(); b on y();")
-        ).values()
-        for line in label
-    }
+    dot = drawn("event x() = { x: 1 }; event y() = { y: 1 }; top and a b; a on x(); b on y();")
+    lines = {line for label in edges(dot).values() for line in label}
     assert {"x(), not y()", "y(), not x()"} <= lines or "x(), y()" in lines
 
 
@@ -188,3 +166,48 @@ def test_nothing_overlaps(tree: str, semantics: Semantics) -> None:
     found = measured(picture(dot, "svg"))
     assert overlaps(found) == []
     assert found.smallest >= 10
+
+
+# What a drawing leaves out never happens: without it the automaton gives the same verdicts.
+
+SHAPE = Shape(max_nodes=7, sharing=0.3, variables=1, guards=0.6, typed_events=0.9)
+
+
+def both(tree: RVAFT, semantics: Semantics) -> tuple[str, str]:
+    """The text of the whole automaton, and that of what is possible in it."""
+    work = Work(10_000)
+    automaton, parts, letters = _built(tree, semantics, work)
+    whole, rest = (
+        write(one, parts, letters, name="", relevance=_relevance(tree, semantics), work=work)[0]
+        for one in (automaton, possible(automaton, parts))
+    )
+    return whole, rest
+
+
+@pytest.mark.spot
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:
+    pytest.importorskip("spot")
+    random = Random("possible")
+    different = 0
+    for _ in range(30):
+        tree = random_tree(random, SHAPE)
+        whole, rest = both(tree, semantics)
+        different += whole != rest
+        if whole != rest:
+            for trace in (random_trace(random, tree) for _ in range(5)):
+                one, other = (AutomatonBackend().read(text) for text in (whole, rest))
+                assert list(one.run(trace)) == list(other.run(trace))
+    assert different >= 5
+
+
+def test_states_behind_guards_that_cannot_fail_yet_are_left_out() -> None:
+    """`T2` has its value from the event that comes after."""
+    automaton, parts, _ = _built(load(PRUNED), Semantics.PROJECTED, Work(1000))
+    assert len(automaton.in_order()) == 8
+    assert len(possible(automaton, parts).in_order()) == 7
+
+
+def test_without_guards_nothing_is_left_out() -> None:
+    automaton, parts, _ = _built(loads("top 2of3 a b c;"), Semantics.STRICT, Work(1000))
+    assert possible(automaton, parts) == automaton

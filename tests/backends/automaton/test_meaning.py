@@ -13,6 +13,7 @@ from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.errors import TooLarge
+from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
 from tests.semantics.cases import CASES, Case
@@ -116,3 +117,64 @@ def test_too_many_slices() -> None:
     monitor = HoaMonitor(HoaProgram(text, {}), limit=10)
     with pytest.raises(TooLarge, match="slices, one for each assignment of X"):
         list(monitor.run({"a": value} for value in range(20)))
+
+
+# No two states of an emitted automaton can be merged, by a way of minimising that is not the backend's.
+
+TREES = [
+    "r or a b c;",
+    "r and a b c d;",
+    "r sand a b c;",
+    "r 2of4 a b c d;",
+    "r and p q; p sand a b; q sand c d;",
+    "r or p q; p sand a b; q sand a c;",
+    "r or p q; p sand a c; q sand b c;",
+    "r and p q; p or a s; q or b s;",
+    "r and p q; p sand a s; q sand s b;",
+    "r sand v d; v 2of3 a b c;",
+    "r 2of3 s b c; s sand a d;",
+    "r or p q t; p and a b; q sand a b; t sand b a;",
+    "r or a p; p sand a b;",
+]
+
+
+def exclusive(tree: RVAFT, semantics: Semantics) -> Any:
+    """The emitted automaton over words of letters that exclude each other, completed where they do."""
+    automaton = spot.automaton(AutomatonBackend().translate(tree, semantics).text)
+    names = [ap.ap_name() for ap in automaton.ap() if ap.ap_name() not in {"alive", "relevant"}]
+    condition = " & ".join(f"!({one} & {other})" for one, other in combinations(names, 2)) or "1"
+    if semantics is Semantics.PROJECTED:
+        condition += " & " + " & ".join(f"({name} -> relevant)" for name in names)
+        condition += f" & (relevant -> ({' | '.join(names)}))"
+    return automaton, spot.formula_to_bdd(condition, automaton.get_dict(), automaton)
+
+
+def distinct(automaton: Any, feasible: Any) -> bool:
+    """Moore's algorithm over the feasible letters: whether every state is a class of its own."""
+    import buddy
+
+    states = range(automaton.num_states())
+    letters = [feasible]
+    for edge in automaton.edges():
+        letters = [part for one in letters for part in (one & edge.cond, one - edge.cond) if part != buddy.bddfalse]
+
+    def move(state: int, letter: Any) -> int:
+        return next((edge.dst for edge in automaton.out(state) if edge.cond & letter != buddy.bddfalse), -1)
+
+    moves = [[move(state, letter) for letter in letters] for state in states]
+    classes = {state: int(automaton.state_is_accepting(state)) for state in states} | {-1: 2}
+    while True:
+        keys = {state: (classes[state], *(classes[to] for to in moves[state])) for state in states}
+        numbers = {one: number for number, one in enumerate(dict.fromkeys(keys.values()))}
+        refined = {state: numbers[keys[state]] for state in states} | {-1: -1}
+        if len(set(refined.values())) == len(set(classes.values())):
+            return len(set(refined.values())) == len(refined)
+        classes = refined
+
+
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_no_two_states_are_equivalent(semantics: Semantics) -> None:
+    shape = Shape(gate_events=0, typed_events=0, variables=0, guards=0, ignores=0, sharing=0.4, max_nodes=8)
+    trees = [loads(f"toplevel r; {text}") for text in TREES]
+    for tree in trees + [random_tree(Random(seed), shape) for seed in range(60)]:
+        assert distinct(*exclusive(tree, semantics)), tree

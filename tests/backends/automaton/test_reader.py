@@ -11,8 +11,10 @@ import pytest
 
 from backends.automaton import AutomatonBackend
 from rvaft import loads
+from rvaft.backend import Observed
 from rvaft.errors import LanguageError, ToolMissing
-from rvaft.model.patterns import ObjectPattern, Variable
+from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.model.guards import renamed
 from rvaft.model.verdict import Semantics
 
 SIGNS = {"true": "T", "false": "F", "unknown": "?"}
@@ -47,22 +49,16 @@ State: 3 {0}
 --END--
 """
 
-FINITE = """HOA: v1
-States: 3
-Start: 0
-AP: 2 "a" "b"
-acc-name: Buchi
-Acceptance: 1 Inf(0)
---BODY--
-State: 0
-[0] 1
-State: 1
-[1] 2
-[!1] 1
-State: 2 "done" {0}
-[t] 2
---END--
-"""
+
+def hoa(names: str, body: str, *, start: str = "0", header: str = "") -> str:
+    """A text whose states, one after the other, have these edges."""
+    names = f"{len(names.split())} " + " ".join(f'"{name}"' for name in names.split())
+    states = " ".join(f"State: {number} {edges}\n" for number, edges in enumerate(body.split(";")))
+    numbers = f"HOA: v1\nStates: {body.count(';') + 1}\nStart: {start}\nAP: {names}\n"
+    return f"{numbers}{header}Acceptance: 1 Inf(0)\nacc-name: Buchi\n--BODY--\n{states}--END--\n"
+
+
+FINITE = hoa("a b", '[0] 1; [1] 2 [!1] 1; "done" {0} [t] 2')
 
 pytestmark = pytest.mark.spot
 
@@ -78,8 +74,7 @@ class TestWithSpot:
         assert verdicts(HAND, "b a c b a") == "???TT"
 
     def test_given_atoms(self) -> None:
-        pattern = ObjectPattern((("go", Variable("X")),))
-        other = ObjectPattern((("stop", Variable("X")),))
+        pattern, other = parse_pattern("{ go: X }"), parse_pattern("{ stop: X }")
         events = [{"go": 1}, {"stop": 2}, {"go": 2}, {"stop": 1}]
         assert verdicts(HAND, events, atoms={"a": pattern, "b": other}) == "???T"
         assert verdicts(HAND, [*events[:2], {"go": 3}], atoms={"a": pattern, "b": other}) == "???"
@@ -103,44 +98,11 @@ class TestWithSpot:
         assert verdicts(automaton.to_str("hoa"), word) == expected
 
     def test_nondeterministic(self) -> None:
-        text = """HOA: v1
-States: 3
-Start: 0
-AP: 2 "alive" "a"
-Acceptance: 1 Inf(0)
---BODY--
-State: 0
-[0] 0
-[0&1] 1
-State: 1
-[!0] 2
-State: 2 {0}
-[!0] 2
---END--
-"""
-        assert verdicts(text, "b a b") == "???"
+        assert verdicts(hoa("alive a", "[0] 0 [0&1] 1; [!0] 2; {0} [!0] 2"), "b a b") == "???"
 
     def test_alternating(self) -> None:
-        text = """HOA: v1
-States: 4
-Start: 0&1
-AP: 3 "alive" "a" "b"
-Acceptance: 1 Inf(0)
-properties: univ-branch
---BODY--
-State: 0
-[0&1] 2
-[0&!1] 0
-State: 1
-[0&2] 2
-[0&!2] 1
-State: 2
-[0] 2
-[!0] 3
-State: 3 {0}
-[!0] 3
---END--
-"""
+        body = "[0&1] 2 [0&!1] 0; [0&2] 2 [0&!2] 1; [0] 2 [!0] 3; {0} [!0] 3"
+        text = hoa("alive a b", body, start="0&1", header="properties: univ-branch\n")
         assert verdicts(text, "a c b") == "??T"
         assert verdicts(text, "c c a a") == "????"
 
@@ -149,7 +111,7 @@ State: 3 {0}
         assert verdicts(FINITE, "b") == "F"
 
     def test_an_accepting_state_may_have_no_edge(self) -> None:
-        text = FINITE.replace("[t] 2\n", "")
+        text = FINITE.replace("[t] 2", "")
         assert verdicts(text, "a b") == "??"
         assert verdicts(text, "a b c") == "??F"
 
@@ -158,9 +120,6 @@ State: 3 {0}
         assert verdicts(text, "a c b") == "??T"
 
     def test_other_tools_read_what_we_write(self, spot: Any) -> None:
-        from rvaft.api import loads
-        from rvaft.model.verdict import Semantics
-
         tree = loads("toplevel r; r and p q; p sand a b; q or c d;")
         for semantics in Semantics:
             text = AutomatonBackend().translate(tree, semantics).text
@@ -232,3 +191,42 @@ def test_an_event_is_an_object() -> None:
     for wrong in ("garbage", "[1]", "1"):
         with pytest.raises(LanguageError, match="an event is an object"):
             AutomatonBackend().read(re.sub(r'event: 1 ".*"', f'event: 1 "{wrong}"', text))
+
+
+# What a text asks of events.
+
+
+def one_state(propositions: str, *lines: str) -> str:
+    return hoa(propositions, "{0} [t] 0", header="".join(f"{line}\n" for line in lines))
+
+
+def observed(given: str, **atoms: str) -> set[Observed]:
+    return set(AutomatonBackend().observed(given, atoms={name: parse_pattern(one) for name, one in atoms.items()}))
+
+
+def test_propositions_by_default_by_the_caller_and_by_the_header() -> None:
+    given = one_state("alive a b c", 'event: 3 "{ x: _1, y: _1 }"')
+    patterns = ('{ event: "a" }', "{v: 1}", "{x: _1, y: _1}")
+    assert observed(given, b="{v: 1}", c="{v: 1}") == {Observed(parse_pattern(one)) for one in patterns}
+
+
+def test_variables_of_relevance_are_its_own() -> None:
+    lines = ('alphabet: "{ v: X }" "X > 1"', 'ignore: "{ w: X }"')
+    expected = {
+        Observed(parse_pattern("{ v: _X }"), renamed(parse_guard("X > 1"), {"X": "_X"})),
+        Observed(parse_pattern("{ w: _X }")),
+    }
+    assert observed(one_state("alive r", "relevant: 1", *lines)) == expected
+    assert observed(one_state("alive", *lines)) == set(), "without a proposition for relevance nobody looks"
+
+
+def test_variables_of_propositions_are_shared_and_their_guards_asked_there() -> None:
+    given = one_state("alive a g", 'event: 1 "{ v: X }"', 'guard: 2 "X > 1"')
+    pattern = parse_pattern("{v: X}")
+    assert observed(given) == {Observed(pattern), Observed(pattern, parse_guard("X > 1"))}
+
+
+def test_bad_texts() -> None:
+    for given in ("", one_state("alive a", 'event: 7 "{ v: X }"'), one_state("alive a", "event: 1 1")):
+        with pytest.raises(LanguageError):
+            AutomatonBackend().observed(given)

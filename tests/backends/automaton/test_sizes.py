@@ -54,6 +54,15 @@ def test_overlapping_events_within_the_default_limit(semantics: Semantics, state
     assert error.value.limit == 4000
 
 
+@pytest.mark.parametrize(("gate", "semantics"), [("and", Semantics.STRICT), ("60of120", Semantics.SCATTERED)])
+def test_work_is_limited_and_not_only_its_result(gate: str, semantics: Semantics) -> None:
+    """Identical leaves make few states, each of very many configurations."""
+    on = " ".join(f"a{index} on e();" for index in range(120))
+    tree = loads(f"event e() = {{ e: 1 }}; toplevel r; r {gate} {leaves(120)}; {on}")
+    with pytest.raises(TooLarge, match="steps of the construction, 1000 allowed for each state"):
+        AutomatonBackend().translate(tree, semantics, limit=100)
+
+
 def test_the_name_of_a_semantics_will_do() -> None:
     tree = loads("top and a b;")
     for semantics in Semantics:

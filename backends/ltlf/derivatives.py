@@ -62,33 +62,27 @@ class Orders:
 
     def _resolutions(self, root: int) -> Iterator[dict[int, tuple[int, ...]]]:
         """Every way to make the choices: the kept parts, each with its kept parts. A shared part is resolved once."""
-        made: dict[int, tuple[int, ...]] = {}
-        open_choices: list[tuple[int, Iterator[tuple[int, ...]]]] = []
-        while True:
+        waiting: list[Iterator[dict[int, tuple[int, ...]]]] = [iter([{}])]
+        while waiting:
+            made = next(waiting[-1], None)
+            if made is None:
+                waiting.pop()
+                continue
             kept: dict[int, tuple[int, ...]] = {}
             reached = 1 << root
             while reached:
-                number = (
-                    reached.bit_length() - 1
-                )  # wholes before parts, so that none is reached again once it is resolved
-                part = self._parts[number]
-                if part.chooses and number not in made:
-                    open_choices.append((number, ways(part, monotone=self._monotone)))
-                    made[number] = next(open_choices[-1][1])
-                kept[number] = made[number] if part.chooses else part.parts
-                reached ^= 1 << number
-                for inner in kept[number]:
-                    reached |= 1 << inner
-            yield kept
-            while open_choices:
-                number, others = open_choices[-1]
-                if (way := next(others, None)) is not None:
-                    made[number] = way
+                number = reached.bit_length() - 1  # wholes before parts: none is reached again once it is resolved
+                if self._parts[number].chooses and number not in made:
+                    waiting.append(self._chosen(made, number))
                     break
-                open_choices.pop()
-                del made[number]
+                kept[number] = made.get(number, self._parts[number].parts)
+                reached = reached ^ 1 << number | mask_of(kept[number])
             else:
-                return
+                yield kept
+
+    def _chosen(self, made: dict[int, tuple[int, ...]], number: int) -> Iterator[dict[int, tuple[int, ...]]]:
+        for way in ways(self._parts[number], monotone=self._monotone):
+            yield {**made, number: way}
 
     def _order(self, kept: dict[int, tuple[int, ...]]) -> Order:
         inside: dict[int, int] = {}

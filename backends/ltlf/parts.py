@@ -95,18 +95,17 @@ class _Simplifier:
                 return Part(Op.EVENT, part.node)
             case Op.CONDITION:
                 return EMPTY
+            case Op.ALL | Op.SEQUENCE if taken_over:
+                pass
             case Op.ALL:
-                if not taken_over:
-                    rest = self._without_contained(self._opened(rest, Op.ALL))
+                rest = self._without_contained(self._opened(rest, Op.ALL))
             case Op.SEQUENCE:
-                if not taken_over:
-                    rest = self._opened(rest, Op.SEQUENCE)
+                rest = self._opened(rest, Op.SEQUENCE)
+            case Op.ONE if empty and (self._monotone or not rest):
+                return EMPTY
             case Op.ONE:
-                if empty and (self._monotone or not rest):
-                    return EMPTY
-                if not taken_over:
-                    rest = self._opened(rest, Op.ONE)
-                rest = list(dict.fromkeys([*rest, *empty[:1]]))
+                choices = rest if taken_over else self._opened(rest, Op.ONE)
+                rest = list(dict.fromkeys([*choices, *empty[:1]]))
             case Op.AT_LEAST if not rest or (self._monotone and need <= 0):
                 return EMPTY
             case Op.AT_LEAST if max(need, 0) == len(rest):

@@ -144,19 +144,12 @@ class Liveness:
         for obligation, later in items:
             positive = obligation >= 0
             formula = obligation if positive else ~obligation
-            row = self._rows[formula]
-            if later:
-                met = False
-                if last and positive:
-                    return False
-                continue
-            if row.op is Connective.NOT:
-                formula, positive = row.operands[0], not positive
-            if self._rows[formula].op is Connective.ATOM and formula in branch.letter:
-                if branch.letter[formula] is not positive:
-                    return False
-            else:
-                met = False
+            if not later and self._rows[formula].op is Connective.NOT:
+                formula, positive = self._rows[formula].operands[0], not positive
+            known = None if later else branch.letter.get(formula)
+            if (later and last and positive) or known is (not positive):
+                return False
+            met = met and known is not None
         return met or None
 
     def _look(self, branch: _SearchBranch, obligation: int, later: bool, *, last: bool) -> bool:

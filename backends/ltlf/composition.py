@@ -172,8 +172,8 @@ class Composer:
         seen = 0
         for part in parts:
             events, rivals = self._anatomy.events[part], self._anatomy.rivals[part]
-            seen |= events
             meeting = [group for group in groups if group[1] & rivals] if rivals & seen else []
+            seen |= events
             if meeting:
                 groups = [group for group in groups if not group[1] & rivals]
             members = [member for group, _ in reversed(meeting) for member in group]

@@ -57,10 +57,7 @@ def _guard(random: Random, constants: float) -> Guard:
     sides: list[Guard] = [Variable("X"), Variable("Y"), Literal(random.choice(_VALUES))]
     comparison = Operation(
         random.choice([Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE]),
-        (
-            Variable(random.choice("XYZ")),
-            random.choice(sides),
-        ),
+        (Variable(random.choice("XYZ")), random.choice(sides)),
     )
     match random.randrange(4):
         case 0:

@@ -227,14 +227,7 @@ class _Source:
     def visit(self, readings: int) -> tuple[str, ...]:
         """The event types of one visit to a waypoint, in order."""
         before = readings // 2
-        return (
-            "move",
-            "goal",
-            *["radiation"] * before,
-            "result",
-            "inspect",
-            *["radiation"] * (readings - before),
-        )
+        return ("move", "goal", *["radiation"] * before, "result", "inspect", *["radiation"] * (readings - before))
 
     def event(self, name: str) -> str:
         """An event of a visit; each visit is to a waypoint at random."""

@@ -85,8 +85,7 @@ def test_json_says_the_same(tree: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("semantics", "reached"),
-    [("strict", [0, 0, 0]), ("projected", [1, 0, 0]), ("scattered", [2, 1, 1])],
+    ("semantics", "reached"), [("strict", [0, 0, 0]), ("projected", [1, 0, 0]), ("scattered", [2, 1, 1])]
 )
 def test_the_semantics_decides(tree: Path, tmp_path: Path, semantics: str, reached: list[int]) -> None:
     path = log(tmp_path, "1.jsonl", "noise a d e b")

@@ -179,10 +179,7 @@ def test_the_text_of_events_and_the_values_so_far() -> None:
         Pending(2, (Awaited("a2", 'e("a", _)'),), {}),
     )
     engine.step({"n": "a", "v": 7})
-    expected = (
-        Pending(1, (Awaited("b", 'e("b", V)'),), {"V": 7}),
-        Pending(2, (Awaited("c", "c"),), {}),
-    )
+    expected = (Pending(1, (Awaited("b", 'e("b", V)'),), {"V": 7}), Pending(2, (Awaited("c", "c"),), {}))
     assert engine.pending() == expected
     assert engine.step({"n": "b", "v": 8}) is Verdict.FALSE
     assert engine.ended == Ended(2, expected)

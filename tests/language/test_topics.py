@@ -12,7 +12,7 @@ from lark import Lark, logger
 from rvaft import monitor
 from rvaft.analysis.branches import restrict
 from rvaft.api import load, loads
-from rvaft.errors import LanguageError, TreeError
+from rvaft.errors import TreeError
 from rvaft.language.parser import parse
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Node, Place, Topic
@@ -154,43 +154,6 @@ def test_a_tree_built_in_code_cannot_have_one_either(topics: list[Topic], rule: 
     with pytest.raises(TreeError) as caught:
         parse('topic "/c" type "a.msg.B"; topic "/c" type "a.msg.C"; a;').build()
     assert caught.value.rule == "duplicate-topic"
-
-
-EXAMPLE = 'as in topic "/name" type "package.msg.Name"'
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "column", "message"),
-    [
-        ('topic "/c";', 1, 11, f'the message type of topic "/c" is missing, {EXAMPLE}'),
-        ('topic "/c" "a.msg.B";', 1, 11, f'the message type of topic "/c" is missing, {EXAMPLE}'),
-        ('topic "/c" from n type "a.msg.B";', 1, 11, f'the message type of topic "/c" is missing, {EXAMPLE}'),
-        ('topic "/c" tpye "a.msg.B";', 1, 12, "unknown word `tpye`: did you mean type?"),
-        ('topic "/c" type a.msg.B;', 1, 17, f"the message type of a topic stands in quotes, {EXAMPLE}"),
-        ('topic /c type "a.msg.B";', 1, 7, f"the name of a topic stands in quotes, {EXAMPLE}"),
-        ('topic c type "a.msg.B";', 1, 7, f"the name of a topic stands in quotes, {EXAMPLE}"),
-        ("topic '/c' type 'a.msg.B';", 1, 7, "a string is written in straight double quotes"),
-        ('topics "/c" type "a.msg.B";', 1, 1, "unknown statement `topics`: did you mean topic?"),
-        ('a;\nTopic "/c" type "a.msg.B";', 2, 1, "unknown statement `Topic`: did you mean topic?"),
-        ('topic "/c" type "a.msg.B" form n;', 1, 27, "unknown word `form`: did you mean from?"),
-        ('topic "/c" type "a.msg.B" n;', 1, 27, "unexpected `n`: expected from or `;`"),
-        ('topic "/c" type "a.msg.B" from n m;', 1, 34, "publishers are separated by commas"),
-        ('topic "/c" type "a.msg.B" from /n;', 1, 32, 'is quoted: "/n"'),
-        ('topic "/c" type "a.msg.B" from ns/n;', 1, 32, 'is quoted: "ns/n"'),
-        ('topic "/c" type "a.msg.B" from event;', 1, 32, 'a node named event is written "event"'),
-        ('topic "/c" type "a.msg.B" from;', 1, 31, "expected a name"),
-        ('topic "/c" type "a.msg.B"\na or b;', 1, 26, 'a `;` is missing after `"a.msg.B"`'),
-        ('topic "/c" type "a.msg.B" from n\na or b;', 1, 33, "a `;` is missing after `n`"),
-        ('a or b\ntopic "/c" type "a.msg.B";', 1, 7, "a `;` is missing after `b`"),
-        ('event e() = {}\ntopic "/c" type "a.msg.B";', 1, 15, "a `;` is missing after `}`"),
-        ("topic a;", 1, 7, "unknown gate `a`"),
-    ],
-)
-def test_a_slip_is_named_at_its_place(text: str, line: int, column: int, message: str) -> None:
-    with pytest.raises(LanguageError) as caught:
-        parse(text)
-    assert message in caught.value.message
-    assert (caught.value.line, caught.value.column) == (line, column)
 
 
 @pytest.mark.parametrize(

@@ -44,11 +44,7 @@ def verdicts(tree: RVAFT, events: Iterable[Event], semantics: str) -> dict[str, 
     return {name: monitor.verdict.symbol for name, monitor in makers.items()}
 
 
-DETECTED = {
-    Mode.NOMINAL: set[str](),
-    Mode.FAULT: {"φ", "fault", "φ1", "φ2"},
-    Mode.ATTACK: {"φ", "attack", "φ3", "φ4"},
-}
+DETECTED = {Mode.NOMINAL: set[str](), Mode.FAULT: {"φ", "fault", "φ1", "φ2"}, Mode.ATTACK: {"φ", "attack", "φ3", "φ4"}}
 
 # -- what is detected ------------------------------------------------------------------------------------------------
 

@@ -390,3 +390,28 @@ CASES = [
     ),
     Case("the kind of a child that K did not choose", "top 1of2 f a; f fault;", "strict", "a", "T", kind="fault"),
 ]
+
+SAME = 'event x() = { event: "e", x: 1 }; event y() = { event: "e", y: 1 }; '
+OWN_CHILD = "causality bottom_up; event x(p) = { x: p }; event y(p) = { y: p }; top 1of2 a b on x(1); a; b on y(1);"
+ORDERED = "event n(v) = { v: v }; top and g; g sand a b when X < Y; a on n(X); b on n(Y);"
+
+CASES += [
+    # -- what of a child counts for a threshold ----------------------------------------------------------------------
+    Case("vot: of an AND one event is counted", "top 2of3 n c d; n and a b;", "strict", "a b c", "??T"),
+    Case("vot: of an OR one event of each child", "top 2of3 n c d; n or m e; m and a b;", "strict", "b a c", "??T"),
+    Case("vot: of a SAND one event", "top 2of3 n c d; n sand a b;", "strict", "a c b", "??T"),
+    Case("vot: a VOT in a VOT", "top 2of3 n e f; n 2of3 a b c;", "strict", "a b e", "??T"),
+    Case("vot: one more than K may be needed in between", "top 2of3 n e f; n sand a b;", "strict", "a e b", "??T"),
+    Case("vot: beside others it is not over with K events", "top and n d; n 1of2 a b;", "strict", "a b d", "??T"),
+    Case("vot: nor where something follows", "top sand n d; n 1of2 a b;", "strict", "a b d", "??T"),
+    Case("vot: exactly K at the end", "top 2of3 a b c;", "strict", "a b b", "?TT"),
+    Case("vot: exactly K at the end of a SAND", "top sand d n; n 2of3 a b c;", "strict", "d a a", "??F"),
+    Case("vot: an event of a child and of the gate", OWN_CHILD, "strict", [{"event": "a"}, {"x": 1, "y": 1}], "?T"),
+    Case("vot: an event of a child and of what follows", SAME + "top sand v d; v 1of3 a b c; c on x(); d on y();", "strict", [{"event": "a"}, {"event": "e", "x": 1, "y": 1}], "?T"),
+    Case("vot: an event of a child twice", SAME + "top 2of3 n c d; n sand a b; a on x(); b on y();", "strict", [{"event": "e", "x": 1}, {"event": "e", "x": 1, "y": 1}, {"event": "c"}], "??T"),
+    # -- two variables are ordered as numbers or as strings ----------------------------------------------------------
+    Case("two strings in order", ORDERED, "strict", v("a", "b"), "?T"),
+    Case("two strings out of order", ORDERED, "strict", v("b", "a"), "?F"),
+    Case("two numbers in order", ORDERED, "strict", v(1, 2), "?T"),
+    Case("a number and a string have no order", ORDERED, "strict", v(1, "a"), "?F"),
+]  # fmt: skip

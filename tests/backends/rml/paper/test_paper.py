@@ -21,10 +21,7 @@ PINNED = [
     ("top sand_rl a b;", "Main = b a all;"),
     ("top sand_rl a b c;", "Main = c b a all;"),
     ("top 1of2 a b;", "Main = V1_2_0_1 all;\nV1_2_0_1 = (a) \\/ (b);"),
-    (
-        "top 2of2 a b;",
-        "Main = V1_2_0_1 all;\nV1_2_0_1 = (a V1_2_1) \\/ (b V1_2_0);\nV1_2_1 = (b);\nV1_2_0 = (a);",
-    ),
+    ("top 2of2 a b;", "Main = V1_2_0_1 all;\nV1_2_0_1 = (a V1_2_1) \\/ (b V1_2_0);\nV1_2_1 = (b);\nV1_2_0 = (a);"),
     (
         "top 2of3 a b c;",
         (

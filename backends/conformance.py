@@ -261,7 +261,7 @@ def _orders_a_string(part: Guard) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Failure:
+class ConformanceFailure:
     """One check that did not pass, on which tree and trace, and how."""
 
     check: str
@@ -283,7 +283,7 @@ class Report:
     readable: bool = True
     translations: int = 0
     verdicts: int = 0
-    failures: list[Failure] = field(default_factory=list)
+    failures: list[ConformanceFailure] = field(default_factory=list)
     refusals: list[tuple[str, Semantics]] = field(default_factory=list)
     too_large: list[tuple[str, Semantics]] = field(default_factory=list)
 
@@ -347,7 +347,9 @@ def run(
                     found += _independent(specification, tried[:5])
                     found += islice(_states(specification, tried), 1)
                     found += islice(_observed(backend, specification, tried), 1)
-        report.failures += [Failure(check, example.name, semantics, what, tuple(trace)) for check, what, trace in found]
+        report.failures += [
+            ConformanceFailure(check, example.name, semantics, what, tuple(trace)) for check, what, trace in found
+        ]
     return report
 
 

@@ -10,7 +10,7 @@ from backends.automaton.configurations import Moves
 from backends.automaton.determinise import HOPELESS, Automaton, determinised
 from backends.automaton.diagram import BEFORE, READABLE, diagram
 from backends.automaton.hoa_writer import title_of, write
-from backends.automaton.letters import Letters, Relevance
+from backends.automaton.letters import FeasibleLetters, Relevance
 from backends.automaton.minimise import minimised
 from backends.automaton.structure import Structure, Work, decided, plan, structure
 from rvaft.backend import Backend, Observed, Specification
@@ -83,11 +83,11 @@ def _relevance(tree: RVAFT, semantics: Semantics) -> Relevance | None:
     return Relevance(tuple(alphabet), tuple(ignored))
 
 
-def _built(tree: RVAFT, semantics: Semantics, work: Work) -> tuple[Automaton, Structure, Letters]:
+def _built(tree: RVAFT, semantics: Semantics, work: Work) -> tuple[Automaton, Structure, FeasibleLetters]:
     """The minimal automaton of a tree, and what its letters mean."""
     parts = structure(tree)
     scattered = semantics is Semantics.SCATTERED
-    letters = Letters(parts.patterns, _relevance(tree, semantics))
+    letters = FeasibleLetters(parts.patterns, _relevance(tree, semantics))
     if parts.root is None:
         automaton = Automaton(HOPELESS)
     else:

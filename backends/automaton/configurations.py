@@ -1,4 +1,4 @@
-"""What is left to happen: configurations, and the moves between them.
+"""What is left to happen: configurations (`Remainder`), and the moves between them.
 
 A configuration is what remains of a set of scenarios after some events have been matched. It forgets everything that cannot
 matter any more, so equal configurations have equal futures. Choices are taken when an event decides them, or when something
@@ -15,7 +15,7 @@ from rvaft.support.bits import bits, mask_of, union
 _WIDE: Final = 1 << 61
 
 
-class Configuration(NamedTuple):
+class Remainder(NamedTuple):
     """Bit sets over one plan.
 
     `open`: events that must still happen, choices that are undecided, guards that must still hold at an event to come. `taken`: alternatives
@@ -40,7 +40,7 @@ class Move(NamedTuple):
     atom: int
     needed: int
     noted: int
-    target: Configuration
+    target: Remainder
 
 
 class Moves:
@@ -49,37 +49,37 @@ class Moves:
     def __init__(self, plans: Sequence[Plan], work: Work) -> None:
         self._plans = plans
         self._work = work
-        self._moves: dict[Configuration, tuple[Move, ...]] = {}
+        self._moves: dict[Remainder, tuple[Move, ...]] = {}
 
-    def start(self) -> Iterator[Configuration]:
+    def start(self) -> Iterator[Remainder]:
         """The configurations before any event."""
         for number, plan in enumerate(self._plans):
-            yield self._tidy(Configuration(number, plan.start))
+            yield self._tidy(Remainder(number, plan.start))
 
-    def of(self, configuration: Configuration) -> tuple[Move, ...]:
+    def of(self, configuration: Remainder) -> tuple[Move, ...]:
         """The moves of a configuration, in a stable order."""
         if configuration not in self._moves:
             self._moves[configuration] = found = tuple(dict.fromkeys(self._find(configuration)))
             self._work.step(len(found) * (20 + self.width(configuration) // 10))
         return self._moves[configuration]
 
-    def width(self, configuration: Configuration) -> int:
+    def width(self, configuration: Remainder) -> int:
         """How many bits its sets may have: what steps cost grows with it."""
         return self._plans[configuration.plan].events.bit_length()
 
-    def breaking(self, move: Move, holding: int) -> Configuration:
+    def breaking(self, move: Move, holding: int) -> Remainder:
         """Where a move leads when of the guards it notes only these hold."""
         broken = move.noted & ~holding
         return self._tidy(move.target._replace(broken=move.target.broken | broken)) if broken else move.target
 
-    def is_complete(self, configuration: Configuration) -> bool:
+    def is_complete(self, configuration: Remainder) -> bool:
         """Whether nothing more needs to happen."""
         plan = self._plans[configuration.plan]
         if configuration.open & plan.events:
             return False
         return all(self._silently(configuration, choice) for choice in bits(configuration.open & plan.choosing))
 
-    def dominates(self, one: Configuration, other: Configuration) -> bool:
+    def dominates(self, one: Remainder, other: Remainder) -> bool:
         """Whether `one` completes on every word on which `other` does, when events may be left out."""
         if one.plan != other.plan or one.open & ~other.open or one.broken & ~other.broken:
             return False
@@ -89,7 +89,7 @@ class Moves:
         plan = self._plans[one.plan]
         return not any(plan.choices[choice].mask & behind for choice in bits(one.open & plan.choosing))
 
-    def _find(self, configuration: Configuration) -> Iterator[Move]:
+    def _find(self, configuration: Remainder) -> Iterator[Move]:
         plan = self._plans[configuration.plan]
         for event in self._candidates(configuration):
             moment = plan.moments[event]
@@ -103,7 +103,7 @@ class Moves:
                 noted &= self._possible(target) if noted else 0
                 yield Move(moment.atom, needed, noted, self._tidy(target))
 
-    def _candidates(self, configuration: Configuration) -> Iterator[int]:
+    def _candidates(self, configuration: Remainder) -> Iterator[int]:
         """Events that may be next: nothing that waits is known to come before them."""
         plan = self._plans[configuration.plan]
         waiting = configuration.open & plan.events
@@ -114,18 +114,18 @@ class Moves:
         untaken = self._untaken(configuration)
         yield from bits(union(plan.alternatives[number].first for number in untaken))
 
-    def _untaken(self, configuration: Configuration) -> Iterator[int]:
+    def _untaken(self, configuration: Remainder) -> Iterator[int]:
         """The alternatives of undecided choices that are not taken."""
         plan = self._plans[configuration.plan]
         for choice in bits(configuration.open & plan.choosing):
             yield from bits(plan.choices[choice].mask & ~configuration.taken)
 
-    def _possible(self, configuration: Configuration) -> int:
+    def _possible(self, configuration: Remainder) -> int:
         """All that a choice may still bring in."""
         alternatives = self._plans[configuration.plan].alternatives
         return union(alternatives[number].whole for number in self._untaken(configuration))
 
-    def _enter(self, configuration: Configuration, event: int) -> Configuration | None:
+    def _enter(self, configuration: Remainder, event: int) -> Remainder | None:
         """Take the alternatives that an event is below, or None where that is no longer possible."""
         if configuration.open >> event & 1:
             return configuration
@@ -139,12 +139,12 @@ class Moves:
             number = plan.alternatives[number].up
         else:
             return None
-        entered: Configuration | None = configuration
+        entered: Remainder | None = configuration
         while path and entered is not None:
             entered = self._take(entered, path.pop())
         return entered
 
-    def _take(self, configuration: Configuration, number: int) -> Configuration | None:
+    def _take(self, configuration: Remainder, number: int) -> Remainder | None:
         plan = self._plans[configuration.plan]
         alternative = plan.alternatives[number]
         if configuration.taken >> number & 1 or alternative.mandatory & configuration.broken:
@@ -157,7 +157,7 @@ class Moves:
             taken=configuration.taken & ~choice.mask if decided else configuration.taken | taken,
         )
 
-    def _settle(self, configuration: Configuration, choices: int) -> Iterator[Configuration]:
+    def _settle(self, configuration: Remainder, choices: int) -> Iterator[Remainder]:
         """Decide these choices without an event, in every way that is not worse than another."""
         if not choices:
             yield configuration
@@ -168,7 +168,7 @@ class Moves:
         for guards in smallest(union(chosen) for chosen in product(*ways)):
             yield configuration._replace(open=configuration.open & ~choices | guards, taken=taken)
 
-    def _silently(self, configuration: Configuration, number: int) -> tuple[int, ...]:
+    def _silently(self, configuration: Remainder, number: int) -> tuple[int, ...]:
         """The smallest sets of guards with which a choice is decided without an event."""
         plan = self._plans[configuration.plan]
         choice = plan.choices[number]
@@ -179,7 +179,7 @@ class Moves:
         able = [ways for silent in untaken if (ways := [one for one in silent if not one & configuration.broken])]
         return smallest(union(one) for some in combinations(able, missing) for one in product(*some))
 
-    def _tidy(self, configuration: Configuration) -> Configuration:
+    def _tidy(self, configuration: Remainder) -> Remainder:
         """Forget guards that no event and no choice to come can touch."""
         plan = self._plans[configuration.plan]
         required = configuration.open & plan.guards
@@ -199,7 +199,7 @@ class Successors:
     `scattered`, where events may be left out, they are those of the state, and a configuration that another one dominates is dropped.
     """
 
-    def __init__(self, moves: Moves, state: Sequence[Configuration], *, scattered: bool, work: Work) -> None:
+    def __init__(self, moves: Moves, state: Sequence[Remainder], *, scattered: bool, work: Work) -> None:
         self._moves = moves
         self._by_atom: dict[int, list[Move]] = {}
         for configuration in state:
@@ -211,16 +211,16 @@ class Successors:
         self._kept = state if scattered else ()
         self._work = work
         self._found = list(self._kept)
-        self._bit: dict[Configuration, int] = {}
+        self._bit: dict[Remainder, int] = {}
         self._worse = [0] * len(self._found)  # for each configuration found, those that it dominates
         self._reached: dict[tuple[int, int], int | None] = {}
-        self._best: dict[int, frozenset[Configuration]] = {}
+        self._best: dict[int, frozenset[Remainder]] = {}
 
     def asked(self, atoms: int) -> int:
         """The guards that matter when these atoms are true."""
         return union(self._guards[atom] for atom in bits(atoms))
 
-    def of(self, atoms: int, holding: int) -> frozenset[Configuration] | None:
+    def of(self, atoms: int, holding: int) -> frozenset[Remainder] | None:
         """The configurations after a letter, or None where one of them is complete."""
         together = (1 << len(self._kept)) - 1
         for atom in bits(atoms):
@@ -249,7 +249,7 @@ class Successors:
                 self._bit[configuration] = self._new(configuration)
         return union(self._bit[configuration] for configuration in moved)
 
-    def _new(self, configuration: Configuration) -> int:
+    def _new(self, configuration: Remainder) -> int:
         """The bit of a configuration; none where one that is kept dominates it."""
         dominates = self._moves.dominates
         bit, worse = 1 << len(self._found), 0
@@ -267,9 +267,9 @@ class Successors:
         return bit
 
 
-def undominated(configurations: Iterable[Configuration], moves: Moves, work: Work) -> list[Configuration]:
+def undominated(configurations: Iterable[Remainder], moves: Moves, work: Work) -> list[Remainder]:
     """The configurations without those that another one dominates."""
-    best: list[Configuration] = []
+    best: list[Remainder] = []
     for one in sorted(configurations):
         work.step(len(best))
         if not any(moves.dominates(other, one) for other in best):

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from backends.automaton.configurations import Configuration, Moves, Successors, undominated
-from backends.automaton.letters import Letters
+from backends.automaton.configurations import Moves, Remainder, Successors, undominated
+from backends.automaton.letters import FeasibleLetters
 from backends.automaton.structure import Work
 
 DETECTED: Final = 0
@@ -55,12 +55,12 @@ class Automaton:
         return order
 
 
-def determinised(moves: Moves, letters: Letters, work: Work, *, scattered: bool) -> Automaton:
+def determinised(moves: Moves, letters: FeasibleLetters, work: Work, *, scattered: bool) -> Automaton:
     """The automaton of the configurations that `moves` starts with; raises `TooLarge`."""
-    number: dict[frozenset[Configuration], int] = {}
-    waiting: list[frozenset[Configuration]] = []
+    number: dict[frozenset[Remainder], int] = {}
+    waiting: list[frozenset[Remainder]] = []
 
-    def numbered(state: frozenset[Configuration]) -> int:
+    def numbered(state: frozenset[Remainder]) -> int:
         if not state:
             return HOPELESS
         if state not in number:

@@ -12,7 +12,7 @@ from typing import Final
 
 from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow
 from backends.automaton.hoa_writer import Cube, cubes, title_of
-from backends.automaton.letters import Letters
+from backends.automaton.letters import FeasibleLetters
 from backends.automaton.structure import Structure
 from rvaft.errors import TooLarge
 from rvaft.export.dot import html, html_lines, table, title
@@ -38,7 +38,13 @@ _QUIET: Final = "#8a8a8a"
 
 
 def diagram(
-    automaton: Automaton, structure: Structure, letters: Letters, *, tree: RVAFT, semantics: Semantics, limit: int
+    automaton: Automaton,
+    structure: Structure,
+    letters: FeasibleLetters,
+    *,
+    tree: RVAFT,
+    semantics: Semantics,
+    limit: int,
 ) -> str:
     """The graph; raises `TooLarge` beyond `limit` states, or `EDGES` lines of labels for each of them."""
     number = {state: index for index, state in enumerate(automaton.in_order())}
@@ -104,7 +110,7 @@ def _caption(tree: RVAFT, semantics: Semantics, *, guarded: bool) -> str:
 class _Words:
     """Writes the edges of one automaton."""
 
-    def __init__(self, structure: Structure, letters: Letters, tree: RVAFT) -> None:
+    def __init__(self, structure: Structure, letters: FeasibleLetters, tree: RVAFT) -> None:
         self._letters = letters
         self._atoms = (1 << len(structure.patterns)) - 1
         self.guarded = bool(structure.guards)

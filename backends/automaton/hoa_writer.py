@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow
-from backends.automaton.letters import Letters, Relevance
+from backends.automaton.letters import FeasibleLetters, Relevance
 from backends.automaton.structure import Structure, Work
 from rvaft.backend import Metrics
 from rvaft.model.expressions import guard_text, pattern_text
@@ -107,7 +107,13 @@ _TOKEN: Final = re.compile(r"State:|@?\w+|[^\s\w]")
 
 
 def write(
-    automaton: Automaton, structure: Structure, letters: Letters, *, name: str, relevance: Relevance | None, work: Work
+    automaton: Automaton,
+    structure: Structure,
+    letters: FeasibleLetters,
+    *,
+    name: str,
+    relevance: Relevance | None,
+    work: Work,
 ) -> tuple[str, Metrics]:
     """The text of an automaton, and its sizes; with `relevance` events that are not relevant change nothing.
 
@@ -157,7 +163,13 @@ class _Labels:
     """Writes cubes over the numbers that the used propositions have in the text; what `always` says holds on all these edges."""
 
     def __init__(
-        self, edges: Sequence[Mapping[int, list[Cube]]], letters: Letters, atoms: int, work: Work, *, relevant: bool
+        self,
+        edges: Sequence[Mapping[int, list[Cube]]],
+        letters: FeasibleLetters,
+        atoms: int,
+        work: Work,
+        *,
+        relevant: bool,
     ) -> None:
         self.always = ["0", "1"] if relevant else ["0"]
         used = [cube for leaving in edges for those in leaving.values() for cube in those]

@@ -32,11 +32,11 @@ class Relevance(NamedTuple):
     ignored: Fits
 
 
-class Letters:
+class FeasibleLetters:
     """The feasible letters over some atoms, as bits; with `relevance`, those of relevant events (guards on entries not looked at).
 
     >>> from rvaft.language.parser import parse_pattern
-    >>> letters = Letters([parse_pattern(text) for text in ("{ a: 1 }", "{ a: 2 }", "{ b: _ }", "{ a: _ }")])
+    >>> letters = FeasibleLetters([parse_pattern(text) for text in ("{ a: 1 }", "{ a: 2 }", "{ b: _ }", "{ a: _ }")])
     >>> [list(bits(letter)) for letter in letters.over(0b1011)]
     [[], [0, 3], [1, 3], [3]]
     """

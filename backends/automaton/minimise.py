@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final, TypeAlias
 
 from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow, subsets
-from backends.automaton.letters import Letters
+from backends.automaton.letters import FeasibleLetters
 from rvaft.support.bits import bits, union
 
 SELF: Final = -1
@@ -18,7 +18,7 @@ SELF: Final = -1
 Signature: TypeAlias = frozenset[tuple[int, int]]
 
 
-def minimised(automaton: Automaton, letters: Letters, *, looping: bool) -> Automaton:
+def minimised(automaton: Automaton, letters: FeasibleLetters, *, looping: bool) -> Automaton:
     """The minimal automaton over the feasible letters, its states in breadth-first order.
 
     `looping` says where an event leads that a state does not see: back to it, or to the state without hope.
@@ -29,7 +29,7 @@ def minimised(automaton: Automaton, letters: Letters, *, looping: bool) -> Autom
 class _Classes:
     """The classes found so far; each keeps the row of its first state, with classes as targets."""
 
-    def __init__(self, automaton: Automaton, letters: Letters, *, looping: bool) -> None:
+    def __init__(self, automaton: Automaton, letters: FeasibleLetters, *, looping: bool) -> None:
         self.given = automaton
         self.letters = letters
         self.default = SELF if looping else HOPELESS

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from backends.automaton.letters import Letters, Relevance
+from backends.automaton.letters import FeasibleLetters, Relevance
 from rvaft.language.parser import parse_pattern
 from rvaft.model.patterns import ObjectPattern, Pattern, match
 from rvaft.support.bits import union
@@ -45,7 +45,7 @@ def relevance(entries: list[ObjectPattern], ignored: list[ObjectPattern]) -> Rel
 def test_letters_are_those_of_concrete_events(seed: int) -> None:
     random = Random(seed)
     patterns = list(dict.fromkeys(random_pattern(random) for _ in range(random.randint(1, 5))))
-    letters = Letters(patterns)
+    letters = FeasibleLetters(patterns)
     found = {holding(patterns, event) for event in grid()}
     for some in range(1 << len(patterns)):
         assert set(letters.over(some)) == {letter & some for letter in found}, (patterns, some)
@@ -60,17 +60,17 @@ def test_relevant_letters_are_those_of_relevant_events(seed: int) -> None:
     relevant = [event for event in grid() if holding(entries, event) and not holding(ignored, event)]
     found = {holding(patterns, event) for event in relevant}
     seen = union(found)  # a pattern that only ignored events match keeps its letters
-    claimed = Letters(patterns, relevance(entries, ignored)).over((1 << len(patterns)) - 1)
+    claimed = FeasibleLetters(patterns, relevance(entries, ignored)).over((1 << len(patterns)) - 1)
     assert found == {letter for letter in claimed if not letter & ~seen}, (patterns, entries, ignored)
 
 
 def test_rigid_variables_are_shared_and_false_while_unbound() -> None:
     patterns = [parse_pattern(text) for text in ("{ x: X }", "{ x: Y }", "{ x: X, y: 1 }")]
-    assert set(Letters(patterns).over(0b111)) == {0b000, 0b001, 0b010, 0b011, 0b101, 0b111}
+    assert set(FeasibleLetters(patterns).over(0b111)) == {0b000, 0b001, 0b010, 0b011, 0b101, 0b111}
 
 
 def test_a_value_that_would_contain_itself_is_impossible() -> None:
     one, other = (parse_pattern(text) for text in ("{ a: X, b: { k: Y } }", "{ a: { k: Y }, b: X }"))
-    assert Letters([one, other]).closure(0b11) is not None
+    assert FeasibleLetters([one, other]).closure(0b11) is not None
     inside, outside = (parse_pattern(text) for text in ("{ a: X, b: X }", "{ a: [X] }"))
-    assert Letters([inside, outside]).closure(0b11) is None
+    assert FeasibleLetters([inside, outside]).closure(0b11) is None

@@ -3,7 +3,7 @@
 import asyncio
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
@@ -13,17 +13,16 @@ import click
 
 from rvaft.api import load, narrowed
 from rvaft.cli.options import exclusive, part_options, semantics_option, tree_argument
-from rvaft.errors import OptionError
+from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.model.verdict import Semantics
 from rvaft.monitoring.monitor_set import Per
 from rvaft.ros.addresses import origin as origin_of
 from rvaft.ros.configuration import (
+    SUFFIXES,
     Action,
-    LeftOut,
     NoConfiguration,
     Oracle,
-    Planned,
     RosOptions,
     RosVersion,
     commands_text,
@@ -115,13 +114,16 @@ def rosmonitoring_command(
         loaded, options, per=Per(per), branch=branch, kind=None if kind is None else Kind(kind), name=name
     )
     files: dict[str, str | None] = {CONFIGURATION: yaml_text(configuration(monitors, options))}
-    left_out: list[LeftOut] = []
-    for found in _specifications(monitors, options):
-        if isinstance(found, LeftOut):
-            left_out.append(found)
-            files.update(dict.fromkeys(found.files))
-        else:
-            files.update([found])
+    left_out: list[str] = []
+    for monitor in monitors:
+        try:
+            files.update(specifications(monitor, options.semantics))
+        except (NotExpressible, TooLarge) as error:
+            names = [f"{monitor.id}{suffix}" for suffix in SUFFIXES.values()]
+            left_out.append(f"{' and '.join(names)} left out: {error}")
+            if options.oracle is Oracle.RML:
+                raise NoConfiguration(f"there is nothing for the RML oracle to load: {left_out[0]}") from error
+            files.update(dict.fromkeys(names))
     path = tree if Path(tree).is_absolute() else os.path.relpath(tree, output)
     files[COMMANDS] = commands_text(monitors, options, tree=path, configuration=CONFIGURATION)
     with suppress(OSError, UnicodeDecodeError):  # the specifications of the monitors of an earlier run
@@ -140,15 +142,6 @@ def _check_stays(tree: Path) -> None:
     passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)
     if passing or not tree.is_file():
         raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
-
-
-def _specifications(monitors: tuple[Planned, ...], options: RosOptions) -> Iterator[tuple[str, str] | LeftOut]:
-    """The files for the RML oracle; where that is the one to be asked, none may be left out."""
-    for monitor in monitors:
-        for found in specifications(monitor, options.semantics):
-            if isinstance(found, LeftOut) and options.oracle is Oracle.RML:
-                raise NoConfiguration(f"there is nothing for the RML oracle to load: {found}")
-            yield found
 
 
 # `rvaft serve`: an oracle for ROSMonitoring.

@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from enum import StrEnum
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Final
 
 from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.api import narrowed, translate
-from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolMissing
+from rvaft.errors import OptionError, RvaftError, ToolMissing
 from rvaft.model.nodes import Kind, Node, Place
-from rvaft.model.patterns import Literal, Pattern
+from rvaft.model.patterns import Literal
 from rvaft.model.topics import absolute, topic_of, wrong_name
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -92,27 +92,58 @@ def subscriptions(tree: RVAFT, semantics: Semantics) -> tuple[Subscription, ...]
     Raises `NoConfiguration` for an event that comes over no topic of its own, for a topic of which no message type is
     declared, and for two topics that one generated monitor cannot tell apart.
     """
-    first: dict[str, Node] = {}
-    for node, pattern in _observed(tree, semantics):
-        first.setdefault(_topic(tree, node, pattern), node)
-    _check_spelling(tree, first)
-    _check_declared(tree, first)
-    declared = {name: tree.topics[absolute(name)] for name in first}
-    wanted = tuple(Subscription(name, topic.type, topic.publishers, topic.place) for name, topic in declared.items())
-    _check_types(wanted)
-    return wanted
-
-
-def _observed(tree: RVAFT, semantics: Semantics) -> Iterator[tuple[Node, Pattern]]:
-    """The runtime events that verdicts depend on, with the node that each belongs to."""
     whole = tree
     while semantics is not Semantics.SCATTERED and whole.part_of is not None:
         whole = whole.part_of.tree
-    possible = _in_feasible(whole) if semantics is Semantics.SCATTERED else whole.occurrences
-    for name in possible:
-        pattern = whole.pattern(name)
+
+    def at(node: Node) -> str:
+        return str(node.place() if node.on is None else tree.events[node.on.event].place)
+
+    def event(node: Node) -> str:
+        if node.on is not None:
+            return f"event type {node.on.event}"
+        return f"the default event of {tree.origins.get(node.name, node.name)}"
+
+    first: dict[str, Node] = {}
+    for name in _in_feasible(whole) if semantics is Semantics.SCATTERED else whole.occurrences:
+        node, pattern = whole.nodes[name], whole.pattern(name)
         assert pattern is not None
-        yield whole.nodes[name], pattern
+        match topic_of(pattern):
+            case Literal(str(topic)):
+                if wrong := wrong_name(topic):
+                    raise NoConfiguration(f"{at(node)}: {wrong}; mend the field topic of {event(node)}")
+                first.setdefault(topic, node)
+            case _:
+                pattern_needs = 'its pattern needs a text in the field topic, as in { topic: "/name" }'
+                remedy = "give it an event type with `on`" if node.on is None else pattern_needs
+                raise NoConfiguration(f"{at(node)}: {event(node)} comes over no topic: {remedy}")
+    spelled: dict[str, str] = {}
+    for name, node in first.items():
+        other = spelled.setdefault(absolute(name), name)
+        if other != name:
+            raise NoConfiguration(
+                f"{at(node)}: the topics {other} and {name} are one in ROS: spell it the same way in all patterns"
+            )
+    missing = [name for name in first if absolute(name) not in tree.topics]
+    if missing:
+        name, *others = missing
+        more = f" (and one for {listing(others)})" if others else ""
+        raise NoConfiguration(
+            f"{at(first[name])}: the topic {name} of {event(first[name])} has no message type: "
+            f'add `topic "{name}" type "package.msg.Name";`{more}'
+        )
+    declared = {name: tree.topics[absolute(name)] for name in first}
+    wanted = tuple(Subscription(name, topic.type, topic.publishers, topic.place) for name, topic in declared.items())
+    packages: dict[str, Subscription] = {}
+    for one in wanted:  # the generated monitor imports message types by their last word, and the later import would win
+        word = one.type.rpartition(".")[2]
+        same = packages.setdefault(word, one)
+        if same.type != one.type:
+            raise NoConfiguration(
+                f"{one.place}: the message types {same.type} of {same.name} and {one.type} of {one.name} would both be "
+                f"{word} in one monitor of ROSMonitoring, which takes the one for the other: rename one message"
+            )
+    return wanted
 
 
 def _in_feasible(tree: RVAFT) -> Iterator[str]:
@@ -128,67 +159,6 @@ def _in_feasible(tree: RVAFT) -> Iterator[str]:
                 yield name
         except Undecided:
             yield name
-
-
-def _topic(tree: RVAFT, node: Node, pattern: Pattern) -> str:
-    match topic_of(pattern):
-        case Literal(str(name)):
-            if wrong := wrong_name(name):
-                raise NoConfiguration(f"{_place(tree, node)}: {wrong}; mend the field topic of {_event(tree, node)}")
-            return name
-        case _ if node.on is None:
-            raise NoConfiguration(
-                f"{_place(tree, node)}: {_event(tree, node)} comes over no topic: give it an event type with `on`"
-            )
-        case _:
-            raise NoConfiguration(
-                f"{_place(tree, node)}: {_event(tree, node)} comes over no topic: "
-                'its pattern needs a text in the field topic, as in { topic: "/name" }'
-            )
-
-
-def _check_declared(tree: RVAFT, first: Mapping[str, Node]) -> None:
-    missing = [name for name in first if absolute(name) not in tree.topics]
-    if missing:
-        name, *others = missing
-        more = f" (and one for {listing(others)})" if others else ""
-        raise NoConfiguration(
-            f"{_place(tree, first[name])}: the topic {name} of {_event(tree, first[name])} has no message type: "
-            f'add `topic "{name}" type "package.msg.Name";`{more}'
-        )
-
-
-def _event(tree: RVAFT, node: Node) -> str:
-    if node.on is not None:
-        return f"event type {node.on.event}"
-    return f"the default event of {tree.origins.get(node.name, node.name)}"
-
-
-def _place(tree: RVAFT, node: Node) -> Place:
-    return node.place() if node.on is None else tree.events[node.on.event].place
-
-
-def _check_spelling(tree: RVAFT, first: Mapping[str, Node]) -> None:
-    spelled: dict[str, str] = {}
-    for name, node in first.items():
-        other = spelled.setdefault(absolute(name), name)
-        if other != name:
-            raise NoConfiguration(
-                f"{_place(tree, node)}: the topics {other} and {name} are one in ROS: spell it the same way in all patterns"
-            )
-
-
-def _check_types(wanted: tuple[Subscription, ...]) -> None:
-    """The generated monitor imports message types by their last word, and the later import would win."""
-    packages: dict[str, Subscription] = {}
-    for topic in wanted:
-        word = topic.type.rpartition(".")[2]
-        other = packages.setdefault(word, topic)
-        if other.type != topic.type:
-            raise NoConfiguration(
-                f"{topic.place}: the message types {other.type} of {other.name} and {topic.type} of {topic.name} would both be "
-                f"{word} in one monitor of ROSMonitoring, which takes the one for the other: rename one message"
-            )
 
 
 _LAST_PORT: Final = 65_535
@@ -231,10 +201,15 @@ def planned(
         raise OptionError(
             f'"{base}" cannot be the id of a monitor, which is a word of letters, digits and _ and no keyword of Python'
         )
-    if branch is None and kind is None:
-        wanted = _parts(tree, per, base)
-    else:
+    if branch is not None or kind is not None:
         wanted = [(f"{base}_{kind}" if branch is None else f"{base}_branch_{branch}", narrowed(tree, branch, kind))]
+    elif per is Per.TREE:
+        wanted = [(base, narrowed(tree))]
+    else:
+        infix = "_branch_" if per is Per.BRANCH else "_"
+        wanted = [(f"{base}{infix}{part.label}", part.part) for part in parts(tree, per)]
+        if not wanted:
+            raise NoConfiguration("no branch has a kind: mark nodes with fault or attack, or use --per tree")
     if options.port + len(wanted) - 1 > _LAST_PORT:
         raise OptionError(f"{len(wanted)} monitors need as many ports, and there are none above {_LAST_PORT}")
     made = []
@@ -265,36 +240,10 @@ def _action(topic: Subscription, options: RosOptions, *, alone: bool) -> Action:
     return Action.FILTER
 
 
-def _parts(tree: RVAFT, per: Per, base: str) -> list[tuple[str, RVAFT]]:
-    if per is Per.TREE:
-        return [(base, narrowed(tree))]
-    infix = "_branch_" if per is Per.BRANCH else "_"
-    found = [(f"{base}{infix}{part.label}", part.part) for part in parts(tree, per)]
-    if not found:
-        raise NoConfiguration("no branch has a kind: mark nodes with fault or attack, or use --per tree")
-    return found
-
-
 SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
 """The backends of the texts for ROSMonitoring's RML oracle, and how their files end."""
 _BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- module(spec, "}
 """How these texts begin, whatever the tree."""
-
-
-@dataclass(frozen=True, slots=True)
-class LeftOut:
-    """Why a monitor has no file for the RML oracle."""
-
-    monitor: str
-    reason: str
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        """The files that there are not."""
-        return tuple(f"{self.monitor}{suffix}" for suffix in SUFFIXES.values())
-
-    def __str__(self) -> str:
-        return f"{' and '.join(self.files)} left out: {self.reason}"
 
 
 def leftover(folder: Path, ids: Collection[str]) -> Iterator[str]:
@@ -307,15 +256,10 @@ def leftover(folder: Path, ids: Collection[str]) -> Iterator[str]:
                         yield path.name
 
 
-def specifications(monitor: Planned, semantics: Semantics) -> Iterator[tuple[str, str] | LeftOut]:
-    """The files of a monitor, each with its text, or why RML does not have it."""
-    try:
-        texts = {suffix: translate(monitor.tree, name, semantics=semantics).text for name, suffix in SUFFIXES.items()}
-    except (NotExpressible, TooLarge) as error:
-        yield LeftOut(monitor.id, str(error))
-        return
-    for suffix, text in texts.items():
-        yield f"{monitor.id}{suffix}", text if text.endswith("\n") else f"{text}\n"
+def specifications(monitor: Planned, semantics: Semantics) -> dict[str, str]:
+    """The files of a monitor for the RML oracle and their texts; raises `NotExpressible` and `TooLarge` where RML does not have it."""
+    texts = {suffix: translate(monitor.tree, name, semantics=semantics).text for name, suffix in SUFFIXES.items()}
+    return {f"{monitor.id}{suffix}": text if text.endswith("\n") else f"{text}\n" for suffix, text in texts.items()}
 
 
 _HEADER: Final = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
@@ -325,18 +269,28 @@ _FINAL_ONLY: Final = 2
 
 def configuration(monitors: Sequence[Planned], options: RosOptions) -> dict[str, Json]:
     """The configuration as a value. `nodes` are the publishers that monitors come between."""
-    publishers = dict.fromkeys(
-        name
-        for monitor in monitors
-        for topic, action in monitor.topics
-        if action is Action.FILTER
-        for name in topic.publishers
-    )
-    return {
-        "ros_version": options.ros_version.value,
-        "nodes": [{"node": {"name": name}} for name in publishers],
-        "monitors": [{"monitor": _monitor(monitor, options)} for monitor in monitors],
-    }
+    publishers: dict[str, None] = {}
+    entries: list[Json] = []
+    for monitor in monitors:
+        topics: list[Json] = []
+        for topic, action in monitor.topics:
+            stated: dict[str, Json] = {"name": topic.name, "type": topic.type, "action": action.value}
+            if action is Action.FILTER:  # with publishers a monitor would come between even where it only logs
+                stated["publishers"] = list(topic.publishers)
+                publishers.update(dict.fromkeys(topic.publishers))
+            topics.append(stated)
+        host = f"[{options.host}]" if ":" in options.host else options.host
+        entry: dict[str, Json] = {
+            "id": monitor.id,
+            "log": f"./logs/{monitor.id}.jsonl",
+            "silent": False,
+            "warning": _FINAL_ONLY if options.oracle is Oracle.RML else 1,
+            "oracle": {"url": host, "port": monitor.port, "action": "nothing"},
+            "topics": topics,
+        }
+        entries.append({"monitor": entry})
+    nodes: list[Json] = [{"node": {"name": name}} for name in publishers]
+    return {"ros_version": options.ros_version.value, "nodes": nodes, "monitors": entries}
 
 
 def yaml_text(value: Json) -> str:
@@ -356,28 +310,6 @@ def stated_ids(text: str) -> list[str]:
     return [id_ for id_ in ids if isinstance(id_, str)]
 
 
-def _monitor(monitor: Planned, options: RosOptions) -> dict[str, Json]:
-    return {
-        "id": monitor.id,
-        "log": f"./logs/{monitor.id}.jsonl",
-        "silent": False,
-        "warning": _FINAL_ONLY if options.oracle is Oracle.RML else 1,
-        "oracle": {"url": _in_url(options.host), "port": monitor.port, "action": "nothing"},
-        "topics": [_configuration_topic(topic, action) for topic, action in monitor.topics],
-    }
-
-
-def _configuration_topic(topic: Subscription, action: Action) -> dict[str, Json]:
-    """A topic; with publishers in it a monitor would come between even where it only logs."""
-    stated: dict[str, Json] = {"name": topic.name, "type": topic.type, "action": action.value}
-    return stated if action is Action.LOG else {**stated, "publishers": list(topic.publishers)}
-
-
-def _in_url(host: str) -> str:
-    """The host as it stands in a URL."""
-    return f"[{host}]" if ":" in host else host
-
-
 def _library() -> "ModuleType":
     """The library, imported now."""
     try:
@@ -391,18 +323,17 @@ def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str
     """The commands, to be run in the folder of the files; `tree` is the path of the tree from there."""
     lines = ["# Run in this folder, each oracle in a terminal of its own."]
     for monitor in monitors:
-        rml = options.oracle is Oracle.RML
-        lines.append(_rml_oracle(monitor) if rml else shlex.join(_serve(monitor, options, tree)))
+        if (
+            options.oracle is Oracle.RML
+        ):  # ROSMONITORING_HOME is what ROSMonitoring's own instructions call its checkout
+            script = '"$ROSMONITORING_HOME"/oracle/RMLOracle/prolog/online_monitor.sh'
+            lines.append(f"{script} {monitor.id}.pl {monitor.port}")
+        else:
+            lines.append(shlex.join(_serve(monitor, options, tree)))
     lines.append("# Then the monitors.")
     version = options.ros_version.value
     words = ["rosmonitoring", "generate", configuration, "--ros-version", version, "--output", "generated"]
     return "\n".join([*lines, shlex.join(words)]) + "\n"
-
-
-def _rml_oracle(monitor: Planned) -> str:
-    """ROSMONITORING_HOME is what ROSMonitoring's own instructions call its checkout."""
-    script = '"$ROSMONITORING_HOME"/oracle/RMLOracle/prolog/online_monitor.sh'
-    return f"{script} {monitor.id}.pl {monitor.port}"
 
 
 def _serve(monitor: Planned, options: RosOptions, tree: str) -> Iterator[str]:

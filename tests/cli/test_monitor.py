@@ -78,12 +78,6 @@ def test_jsonl_is_one_object_per_event_and_nothing_else(attack: Path) -> None:
     }
 
 
-def test_only_the_event_that_detects_explains(attack: Path) -> None:
-    attack.write_text(lines([*ATTACK, ATTACK[0]]))
-    said = [json.loads(line) for line in run("monitor", PRUNED, attack, "--format", "jsonl").stdout.splitlines()]
-    assert said[5] == {"event": 6, "verdict": "true"}
-
-
 def test_several_traces_are_named_and_start_afresh(attack: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.jsonl"
     other.write_text(lines(ATTACK[:1]))
@@ -177,14 +171,6 @@ def test_the_other_traces_are_still_read_after_a_malformed_one(attack: Path, tmp
     assert f"{torn}:1: " in first
     assert str(tmp_path / "missing") in second
     assert len(result.stdout.splitlines()) == 5
-
-
-def test_a_repeated_key_is_malformed_where_the_tree_reads_it(tmp_path: Path) -> None:
-    log = tmp_path / "log.jsonl"
-    log.write_text('{"a": 1, "a": 2}\n{"event": "a", "event": "b"}\n')
-    result = run("monitor", SAND, log, "--format", "jsonl")
-    failed(result, f"{log}:2: ", '"event"', "repeated")
-    assert len(result.stdout.splitlines()) == 1
 
 
 def test_the_end_warns_of_types_never_seen_and_of_near_misses(tmp_path: Path) -> None:

@@ -205,13 +205,6 @@ def test_a_failure_to_write_leaves_the_last_one(tmp_path: Path, trace: Path, mon
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["kept", "log.jsonl"]
 
 
-@pytest.mark.parametrize("name", ["", "none/kept"])
-def test_a_place_where_nothing_can_be_written(tmp_path: Path, trace: Path, name: str) -> None:
-    with pytest.raises(OSError, match="cannot write") as caught:
-        save(tmp_path / name, trace)
-    assert caught.value.filename == str(tmp_path / name)
-
-
 class Own:
     """What no checkpoint holds."""
 
@@ -222,12 +215,6 @@ def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, mon
         save(tmp_path / "kept", trace, monitors)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "kept").exists()
-
-
-def test_a_monitor_of_a_backend_is_refused_at_once(tmp_path: Path, trace: Path) -> None:
-    monitor = rvaft.translate(TREE, "rml", semantics="projected").monitor()
-    with pytest.raises(CheckpointError, match="has no place in a checkpoint"):
-        save(tmp_path / "kept", trace, [monitor])
 
 
 # -- what is refused ----------------------------------------------------------------------------------------------------
@@ -255,17 +242,6 @@ def test_a_checkpoint_of_another_run_is_refused(
     assert said.endswith("remove it to begin anew")
 
 
-def test_many_columns_are_not_all_listed(tmp_path: Path, trace: Path) -> None:
-    save(tmp_path / "kept", trace, columns=[str(number) for number in range(1000)])
-    assert "(0, 1, 2, 3, 4, 995 more, not tree, fault)" in refused(tmp_path / "kept", trace)
-
-
-def test_the_same_tree_from_another_text_is_the_same(tmp_path: Path, trace: Path) -> None:
-    save(tmp_path / "kept", trace)
-    tree = rvaft.loads("// moved\n" + rvaft.dumps(TREE), file="elsewhere.rvaft")
-    assert loaded(tmp_path / "kept", trace, tree=tree) is not None
-
-
 def test_each_part_of_a_tree_has_a_digest_of_its_own() -> None:
     parts = [TREE, narrowed(TREE, branch=1), narrowed(TREE, branch=2), narrowed(TREE, kind="fault")]
     assert len({digest(part) for part in parts}) == len(parts)
@@ -288,11 +264,6 @@ def test_a_checkpoint_of_another_version_is_refused(
 def test_a_file_that_is_no_checkpoint(tmp_path: Path, trace: Path, data: bytes) -> None:
     (tmp_path / "kept").write_bytes(data)
     assert "no checkpoint of rvaft" in refused(tmp_path / "kept", trace)
-
-
-def test_a_folder_is_an_os_error(tmp_path: Path, trace: Path) -> None:
-    with pytest.raises(IsADirectoryError):
-        loaded(tmp_path, trace)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
@@ -445,14 +416,6 @@ def test_another_trace_is_refused(tmp_path: Path, trace: Path) -> None:
         loaded(tmp_path / "kept", trace)
 
 
-def test_the_identity_of_a_stream_is_that_of_its_file(trace: Path) -> None:
-    with trace.open("rb") as stream:
-        assert TraceIdentity.of(stream, 15) == TraceIdentity.of(trace, 15)
-    assert TraceIdentity.of(trace, 0) == TraceIdentity(0, *[sha(b"")] * 2)
-    with pytest.raises(OptionError, match="fewer than 1000 bytes"):
-        TraceIdentity.of(trace, 1000)
-
-
 def test_what_has_no_identity(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path, tmp_path / "pipe"):
@@ -482,13 +445,6 @@ def test_reading_goes_on_after_any_event(tmp_path: Path, name: str) -> None:
             events = [event["n"] for event in read(cast("BinaryIO", stream), name=name)]
             assert events == list(range(number + 1, 60))
             assert (stream.offset, stream.line) == (len(whole), whole.count(b"\n"))
-
-
-def test_a_place_counts_what_was_given() -> None:
-    stream = LinesRead(io.BytesIO(b"ab\ncdef\ng"), offset=100, line=7)
-    assert stream.readable()
-    given = [(stream.readline(3), stream.offset, stream.line) for _ in range(5)]
-    assert given == [(b"ab\n", 103, 8), (b"cde", 106, 8), (b"f\n", 108, 9), (b"g", 109, 9), (b"", 109, 9)]
 
 
 @pytest.mark.parametrize("name", ["log.gz", "log.zst"])

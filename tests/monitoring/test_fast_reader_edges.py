@@ -15,9 +15,9 @@ from rvaft.errors import TraceError
 from rvaft.monitoring import fast_reader, reader
 from rvaft.monitoring.fast_reader import FastReader, LogBlock, Skeletons
 from rvaft.monitoring.near_misses import EventTypeIndex, Statistics
-from rvaft.monitoring.reader import BOM, MAX_DIGITS, read
+from rvaft.monitoring.reader import MAX_DIGITS, read
 from rvaft.support.files import opened
-from tests.monitoring.test_fast_reader import GOOD, TREES, Held, same
+from tests.monitoring.test_fast_reader import GOOD, TREES, same
 
 
 @pytest.mark.parametrize(
@@ -50,12 +50,6 @@ def test_the_skeleton_of_a_good_line(known: bytes, odd: bytes) -> None:
 def test_as_many_values_as_lines_but_not_one_on_each(text: bytes) -> None:
     held = same(TREES["one"], text)
     assert (held.events, str(held.error)[:7]) == ([], "log:1: ")
-
-
-def test_a_mark_in_front_of_a_later_block() -> None:
-    for size in (1, len(GOOD) + 1, 1000):
-        held = same(TREES["one"], GOOD + b"\n" + BOM + GOOD + b"\n", size=size)
-        assert (len(held.events), str(held.error)[:7]) == (1, "log:2: ")
 
 
 class _Failing(io.RawIOBase):
@@ -112,10 +106,6 @@ def test_values_without_end_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> No
     assert (count, len(batches._known) <= 20) == (500, True)
 
 
-def test_nothing_at_all() -> None:
-    assert same(TREES["one"], b"") == same(TREES["one"], BOM) == same(TREES["one"], b"\n \r\n") == Held([], None)
-
-
 def test_the_longest_line(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (reader, fast_reader):
         monkeypatch.setattr(module, "MAX_LINE", 3000)
@@ -125,16 +115,6 @@ def test_the_longest_line(monkeypatch: pytest.MonkeyPatch) -> None:
         held = same(TREES["one"], b"\n".join([GOOD, line, GOOD]), size=500)
         assert (held.error is None) == (number is None)
         assert len(held.events) == (3 if number is None else 1)
-
-
-def test_far_too_deep() -> None:
-    for line in (b'{"topic":"w","x":' + b"[" * 100_000, b'{"topic":"t","value":' + b'{"a":' * 100_000):
-        held = same(TREES["one"], b"\n".join([GOOD, line, GOOD]))
-        assert (len(held.events), str(held.error)[:7]) == (1, "log:2: ")
-
-
-def test_a_field_that_lines_write_with_escapes() -> None:
-    assert FastReader.of(TreeReads(loads('event e(v) = { topic: "t", "a\\nb": v }; toplevel a; a on e(V);'))) is None
 
 
 def test_a_line_of_blanks_can_be_too_long_too(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,5 @@
 """A file that grows, is truncated, is replaced."""
 
-import io
 import os
 import signal
 import subprocess
@@ -15,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rvaft.errors import OptionError, TraceError
+from rvaft.errors import OptionError
 from rvaft.monitoring.follow import FileChange, FollowedFile, stopping
 from rvaft.monitoring.reader import read
 
@@ -87,13 +86,6 @@ def log(tmp_path: Path) -> Iterator[Log]:
 def lines(stream: FollowedFile) -> list[bytes]:
     with stream:
         return list(iter(stream.readline, b""))
-
-
-def test_what_is_there_and_what_comes(log: Log) -> None:
-    log.write(b"1\n2\n")()
-    stream, changes = log.follow(log.write(b"3\n"), log.write(b"4\n5\n"))
-    assert lines(stream) == [b"1\n", b"2\n", b"3\n", b"4\n", b"5\n"]
-    assert changes == []
 
 
 def test_a_line_is_given_when_it_is_whole(log: Log) -> None:
@@ -210,21 +202,6 @@ def test_a_line_that_was_given_in_parts_ends_with_its_file(log: Log, last: bytes
     assert (stream.offset, stream.line) == (4, 2)
 
 
-def test_the_end_of_a_line_given_in_parts_does_not_wait_for_the_next(log: Log) -> None:
-    log.write(b"1")()
-    stream, _ = log.follow(log.truncate)
-    with stream:
-        assert [stream.readline(1), stream.readline(1), stream.readline(1)] == [b"1", b"\n", b""]
-
-
-def test_a_renamed_log_is_given_to_its_end_in_parts(log: Log) -> None:
-    stream, changes = log.follow(log.write(b"1\n2"), log.rename, log.reopen, log.write(b"3\n"))
-    with stream:
-        parts = list(iter(lambda: stream.readline(1), b""))
-    assert parts == [b"1", b"\n", b"2", b"\n", b"3", b"\n"]
-    assert [change.read for change in changes] == [3]
-
-
 @pytest.mark.parametrize("after", [b"3\n", b"1\n", b"31\n42\n53\n64\n"], ids=["shorter", "same start", "longer"])
 def test_a_file_written_anew_is_read_from_its_start(log: Log, after: bytes) -> None:
     log.write(b"1\n2\n")()
@@ -236,14 +213,6 @@ def test_a_file_written_anew_is_read_from_its_start(log: Log, after: bytes) -> N
     stream, changes = log.follow(anew)
     assert lines(stream) == [b"1\n", b"2\n", *after.splitlines(keepends=True)]
     assert changes == [FileChange(str(log.path), replaced=False, read=4)]
-
-
-def test_a_truncated_file_is_read_from_its_start(log: Log) -> None:
-    log.write(b"1\n2\n")()
-    stream, changes = log.follow(log.truncate, log.write(b"3\n"), log.truncate, log.write(b"4\n"))
-    assert lines(stream) == [b"1\n", b"2\n", b"3\n", b"4\n"]
-    assert [change.read for change in changes] == [4, 2]
-    assert (stream.offset, stream.line) == (2, 1)
 
 
 def test_an_unfinished_line_that_is_truncated_is_lost_and_told(log: Log) -> None:
@@ -305,19 +274,6 @@ def test_the_present_file_and_the_place_in_it_belong_together(log: Log) -> None:
     assert places == [(b"1\n", b"1\n"), (b"2\n", b""), (b"3\n", b"3\n"), (b"4\n", b"4\n"), (b"5\n", b"4\n5\n")]
 
 
-def test_it_is_a_trace(log: Log) -> None:
-    log.write(b'\xef\xbb\xbf{"n": 1}\n\n')()
-    stream, _ = log.follow(log.write(b'{"n":'), log.write(b' 2}\r\n{"n"'))
-    with stream:
-        assert list(read(cast("BinaryIO", stream))) == [{"n": 1}, {"n": 2}]
-
-
-def test_a_malformed_line_ends_it(log: Log) -> None:
-    stream, _ = log.follow(log.write(b"{}\n{\n{}\n"))
-    with stream, pytest.raises(TraceError, match=r"log:2: not JSON"):
-        list(read(cast("BinaryIO", stream), name="log"))
-
-
 def test_an_endless_line_is_given_in_parts(log: Log) -> None:
     log.write(b"x" * 1_000_000)()
     stream, _ = log.follow()
@@ -325,18 +281,6 @@ def test_an_endless_line_is_given_in_parts(log: Log) -> None:
         assert len(stream.readline(600_000)) == 600_000
         assert stream.readline(0) == b""
         assert stream.readline() == b""
-
-
-def test_a_buffer_around_it_waits_for_whole_lines(log: Log) -> None:
-    stream, _ = log.follow(log.write(b"1"), log.write(b"2\n3\n4"))
-    with io.BufferedReader(stream) as buffered:
-        assert list(buffered) == [b"12\n", b"3\n"]
-
-
-def test_the_end_may_come_before_all_is_read(log: Log) -> None:
-    log.write(b"1\n" * 1_000_000)()
-    with FollowedFile(log.path, poll=POLL, stop=iter([False, True, True]).__next__) as stream:
-        assert 0 < len(list(stream)) < 1_000_000
 
 
 def test_many_lines_are_read_fast(log: Log) -> None:

@@ -78,13 +78,6 @@ def test_each_kind_has_its_command(tmp_path: Path, kinds: list[str], ran: str) -
     assert Hooks(on={Kind.ATTACK: "false"}).run({**DETECTED, "kinds": ["fault"]}) == ()
 
 
-def test_without_commands_there_is_nothing_to_do() -> None:
-    assert not Hooks()
-    assert Hooks("true")
-    assert Hooks(on={Kind.FAULT: "true"})
-    assert Hooks().run(DETECTED) == ()
-
-
 @pytest.mark.parametrize(
     ("command", "reason"),
     [
@@ -101,24 +94,6 @@ def test_a_failure_is_told(command: str, reason: str) -> None:
     assert failure == CommandFailure(command, reason)
     assert len(str(failure)) < 200
     assert "\n" not in str(failure)
-
-
-def test_a_failure_does_not_keep_others_from_running(tmp_path: Path) -> None:
-    said = tmp_path / "said"
-    failures = Hooks("false", {Kind.FAULT: f"touch {said}"}).run({**DETECTED, "kinds": ["fault"]})
-    assert [failure.command for failure in failures] == ["false"]
-    assert said.exists()
-
-
-def test_without_a_shell_the_failure_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hooks, "_SHELL", "/nonexistent/sh")
-    assert [failure.reason for failure in Hooks("true").run(DETECTED)] == ["cannot be run: No such file or directory"]
-
-
-def test_a_command_of_several_lines_is_told_on_one() -> None:
-    assert str(CommandFailure("if true\nthen false\nfi", "ended with status 1")) == (
-        "the command 'if true then false fi' ended with status 1"
-    )
 
 
 def test_input_that_is_not_read_does_no_harm() -> None:

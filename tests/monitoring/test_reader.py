@@ -186,21 +186,6 @@ def test_a_default_event_and_an_ignore_are_read_too() -> None:
         events(b'{"noise":1,"noise":2}', TreeReads(tree))
 
 
-def test_further_fields_can_be_read() -> None:
-    tree = loads('event e(v) = { topic: "t", value: v }; toplevel a; a on e(V);')
-    reads = TreeReads(tree, [("header", "robot")])
-    with pytest.raises(TraceError, match="repeated"):
-        events(b'{"header":{"robot":1,"robot":2}}', reads)
-    assert events(b'{"header":{"robot":1,"seq":1,"seq":2}}', reads) == [{"header": {"robot": 1, "seq": 2}}]
-
-
-def test_a_variable_in_an_ignore_reads_the_whole_value() -> None:
-    noise = EventType("noise", ("v",), ObjectPattern((("noise", Variable("v")),)))
-    tree = RVAFT("a", [Node("a")], [noise], ignores=[Ignore(On("noise", (Variable("V"),)))])
-    with pytest.raises(TraceError):
-        events(b'{"noise":{"x":1,"x":2}}', TreeReads(tree))
-
-
 class Endless(io.RawIOBase):
     """A line that never ends; counts what was taken of it."""
 

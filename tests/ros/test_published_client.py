@@ -17,7 +17,7 @@ import pytest
 from rvaft import Verdict, load, monitor
 from rvaft.monitoring.reader import read
 from tests.cli.runs import PRUNED
-from tests.serving.test_command import serving
+from tests.ros.test_serve import serving
 
 SOURCE: Final = Path(os.environ.get("ROSMONITORING", ""), "src")
 TRACES: Final = PRUNED.parent / "pruned.traces"

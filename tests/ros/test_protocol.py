@@ -13,14 +13,35 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitoring.monitor_set import Per, columns
 from rvaft.monitoring.reader import decode
-from rvaft.monitoring.run import EventBuffer
 from rvaft.ros.protocol import Polarity, Protocol, Session, Vocabulary, protocol, session, watched
 from tests.cli.runs import PRUNED
-from tests.serving.messages import BROKEN
 
 SEQUENCE: Final = loads("top sand a b; a attack; b fault;")
 A, B = '{"event": "a"}', '{"event": "b"}'
-DEEP: Final = 500
+BROKEN: Final[tuple[str | bytes, ...]] = (
+    "",
+    " ",
+    "{",
+    "null",
+    "true",
+    "7",
+    '"event"',
+    '[{"event": "a"}]',
+    '{"event": "a"} {"event": "b"}',
+    "{'event': 'a'}",
+    '{"event": NaN}',
+    '{"event": Infinity}',
+    '{"event": 1e999}',
+    '{"event": "\\ud800"}',
+    '{"event": "a", "event": "b"}',
+    b'{"event": "\xff"}',
+    b"\xef\xbb\xbf{}",
+    b"\x00",
+    '{"x": ' + "9" * 900_000 + "}",
+    '{"x":' * 501 + "1" + "}" * 501,
+    "[" * 900_000,
+)
+"""Messages that are no events."""
 
 
 def answers(speaking: Protocol, to: Session, *messages: str | bytes) -> list[Json]:
@@ -33,12 +54,6 @@ def replies(tree: RVAFT, *messages: str | bytes, **options: object) -> list[Json
 
 def verdicts(tree: RVAFT, *messages: str | bytes, **options: object) -> list[Json]:
     return [reply["verdict"] for reply in replies(tree, *messages, **options)]
-
-
-def test_the_event_comes_back_with_a_verdict() -> None:
-    event = {"topic": "/x", "time": 1.5, "list": [1, {"é": None}], "verdict": "of somebody else"}
-    (reply,) = replies(SEQUENCE, json.dumps(event))
-    assert reply == {**event, "verdict": "currently_true"}
 
 
 def test_a_detection_comes_with_its_explanation() -> None:
@@ -73,17 +88,6 @@ def test_a_matched_event_says_when_and_where_it_happened(semantics: str) -> None
     assert len(first.buffer.known) == 2
 
 
-def test_what_is_remembered_is_bounded() -> None:
-    tree = loads("event e(x) = {e: x}; event f(x) = {f: x}; top sand a b; a on e(X); b on f(X);")
-    to = session(tree, "scattered")
-    to.buffer = EventBuffer(bound=3)
-    answers(protocol(tree), to, *(json.dumps({"e": number, "time": number, "data": "x"}) for number in range(9)), "{}")
-    assert dict(to.buffer.known) == {7: {"time": 6}, 8: {"time": 7}, 9: {"time": 8}}
-    (forgotten,), (known,) = (answers(protocol(tree), to.fork(), f'{{"f": {number}}}') for number in (1, 8))
-    assert forgotten["matched"] == [{"node": "a", "event": 2}, {"node": "b", "event": 11}]
-    assert known["matched"] == [{"node": "a", "event": 9, "time": 8}, {"node": "b", "event": 11}]
-
-
 @pytest.mark.parametrize(
     ("message", "error"),
     [
@@ -96,10 +100,6 @@ def test_what_is_remembered_is_bounded() -> None:
 )
 def test_an_error_speaks_of_messages_and_not_of_lines(message: str | bytes, error: str) -> None:
     assert replies(SEQUENCE, message) == [{"error": error, "verdict": "currently_true"}]
-
-
-def test_line_ends_are_space_in_a_message() -> None:
-    assert replies(SEQUENCE, '{\n"event":\r\n"a"}\n') == [{"event": "a", "verdict": "currently_true"}]
 
 
 def test_an_error_of_the_event_comes_back() -> None:
@@ -147,20 +147,6 @@ def test_a_message_of_the_greatest_length_is_read_and_a_longer_one_is_not() -> N
     assert refused["error"] == "a message of 15 bytes; the longest that is read has 14"
 
 
-def test_the_length_counts_bytes() -> None:
-    (reply,) = answers(protocol(SEQUENCE, longest=10), session(SEQUENCE), '{"ééé":1}')
-    assert "12 bytes" in reply["error"]
-
-
-def test_events_as_nested_and_numbers_as_long_as_they_may_be() -> None:
-    nested = '{"x":' * (DEEP - 1) + "{}" + "}" * (DEEP - 1)
-    number = f'{{"x": {"9" * 4300}}}'
-    for message in (nested, number):
-        (reply,) = replies(SEQUENCE, message)
-        assert "error" not in reply
-        assert reply == {**json.loads(message), "verdict": "currently_true"}
-
-
 def test_a_monitor_that_gives_up_says_so_and_has_no_verdict_any_more() -> None:
     tree = loads("event e(x) = {p: x}; top sand a b; a on e(X); b on e(Y) when Y == X - 1;")
     whole, first = columns(tree, Per.BRANCH)
@@ -200,21 +186,6 @@ def test_a_verdict_for_each_kind() -> None:
                 for told, one in [(reply["verdicts"][kind], alone[kind]), (reply["verdict"], whole)]:
                     expected = one.step(decode(line))
                     assert told == ("currently_false" if expected is Verdict.UNKNOWN else expected.value)
-
-
-def test_a_tree_without_kinds_has_no_verdicts_for_them() -> None:
-    tree = loads("top or a b; a; b;")
-    assert session(tree, per=Per.KIND).parts == {}
-    assert list(session(tree, per=Per.BRANCH).parts) == ["1", "2"]
-
-
-def test_a_fork_goes_its_own_way() -> None:
-    speaking, first = protocol(SEQUENCE), session(SEQUENCE, per=Per.BRANCH)
-    answers(speaking, first, A)
-    other = first.fork()
-    (detected,), (impossible,) = answers(speaking, first, B), answers(speaking, other, A)
-    assert (detected["verdict"], detected["verdicts"]) == (False, {"1": False})
-    assert (impossible["verdict"], impossible["verdicts"]) == (True, {"1": True})
 
 
 # -- names -------------------------------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from rvaft import Verdict, load, monitor
 from rvaft.model.values import Json
 from rvaft.monitoring.reader import read
 from tests.cli.runs import PRUNED, TREES, run
-from tests.serving.test_command import serving
+from tests.ros.test_serve import serving
 
 CHECKOUT: Final = Path(os.environ.get("ROSMONITORING", ""))
 ROS: Final = TREES / "remote_inspection" / "ros.rvaft"

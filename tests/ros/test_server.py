@@ -2,26 +2,20 @@
 
 import asyncio
 import json
-import socket
-import sys
 from collections.abc import Awaitable, Callable
-from typing import Any, Final
+from typing import Final
 from urllib.parse import urlsplit
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from rvaft import ToolMissing, Verdict, monitor
 from rvaft.errors import OptionError
-from rvaft.monitoring.reader import decode
 from rvaft.ros.addresses import allowed
 from rvaft.ros.addresses import host as host_of
 from rvaft.ros.addresses import origin as origin_of
-from rvaft.ros.protocol import Session, Vocabulary, protocol, session
+from rvaft.ros.protocol import Session, protocol, session
 from rvaft.ros.server import Address, serve
-from tests.serving.clients import SEQUENCE, A, B, asked, connected, served, websockets
-from tests.serving.messages import BROKEN
+from tests.ros.clients import SEQUENCE, A, B, asked, connected, served, websockets
+from tests.ros.test_protocol import BROKEN
 
 MANY: Final = 200
 UPGRADE: Final = (
@@ -57,6 +51,19 @@ def test_a_conversation() -> None:
     asyncio.run(scenario())
 
 
+def test_messages_that_are_no_events_sent_before_a_reply_is_read() -> None:
+    async def scenario() -> None:
+        async with served() as url, connected(url) as connection:
+            for message in (json.dumps(A), *BROKEN, json.dumps(B)):
+                await connection.send(message)
+            first, *broken, last = [json.loads(await connection.recv()) for _ in range(len(BROKEN) + 2)]
+        assert {reply["verdict"] for reply in (first, *broken)} == {"currently_true"}
+        assert all("error" in reply for reply in broken)
+        assert last["verdict"] is False
+
+    asyncio.run(scenario())
+
+
 @pytest.mark.parametrize("shared", [False, True])
 def test_state_per_connection_or_one_for_all(shared: bool) -> None:
     async def scenario() -> None:
@@ -88,46 +95,6 @@ def test_many_connections_at_once() -> None:
             await asyncio.gather(*(client(url, number, ready) for number in range(MANY)))
 
     asyncio.run(scenario())
-
-
-@settings(max_examples=25, deadline=None)
-@given(
-    st.lists(
-        st.sampled_from([json.dumps(A), json.dumps(B), json.dumps(A).encode(), "{}", *BROKEN])
-        | st.binary(max_size=8)
-        | st.text(max_size=8),
-        max_size=12,
-    ),
-    st.booleans(),
-)
-def test_any_messages_get_the_verdicts_of_the_monitor_on_the_events_among_them(
-    messages: list[str | bytes], late: bool
-) -> None:
-    """Also when the client sends them all before it reads a reply."""
-
-    async def scenario() -> list[Any]:
-        async with served(vocabulary=Vocabulary.STRINGS) as url, connected(url) as connection:
-            if not late:
-                return await asked(connection, *messages)
-            sending = asyncio.create_task(send_all(connection, messages))
-            replies = [json.loads(await connection.recv()) for _ in messages]
-            await sending
-            return replies
-
-    replies = asyncio.run(scenario())
-    alone = monitor(SEQUENCE)
-    words = {Verdict.TRUE: "false", Verdict.UNKNOWN: "currently_true", Verdict.FALSE: "true"}
-    for message, reply in zip(messages, replies, strict=True):
-        try:
-            alone.step(decode(message.encode() if isinstance(message, str) else message))
-        except ValueError:
-            assert "error" in reply
-        assert reply["verdict"] == words[alone.verdict]
-
-
-async def send_all(connection: Any, messages: list[str | bytes]) -> None:
-    for message in messages:
-        await connection.send(message)
 
 
 # -- clients that misbehave --------------------------------------------------------------------------------------------
@@ -201,17 +168,6 @@ def test_what_one_client_does_costs_the_others_nothing(
             (reply,) = await asked(connection, B)
             assert reply["verdict"] is False
         assert capfd.readouterr() == ("", "")
-
-    asyncio.run(scenario())
-
-
-def test_a_message_that_is_too_long_ends_nothing() -> None:
-    async def scenario() -> None:
-        async with served(longest=1000) as url, connected(url) as connection:
-            _, error, last = await asked(connection, A, {"x": "y" * 10_000}, B)
-        assert error["error"].startswith("a message of 100")
-        assert error["verdict"] == "currently_true"
-        assert last["verdict"] is False
 
     asyncio.run(scenario())
 
@@ -401,20 +357,6 @@ async def nobody(address: Address) -> None:
     await serve(protocol(SEQUENCE), lambda: session(SEQUENCE), asyncio.Event(), address=address)
 
 
-def test_a_port_in_use() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(OSError, match="the port is in use: choose another with --port") as caught:
-            asyncio.run(nobody(Address(port=port)))
-    assert caught.value.filename == f"ws://127.0.0.1:{port}"
-
-
 def test_an_address_of_another_machine() -> None:
     with pytest.raises(OSError, match="choose another --host"):
         asyncio.run(nobody(Address(host="192.0.2.1")))
-
-
-def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
-    with pytest.raises(ToolMissing, match=r"pip install '\.\[ros\]'"):
-        asyncio.run(nobody(Address(port=0)))

@@ -8,14 +8,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rvaft.model.values import Json
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, process, run
-from tests.serving.clients import asked, connected, websockets
+from tests.ros.clients import asked, connected, websockets
 
 SAND = TREES / "gates" / "sand.rvaft"
 OR = TREES / "gates" / "or.rvaft"
@@ -184,13 +183,6 @@ def test_a_port_in_use() -> None:
 )
 def test_what_it_refuses(words: list[str], part: str) -> None:
     failed(run("serve", SAND, *words), part)
-
-
-def test_too_many_branches_to_monitor_one_by_one(tmp_path: Path) -> None:
-    wide = tmp_path / "wide.rvaft"
-    gates = [f"g{i} or a{i} b{i}; a{i}; b{i};" for i in range(10)]
-    wide.write_text(f"top and {' '.join(f'g{i}' for i in range(10))}; {' '.join(gates)}")
-    failed(run("serve", wide, "--per", "branch"), "too large", "limit 1000")
 
 
 def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:

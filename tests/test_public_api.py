@@ -14,10 +14,9 @@ from rvaft import errors
 
 
 def test_every_name_is_there_and_listed() -> None:
-    assert sorted(rvaft.__all__) == sorted(set(rvaft.__all__))
+    assert dir(rvaft) == sorted(rvaft.__all__) == sorted(set(rvaft.__all__))
     for name in rvaft.__all__:
         assert getattr(rvaft, name) is not None
-        assert name in dir(rvaft)
     namespace: dict[str, object] = {}
     exec("from rvaft import *", namespace)
     assert set(rvaft.__all__) <= set(namespace)
@@ -60,7 +59,9 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 
 
 def test_the_package_alone_imports_nothing() -> None:
-    program = "import sys, rvaft; print(*sorted(name for name in sys.modules if name.partition('.')[0] == 'rvaft'))"
+    """Neither a module of its own nor a library."""
+    some = {"rvaft", "networkx", "lark", "sympy", "spot", "rich", "hypothesis", "click"}
+    program = f"import sys, rvaft; print(*sorted(name for name in sys.modules if name.partition('.')[0] in {some}))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["rvaft"]
 
@@ -148,10 +149,6 @@ def test_the_findings_on_a_tree() -> None:
     ]
     with pytest.raises(rvaft.WrongType, match="tree must be an RVAFT"):
         rvaft.check("top or a b;")  # type: ignore[arg-type]
-
-
-def test_the_interpreter_lists_the_public_names_alone() -> None:
-    assert dir(rvaft) == sorted(rvaft.__all__)
 
 
 @pytest.mark.parametrize("hiding", ["backends.py", "backends/__init__.py"])

@@ -12,7 +12,9 @@ from rvaft.model.guards import Guard, Operation, Operator, holds, predicate
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 
 fields = st.sampled_from(["topic", "name", "value", "x"])
-scalars = st.sampled_from([None, True, False, 0, 1, 1.0, -0.0, 2, 2.5, 10**20, 1e20, "", "t", "u", "1"])
+scalars = st.sampled_from(
+    [None, True, False, 0, 1, 1.0, -0.0, 2, 2.5, 2**53 + 1, 2.0**53, 10**20, 1e20, "", "t", "u", "1"]
+)
 json = st.recursive(
     scalars, lambda inner: st.lists(inner, max_size=2) | st.dictionaries(fields, inner, max_size=2), max_leaves=4
 )
@@ -128,29 +130,6 @@ def test_wide_events_are_not_remembered() -> None:
     for width, remembered in ((WIDEST, 1), (WIDEST + 1, 1), (10 * WIDEST, 1)):
         assert shapes.of({"x": "1", **{f"f{n}": n for n in range(width - 1)}}).fits == (0,)
         assert len(shapes._memory) == remembered
-
-
-@pytest.mark.parametrize(
-    ("value", "constant", "same"),
-    [
-        (True, 1, False),
-        (False, 0, False),
-        (1, True, False),
-        (1.0, 1, True),
-        (1, 1.0, True),
-        (2**53 + 1, 2.0**53, False),
-    ],
-)
-def test_what_a_constant_equals(value: Any, constant: Any, same: bool) -> None:
-    for sign, expected in ((Operator.EQ, same), (Operator.NE, not same)):
-        guard = Operation(sign, (Variable("V"), Literal(constant)))
-        assert predicate(guard)({"V": value}) is holds(guard, {"V": value}) is expected
-
-
-@pytest.mark.parametrize("sign", [Operator.LT, Operator.LE, Operator.GT, Operator.GE])
-def test_a_boolean_is_not_ordered(sign: Operator) -> None:
-    for constant in (0, 1, 0.5):
-        assert not predicate(Operation(sign, (Variable("V"), Literal(constant))))({"V": True})
 
 
 def test_a_monitor_reads_what_a_shape_leaves_open() -> None:

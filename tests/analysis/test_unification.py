@@ -20,22 +20,8 @@ LEAVES: tuple[Pattern, ...] = (
     *(ObjectPattern((("k", Literal(1)),)), ObjectPattern((("k", Variable("X")),)), ObjectPattern(())),
 )
 VALUES: tuple[Any, ...] = (
-    1,
-    1.0,
-    2,
-    "s",
-    True,
-    None,
-    [],
-    [1, 1],
-    [1, 2],
-    [2, "s"],
-    [[], 1],
-    {},
-    {"k": 1},
-    {"k": 2},
-    {"k": {}},
-    {"k": 1, "l": 2},
+    *(1, 1.0, 2, "s", True, None, [], [1, 1], [1, 2], [2, "s"], [[], 1]),
+    *({}, {"k": 1}, {"k": 2}, {"k": {}}, {"k": 1, "l": 2}),
 )
 UNIVERSE = [
     {name: value for name, value in zip("ab", pair, strict=True) if value != "absent"}

@@ -24,17 +24,6 @@ def again(monitor: Engine) -> Engine:
     return twin
 
 
-def test_an_end_is_kept() -> None:
-    engine = Engine(rvaft.loads("top or x y; x sand a b; y sand c d;"), "strict")
-    engine.step({"event": "a"})
-    expected = engine.pending()
-    engine.step({"event": "c"})
-    twin = again(engine)
-    assert twin.ended == engine.ended
-    assert twin.ended is not None
-    assert (twin.ended.event, twin.ended.pending) == (2, expected)
-
-
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_long_matches_and_small_pickles(semantics: Semantics) -> None:
     """A match of thousands of events is deeper than Python can recurse; what is compiled from the tree is not written."""

@@ -126,7 +126,7 @@ def test_a_part_without_a_feasible_scenario_is_named() -> None:
         (lambda: rvaft.Node("x", "orr", ["a"]), "unknown gate 'orr' of x; known: or, and, sand, sand_rl, vot"),  # type: ignore[arg-type]
         (lambda: rvaft.Node("x", kind="bug"), "unknown kind 'bug' of x; known: fault, attack"),  # type: ignore[arg-type]
         (lambda: rvaft.Node("x", "or", "ab"), "the children of x must be a tuple of names, not str"),  # type: ignore[arg-type]
-        (lambda: rvaft.Node("x", "or", ["a", 3]), "a child of x must be the name of a node, a str, not int"),  # type: ignore[arg-type, list-item]
+        (lambda: rvaft.Node("x", "or", ["a", 3]), "a child of x must be the name of a node, a str, not int"),  # type: ignore[arg-type]
         (lambda: rvaft.Node("x", on="e"), "the event (`on`) of x must be an On, not str"),  # type: ignore[arg-type]
         (lambda: rvaft.Node("x", when="X > 3"), "the guard (`when`) of x must be a guard, not str"),  # type: ignore[arg-type]
     ],

@@ -6,7 +6,7 @@ from functools import partial
 from random import Random
 from typing import Final, TypeAlias
 
-from cross_check.generate.believable import Look
+from cross_check.generate.log_values import LogValues
 from cross_check.generate.traces import fitting, interesting_values
 from cross_check.generate.values import Demand, Unmet, guard_demands, meeting
 from rvaft.analysis.normal_form import Op, body, is_impossible
@@ -275,7 +275,7 @@ class _Making:
         self.manner = manner
         self.others = interesting_values(tree)
         self.values: Sequence[Json] = tuple(random.choice(self.others) for _ in range(4))
-        self.look = Look(random, tree) if manner.believable else None
+        self.look = LogValues(random, tree) if manner.believable else None
         self.minds_ignored = semantics is Semantics.PROJECTED and bool(tree.ignores)
 
     def trace(self, kept: Kept, order: list[str]) -> list[Json]:

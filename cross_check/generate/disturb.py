@@ -5,8 +5,8 @@ from enum import StrEnum
 from random import Random
 from typing import Final, NamedTuple, TypeAlias, assert_never
 
-from cross_check.generate.believable import Look
 from cross_check.generate.detections import ATTEMPTS, WILD, Manner, detecting, noise, some_event
+from cross_check.generate.log_values import LogValues
 from cross_check.generate.traces import COMMON, interesting_values
 from cross_check.generate.values import around
 from rvaft.engine import engine
@@ -263,7 +263,7 @@ def near_miss(
             if longest is not None and len(edited) > longest:
                 continue
             if manner.believable:
-                edited = Look(random, tree).in_time(edited)
+                edited = LogValues(random, tree).in_time(edited)
             if not _detected(tree, semantics, edited):
                 return NearMiss(edited, detected, kind)
     # The tree is detected at the last event and not before.

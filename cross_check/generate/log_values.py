@@ -41,7 +41,7 @@ class _Later:
 LATER: Final = _Later()
 
 
-class Look:
+class LogValues:
     """What the fields of a tree's events look like."""
 
     def __init__(self, random: Random, tree: RVAFT) -> None:

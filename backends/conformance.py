@@ -21,6 +21,7 @@ from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
+from rvaft.model.expressions import GATES
 from rvaft.model.guards import ORDERINGS, Guard, Operation, holds, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Literal, Variable, match, variables
@@ -49,7 +50,7 @@ class Example:
     determinate: bool = False
 
 
-GATES = ("or", "and", "sand", "sand_rl", "1of{n}", "2of{n}", "3of{n}")
+WRITTEN_GATES = (*GATES, "1of{n}", "2of{n}", "3of{n}")
 EVENTS = "event at(k) = { k: k }; event px(p) = { x: p }; event py(p) = { y: p }; event pxy(p, q) = { x: p, y: q }; "
 
 SHARED = {
@@ -168,14 +169,14 @@ DECISIVE: dict[str, tuple[str, Json]] = {
 def examples() -> Iterator[Example]:
     """All of them, in a stable order."""
     leaves = ("a", "b", "c")
-    for size, gate in product((1, 2, 3), GATES):
+    for size, gate in product((1, 2, 3), WRITTEN_GATES):
         if not gate[0].isdigit() or int(gate[0]) <= size:
             text = f"r {gate.format(n=size)} {' '.join(leaves[:size])};"
             yield _default(text, text)
             for causality in ("top_down", "bottom_up"):
                 own = f"causality {causality}; t sand r z; {text.removesuffix(';')} on at(1);"
                 yield _default(f"{text} with an event, {causality}", own)
-    for outer, inner in product(("or", "and", "sand", "sand_rl", "2of3"), repeat=2):
+    for outer, inner in product((*GATES, "2of3"), repeat=2):
         text = f"r {outer} a g{' d' * (outer == '2of3')}; g {inner} b c{' e' * (inner == '2of3')};"
         yield _default(text, text)
     for name, text in (PLAIN | SHARED).items():

@@ -10,7 +10,7 @@ import shutil
 import subprocess
 from collections.abc import Iterable, Iterator
 from html import escape
-from typing import Final
+from typing import Final, assert_never
 from urllib.parse import quote
 
 from rvaft.errors import ToolFailed, ToolMissing
@@ -94,14 +94,6 @@ SIZE = 10
 _FILL = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
 _CODE = {Role.EVENT: "#17406d", Role.GUARD: "#6d2a17"}
 _GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"
-_OUTLINE = {
-    Gate.OR: "shape=house, height=0.34",
-    Gate.AND: 'shape=box, style="filled,rounded", height=0.28',
-    Gate.SAND: "shape=house, orientation=270, height=0.22",
-    Gate.SAND_RL: "shape=house, orientation=90, height=0.22",
-    Gate.VOT: "shape=hexagon, height=0.28",
-}
-"""A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, the hexagon of a vote."""
 _FOLDED = "shape=triangle, margin=0, fixedsize=true, width=0.6, height=0.44"
 """The transfer symbol of fault trees."""
 _BOLD = "penwidth=2.5"
@@ -174,7 +166,7 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: dict[str, int]
         yield f"n{own} -> t{own} [{stem}];"
         return
     gate = html(gate_text(node), look.wrap)
-    yield f'g{own} [label=<{gate}>, {_OUTLINE[node.gate]}, fillcolor="{fill}", margin="0.06,0.01"{bold}, {known}];'
+    yield f'g{own} [label=<{gate}>, {_outline(node.gate)}, fillcolor="{fill}", margin="0.06,0.01"{bold}, {known}];'
     yield f"n{own} -> g{own} [{stem}];"
     for place, child in enumerate(node.children):
         turn = place + 1 if node.gate is Gate.SAND else len(node.children) - place
@@ -225,4 +217,21 @@ def _legend(look: Look, part: View, number: dict[str, int]) -> Iterator[str]:
 def _sample(entry: LegendEntry) -> str:
     if entry.gate is None:
         return _SAMPLES[entry.sign]
-    return f'{_OUTLINE[entry.gate]}, fillcolor="{_GATE}", margin="0.06,0.01"'
+    return f'{_outline(entry.gate)}, fillcolor="{_GATE}", margin="0.06,0.01"'
+
+
+def _outline(gate: Gate) -> str:
+    """A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, the hexagon of a vote."""
+    match gate:
+        case Gate.OR:
+            return "shape=house, height=0.34"
+        case Gate.AND:
+            return 'shape=box, style="filled,rounded", height=0.28'
+        case Gate.SAND:
+            return "shape=house, orientation=270, height=0.22"
+        case Gate.SAND_RL:
+            return "shape=house, orientation=90, height=0.22"
+        case Gate.VOT:
+            return "shape=hexagon, height=0.28"
+        case _:
+            assert_never(gate)

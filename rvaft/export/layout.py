@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum, auto
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, assert_never
 
 import networkx as nx
 
@@ -217,6 +217,8 @@ def gate_text(node: Node) -> str:
             return f"VOT {node.threshold}/{len(node.children)}"
         case Gate.AND | Gate.OR:
             return node.gate.value.upper()
+        case _:
+            assert_never(node.gate)
 
 
 def is_condition(node: Node) -> bool:
@@ -293,13 +295,20 @@ class LegendEntry(NamedTuple):
     gate: Gate | None = None
 
 
-_MEANINGS = {
-    Gate.OR: "one of them",
-    Gate.AND: "all, in any order",
-    Gate.SAND: "all, from left to right",
-    Gate.SAND_RL: "all, from right to left",
-    Gate.VOT: "at least k of the n",
-}
+def _meaning(gate: Gate) -> str:
+    match gate:
+        case Gate.OR:
+            return "one of them"
+        case Gate.AND:
+            return "all, in any order"
+        case Gate.SAND:
+            return "all, from left to right"
+        case Gate.SAND_RL:
+            return "all, from right to left"
+        case Gate.VOT:
+            return "at least k of the n"
+        case _:
+            assert_never(gate)
 
 
 def entries(view: View, marks: Marks | None, *, graph: bool) -> Iterator[LegendEntry]:
@@ -315,10 +324,10 @@ def entries(view: View, marks: Marks | None, *, graph: bool) -> Iterator[LegendE
     if any(is_condition(node) for node in view.nodes):
         yield LegendEntry(Sign.CONDITION, "condition", "holds, without an event")
     gates = {node.gate: node for node in view.nodes if view.children(node)}
-    for gate, meaning in _MEANINGS.items():
+    for gate in Gate:
         if gate in gates:
             sample = "VOT k/n" if gate is Gate.VOT else gate_text(gates[gate])
-            yield LegendEntry(Sign.GATE, sample, meaning, gate)
+            yield LegendEntry(Sign.GATE, sample, _meaning(gate), gate)
     if any(view.folded.values()):
         yield LegendEntry(Sign.FOLDED, "+n", "n nodes not drawn")
     if not all(view.folded.values()):

@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Iterator
+from typing import assert_never
 
 from rvaft.export import latex
 from rvaft.export.layout import (
@@ -25,14 +26,28 @@ from rvaft.model.tree import RVAFT
 _OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}"})
 """What means something to `forest`, or behind the end of a line."""
 _FILL = {Kind.FAULT: "fault", Kind.ATTACK: "attack", None: ""}
-_GATE = {
-    Gate.OR: "or gate",
-    Gate.AND: "and gate",
-    Gate.SAND: "sand gate",
-    Gate.SAND_RL: "sand rl gate",
-    Gate.VOT: "vot gate",
-}
-_HEAD = r"""\documentclass[tikz,border=4pt]{standalone}
+
+
+def _outline(gate: Gate) -> str:
+    match gate:
+        case Gate.OR:
+            return "signal, signal to=north, signal pointer angle=130"
+        case Gate.AND:
+            return "rounded corners=4pt"
+        case Gate.SAND:
+            return "signal, signal to=east"
+        case Gate.SAND_RL:
+            return "signal, signal to=west"
+        case Gate.VOT:
+            return "signal, signal to=east and west"
+        case _:
+            assert_never(gate)
+
+
+_GATE = {gate: f"{gate.replace('_', ' ')} gate" for gate in Gate}
+_GATE_STYLES = "\n".join(f"  {_GATE[gate]}/.style={{gate, {_outline(gate)}}}," for gate in Gate)
+_HEAD = (
+    r"""\documentclass[tikz,border=4pt]{standalone}
 % Other scripts than Latin need LuaLaTeX or XeLaTeX and a font that has them: \setsansfont{...}[Ligatures=TeXOff].
 \usepackage{iftex}
 \ifPDFTeX\usepackage[T1]{fontenc}\IfFileExists{lmodern.sty}{\usepackage{lmodern}}{}\else\usepackage{fontspec}\fi
@@ -43,11 +58,9 @@ _HEAD = r"""\documentclass[tikz,border=4pt]{standalone}
 \tikzset{
   box/.style={draw, align=center, font=\footnotesize\sffamily, inner sep=3pt},
   gate/.style={draw, font=\scriptsize\sffamily, inner sep=2pt, fill=blue!8},
-  or gate/.style={gate, signal, signal to=north, signal pointer angle=130},
-  and gate/.style={gate, rounded corners=4pt},
-  sand gate/.style={gate, signal, signal to=east},
-  sand rl gate/.style={gate, signal, signal to=west},
-  vot gate/.style={gate, signal, signal to=east and west},
+"""
+    + _GATE_STYLES
+    + r"""
   folded/.style={gate, isosceles triangle, shape border rotate=90, isosceles triangle apex angle=90, inner sep=1pt},
   fault/.style={fill=orange!60},
   attack/.style={fill=red!50},
@@ -60,6 +73,7 @@ _HEAD = r"""\documentclass[tikz,border=4pt]{standalone}
 \begin{forest}
   for tree={anchor=north, parent anchor=south, child anchor=north, l sep=11pt, s sep=6pt},
 """
+)
 _TAIL = r"""\end{forest}
 \end{document}
 """

@@ -226,7 +226,7 @@ def _statement_slips(at: Situation) -> Advice:
         if following.text[:1].isdigit():
             yield f"an attribute has an equals sign: {shown(bad.text)[1:-1]}=…", bad.start
         known = _meant(bad.text, (*GATES, *CLAUSES))
-        mend = f"did you mean {known}?" if known else "the gates are or, and, sand, sand_rl and KofN (2of3)"
+        mend = f"did you mean {known}?" if known else f"the gates are {', '.join(GATES)} and KofN (2of3)"
         yield f"unknown {'word' if known in CLAUSES else 'gate'} {shown(bad.text)}: {mend}", bad.start
     possible = tuple(
         word for word in (*OPERATOR_WORDS, *CLAUSES, "top_down", "bottom_up") if word.upper() in at.possible

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from rvaft.model.expressions import STATEMENTS
+from rvaft.model.expressions import GATES, STATEMENTS
 from rvaft.support.terminal import visible
 
 
@@ -27,7 +27,7 @@ _PUNCTUATION: Final = {
 _GROUPS: Final = (
     # what it is called, the terminals that must be possible for it, and the terminals that it covers
     ("a statement", {"EVENT"}, {*(word.upper() for word in STATEMENTS), "TOPIC", "NAME", "STRING"}),
-    ("a gate (or, and, sand, sand_rl, 2of3)", {"K_OF_N"}, {"OR", "AND", "SAND", "SAND_RL", "K_OF_N", "VOT_K"}),
+    (f"a gate ({', '.join(GATES)}, 2of3)", {"K_OF_N"}, {*(word.upper() for word in GATES), "K_OF_N", "VOT_K"}),
     ("a name", {"NAME"}, {"NAME", "STRING"}),
     ("a word or a string in quotes", {"WORD", "STRING"}, {"WORD", "STRING"}),
     ("a value", {"VALUE"}, {"VALUE", "STRING"}),

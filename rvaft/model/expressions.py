@@ -8,14 +8,15 @@ from typing import Final
 
 from rvaft.errors import LanguageError
 from rvaft.model.guards import MAX_DEPTH, OPERATORS, Guard, Operation, Operator
-from rvaft.model.nodes import Argument, On
+from rvaft.model.nodes import Argument, Gate, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar
 
 STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
 TOPIC: Final = "topic"
 """Starts a statement, but only before a string, `type` and a string: nodes of this name are read without quotes too."""
-GATES: Final = ("or", "and", "sand", "sand_rl")
+GATES: Final = tuple(gate.value for gate in Gate if not gate.counts)
+"""The gates that are written as a word; a vote is written with its numbers."""
 CLAUSES: Final = ("on", "when", "fault", "attack", "label")
 OPERATOR_WORDS: Final = ("and", "or", "not")
 DYNAMIC: Final = frozenset(

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-USER := $(VENV)/.installed-rvaft
+RUNTIME := $(VENV)/.installed-rvaft
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
@@ -15,7 +15,7 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --upgrade pip
 
-$(USER): pyproject.toml | $(BIN)/python
+$(RUNTIME): pyproject.toml | $(BIN)/python
 	@echo "Installing rvaft and what it needs into $(VENV); once, about a minute"
 	@$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
@@ -23,12 +23,12 @@ $(USER): pyproject.toml | $(BIN)/python
 $(STAMP): pyproject.toml | $(BIN)/python
 	@echo "Installing rvaft and the tools of its developers into $(VENV); once, one or two minutes"
 	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
-	@touch $@ $(USER)
+	@touch $@ $(RUNTIME)
 
 TREE := trees/remote_inspection/pruned.rvaft
 LOG := trees/remote_inspection/pruned.traces/table2_row3.jsonl
 
-demo: $(USER)
+demo: $(RUNTIME)
 	@echo "# 1. A tree: how a robot can be damaged by radiation. rvaft show $(TREE)"
 	@$(BIN)/rvaft show $(TREE)
 	@echo; echo "# 2. The ways in which that happens. rvaft branches $(TREE)"

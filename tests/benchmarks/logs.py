@@ -23,6 +23,13 @@ WAYPOINTS: Final = range(100, 110)
 ENDING: Final = Counter(move=2, inspect=1, radiation=1, goal=1)
 """The relevant events of the attack at the end of every log."""
 
+MESSAGES: Final = {
+    name: (frame, f"{text}\n")
+    for line in Path(__file__).with_name("messages.txt").read_text(encoding="utf-8").splitlines()
+    for name, frame, text in [line.split("|", 2)]
+}
+"""Of each message the frame and the text: `joints` has a `name` that is a list, `rosout` words of the tree in strings."""
+
 _IGNORING = f"""
 ignore radiation(V, _) when V < {BOUND};
 ignore move(W, _) when W >= {WAYPOINTS[0]};
@@ -60,17 +67,8 @@ def telemetry(file: Path, events: int = 1_000_000, *, seed: int = 1) -> Log:
     As many only just miss one: a second sensor, which the tree does not know.
     """
     source = _Source(seed, step=0.005)
-    messages = (
-        source.odom,
-        source.scan,
-        source.tf,
-        source.battery,
-        source.joints,
-        source.imu,
-        source.velocity,
-        source.rosout,
-    )
-    makers = [make for make, times in zip(messages, (6, 3, 6, 1, 4, 4, 4, 1), strict=True) for _ in range(times)]
+    shares = {"odom": 6, "scan": 3, "tf": 6, "battery": 1, "joints": 4, "imu": 4, "velocity": 4, "rosout": 1}
+    names = [name for name, share in shares.items() for _ in range(share)]
     types: Counter[str] = Counter()
     near = lost = 0
 
@@ -90,7 +88,7 @@ def telemetry(file: Path, events: int = 1_000_000, *, seed: int = 1) -> Log:
                 near += 1
                 yield source.radiation(sensor=1)
             else:
-                yield source.random.choice(makers)()
+                yield source.say(source.random.choice(names))
         yield from source.attack()
 
     _write(file, lines())
@@ -134,95 +132,23 @@ class _Source:
         # Numbers are drawn as runs from a pool: to make each anew would take longer than all that is timed.
         self._pool = [repr(self.random.uniform(-8, 8) if n % 3 else self.random.gauss(0, 1e-5)) for n in range(16_384)]
 
-    def _some(self, count: int) -> list[str]:
-        start = int(self.random.random() * 16_000)
-        return self._pool[start : start + count]
-
-    def _header(self, frame: str) -> str:
-        """Time goes on by a little, and never stands still."""
+    def say(self, name: str, **fields: int) -> str:
+        """A message of that name, a line of the log; time goes on by a little, and never stands still."""
         self.time += self.step * (0.5 + self.random.random())
         self.count += 1
         secs = int(self.time)
         nsecs = int((self.time - secs) * 1e6) * 1000
-        return (
-            f'"header": {{"stamp": {{"secs": {secs}, "nsecs": {nsecs}}}, "frame_id": "{frame}", "seq": {self.count}}}'
-        )
-
-    @property
-    def _now(self) -> str:
-        return f"{self.time:.6f}"
-
-    # -- telemetry -------------------------------------------------------------------------------------------------
-
-    def odom(self) -> str:
-        header = self._header("odom")
-        n = self._some(6)
-        return (
-            f'{{"pose": {{"position": {{"y": {n[0]}, "x": {n[1]}, "z": 0.0}}, "orientation": {{"y": 0.0, "x": 0.0, "z": '
-            f'{n[2]}, "w": {n[3]}}}}}, "twist": {{"linear": {{"x": {n[4]}}}, "angular": {{"z": {n[5]}}}}}, "topic": "/odom", '
-            f'{header}, "time": {self._now}}}\n'
-        )
-
-    def scan(self) -> str:
-        header = self._header("laser")
-        n = self._some(2)
-        return (
-            f'{{"topic": "/scan", {header}, "angle_min": -2.0944, "angle_max": 2.0944, "nearest": {n[0]}, "mean": {n[1]}, '
-            f'"count": 682, "time": {self._now}}}\n'
-        )
-
-    def tf(self) -> str:
-        header = self._header("map")
-        n = self._some(4)
-        return (
-            f'{{"transforms": [{{{header}, "child_frame_id": "odom", "transform": {{"translation": {{"y": {n[0]}, "x": {n[1]}, '
-            f'"z": 0.0}}, "rotation": {{"z": {n[2]}, "w": {n[3]}}}}}}}], "topic": "/tf", "time": {self._now}}}\n'
-        )
-
-    def battery(self) -> str:
-        header = self._header("")
-        n = self._some(1)
-        return (
-            f'{{"topic": "/battery_state", {header}, "voltage": 24.31, "current": {n[0]}, "capacity": null, "percentage": 0.87, '
-            f'"present": true, "cell_voltage": [], "location": "bay 1", "time": {self._now}}}\n'
-        )
-
-    def joints(self) -> str:
-        """A `name` that is a list, and no command."""
-        header = self._header("")
-        n = self._some(4)
-        return (
-            f'{{"name": ["left_wheel", "right_wheel"], "position": [{n[0]}, {n[1]}], "velocity": [{n[2]}, {n[3]}], "effort": '
-            f'[0.0, 0.0], "topic": "/joint_states", {header}, "time": {self._now}}}\n'
-        )
-
-    def imu(self) -> str:
-        header = self._header("imu_link")
-        n = self._some(6)
-        return (
-            f'{{"angular_velocity": {{"y": {n[0]}, "x": {n[1]}, "z": {n[2]}}}, "linear_acceleration": {{"y": {n[3]}, "x": {n[4]}, '
-            f'"z": {n[5]}}}, "topic": "/imu/data", {header}, "time": {self._now}}}\n'
-        )
-
-    def velocity(self) -> str:
-        self._header("")
-        n = self._some(2)
-        return (
-            f'{{"linear": {{"y": 0.0, "x": {n[0]}, "z": 0.0}}, "angular": {{"y": 0.0, "x": 0.0, "z": {n[1]}}}, "topic": '
-            f'"/cmd_vel", "time": {self._now}}}\n'
-        )
-
-    def rosout(self) -> str:
-        """Words of the tree, and escapes, inside of strings."""
-        header = self._header("")
-        n = self._some(1)
-        return (
-            f'{{"name": "/move_base", "level": 2, "msg": "Got new plan to \\"{self.waypoint}\\", cost {n[0]} \\u00b5", "file": '
-            f'"planner_core.cpp", "line": 214, "topics": ["/rosout", "/command", "/move_base/goal"], "topic": "/rosout", '
-            f'{header}, "time": {self._now}}}\n'
-        )
-
-    # -- the event types of the tree -------------------------------------------------------------------------------
+        frame, text = MESSAGES[name]
+        stamp = f'"stamp": {{"secs": {secs}, "nsecs": {nsecs}}}'
+        start = int(self.random.random() * 16_000)
+        return text % {
+            **dict(zip("0123456", self._pool[start : start + 7], strict=True)),
+            "header": f'"header": {{{stamp}, "frame_id": "{frame}", "seq": {self.count}}}',
+            "now": f"{self.time:.6f}",
+            "count": self.count,
+            "waypoint": self.waypoint,
+            **fields,
+        }
 
     def visit(self, readings: int) -> tuple[str, ...]:
         """The event types of one visit to a waypoint, in order."""
@@ -231,61 +157,24 @@ class _Source:
 
     def event(self, name: str) -> str:
         """An event of a visit; each visit is to a waypoint at random."""
-        match name:
-            case "move":
-                self.waypoint = self.random.choice(WAYPOINTS)
-                return self.command("move", self.waypoint)
-            case "inspect":
-                return self.command("inspect", self.waypoint)
-            case "goal":
-                return self.goal(self.waypoint)
-            case "result":
-                return self.result(self.waypoint)
-            case _:
-                return self.radiation()
+        if name == "radiation":
+            return self.radiation()
+        if name == "move":
+            self.waypoint = self.random.choice(WAYPOINTS)
+        return self.say(name)
+
+    def radiation(self, sensor: int = 0) -> str:
+        """A reading that is not high."""
+        return self.say("radiation", value=self.random.randrange(BOUND), sensor=sensor)
 
     def attack(self) -> Iterator[str]:
         """The five events by which the tree is detected, at the last of them and not before: they follow each other at once."""
         self.step = min(self.step, 1.0)
-        yield self.command("move", 1)
-        yield self.command("inspect", 1)
-        yield self.radiation(value=300)
-        yield self.command("move", 2)
-        yield self.goal(3)
-
-    def command(self, name: str, waypoint: int) -> str:
-        self._header("")
-        return (
-            f'{{"name": "{name}", "topic": "/command", "verdict": false, "waypoint": {waypoint}, "time": {self._now}, '
-            '"spec": "0"}\n'
-        )
-
-    def radiation(self, value: int | None = None, sensor: int = 0) -> str:
-        header = self._header("sim_sensor")
-        n = self._some(7)
-        level = self.random.randrange(BOUND) if value is None else value
-        return (
-            f'{{"pose": {{"position": {{"y": {n[0]}, "x": {n[1]}, "z": {n[2]}}}, "orientation": {{"y": {n[3]}, "x": {n[4]}, '
-            f'"z": {n[5]}, "w": {n[6]}}}}}, "value": {level}.0, "topic": "/radiation_sensor_plugin/sensor_{sensor}", {header}, '
-            f'"verdict": false, "time": {self._now}, "type": "", "spec": "0"}}\n'
-        )
-
-    def result(self, waypoint: int) -> str:
-        header = self._header("")
-        return (
-            f'{{"status": {{"status": 3, "text": "Goal reached.", "goal_id": "/movebase_client_py-{self.count}"}}, "topic": '
-            f'"/move_base/result", {header}, "waypoint": {waypoint}, "result": "success", "verdict": false, "time": {self._now}, '
-            '"spec": "0"}\n'
-        )
-
-    def goal(self, waypoint: int) -> str:
-        header = self._header("map")
-        x, y = self._some(2)
-        return (
-            f'{{"goal": {waypoint}, "target_pose": {{{header}, "pose": {{"position": {{"y": {y}, "x": {x}, "z": 0.0}}, '
-            f'"orientation": {{"y": 0.0, "x": 0.0, "z": 0.0, "w": 1.0}}}}}}, "topic": "/move_base/goal", "goal_id": {{"id": '
-            f'"/movebase_client_py-{self.count}"}}, "time": {self._now}, "verdict": false, "spec": "0"}}\n'
-        )
+        yield self.say("move", waypoint=1)
+        yield self.say("inspect", waypoint=1)
+        yield self.say("radiation", value=300, sensor=0)
+        yield self.say("move", waypoint=2)
+        yield self.say("goal", waypoint=3)
 
 
 def main(folder: Path) -> None:

@@ -12,8 +12,7 @@ from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import load, monitor, narrowed, translate
 from rvaft.cli.failure import report
 from rvaft.cli.monitor_output import (
-    DetectionLines,
-    JsonLines,
+    JsonReporter,
     OutputShape,
     Reporter,
     Sink,
@@ -231,7 +230,7 @@ def _maker(backend: str | None, semantics: Semantics, limit: int | None) -> Call
 
 def _reporter(options: dict[str, Any]) -> Callable[[OutputShape, Sink], Reporter]:
     if options["form"] == "jsonl":
-        return DetectionLines if options["detections"] else JsonLines
+        return partial(JsonReporter, detections=options["detections"])
     drawn = options["explain"] == TERMINAL
     return partial(TableReporter if options["form"] == "table" else TextReporter, drawn=drawn)
 

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import ClassVar, Final, TextIO
+from typing import Final, TextIO
 
 import click
 
@@ -24,10 +24,10 @@ from rvaft.monitoring.explanation_json import (
     variables,
 )
 from rvaft.monitoring.monitor_set import Column, Per
-from rvaft.monitoring.near_misses import NearMissCount, Statistics
+from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.run import Listener, MonitoredTrace, VerdictChange
 from rvaft.monitoring.stream import Key
-from rvaft.monitors import Ended, Explanation, Pending
+from rvaft.monitors import Ended, Explanation
 from rvaft.support.terminal import ProgressBar, visible
 from rvaft.support.terminal import columns as aligned
 
@@ -158,12 +158,20 @@ class Reporter(Listener):
         """All traces have been read, at least one of them to its end."""
 
 
-class DetectionLines(Reporter):
-    """One JSON object per event that detects something."""
+class JsonReporter(Reporter):
+    """One JSON object per event, and nothing else; with `detections` only for those that detect something."""
+
+    def __init__(self, shape: OutputShape, sink: Sink, *, detections: bool = False) -> None:
+        super().__init__(shape, sink)
+        self.every = not detections
+
+    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:  # noqa: ARG002 (the interface)
+        """Print the verdicts."""
+        self._print(watch, number)
 
     def change(self, change: VerdictChange) -> None:
         """Print the verdicts, and how those that changed came about."""
-        if change.detected:
+        if self.every or change.detected:
             self._print(change.watch, change.number, change)
 
     def _print(self, watch: MonitoredTrace, number: int, change: VerdictChange | None = None) -> None:
@@ -187,20 +195,6 @@ class DetectionLines(Reporter):
             if details:
                 said["columns"] = {shape.columns[column].label: detail for column, detail in details.items()}
         self.sink.write(f"{json.dumps(said)}\n")
-
-
-class JsonLines(DetectionLines):
-    """One JSON object per event, and nothing else."""
-
-    every: ClassVar[bool] = True
-
-    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:  # noqa: ARG002 (the interface)
-        """Print the verdicts."""
-        self._print(watch, number)
-
-    def change(self, change: VerdictChange) -> None:
-        """Print the verdicts, and how those that changed came about."""
-        self._print(change.watch, change.number, change)
 
 
 class TextReporter(Reporter):
@@ -262,7 +256,12 @@ class TextReporter(Reporter):
         for place, ended in self.ends(change).items():
             title = f"  {columns[place].title}: " if many else "  "
             for record in ended.pending[:WAITING]:
-                yield f"{title}{_waited(record)}"
+                who = "" if record.branch is None else f"branch {record.branch} "
+                values = ", ".join(f"{name} = {_short(value)}" for name, value in record.variables.items())
+                names = [one.event if one.event == one.node else f"{one.event} ({one.node})" for one in record.awaited]
+                more = " or others" if len(names) > WAITING else ""
+                awaited = f"{' or '.join(names[:WAITING])}{more}{f', with {values}' if values else ''}"
+                yield f"{title}{who}waited for {awaited}"
             if len(ended.pending) > WAITING:
                 yield f"{title}and {len(ended.pending) - WAITING} more"
 
@@ -274,18 +273,16 @@ class TextReporter(Reporter):
         tree = self.shape.tree
         for node, number in explanation.matched.items():
             label = tree.nodes[node].label if node in tree.nodes else None
-            place = self._place(node, events[number]) if number in events else " (no longer known)"
+            place = " (no longer known)"
+            if number in events:
+                known = places(events[number])
+                said = [f" {word} {_short(known[it])}" for word, it in (("at", "time"), ("on", "topic")) if it in known]
+                others = other_fields(node, events[number], tree, self.fields)
+                more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())
+                place = "".join(said) + (f" with {more}" if more else "")
             yield f"event {number}{place} is {node}{f' ({label})' if label else ''}"
         for variable, value in variables(explanation, tree).items():
             yield f"{variable} = {_json(value)}"
-
-    def _place(self, node: str, event: Json) -> str:
-        """When and where an event happened, and what else tells it from others, in words."""
-        known = places(event)
-        others = other_fields(node, event, self.shape.tree, self.fields)
-        said = [f" {word} {_short(known[name])}" for word, name in (("at", "time"), ("on", "topic")) if name in known]
-        more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())
-        return "".join(said) + (f" with {more}" if more else "")
 
     def _drawn(self, explanation: Explanation, events: Mapping[int, Json], title: str) -> Iterator[str]:
         """The same as a drawing."""
@@ -297,7 +294,7 @@ class TextReporter(Reporter):
 class TableReporter(TextReporter):
     """For each trace a table with a row per event and a column per verdict, as Tables 2 and 3 of the paper, and how the verdicts came about."""
 
-    every: ClassVar[bool] = True
+    every = True
 
     def begin(self, watch: MonitoredTrace) -> None:  # noqa: ARG002 (the interface)
         """A table for the trace."""
@@ -356,15 +353,11 @@ def held(statistics: Statistics) -> Iterator[str]:
     yield from (f"warning: no event of type {name}" for name in never[:TYPES])
     if len(never) > TYPES:
         yield f"warning: {len(never) - TYPES} other types never seen"
-    yield from (f"warning: {_near(miss)}" for miss in statistics.near_misses.values())
-
-
-def _near(miss: NearMissCount) -> str:
-    field = ".".join(miss.field)
-    has = "is missing" if miss.found is None else f"is {miss.found}, not {miss.expected}"
-    least = "at least " if miss.more else ""
-    would = f"{least}{counted(miss.count)} would be {miss.type} but for the field {field}"
-    return f"near miss: {would}, which {has} (first: {miss.first})"
+    for miss in statistics.near_misses.values():
+        has = "is missing" if miss.found is None else f"is {miss.found}, not {miss.expected}"
+        count = f"{'at least ' if miss.more else ''}{counted(miss.count)}"
+        would = f"{count} would be {miss.type} but for the field {'.'.join(miss.field)}"
+        yield f"warning: near miss: {would}, which {has} (first: {miss.first})"
 
 
 def summary(shape: OutputShape, rows: Sequence[SummaryRow]) -> Iterator[str]:
@@ -406,16 +399,6 @@ def _cells(shape: OutputShape, row: SummaryRow) -> Iterator[str]:
         first = ", ".join(f"{shape.columns[place].title} {row.since[place]}" for place in found[:3])
         yield f"{first} and {len(found) - 3} more" if len(found) > 3 else first or "-"
     yield "error" if row.failed else ""
-
-
-def _waited(record: Pending) -> str:
-    who = "" if record.branch is None else f"branch {record.branch} "
-    values = ", ".join(f"{name} = {_short(value)}" for name, value in record.variables.items())
-    awaited = " or ".join(
-        one.event if one.event == one.node else f"{one.event} ({one.node})" for one in record.awaited[:WAITING]
-    )
-    more = " or others" if len(record.awaited) > WAITING else ""
-    return f"{who}waited for {awaited}{more}{f', with {values}' if values else ''}"
 
 
 def _json(value: Json) -> str:

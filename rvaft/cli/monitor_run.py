@@ -5,8 +5,9 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, BinaryIO, ClassVar, Final, cast
+from typing import TYPE_CHECKING, BinaryIO, Final, cast
 
 import click
 
@@ -39,7 +40,7 @@ _CHUNK: Final = 1 << 20
 class HookRunner(Listener):
     """Runs commands on detection; `name` is that of the tree."""
 
-    whole: ClassVar[bool] = True
+    whole = True
 
     def __init__(self, hooks: "Hooks", shape: OutputShape, name: str, sink: Sink) -> None:
         self._hooks = hooks
@@ -213,7 +214,17 @@ class Monitoring:
         """Give a run all events of its trace, from the last checkpoint on; after each batch of them somebody may wait for something."""
         settings, sink = self.settings, self.sink
         kept = settings.checkpoints
-        place = LinesRead(cast("BinaryIO", None)) if kept is None else self._resume(run, kept)
+        offset = line = 0
+        if kept is not None and (found := kept.load()) is not None:
+            offset, line = found.offset, found.line
+            try:
+                run.restore(found.state, found.events)
+            except Exception as error:  # whatever somebody may have put into it
+                raise kept.unreadable(error) from error
+            for listener in self.listeners:
+                listener.told_before = kept.noted
+        elif kept is not None:
+            kept.save(run.state, 0, LinesRead(BytesIO()))
         run.begin()
         with ExitStack() as stack:
             source: Iterable[Json] | BinaryIO = trace.events
@@ -222,18 +233,16 @@ class Monitoring:
                 changed = lambda change: sink.warn(str(change))  # noqa: E731
                 stop = stack.enter_context(stopping())
                 idle = lambda: None if kept is None else self._keep(run, kept, stream, idle=True)  # noqa: E731
-                here = {"offset": place.offset, "line": place.line}
-                stream = FollowedFile(trace.file, stop=stop, changed=changed, idle=idle, **here)
+                stream = FollowedFile(trace.file, stop=stop, changed=changed, idle=idle, offset=offset, line=line)
                 stack.callback(stream.close)
             elif trace.file is not None and kept is not None:
-                stream = stack.enter_context(open_at(Path(trace.file), offset=place.offset, line=place.line))
+                stream = stack.enter_context(open_at(Path(trace.file), offset=offset, line=line))
             elif trace.file is not None:
                 source = stack.enter_context(open_log(trace.file))
             at_once = trace.file is None or settings.follow  # what is said is seen while events come
             by_blocks = trace.file is not None and stream is None
-            for going_on in run.read(
-                cast("BinaryIO", stream) or source, trace.name, line=place.line + 1, by_blocks=by_blocks
-            ):
+            read = cast("BinaryIO", stream) or source
+            for going_on in run.read(read, trace.name, line=line + 1, by_blocks=by_blocks):
                 if at_once:
                     sink.flush()
                 if kept is not None:
@@ -244,22 +253,6 @@ class Monitoring:
                 sink.warn(f"{trace.name}: the last line has no end yet and is not read ({stream.unfinished} bytes)")
         if self.progress is not None:
             self.progress.finish(trace.size)
-
-    def _resume(self, run: TraceRun, kept: CheckpointFile) -> LinesRead:
-        """Bring a run to where the last checkpoint left it; without one there is one now."""
-        place = LinesRead(cast("BinaryIO", None))
-        found = kept.load()
-        if found is None:
-            kept.save(run.state, 0, place)
-        else:
-            try:
-                run.restore(found.state, found.events)
-            except Exception as error:  # whatever somebody may have put into it
-                raise kept.unreadable(error) from error
-            for listener in self.listeners:
-                listener.told_before = kept.noted
-            place.offset, place.line = found.offset, found.line
-        return place
 
     def _keep(
         self,

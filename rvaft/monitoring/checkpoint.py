@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
-from typing import Any, BinaryIO, Final, NamedTuple, Protocol
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import msgspec
 
@@ -33,6 +33,7 @@ from rvaft.language.printer import dumps
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.follow import FollowedFile
 from rvaft.monitoring.near_misses import NearMissCount, Statistics
 from rvaft.monitoring.reader import MAX_DEPTH, RepeatingObject, failures_of, unreadable
 from rvaft.monitoring.stream import Backwards, Field, Ordering
@@ -55,22 +56,12 @@ _ANEW: Final = "remove it to begin anew"
 
 # -- the pickle ---------------------------------------------------------------------------------------------------------
 
-_CLASSES: Final = (
-    dict,
-    frozenset,
-    list,
-    set,
-    Counter,
-    OrderedDict,
-    Awaited,
-    Backwards,
-    Configuration,
-    Ended,
-    Explanation,
-    Field,
-)
-_MORE: Final = (Kind, NearMissCount, Ordering, Pending, RepeatingObject, Semantics, Snapshot, Statistics, Verdict)
-ADMITTED: Final[Mapping[tuple[str, str], type]] = {(one.__module__, one.__qualname__): one for one in _CLASSES + _MORE}
+_BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
+_OURS: Final = (Awaited, Backwards, Configuration, Ended, Explanation, Field, Kind, NearMissCount, Ordering, Pending)
+_MORE: Final = (RepeatingObject, Semantics, Snapshot, Statistics, Verdict)
+ADMITTED: Final[Mapping[tuple[str, str], type]] = {
+    (one.__module__, one.__qualname__): one for one in (*_BUILT_IN, *_OURS, *_MORE)
+}
 """The classes of which a checkpoint consists. None of them runs commands, writes files or listens, and none must: a pickle can set the
 attributes of a class that it can name."""
 
@@ -103,7 +94,7 @@ def pickled(state: object) -> bytes:
     limit = sys.getrecursionlimit()
     sys.setrecursionlimit(
         limit + 4 * MAX_DEPTH
-    )  # values may be as deep as in a trace, and `pickle` recurses twice for each level
+    )  # values are as deep as in a trace; `pickle` recurses twice for a level
     try:
         _DataPickler(buffer, protocol=5).dump(state)
     finally:
@@ -206,18 +197,6 @@ def open_at(trace: Path, *, offset: int = 0, line: int = 0) -> Iterator[LinesRea
 # -- the file -----------------------------------------------------------------------------------------------------------
 
 
-class Position(Protocol):
-    """How far a trace has been read: bytes after decompression, and lines."""
-
-    @property
-    def offset(self) -> int:
-        """In bytes."""
-
-    @property
-    def line(self) -> int:
-        """In lines."""
-
-
 class CheckpointHeader(msgspec.Struct, kw_only=True):
     """The line of JSON: what a checkpoint is of, and how far the trace was read."""
 
@@ -294,7 +273,7 @@ class CheckpointFile:
             return False
         return idle or 2 * self._spent <= monotonic() - self._begun + GRACE
 
-    def save(self, state: object, events: int, place: Position, trace: BinaryIO | None = None) -> None:
+    def save(self, state: object, events: int, place: LinesRead | FollowedFile, trace: BinaryIO | None = None) -> None:
         """Write a checkpoint so that there is always a whole one: the one before, until the new one is safe on the disk.
 
         `trace` is the file where its path may name another by now. Raises `OSError`, with the path, where the checkpoint cannot be written, and
@@ -337,6 +316,14 @@ class CheckpointFile:
             return None
         header, payload = self._parted(data)
         about = self._about
+
+        def named(setting: str, value: str | None) -> str:
+            return f"without {setting}" if value is None else f"with {setting} {value}"
+
+        def listed(labels: Sequence[str]) -> str:
+            more = len(labels) - _SHOWN
+            return ", ".join([*labels[:_SHOWN], *([f"{more} more"] if more > 0 else [])])
+
         if header.version != about.version:
             raise self._other(f"of rvaft {header.version}, this is {about.version}")
         if header.tree != about.tree:
@@ -344,12 +331,18 @@ class CheckpointFile:
         if header.semantics != about.semantics:
             raise self._other(f"of a run with --semantics {header.semantics}, not {about.semantics}")
         if header.columns != about.columns:
-            raise self._other(f"of other monitors ({_listed(header.columns)}, not {_listed(about.columns)})")
+            raise self._other(f"of other monitors ({listed(header.columns)}, not {listed(about.columns)})")
         for name in sorted({*about.settings, *header.settings}):
             was, now = header.settings.get(name), about.settings.get(name)
             if was != now:
-                raise self._other(f"of a run {_setting(name, was)}, not {_setting(name, now)}")
-        self._check_trace(header.trace)
+                raise self._other(f"of a run {named(name, was)}, not {named(name, now)}")
+        length = header.trace.length
+        with self.trace.open("rb") as stream:
+            size = os.fstat(stream.fileno()).st_size
+            if size < length:
+                raise self._other(f"of a longer trace ({length} bytes were read, {self.trace} has {size})")
+            if TraceIdentity.of(stream, length) != header.trace:
+                raise self._other(f"of another trace: {self.trace} does not begin with what was read")
         try:
             state = unpickled(payload)
         except Exception as error:  # whatever a pickle makes of a class
@@ -359,14 +352,6 @@ class CheckpointFile:
             noted, number = self._told.read_text(encoding="ascii").split()
             self.noted = int(number) if noted == self._digest else 0
         return Checkpoint(header.events, header.offset, header.line, state)
-
-    def _check_trace(self, known: TraceIdentity) -> None:
-        with self.trace.open("rb") as stream:
-            size = os.fstat(stream.fileno()).st_size
-            if size < known.length:
-                raise self._other(f"of a longer trace ({known.length} bytes were read, {self.trace} has {size})")
-            if TraceIdentity.of(stream, known.length) != known:
-                raise self._other(f"of another trace: {self.trace} does not begin with what was read")
 
     def _parted(self, data: bytes) -> tuple[CheckpointHeader, memoryview]:
         """The header and the pickle of a file that is whole."""
@@ -420,15 +405,6 @@ def _replace(path: Path, data: bytes) -> None:
             os.fsync(folder)
         finally:
             os.close(folder)
-
-
-def _setting(name: str, value: str | None) -> str:
-    return f"without {name}" if value is None else f"with {name} {value}"
-
-
-def _listed(labels: Sequence[str]) -> str:
-    more = len(labels) - _SHOWN
-    return ", ".join([*labels[:_SHOWN], *([f"{more} more"] if more > 0 else [])])
 
 
 def _one_line(error: BaseException) -> str:

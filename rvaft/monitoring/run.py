@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from io import BufferedIOBase, IOBase
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar, Final, NamedTuple, cast
+from typing import Any, BinaryIO, Final, NamedTuple, cast
 
 from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.errors import RvaftError, TooLarge
@@ -151,8 +151,8 @@ class Listener:
     Otherwise events may be read quickly.
     """
 
-    every: ClassVar[bool] = False
-    whole: ClassVar[bool] = False
+    every = False
+    whole = False
     told_before = 0
     """The number of the last event of which an earlier run told what it detected."""
 

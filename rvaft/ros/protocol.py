@@ -28,41 +28,14 @@ FIELDS: Final = ("topic", "service")
 """The fields of an event, at its top level, that hold such a name."""
 
 
-@dataclass(frozen=True, slots=True)
-class Names:
-    """The names of topics and services that a tree spells out, per field.
-
-    ROS takes `/command` and `command` for one name (at the root namespace), and the versions of ROSMonitoring write it either way.
-    A tree takes them for two values, so this holds on the wire alone: an event is read under the spelling that the tree uses.
-    """
-
-    known: Mapping[str, frozenset[str]]
-
-    @classmethod
-    def of(cls, tree: RVAFT) -> Self:
-        """The names in the runtime events and `ignore` declarations of a tree."""
-        found: dict[str, set[str]] = {field: set() for field in FIELDS}
-        for pattern in TreeReads(tree).patterns:
-            for field, inner in pattern.fields if isinstance(pattern, ObjectPattern) else ():
-                if field in found and isinstance(inner, Literal) and isinstance(inner.value, str):
-                    found[field].add(inner.value)
-        return cls({field: frozenset(names) for field, names in found.items()})
-
-    def as_written(self, event: Mapping[str, Json]) -> Mapping[str, Json]:
-        """The event with its names as the tree spells them; one that the tree spells both ways, or not at all, stays as it is."""
-        renamed: dict[str, Json] = {}
-        for field, known in self.known.items():
-            name = event.get(field)
-            if isinstance(name, str) and name not in known and (other := _other(name)) in known:
-                renamed[field] = other
-        return {**event, **renamed} if renamed else event
-
-
-def _other(name: str) -> str:
-    """The other spelling of a name: with one leading slash or with none; a name with more has no other."""
-    if name.startswith("//"):
-        return name
-    return name[1:] if name.startswith("/") else f"/{name}"
+def names(tree: RVAFT) -> dict[str, frozenset[str]]:
+    """The names of topics and services that the runtime events and `ignore` declarations of a tree spell out, per field."""
+    found: dict[str, set[str]] = {field: set() for field in FIELDS}
+    for pattern in TreeReads(tree).patterns:
+        for field, inner in pattern.fields if isinstance(pattern, ObjectPattern) else ():
+            if field in found and isinstance(inner, Literal) and isinstance(inner.value, str):
+                found[field].add(inner.value)
+    return {field: frozenset(known) for field, known in found.items()}
 
 
 class ColumnMonitor:
@@ -170,7 +143,7 @@ class Protocol:
     """How messages are read and answered; `longest` is the length of a message in bytes beyond which it is an error."""
 
     reads: Scope
-    names: Names
+    names: Mapping[str, frozenset[str]]
     tree: RVAFT
     polarity: Polarity = Polarity.PROPERTY
     vocabulary: Vocabulary = Vocabulary.RML
@@ -178,12 +151,23 @@ class Protocol:
 
     def reply(self, message: str | bytes, session: Session) -> dict[str, Json]:
         """The answer to a message; an event is read by the session, anything else leaves it as it was."""
+        event: dict[str, Json] = {}
+        found: dict[str, Json] = {}
         try:
             event = self._event(message)
         except ValueError as error:
-            return {"error": _OF_LINES.sub("", str(error)), **self._verdicts(session)}
-        session.read(self.names.as_written(event), event)
-        return {**event, **self._found(session), **self._verdicts(session)}
+            found = {"error": _OF_LINES.sub("", str(error))}
+        else:
+            session.read(self._as_written(event), event)
+            if session.whole.failure is not None:
+                found = {"error": session.whole.failure}
+            elif (explanation := session.whole.monitors.explanation(0)) is not None:
+                known = session.buffer.events(matched_events([explanation]))
+                found = explained(explanation, self.tree, known, session.fields)
+        verdicts: dict[str, Json] = {"verdict": self.word(session.whole.verdict)}
+        if session.parts:
+            verdicts["verdicts"] = {label: self.word(part.verdict) for label, part in session.parts.items()}
+        return {**event, **found, **verdicts}
 
     def word(self, verdict: Verdict | None) -> str | bool:
         """A verdict as ROSMonitoring's word for it; None is that of a monitor that gave up."""
@@ -192,6 +176,21 @@ class Protocol:
         word = _WORDS[self.polarity][verdict]
         return _DEFINITIVE.get(word, word) if self.vocabulary is Vocabulary.RML else word
 
+    def _as_written(self, event: Mapping[str, Json]) -> Mapping[str, Json]:
+        """The event with its names as the tree spells them; one that the tree spells both ways, or not at all, stays as it is.
+
+        ROS takes `/command` and `command` for one name (at the root namespace), and the versions of ROSMonitoring write it either way.
+        A tree takes them for two values, so this holds on the wire alone. A name with more than one leading slash has no other spelling.
+        """
+        renamed: dict[str, Json] = {}
+        for field, known in self.names.items():
+            name = event.get(field)
+            if isinstance(name, str) and name not in known and not name.startswith("//"):
+                other = name[1:] if name.startswith("/") else f"/{name}"
+                if other in known:
+                    renamed[field] = other
+        return {**event, **renamed} if renamed else event
+
     def _event(self, message: str | bytes) -> dict[str, Json]:
         line = message.encode() if isinstance(message, str) else message
         if len(line) > self.longest:
@@ -199,21 +198,6 @@ class Protocol:
         if line.startswith(BOM):
             raise ValueError("a byte order mark before the event; send the event alone")
         return decode(line, reads=self.reads, finite=True)
-
-    def _verdicts(self, session: Session) -> dict[str, Json]:
-        said: dict[str, Json] = {"verdict": self.word(session.whole.verdict)}
-        parts = {label: self.word(part.verdict) for label, part in session.parts.items()}
-        return said | {"verdicts": parts} if parts else said
-
-    def _found(self, session: Session) -> dict[str, Json]:
-        """What there is to say beside the verdict: how the tree was detected, or why there is no verdict."""
-        if session.whole.failure is not None:
-            return {"error": session.whole.failure}
-        explanation = session.whole.monitors.explanation(0)
-        if explanation is None:
-            return {}
-        known = session.buffer.events(matched_events([explanation]))
-        return explained(explanation, self.tree, known, session.fields)
 
 
 def protocol(
@@ -230,4 +214,4 @@ def protocol(
     >>> protocol(tree).reply('{"event": "b"}', session(tree))
     {'event': 'b', 'verdict': 'currently_true'}
     """
-    return Protocol(TreeReads(tree), Names.of(tree), tree, polarity, vocabulary, longest)
+    return Protocol(TreeReads(tree), names(tree), tree, polarity, vocabulary, longest)

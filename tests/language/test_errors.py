@@ -1,16 +1,13 @@
 """What people are told when a text is not in the language: where, what, and how to mend it."""
 
-import json
-from pathlib import Path
-
 import pytest
 
 from rvaft.errors import LanguageError
 from rvaft.language.parser import parse, parse_guard, parse_pattern
+from tests.tables import rows
 
-TABLE = Path(__file__).with_name("slips.txt")
 SLIPS = [
-    *(json.loads(row) for row in TABLE.read_text(encoding="utf-8").split("\n") if row and not row.startswith("#")),
+    *rows(__file__, "slips.txt"),
     (f"a when X > {'1' * 400};", 1, 12, "too large for a double"),
     (f"a on e(-{'1' * 400});", 1, 9, "too large for a double"),
     (f"a when X > {'1' * 5000};", 1, 12, "a number of 5000 digits is too long"),

@@ -18,6 +18,7 @@ from rvaft.language.printer import dumps
 from rvaft.model.nodes import Node, Place, Topic
 from rvaft.model.tree import RVAFT
 from tests.cli.runs import run
+from tests.tables import rows
 
 TREE = "top or a b;\na fault;\nb attack;\n"
 
@@ -110,25 +111,7 @@ def test_trees_that_differ_in_topics_are_not_equal_but_mean_the_same() -> None:
 
 @pytest.mark.parametrize(
     ("text", "parts"),
-    [
-        ('topic "/c" type "a.msg.B";\ntopic "/c" type "a.msg.C";', ["<text>:2:17", "a.msg.B at <text>:1:17", "[duplicate-topic]"]),
-        ('topic "/c" type "a.msg.B";\ntopic "c" type "a.msg.C";', ["<text>:2:16", "a.msg.B at <text>:1:17"]),
-        ('topic "/c" type "std_msgs/String";', ["<text>:1:17", '"std_msgs.msg.String"', "[malformed-topic]"]),
-        ('topic "/c" type "std_msgs/msg/String";', ['"std_msgs.msg.String"']),
-        ('topic "/c" type "std_msgs::msg::String";', ['"std_msgs.msg.String"']),
-        ('topic "/c" type "no.dots";', ['"no.dots" is no message type', '"no.msg.dots"']),
-        ('topic "/c" type "String";', ['"package.msg.Name"']),
-        ('topic "/c" type "";', ['"package.msg.Name"']),
-        ('topic "/c" type "a.b.class";', ['"package.msg.Name"']),
-        ('topic "/c" type "a.msg.Ö";', ['"package.msg.Name"']),
-        ('topic "/c" type "a.msg.B\\n";', ['"a.msg.B\\n" is no message type']),
-        ('topic "/my topic" type "a.msg.B";', ["<text>:1:7", '"/my topic" is no name in ROS']),
-        ('topic "" type "a.msg.B";', ['"" is no name in ROS']),
-        ('topic "//c" type "a.msg.B";', ['"//c" is no name in ROS']),
-        ('topic "/c/" type "a.msg.B";', ['"/c/" is no name in ROS']),
-        ('topic "~c" type "a.msg.B";', ['"~c" is no name in ROS']),
-        ('topic "/c" type "a.msg.B" from n, "m.o";', ["<text>:1:35", '"m.o" is no name in ROS']),
-    ],
+    rows(__file__, "wrong_topics.txt"),
 )  # fmt: skip
 def test_a_wrong_declaration_is_an_error_at_its_place(text: str, parts: list[str]) -> None:
     with pytest.raises(TreeError) as caught:

@@ -12,6 +12,7 @@ from rvaft.model.nodes import EventType, Gate, Ignore, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.rules import check, check_tree, require_valid
+from tests.tables import rows
 
 READING = "event reading(v) = { value: v };\nevent alarm() = { alarm: true };\n"
 
@@ -22,42 +23,7 @@ def lines(text: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [
-        (
-            'top and a b;\na label "x";\nb;\na label "y";\n',
-            "<text>:4:3: error: the label of a is set twice, first at <text>:2:3; remove one [duplicate-setting]",
-        ),
-        (
-            "causality top_down;\ntop and a b;\na;\nb;\ncausality bottom_up;\n",
-            "`causality` is set twice, first to top_down at <text>:1",
-        ),
-        ("top 3of2 a b;\na;\nb;\n", "top asks for 3 of 2 children; K must be between 1 and 2 [threshold]"),
-        ("top 0of2 a b;\na;\nb;\n", "top asks for 0 of 2 children; K must be between 1 and 2 [threshold]"),
-        ("top vot3 a b;\na;\nb;\n", "top asks for 3 of 2 children"),
-        ("top 2of3 a b c d;\na;\nb;\nc;\nd;\n", "top is 2of3 but has 4 children; write 2of4, or list 3 children"),
-        ("toplevel topp;\ntop and a b;\na;\nb;\n", "the root topp is not stated anywhere; did you mean top? [no-root]"),
-        ("toplevel top;\ntoplevel a;\ntop and a b;\na;\nb;\n", "`toplevel` names a, but top at <text>:1:"),
-        ("top and top b;\nb;\ntoplevel top;\n", "top is its own child; a node cannot be below itself"),
-        ("top and a b;\na;\nb;\nprune valv;\n", "cannot prune valv: no statement mentions it"),
-        ("toplevel top;\ntop and a b;\na;\nb;\nprune top;\n", "cannot prune top: it is the root [prune]"),
-        ("top and g b;\ng or a;\na;\nb;\nprune a;\n", "the gate g would have no child left; prune g too [prune]"),
-        (
-            'toplevel top; top or "a b" c;\nc;\n',
-            'child a b is not declared; it observes its default event (write `"a b";`)',
-        ),
-        ('toplevel top; top or "and" c;\nc;\n', '(write `"and";`)'),
-        ("toplevel top; top or a c;\nc;\n", "(write `a;`)"),
-        ("top and pump valve;\npump;\nvalv;\ntoplevel top;\n", "child valve is not declared"),
-        (
-            READING + "top and s h;\ns 2of3 a b c;\na on reading(Value);\nb;\nc;\nh when Value > 1;\n",
-            "variable Value in the guard of h is not bound in the only branch, when s keeps b c; only a binds it",
-        ),
-        (READING + "top sand a h;\na on reading(Value);\nh when Valu > 1;\n", "no `on` binds it; did you mean Value?"),
-        (READING + "top sand a h;\na on reading(Value);\nh when VALUE > 1;\n", "binds it; did you mean Value?"),
-        (READING + "top sand a h;\na on reading(T1);\nh when T2 > 1;\n", "no `on` binds it; did you mean T1?"),
-        (READING + "top sand a h;\na on reading(X);\nh when Y > 1;\n", "no `on` binds it [unbound-variable]"),
-        ("top and pump Valve;\npump;\nvalve;\ntoplevel top;\n", "child Valve is not declared"),
-    ],
+    rows(__file__, "messages.txt"),
 )
 def test_the_message_says_what_and_how_to_mend(text: str, expected: str) -> None:
     assert any(expected in line for line in lines(text)), lines(text)

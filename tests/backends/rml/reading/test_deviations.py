@@ -10,6 +10,7 @@ from rvaft.model.values import Json
 from tests.backends.rml.published.runner import compiled, needs_published, verdicts
 from tests.backends.rml.reading.cases import CASES, events
 from tests.backends.rml.reading.letters import letters
+from tests.tables import rows
 
 
 @dataclass
@@ -21,53 +22,7 @@ class Shown:
     reader: str
 
 
-SHOWN = (
-    Shown(1, "g(x) matches {v:x} with x > 1;\nMain = g(x) all;", [{"v": "text"}], "E", "F"),
-    Shown(1, "g(x) matches {v:x} with x > 1;\nMain = (g(x) \\/ any) all;", [{"v": None}], "E", "T"),
-    Shown(1, "g matches {v:1} with true;\nMain = g all;", [{"v": 1}], "E", "T"),
-    Shown(2, "g(x) matches {v:x} with x >= 250;\nMain = g(x) all;", [{"v": 249.99999999999}], "T", "F"),
-    Shown(2, "g(x) matches {v:x} with x > 9007199254740992.0;\nMain = g(x) all;", [{"v": 9007199254740993}], "F", "T"),
-    Shown(2, "g(x,y) matches {v:x, w:y} with x == y;\nMain = g(x,y) all;", [{"v": 1, "w": 1.00000000001}], "T", "F"),
-    Shown(3, "g(x,y) matches {v:x} with y > x;\nMain = g(x,y) all;", [{"v": 1}], "T", "F"),
-    Shown(3, "g(x) matches {v:x} | {e:'a'} with x > 1;\nMain = g(x) all;", [{"e": "a"}], "T", "F"),
-    Shown(4, "a matches {v:1};\nMain = a all;", [{"v": 1.0}], "F", "T"),
-    Shown(4, "a(x) matches {v:x};\nMain = a(1) all;", [{"v": 1.0}], "F", "T"),
-    Shown(4, "a(x) matches {v:x};\nMain = {let x; a(x) a(x) all};", [{"v": 1}, {"v": 1.0}], "?F", "?T"),
-    Shown(
-        5, "a(x) matches {v:x};\nMain = {let x; a(x) a(x) all};", [{"v": {"k": 1}}, {"v": {"k": 1, "l": 2}}], "?T", "?F"
-    ),
-    Shown(5, "p(x) matches {e:'a'} | x;\nMain = {let x; p(x) p(x) all};", [{"e": "b"}, {"e": "b", "v": 1}], "?T", "?F"),
-    Shown(7, "n not matches {e:'a', v:x} with x > 5;\nMain = n all;", [{"e": "b"}], "T", "F"),
-    Shown(
-        7,
-        "n(x) not matches {e:'a'} with x > 5;\nb(x) matches {e:'b', v:x};\nMain = {let x; b(x) n(x) all};",
-        [{"e": "b", "v": 6}, {"e": "b", "v": 6}],
-        "?T",
-        "?T",
-    ),
-    Shown(
-        12,
-        "a matches {e:'a'};\nb matches {e:'b'};\nMain = (a all) | (b b);",
-        [{"e": "a"}, {"e": "c"}, {"e": "b"}, {"e": "b"}],
-        "?FFF",
-        "????",
-    ),
-    Shown(12, "b(x) matches {v:x};\nMain = {let x; b(x) (if (x >= 10) all else none)};", [{"v": "z"}], "T", "?"),
-    Shown(
-        12,
-        "b(x) matches {v:x};\nMain = {let x; b(x) (if (x >= 10) any else none)};",
-        [{"v": "zz"}, {"v": 1}],
-        "EE",
-        "?F",
-    ),
-    Shown(
-        12,
-        "b(x) matches {v:x};\nMain = G<y> ;\nG<n> = any (if (n > 1) any else any);",
-        [{"v": "zz"}, {"v": 1}],
-        "EE",
-        "?F",
-    ),
-)
+SHOWN = [Shown(*row) for row in rows(__file__, "deviations.txt")]
 
 
 @pytest.mark.parametrize("row", SHOWN, ids=lambda row: f"{row.number}: {row.text.splitlines()[0]}")

@@ -15,37 +15,9 @@ from rvaft.model.patterns import ObjectPattern, Variable
 from rvaft.model.values import Json
 from tests.backends.observing import differing
 from tests.backends.rml.reading.programs import Programs, event
+from tests.tables import rows
 
-CASES = [
-    # declarations; uses; the questions, in their order; why
-    ("a matches {e:'a'}; b matches {e:'b'};", "a", ['{ e: "a" }'], "what is not used is not asked"),
-    ("a(x,y) matches {v:x, w:y};", "a(1,true)", ["{ v: 1, w: true }"], "arguments"),
-    ("a(x) matches {v:x, w:_};", "a(1+1)", [], "an argument that is not calculated never matches"),
-    ("a(x) matches {v:x} | {w:1};", "a(1+1)", ["{ w: 1 }"], "but the other choice can"),
-    ("a matches {v:1|2, w:'x'|'y'};", "a", ['{ v: 1, w: "x" }', '{ v: 1, w: "y" }', '{ v: 2, w: "x" }', '{ v: 2, w: "y" }'], "choices"),
-    ("p(x) matches {v:x, w:x}; d matches p(_);", "d", ["{ v: _1, w: _1 }"], "a parameter used twice, called with `_`"),
-    ("p(x) matches {v:x}; d matches p('s');", "d", ['{ v: "s" }'], "derived, with a string"),
-    ("p(x) matches {v:x}; d matches p({k:[1,_]});", "d", ["{ v: {k: [1, _]} }"], "derived, with a pattern"),
-    ("p(x) matches {v:x}; d(y) matches p({k:y, l:y});", "d(3)", ["{ v: {k: 3, l: 3} }"], "with a pattern of its own variables"),
-    ("p(x,y) matches {v:x, w:y}; d matches p(z,z);", "d", ["{ v: _1, w: _1 }"], "a name used twice around the use"),
-    ("p matches {v:1}; q matches {w:2}; d not matches p | q;", "d", ["{ v: 1 }", "{ w: 2 }"], "`not` asks what it negates"),
-    ("p not matches {v:1}; d not matches p | any;", "d", ["{ v: 1 }"], "`any` is no question"),
-    ("a matches {v:1};", "none", [], "nor is `none`"),
-    ("a matches {v:1};", "any", [], ""),
-    ("any matches {v:1};", "any", ["{ v: 1 }"], "a declared `any` is wider"),
-    ("a matches {v:1}; a matches {v:2}; a(x) matches {w:x};", "a", ["{ v: 1 }", "{ v: 2 }"], "all declarations of one name and arity"),
-    ("a matches {v:1};", "b", [], "an undefined type"),
-    ("a matches {v:x} with x > 3;", "a", ["{ v: _1 } when _1 > 3"], "a guard"),
-    ("a matches {v:x} with x != 3;", "a", ["{ v: _1 } when _1 < 3 or _1 > 3"], "numbers or strings, nothing else"),
-    ("a matches {v:x} with (x > 3) == true;", "a", ["{ v: _1 } when null"], "a truth value equals nothing"),
-    ("a(t) matches {v:x} with x >= t + 10;", "a(5)", ["{ v: _1 } when _1 >= 5 + 10"], "a guard with an argument"),
-    ("p(x) matches {v:x} with x > 3; d(y) matches p(y) with y < 9;", "d(4)", ["{ v: 4 } when 4 > 3 and 4 < 9"], "guards on the way"),
-    ("p(x) matches {v:x}; d matches p(y) with y < 9;", "d", ["{ v: _1 } when _1 < 9"], "a guard around"),
-    ("p(x) matches {v:x}; n(x) not matches p(x) with x < 9;", "n(4)", ["{ v: 4 }"], "a guard after `not` asks nothing of events"),
-    ("a(x) matches {v:x} | {w:1} with x < 9;", "a(4)", ["{ v: 4 } when 4 < 9", "{ w: 1 } when 4 < 9"], ""),
-    ("a matches {v:x} | {w:1} with x < 9;", "a", ["{ v: _1 } when _1 < 9", "{ w: 1 } when null < 9"], "unbound: no value"),
-    ("a matches {v:[]};", "a", ["{ v: [] }"], "lists"),
-]  # fmt: skip
+CASES = rows(__file__, "observed.txt")
 
 
 def questions(text: str) -> list[str] | None:

@@ -2,7 +2,7 @@
 
 import gc
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -21,7 +21,6 @@ from rvaft.monitoring.follow import FollowedFile, stopping
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.reader import open_log
 from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, TraceRun, VerdictChange
-from rvaft.monitors import Explanation
 from rvaft.support.files import deliver
 from rvaft.support.terminal import ProgressBar
 
@@ -85,28 +84,26 @@ class Drawing(Listener):
         self._deliver = deliver
 
     def change(self, change: VerdictChange) -> None:
-        """Draw what this event detected."""
+        """Draw what this event detected, in the format of the file's suffix."""
+        from rvaft.export import fired_dot, fired_text, picture  # noqa: PLC0415 -- imported on use
+
+        form = PurePath(self._file).suffix.lower().removeprefix(".")
         for found in change.detections:
             self.count += 1
-            if self.first is None and found.explanation is not None and not self.failed:
-                try:
-                    self.first = drawn(self._tree, found.explanation, found.events, PurePath(self._file).suffix.lower())
-                    if self._deliver is not None:
-                        self._deliver(self.first, self._file)
-                except (RvaftError, OSError) as error:
-                    self._sink.report(error)
-                    self.failed = True
-
-
-def drawn(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], suffix: str) -> bytes:
-    """The tree with the path that fired, in the format of a suffix; raises `ToolMissing` and `ToolFailed`."""
-    from rvaft.export import fired_dot, fired_text, picture  # noqa: PLC0415 -- imported on use
-
-    if suffix == ".txt":
-        return fired_text(tree, explanation, events).encode()
-    dot = fired_dot(tree, explanation, events)
-    form = suffix.removeprefix(".")
-    return picture(dot, form) if form in PICTURES else dot.encode()
+            if self.first is not None or found.explanation is None or self.failed:
+                continue
+            fired = self._tree, found.explanation, found.events
+            try:
+                if form == "txt":
+                    self.first = fired_text(*fired).encode()
+                else:
+                    dot = fired_dot(*fired)
+                    self.first = picture(dot, form) if form in PICTURES else dot.encode()
+                if self._deliver is not None:
+                    self._deliver(self.first, self._file)
+            except (RvaftError, OSError) as error:
+                self._sink.report(error)
+                self.failed = True
 
 
 def require_drawable(file: str) -> None:

@@ -12,7 +12,7 @@ import signal
 import stat
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -167,7 +167,9 @@ class FollowedFile(io.RawIOBase):
             if self._fill():
                 return True
             if self._next is None:
-                self._next = self._other()
+                with suppress(FileNotFoundError):  # a path where nothing stands is waited for
+                    if not os.path.samestat(self.path.stat(), os.fstat(self.file.fileno())):
+                        self._next = _opened(self.path)
                 self._idle()
                 self._sleep()  # whoever writes to the old file may not have noticed yet
             elif self._ready:
@@ -195,16 +197,6 @@ class FollowedFile(io.RawIOBase):
         self._before = seen[-_KEPT:]
         return bool(new)
 
-    def _other(self) -> BinaryIO | None:
-        """The file at the path, if it is not the one that is read; a path where nothing stands is waited for."""
-        try:
-            there = self.path.stat()
-            if os.path.samestat(there, os.fstat(self.file.fileno())):
-                return None
-            return _opened(self.path)
-        except FileNotFoundError:
-            return None
-
     def _replace(self) -> None:
         assert self._next is not None
         self._changed(FileChange(str(self.path), replaced=True, read=self._position))
@@ -230,25 +222,25 @@ class FollowedFile(io.RawIOBase):
 
 
 @contextmanager
-def stopping(*signals: signal.Signals) -> Iterator[Callable[[], bool]]:
-    """Within, a signal asks for the end: gives the function that says whether one came. Ctrl-C and SIGTERM unless others are named.
+def stopping() -> Iterator[Callable[[], bool]]:
+    """Within, Ctrl-C or SIGTERM asks for the end: gives the function that says whether one came.
 
     After the first one the signals do what they did before, so that a second Ctrl-C interrupts at once. For the main thread alone,
     as Python has it for signals.
     """
     asked = False
-    before: dict[signal.Signals, Any] = {}
+
+    def restore() -> None:
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
     def ask(_number: int, _frame: FrameType | None) -> None:
         nonlocal asked
         asked = True
         restore()
 
-    def restore() -> None:
-        for each, handler in before.items():
-            signal.signal(each, handler)
-
-    for each in signals or (signal.SIGINT, signal.SIGTERM):
+    before: dict[signal.Signals, Any] = {}
+    for each in (signal.SIGINT, signal.SIGTERM):
         before[each] = signal.signal(each, ask)
     try:
         yield lambda: asked

@@ -71,14 +71,6 @@ def test_events_that_are_held_back_come_before_the_error(tmp_path: Path) -> None
     assert [json.loads(line)["verdict"] for line in result.stdout.splitlines()] == ["unknown"] * 3 + ["true"]
 
 
-def test_events_without_the_number_are_counted(tmp_path: Path) -> None:
-    log = tmp_path / "log.jsonl"
-    log.write_text(lines([{"topic": "/clock"}, *row1()]))
-    result = run("monitor", PRUNED, log, "--order-by", "time")
-    assert result.exit_code == 1
-    assert "1 event without a number in the field time" in result.stderr
-
-
 # -- a growing file ---------------------------------------------------------------------------------------------------
 
 
@@ -302,13 +294,6 @@ def test_commands_get_the_detection_as_json(tmp_path: Path) -> None:
     assert found["tree"] == str(PRUNED)
     assert [one["event"] for one in found["matched"]] == [1, 2, 3, 4]
     assert list(found["events"].values()) == row1()
-
-
-@pytest.mark.parametrize(("per", "runs"), [("tree", 1), ("branch", 1), ("kind", 1)])
-def test_a_detection_is_told_once(per: str, runs: int, tmp_path: Path) -> None:
-    told = tmp_path / "told"
-    run("monitor", PRUNED, ROW1, "--per", per, "--exec", f"cat >> {told}")
-    assert len(told.read_text().splitlines()) == runs
 
 
 @pytest.mark.parametrize(("options", "expected"), [(["--per", "kind"], "FA"), (["--kind", "attack"], "FA"), ([], "F")])

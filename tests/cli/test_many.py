@@ -90,25 +90,6 @@ def test_a_long_table_leaves_out_events_that_change_nothing(tmp_path: Path) -> N
     assert rows[1003].strip() == "(1 more)"
 
 
-def test_too_many_branches_are_refused_with_a_way_out(tmp_path: Path) -> None:
-    tree = tmp_path / "wide.rvaft"
-    tree.write_text("toplevel t; t or " + " ".join(f"b{n}" for n in range(1001)) + ";")
-    failed(run("monitor", tree, "--word", "b7", "--per", "branch"), "limit 1000", "--per kind", "--branch N")
-
-
-def test_the_form_does_not_depend_on_whether_the_tree_has_kinds() -> None:
-    said = jsonl(SAND, "--word", "a", "--per", "kind")
-    assert said == [{"event": 1, "verdict": "unknown", "verdicts": {"tree": "unknown"}}]
-
-
-@pytest.mark.parametrize("backend", ["rml"])
-def test_a_backend_can_be_run_for_each_branch(backend: str) -> None:
-    tree = TREES / "gates" / "or.rvaft"
-    expected = jsonl(tree, "--word", "x b", "--per", "branch")
-    said = jsonl(tree, "--word", "x b", "--per", "branch", "--backend", backend)
-    assert [one["verdicts"] for one in said] == [one["verdicts"] for one in expected]
-
-
 def test_a_limit_of_partial_matches_ends_the_run(tmp_path: Path) -> None:
     tree = tmp_path / "tree.rvaft"
     tree.write_text(
@@ -139,12 +120,6 @@ def test_a_pattern_stands_for_the_files_that_match_it(tmp_path: Path) -> None:
     assert traces("**/*.jsonl") == ["a/b/z.jsonl", "a/y.jsonl", "x.jsonl"]
     assert traces("a/[xy].jsonl") == ["a/y.jsonl"]
     assert traces("a/?/z.jsonl") == ["a/b/z.jsonl"]
-
-
-def test_a_file_whose_name_is_a_pattern_is_that_file(tmp_path: Path) -> None:
-    for name in ("log[1].jsonl", "log1.jsonl"):
-        (tmp_path / name).write_text('{"event": "a"}\n' * len(name))
-    assert len(jsonl(SAND, tmp_path / "log[1].jsonl")) == len("log[1].jsonl")
 
 
 def test_a_pattern_without_a_file_is_an_error_and_the_others_are_read() -> None:
@@ -187,11 +162,6 @@ def test_several_processes_print_what_one_prints(form: str, per: str, tmp_path: 
     assert together.stderr == alone.stderr
     assert len(alone.stderr.splitlines()) >= 2
     assert together.returncode == alone.returncode == 2
-
-
-def test_several_processes_tell_what_was_found() -> None:
-    assert process("monitor", PRUNED, LOGS / "*.jsonl", "--jobs", 2).returncode == 1
-    assert process("monitor", PRUNED, LOGS / "table3*.jsonl", "--jobs", 2).returncode == 0
 
 
 def test_an_interrupt_ends_all_processes(tmp_path: Path) -> None:
@@ -326,13 +296,6 @@ def test_too_many_keys_are_an_error(robots: Path) -> None:
     result = run("monitor", PRUNED, robots, "--key", "robot.id", "--max-keys", 1, "--format", "jsonl")
     failed(result, "too large", "different values of robot.id", "limit 1", "--max-keys N", "event 2", str(robots))
     assert len(result.stdout.splitlines()) == 1
-
-
-def test_a_repeated_key_is_malformed_in_the_field_too(tmp_path: Path) -> None:
-    log = tmp_path / "log.jsonl"
-    log.write_text('{"event": "x", "id": 1, "id": 2}\n')
-    assert run("monitor", SAND, log).exit_code == 0
-    failed(run("monitor", SAND, log, "--key", "id"), f"{log}:1: ", '"id"', "repeated")
 
 
 def test_very_many_keys_are_summed_up(tmp_path: Path) -> None:

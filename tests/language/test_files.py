@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from rvaft.api import load
 from rvaft.errors import LanguageError
 from rvaft.language.draft import BrokenPrune, Draft, PruneFault
 from rvaft.language.parser import parse_file
@@ -164,6 +165,8 @@ def test_missing_files_and_folders(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="cannot read the file: No such file") as caught:
         parse_file(path)
     assert caught.value.filename == str(path)
+    with pytest.raises(FileNotFoundError, match=r"none\.rvaft"):
+        load(path)
     with pytest.raises(IsADirectoryError, match="cannot read the file: Is a directory"):
         parse_file(str(tmp_path))
     with pytest.raises(LanguageError, match="cannot read the file: embedded null byte"):

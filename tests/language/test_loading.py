@@ -1,6 +1,7 @@
 """From text to a checked tree: the first broken rule is a `TreeError` with its code, place and nodes."""
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,8 +10,6 @@ import pytest
 from rvaft.api import load, loads
 from rvaft.errors import TreeError, WrongType
 from rvaft.language.printer import dumps
-from rvaft.model.nodes import Gate
-from rvaft.model.tree import RVAFT
 
 # text, rule, place, a culprit
 BROKEN = [
@@ -47,13 +46,6 @@ def test_a_file_by_path_or_name(tmp_path: Path) -> None:
     assert load(path) == load(str(path)) == load(os.path.relpath(path)) == loads("a or b c; b; c;")
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    path = tmp_path / "none.rvaft"
-    with pytest.raises(FileNotFoundError, match=r"none\.rvaft") as caught:
-        load(path)
-    assert caught.value.filename == str(path)
-
-
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -76,15 +68,10 @@ def test_a_tree_of_10000_nodes_loads() -> None:
     assert dumps(tree).count("\n") == 10_000
 
 
-def test_a_chain_of_5000_gates_loads() -> None:
-    tree = loads("\n".join(f"n{i} {gate} n{i + 1};" for i, gate in zip(range(5000), ["and", "or"] * 2500, strict=True)))
-    assert tree.root == "n0"
-    assert tree.nodes["n4999"].gate is Gate.OR
-
-
-def test_the_remote_inspection_tree(remote_inspection: str) -> None:
-    tree = loads(remote_inspection)
-    assert isinstance(tree, RVAFT)
-    assert tree.root == "damaged"
-    assert len(tree.nodes) == 12
+def test_the_worked_example_of_the_definition() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "semantics.md").read_text(encoding="utf-8")
+    found = re.search(r"^```\w*\n(// Robot damaged.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert found is not None
+    tree = loads(found[1])
+    assert (tree.root, len(tree.nodes)) == ("damaged", 12)
     assert loads(dumps(tree)) == tree

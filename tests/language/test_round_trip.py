@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given, settings
 
+from rvaft.api import loads
 from rvaft.errors import LanguageError
 from rvaft.language.parser import parse, parse_guard, parse_pattern
 from rvaft.language.printer import dumps
@@ -133,4 +134,4 @@ def test_a_chain_of_5000_gates() -> None:
     nodes = [Node(f"n{i}", Gate.AND, (f"n{i + 1}", f"m{i}")) for i in range(5000)]
     leaves = [Node("n5000"), *(Node(f"m{i}") for i in range(5000))]
     tree = RVAFT("n0", [*nodes, *leaves])
-    assert parse(dumps(tree)).build() == tree
+    assert loads(dumps(tree)) == tree

@@ -8,7 +8,6 @@ from backends.rml.reader import monitor as rules
 from backends.rml.reader.monitor import read
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json
-from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 from tests.backends.rml.reading.letters import letters
 from tests.backends.rml.reading.programs import Programs, event
@@ -22,23 +21,6 @@ def _after(text: str, events: list[Json]) -> Monitor:
     for one in events:
         monitor.step(one)
     return monitor
-
-
-def test_a_monitor_starts_undecided_and_stays_decided() -> None:
-    monitor = read(A + "Main = a all;")
-    assert monitor.verdict is Verdict.UNKNOWN
-    assert monitor.step({"e": "a"}) is Verdict.TRUE
-    state = monitor.state
-    assert monitor.step({"e": "b"}) is Verdict.TRUE
-    assert monitor.state == state
-
-
-def test_monitors_are_independent() -> None:
-    text = A + "Main = a b all;"
-    one, other = read(text), read(text)
-    one.step({"e": "a"})
-    assert other.step({"e": "b"}) is Verdict.FALSE
-    assert one.step({"e": "b"}) is Verdict.TRUE
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from rvaft.export.layout import looking
 from rvaft.export.line_breaks import wrapped, wrapped_code
 from tests.export.geometry import measured, overlaps, pdf_width
 from tests.export.trees import AWKWARD, awkward, chain, every_part
+from tests.tables import rows
 from tests.tex import document, needs_tex
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
@@ -84,21 +85,7 @@ def test_wrapping_keeps_words_and_breaks_what_is_much_too_wide() -> None:
                 assert all(line.isprintable() for line in lines)
 
 
-@pytest.mark.parametrize(
-    ("text", "width", "lines"),
-    [
-        ('result(Waypoint, "success")', 17, ["result(Waypoint,", '"success")']),
-        ('result(Waypoint, "success")', 10, ["result(", "Waypoint,", '"success")']),
-        ('valve("closed", T3)', 17, ['valve("closed",', "T3)"]),
-        ("when V2 >= V1 + 20", 17, ["when", "V2 >= V1 + 20"]),
-        ("when A >= 1 and (B < 2 or C > 3)", 24, ["when A >= 1", "and (B < 2 or C > 3)"]),
-        ("[Value >= 250; not (T2 >= T1 + 10)]", 24, ["[Value >= 250;", "not (T2 >= T1 + 10)]"]),
-        ("[not (T3 >= 10 + 20 * 3)]", 24, ["[not (T3 >= 10 + 20 * 3)]"]),
-        ('temp(V1, T1), temp("NaN", _), not s3', 22, ["temp(V1, T1),", 'temp("NaN", _), not s3']),
-        ('say("a  b, (c) and d", X)', 22, ['say("a  b, (c) and d",', "X)"]),
-        ('say("two  blanks stay", X)', 13, ['say("two  ', 'blanks stay",', "X)"]),
-    ],
-)
+@pytest.mark.parametrize(("text", "width", "lines"), rows(__file__, "broken_code.txt"))
 def test_events_and_guards_break_where_their_parts_end(text: str, width: int, lines: list[str]) -> None:
     assert wrapped_code(text, width) == lines
 

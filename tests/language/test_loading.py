@@ -10,23 +10,10 @@ import pytest
 from rvaft.api import load, loads
 from rvaft.errors import TreeError, WrongType
 from rvaft.language.printer import dumps
+from tests.tables import rows
 
 # text, rule, place, a culprit
-BROKEN = [
-    ("a and b;\nb and a;\ntoplevel a;", "cycle", "2:7", "b"),
-    ("a or b;\na and c;", "duplicate-setting", "2:3", "a"),
-    ("a or b\n  b;", "duplicate-child", "2:3", "b"),
-    ("a 4of3 b c d;", "threshold", "1:3", "a"),
-    ("a 2of3 b c d e;", "threshold", "1:3", "a"),
-    ("a 0of1 b;", "threshold", "1:3", "a"),
-    ("a on e(X);", "unknown-event", "1:6", "a"),
-    ("event e(x) = { x: x };\na or b;\nb on e(X, Y);", "event-arity", "3:6", "b"),
-    ("event e(x) = { y: 1 };\na on e(X);", "unused-parameter", "1:7", ""),
-    ("a or b; c or b;", "no-root", "1:9", "c"),
-    ("a 2of3 b c d;\nprune b;", "prune", "2:7", "a"),
-    ("a and b c;\nb when X > 1;", "unbound-variable", "2:3", "b"),
-    ("a or b;\nb when 1 < 2;", "silent-scenario", "", ""),
-]
+BROKEN = rows(__file__, "broken.txt")
 
 
 @pytest.mark.parametrize(("text", "rule", "place", "culprit"), BROKEN)

@@ -109,10 +109,7 @@ def test_trees_that_differ_in_topics_are_not_equal_but_mean_the_same() -> None:
     assert monitor(one).step({"event": "a"}) is monitor(other).step({"event": "a"})
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    rows(__file__, "wrong_topics.txt"),
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "parts"), rows(__file__, "wrong_topics.txt"))
 def test_a_wrong_declaration_is_an_error_at_its_place(text: str, parts: list[str]) -> None:
     with pytest.raises(TreeError) as caught:
         loads(f"{text}\n{TREE}")

@@ -28,6 +28,7 @@ from rvaft.model.nodes import Argument, EventType, Gate, Node, On
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 from rvaft.model.tree import RVAFT
 from tests.cli.runs import PRUNED, TREES
+from tests.tables import rows
 from tests.tex import compiled, needs_tex, unsound
 
 SHIPPED = sorted(path for path in TREES.rglob("*.rvaft") if path.stem != "listing")
@@ -35,62 +36,9 @@ SHIPPED = sorted(path for path in TREES.rglob("*.rvaft") if path.stem != "listin
 EVENTS = "event p(x) = { x: x }; event q_1(x, y) = { x: x, y: y };"
 A, B, C = (rf"\mathit{{{letter}}}" for letter in "abc")
 
-FORMULAS = [
-    # tree, text, Unicode, LaTeX
-    ("t sand a b c;", "a ; b ; c", "a · b · c", rf"{A} \cdot {B} \cdot {C}"),
-    ("t sand_rl a b c;", "c ; b ; a", "c · b · a", rf"{C} \cdot {B} \cdot {A}"),
-    ("t and a b;", "(a & b)", "a ∧ b", rf"{A} \wedge {B}"),
-    ("t or a b;", "(a | b)", "a ∨ b", rf"{A} \vee {B}"),
-    ("t 2of3 a b c;", "at least 2 of (a, b, c)", "VOT 2/3(a, b, c)", rf"\mathrm{{VOT}}_{{2/3}}({A}, {B}, {C})"),
-    ("t and g c; g or a b;", "((a | b) & c)", "(a ∨ b) ∧ c", rf"({A} \vee {B}) \wedge {C}"),
-    ("t and g c; g and a b;", "(a & b & c)", "a ∧ b ∧ c", rf"{A} \wedge {B} \wedge {C}"),
-    ("t or g; g and a;", "a", "a", A),
-    (
-        "t and ev1 ev02; ev1 on p(T12);",
-        "(p(T12) & ev02)",
-        "p(T₁₂) ∧ ev₀₂",
-        r"\mathit{p}(\mathit{T}_{12}) \wedge \mathit{ev}_{02}",
-    ),
-    (
-        't and ev1; ev1 on q_1(_, "a\\"b");',
-        'q_1(_, "a\\"b")',
-        'q_1(_, "a\\"b")',
-        r"\mathit{q\_1}(\_, \text{``a\texttt{\char34}b''})",
-    ),
-    (
-        "t and a; a on p(X) when X >= 250;",
-        "p(X) ; [X >= 250]",
-        "p(X) · [X ≥ 250]",
-        r"\mathit{p}(\mathit{X}) \cdot [\mathit{X} \geq 250]",
-    ),
-    ("causality bottom_up; t and a b; a and c on p(1);", "((c ; p(1)) & b)", "(c · p(1)) ∧ b", None),
-    ('t and "50% $_x" "é";', '("50% $_x" & "é")', '"50% $_x" ∧ "é"', r"\textit{``50\% \$\_x''} \wedge \textit{``é''}"),
-    # What the alternatives share, because they are of the same nodes, stands once.
-    ("t or g h; g sand a s; h sand b s; s sand c d;", "(a | b) ; c ; d", "(a ∨ b) · c · d", None),
-    ("t or g h; g sand s a; h sand s b;", "s ; (a | b)", "s · (a ∨ b)", rf"\mathit{{s}} \cdot ({A} \vee {B})"),
-    ("t or g h; g sand s a e; h sand s b e;", "s ; (a | b) ; e", "s · (a ∨ b) · e", None),
-    ("t or g s; g sand s a;", "((s ; a) | s)", "(s · a) ∨ s", None),
-    ("t or g h; g or s; h or s;", "(s | s)", "s ∨ s", None),
-    ("t sand g e; g or h i; h sand a s; i sand b s;", "(a | b) ; s ; e", "(a ∨ b) · s · e", None),
-]
+FORMULAS = rows(__file__, "formulas.txt")
 
-GUARDS = [
-    ("T2 >= T1 + 10", "T₂ ≥ T₁ + 10", r"\mathit{T}_{2} \geq \mathit{T}_{1} + 10"),
-    ('NewWp != "exit_1"', 'NewWp ≠ "exit_1"', r"\mathit{NewWp} \neq \text{``exit\_1''}"),
-    ("B and (A or not C)", "B ∧ (A ∨ ¬C)", r"\mathit{B} \wedge \left(\mathit{A} \vee \neg \mathit{C}\right)"),
-    ("not (X == 1)", "¬(X = 1)", r"\neg \left(\mathit{X} = 1\right)"),
-    ("(X < 3) == true", "(X < 3) = true", r"\left(\mathit{X} < 3\right) = \mathrm{true}"),
-    ("X - (Y - 2) / 4 > -1", "X − (Y − 2) / 4 > −1", r"\mathit{X} - \frac{\mathit{Y} - 2}{4} > -1"),
-    (
-        "X - -1 > -Y * Z",
-        "X − (−1) > (−Y) × Z",
-        r"\mathit{X} - \left(-1\right) > \left(-\mathit{Y}\right) \times \mathit{Z}",
-    ),
-    ("X / Y / 2 < 1e-07", "X / Y / 2 < 1e-07", r"\frac{\mathit{X}}{\mathit{Y}} / 2 < 1 \times 10^{-7}"),
-    ("Gamma == null", "Gamma = null", r"\mathit{Gamma} = \mathrm{null}"),
-    ("X == 2.5e+300", "X = 2.5e+300", r"\mathit{X} = 2.5 \times 10^{300}"),
-    ("X == 0.30000000000000004", "X = 0.30000000000000004", r"\mathit{X} = 0.30000000000000004"),
-]
+GUARDS = rows(__file__, "guards.txt")
 
 
 @pytest.mark.parametrize(("tree", "text", "pretty", "tex"), FORMULAS)

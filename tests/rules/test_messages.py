@@ -21,10 +21,7 @@ def lines(text: str) -> list[str]:
     return [str(finding) for finding in check(parse(text))]
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    rows(__file__, "messages.txt"),
-)
+@pytest.mark.parametrize(("text", "expected"), rows(__file__, "messages.txt"))
 def test_the_message_says_what_and_how_to_mend(text: str, expected: str) -> None:
     assert any(expected in line for line in lines(text)), lines(text)
 

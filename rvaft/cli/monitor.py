@@ -151,6 +151,10 @@ def monitor_command(*, tree: str, semantics: str, branch: int | None, kind: str 
             every=options["checkpoint_every"] or EVERY,
             settings={name: str(value) for name, value in given.items() if value is not None},
         )
+    form, drawn = options["form"], options["explain"] == TERMINAL
+    reporter: Callable[[OutputShape, Sink], Reporter] = partial(JsonReporter, detections=options["detections"])
+    if form != "jsonl":
+        reporter = partial(TableReporter if form == "table" else TextReporter, drawn=drawn)
     settings = MonitorSettings(
         MonitoringPlan(
             monitors,
@@ -162,11 +166,11 @@ def monitor_command(*, tree: str, semantics: str, branch: int | None, kind: str 
             told_fields(whole),
         ),
         OutputShape(whole, found, per, key, several=count > 1),
-        _reporter(options),
+        reporter,
         tree=click.format_filename(tree),
-        counted=options["form"] == "text" or checkpoints is not None,
+        counted=form == "text" or checkpoints is not None,
         hooks=_hooks(options),
-        drawing=None if options["explain"] == TERMINAL else options["explain"],
+        drawing=None if drawn else options["explain"],
         checkpoints=checkpoints,
         follow=options["follow"],
     )
@@ -228,20 +232,14 @@ def _maker(backend: str | None, semantics: Semantics, limit: int | None) -> Call
     return make
 
 
-def _reporter(options: dict[str, Any]) -> Callable[[OutputShape, Sink], Reporter]:
-    if options["form"] == "jsonl":
-        return partial(JsonReporter, detections=options["detections"])
-    drawn = options["explain"] == TERMINAL
-    return partial(TableReporter if options["form"] == "table" else TextReporter, drawn=drawn)
-
-
 def _hooks(options: dict[str, Any]) -> "Hooks | None":
-    by_kind = {Kind.FAULT: options["exec_fault"], Kind.ATTACK: options["exec_attack"]}
-    if options["execute"] is None and not any(command is not None for command in by_kind.values()):
+    named = {Kind.FAULT: options["exec_fault"], Kind.ATTACK: options["exec_attack"]}
+    by_kind = {kind: command for kind, command in named.items() if command is not None}
+    if options["execute"] is None and not by_kind:
         return None
     from rvaft.monitoring.hooks import Hooks  # noqa: PLC0415 -- imported on use
 
-    return Hooks(options["execute"], {kind: command for kind, command in by_kind.items() if command is not None})
+    return Hooks(options["execute"], by_kind)
 
 
 def _sources(options: dict[str, Any], tree: RVAFT) -> tuple[list[TraceSource], int]:

@@ -125,7 +125,14 @@ def _run(command: str, text: bytes, timeout: float) -> CommandFailure | None:
     except BaseException:
         _end(running)
         raise
-    return None if running.returncode == 0 else CommandFailure(command, _reason(running.returncode))
+    status = running.returncode
+    if status == 0:
+        return None
+    if status > 0:
+        said = _SHELL_SAYS.get(status)
+        return CommandFailure(command, f"ended with status {status}{f' ({said})' if said else ''}")
+    known = -status in set(signal.Signals)
+    return CommandFailure(command, f"was killed by {signal.Signals(-status).name if known else f'signal {-status}'}")
 
 
 def _end(running: "subprocess.Popen[bytes]") -> None:
@@ -140,13 +147,3 @@ def _end(running: "subprocess.Popen[bytes]") -> None:
         with suppress(OSError):
             running.stdin.close()
     running.wait()
-
-
-def _reason(status: int) -> str:
-    if status >= 0:
-        said = _SHELL_SAYS.get(status)
-        return f"ended with status {status}{f' ({said})' if said else ''}"
-    try:
-        return f"was killed by {signal.Signals(-status).name}"
-    except ValueError:
-        return f"was killed by signal {-status}"

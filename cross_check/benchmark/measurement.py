@@ -267,6 +267,8 @@ class _Laboratory:
             characters=len(made.text),
             seconds=_rounded(made.seconds),
         )
+        if not backend(cell.language).readable:
+            return replace(record, run=Outcome.OK, run_reason="only emitted: nothing here runs its texts")
         known = self._isolated(lambda: _ran_again(cell, made.text, trodden))
         if isinstance(known, Failure):
             return replace(record, run=known.outcome, run_reason=known.reason)

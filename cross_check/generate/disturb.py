@@ -263,6 +263,8 @@ def near_miss(
             if longest is not None and len(edited) > longest:
                 continue
             if manner.believable:
+                if kind is Disturbance.BOUND and _leaps(detected, edited):
+                    continue
                 edited = LogValues(random, tree).in_time(edited)
             if not _detected(tree, semantics, edited):
                 return NearMiss(edited, detected, kind)
@@ -272,3 +274,14 @@ def near_miss(
 
 def _detected(tree: RVAFT, semantics: Semantics, trace: list[Json]) -> bool:
     return Verdict.TRUE in engine(tree, semantics).run(trace)
+
+
+def _leaps(before: Sequence[Json], after: Sequence[Json]) -> bool:
+    """Whether a number became one of another order, as a time that takes the bound of a size."""
+    changed = (
+        (old[field], event[field])
+        for old, event in zip(before, after, strict=True)
+        for field in old
+        if is_number(old[field]) and is_number(event.get(field))
+    )
+    return any(abs(new - old) > max(100, abs(old)) for old, new in changed)

@@ -10,6 +10,7 @@ from rvaft.engine import Engine, engine
 from rvaft.model.verdict import Verdict
 from tests.engine.checking import compare
 from tests.semantics.cases import CASES, Case, v
+from tests.tables import rows
 
 SIGNS = {"true": "T", "false": "F", "unknown": "?"}
 E = "event e(n) = { event: n }; "
@@ -86,22 +87,7 @@ def test_every_semantics_and_every_explanation(case: Case, semantics: str) -> No
     compare(rvaft.loads(case.tree), case.events, semantics, branch=case.branch, kind=case.kind)
 
 
-LOWEST = [
-    # tree, word, branch, matched
-    ("top sand x d; x or b a;", "a b d", 1, {"b": 2, "d": 3}),
-    ("top sand x d; x or b a;", "a d b", 2, {"a": 1, "d": 2}),
-    ("top and x y; x sand v s; y and s t; v or b g; g when 1 == 1;", "s b s t", 1, {"b": 2, "s": 3, "t": 4}),
-    (
-        E + 'top and x k; x sand v s; v or b g; g when 1 == 1; b on e("b"); k sand k1 z; k1 on e("b");',
-        "s b s b z",
-        1,
-        {"b": 2, "s": 3, "k1": 4, "z": 5},
-    ),
-    ("top or n m y; n and a; m when 1 > 2; y and d a;", "d a", 1, {"a": 2}),
-    ("top or c y; y 2of2 d c;", "d c", 1, {"c": 2}),
-    ("top or x y; x sand a b; y sand c b;", "c a b", 1, {"a": 2, "b": 3}),
-    ("top and v o; v 1of2 a p; p or q r; o or c d;", "r a d", 2, {"a": 2, "d": 3}),
-]
+LOWEST = rows(__file__, "lowest.txt")
 
 
 @pytest.mark.parametrize(("tree", "word", "branch", "matched"), LOWEST)

@@ -5,20 +5,15 @@ import pickle
 from contextlib import suppress
 from itertools import islice
 from random import Random
-from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
-from hypothesis import strategies as st
 
-from cross_check.generate.strategies import trees_with_traces
 from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine, scattered_general
 from rvaft.errors import TreeError
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.semantics import Reference
-from tests.engine.checking import compare, small_and_valid, small_valid_trees
+from tests.engine.checking import compare, small_valid_trees
 from tests.engine.dense import SHAPES, WILD, dense_trace, dense_tree, trace_of, tree_of
 
 SEMANTICS = [semantics.value for semantics in Semantics]
@@ -30,7 +25,8 @@ NOISE = {"nothing": "of the tree"}
 @pytest.mark.parametrize("shape", [*SHAPES, *WILD])
 def test_verdicts_and_explanations(shape: str, seed: int) -> None:
     random = Random(f"{shape} {seed}")
-    for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), 50 if seed else 12):
+    count = 50 if seed else 12 if shape in SHAPES else 30
+    for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), count):
         for semantics in SEMANTICS:
             trace = trace_of(random, tree, shape, semantics)
             compare(tree, trace, semantics)
@@ -39,14 +35,6 @@ def test_verdicts_and_explanations(shape: str, seed: int) -> None:
                 compare(tree, trace, semantics, kind=random.choice(("fault", "attack")))
             if shape in SHAPES:
                 compare(tree, dense_trace(random, SHAPES[shape], 9), semantics)
-
-
-@settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
-@given(trees_with_traces(), st.sampled_from(SEMANTICS))
-def test_any_tree(tree_and_trace: tuple[RVAFT, list[dict[str, Any]]], semantics: str) -> None:
-    tree, trace = tree_and_trace
-    assume(small_and_valid(tree))
-    compare(tree, trace, semantics)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -9,28 +9,10 @@ from rvaft.api import loads
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
+from tests.tables import rows
 from tests.trees import shipped
 
-PINNED = [
-    ("top or a b; a; b;", "Main = ((a) \\/ (b)) all;"),
-    ("top or a b c;", "Main = ((a) \\/ (b) \\/ (c)) all;"),
-    ("top and a b;", "Main = (a | b) all;"),
-    ("top and a b c;", "Main = (a | b | c) all;"),
-    ("top sand a b;", "Main = a b all;"),
-    ("top sand a b c;", "Main = a b c all;"),
-    ("top sand_rl a b;", "Main = b a all;"),
-    ("top sand_rl a b c;", "Main = c b a all;"),
-    ("top 1of2 a b;", "Main = V1_2_0_1 all;\nV1_2_0_1 = (a) \\/ (b);"),
-    ("top 2of2 a b;", "Main = V1_2_0_1 all;\nV1_2_0_1 = (a V1_2_1) \\/ (b V1_2_0);\nV1_2_1 = (b);\nV1_2_0 = (a);"),
-    (
-        "top 2of3 a b c;",
-        (
-            "Main = V1_3_0_1_2 all;\n"
-            "V1_3_0_1_2 = (a V1_3_1_2) \\/ (b V1_3_0_2) \\/ (c V1_3_0_1);\n"
-            "V1_3_1_2 = (b) \\/ (c);\nV1_3_0_2 = (a) \\/ (c);\nV1_3_0_1 = (a) \\/ (b);"
-        ),
-    ),
-]
+PINNED = rows(__file__, "gates.txt")
 
 
 @pytest.mark.parametrize(("tree", "equations"), PINNED, ids=[tree for tree, _ in PINNED])

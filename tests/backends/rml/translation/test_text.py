@@ -5,36 +5,10 @@ import pytest
 from backends.rml import RmlBackend
 from rvaft.api import loads
 from rvaft.model.verdict import Semantics
+from tests.tables import rows
 from tests.trees.shipped import TREES
 
-STRICT = {
-    "or a b": "Main = (a \\/ b) all;",
-    "or a b c": "Main = (a \\/ b \\/ c) all;",
-    "and a b": "Main = (a | b) all;",
-    "and a b c": "Main = (a | b | c) all;",
-    "sand a b": "Main = a b all;",
-    "sand a b c": "Main = a b c all;",
-    "sand_rl a b": "Main = b a all;",
-    "sand_rl a b c": "Main = c b a all;",
-    "1of2 a b": "Main = (a \\/ b) all;",
-    "2of3 a b c": "Main = (a (b \\/ c) all) \\/ (b (a \\/ c) all) \\/ (c (a \\/ b) all);",
-}
-SCATTERED = {
-    "or a b": "Main = not_a* (a \\/ b) all;",
-    "or a b c": "Main = not_a* (a \\/ b \\/ c) all;",
-    "and a b": "Main = (not_a* a all) /\\ (not_b* b all);",
-    "and a b c": "Main = (not_a* a all) /\\ (not_b* b all) /\\ (not_c* c all);",
-    "sand a b": "Main = not_a* a not_b* b all;",
-    "sand a b c": "Main = not_a* a not_b* b not_c* c all;",
-    "sand_rl a b": "Main = not_b* b not_a* a all;",
-    "sand_rl a b c": "Main = not_c* c not_b* b not_a* a all;",
-    "1of2 a b": "Main = not_a* (a \\/ b) all;",
-    "2of3 a b c": "Main = S1;\n"
-    "S1 = (a S2) \\/ (b S3) \\/ (c S4) \\/ (any S1);\n"
-    "S2 = ((b \\/ c) all) \\/ (any S2);\n"
-    "S3 = ((a \\/ c) all) \\/ (any S3);\n"
-    "S4 = ((a \\/ b) all) \\/ (any S4);",
-}
+GATES = rows(__file__, "gates.txt")
 
 
 def text(tree: str, semantics: str) -> str:
@@ -45,20 +19,12 @@ def equations(tree: str, semantics: str) -> str:
     return text(tree, semantics).strip().rpartition("\n\n")[2]
 
 
-@pytest.mark.parametrize(("gate", "expected"), STRICT.items())
-def test_strict(gate: str, expected: str) -> None:
-    assert equations(f"top {gate};", "strict") == expected
-
-
-@pytest.mark.parametrize(("gate", "expected"), STRICT.items())
-def test_projected(gate: str, expected: str) -> None:
-    body = expected.removeprefix("Main = ").removesuffix(";")
+@pytest.mark.parametrize(("gate", "strict", "scattered"), GATES)
+def test_each_gate(gate: str, strict: str, scattered: str) -> None:
+    assert equations(f"top {gate};", "strict") == strict
+    body = strict.removeprefix("Main = ").removesuffix(";")
     assert equations(f"top {gate};", "projected") == f"Main = relevant >> ({body});"
-
-
-@pytest.mark.parametrize(("gate", "expected"), SCATTERED.items())
-def test_scattered(gate: str, expected: str) -> None:
-    assert equations(f"top {gate};", "scattered") == expected
+    assert equations(f"top {gate};", "scattered") == scattered
 
 
 def test_the_whole_text() -> None:

@@ -73,7 +73,8 @@ def latex_texts(trees: Path, gates: Path = GATES) -> dict[str, str]:
 
 def _say(what: str) -> None:
     """Tell on standard error what is being made."""
-    sys.stderr.write(f"papers.fmas2022: {what}\n")
+    if sys.stderr.isatty():
+        sys.stderr.write(f"papers.fmas2022: {what}\n")
 
 
 class _Folder:

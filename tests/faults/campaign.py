@@ -159,7 +159,7 @@ def in_a_child(work: Callable[[], Any], seconds: float) -> Any:
 def sources(room: Room) -> list[Source]:
     """The modules of a room that can be imported, all of them imported."""
     found = []
-    for path in sorted({path for pattern in room.files for path in ROOT.glob(pattern)}):
+    for path in sorted({path for pattern in room.files for path in ROOT.glob(pattern) if path.stem != "__main__"}):
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
         with suppress(ImportError):  # what needs a tool of others
             found.append(Source(import_module(name)))

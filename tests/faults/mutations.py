@@ -34,8 +34,8 @@ _FUNCTIONS: Final = {"any": "all", "all": "any", "min": "max", "max": "min"}
 _SMALL: Final = 8
 _SKIPPED: Final = (ast.Assert, ast.Raise, ast.pattern, ast.arguments)
 _NO_EXPRESSIONS: Final = ("annotation", "returns", "decorator_list", "type_params")
-_SWITCH: Final = "_mutated"
-_MARK: Final = "_reached"
+_SWITCH: Final = "_site_is_changed_"
+_MARK: Final = "_site_is_reached_"
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from typing import Final, TypeAlias
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Guard, holds, variables
 from rvaft.model.patterns import Binding
-from rvaft.model.values import key
+from rvaft.model.values import fingerprint
 from rvaft.model.verdict import Verdict
 
 LIMIT: Final = 100_000
@@ -92,7 +92,7 @@ def passes(guard: Guard, binding: Binding) -> bool:
 
 
 def _assignment(binding: Binding) -> Assignment:
-    return frozenset((name, key(value)) for name, value in binding.items())
+    return fingerprint(binding)
 
 
 def _is_redundant(assignment: Assignment, state: int, slices: Slices) -> bool:

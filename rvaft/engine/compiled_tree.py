@@ -11,7 +11,7 @@ configuration has to remember, and the guards that wait for them.
 """
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
@@ -21,41 +21,8 @@ from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality
 from rvaft.model.patterns import rigid_variables
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, key
+from rvaft.model.values import Json
 from rvaft.support.bits import mask_of
-
-_PLAIN: Final = (str, int, float, bool, type(None))
-
-
-def fingerprint(binding: Mapping[str, Json]) -> Hashable:
-    """A hashable stand-in for a binding. Finer than equality of values: a guard may tell 2**60 from 2.0**60.
-
-    Whole numbers are exact and the rest are IEEE doubles.
-    """
-    return frozenset((name, exact(value)) for name, value in binding.items())
-
-
-def exact(value: Json) -> Hashable:
-    """The same for one value: equal where nothing can tell two values apart.
-
-    >>> exact(1) == exact(1.0), exact([1]) == exact([1])
-    (False, True)
-    """
-    kind = type(value)
-    return (kind, value) if kind in _PLAIN else (key(value), tuple(_types(value)))
-
-
-def _types(value: Json) -> Iterator[type]:
-    """The types of the scalars in a value."""
-    agenda = [value]
-    while agenda:
-        part = agenda.pop()
-        if isinstance(part, Mapping):
-            agenda.extend(part[name] for name in sorted(part))
-        elif isinstance(part, list):
-            agenda.extend(part)
-        else:
-            yield type(part)
 
 
 class CompiledTree:

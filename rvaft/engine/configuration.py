@@ -4,8 +4,7 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Optional
 
-from rvaft.engine.compiled_tree import fingerprint
-from rvaft.model.values import Json
+from rvaft.model.values import Json, fingerprint
 
 
 class Witness(NamedTuple):

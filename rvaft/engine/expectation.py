@@ -11,7 +11,7 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping
 from itertools import islice
 
 from rvaft.analysis.branches import branches
-from rvaft.engine.compiled_tree import CompiledTree, fingerprint
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.contiguous import Following
 from rvaft.engine.explanation import EarliestMatches, chosen_part, whole
@@ -20,7 +20,7 @@ from rvaft.engine.steps import Matching
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import name_text, on_text
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
+from rvaft.model.values import Json, fingerprint
 from rvaft.monitors import Awaited, Pending
 
 

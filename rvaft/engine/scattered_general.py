@@ -15,13 +15,13 @@ from dataclasses import dataclass, field
 from itertools import islice, product
 from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters, exact
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.contiguous import Following
 from rvaft.engine.steps import Matching
 from rvaft.engine.subsumption import Directions, at_least, commits, scale
 from rvaft.model.guards import Predicate
-from rvaft.model.values import Json, key
+from rvaft.model.values import Json, exact, key
 from rvaft.model.verdict import Verdict
 
 MEMORY: Final = 500_000

@@ -4,8 +4,8 @@ Python's own `==` will not do: it makes `True == 1`. Values are what a JSON deco
 `int`, `float`, `bool`, `None`). Both functions are iterative: a value may be nested arbitrarily deep.
 """
 
-from collections.abc import Hashable, Mapping
-from typing import Any, TypeAlias
+from collections.abc import Hashable, Iterator, Mapping
+from typing import Any, Final, TypeAlias
 
 Json: TypeAlias = Any
 Scalar: TypeAlias = str | int | float | bool | None
@@ -55,3 +55,37 @@ def key(value: Json) -> Hashable:
         else:
             out.append(v)
     return out[0] if len(out) == 1 else tuple(out)
+
+
+_PLAIN: Final = (str, int, float, bool, type(None))
+
+
+def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:
+    """A hashable stand-in for a binding. Finer than equality of values: a guard may tell 2**60 from 2.0**60.
+
+    Whole numbers are exact and the rest are IEEE doubles.
+    """
+    return frozenset((name, exact(value)) for name, value in binding.items())
+
+
+def exact(value: Json) -> Hashable:
+    """A hashable stand-in for one value: equal where nothing can tell two values apart.
+
+    >>> exact(1) == exact(1.0), exact([1]) == exact([1])
+    (False, True)
+    """
+    kind = type(value)
+    return (kind, value) if kind in _PLAIN else (key(value), tuple(_types(value)))
+
+
+def _types(value: Json) -> Iterator[type]:
+    """The types of the scalars in a value."""
+    agenda = [value]
+    while agenda:
+        part = agenda.pop()
+        if isinstance(part, Mapping):
+            agenda.extend(part[name] for name in sorted(part))
+        elif isinstance(part, list):
+            agenda.extend(part)
+        else:
+            yield type(part)

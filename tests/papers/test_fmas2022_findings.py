@@ -142,7 +142,12 @@ def test_without_the_published_tools_all_findings_hold_and_say_what_was_not_run(
     assert len(made.having(State.CONFIRMED)) >= 4
     assert made.text.count("not run: ") >= 6
     assert "set RML_COMPILER to the jar" in made.text
-    for claim in ("The published compiler rejects", "stops at the first variable", "9. The published monitor takes", "without a word"):
+    for claim in (
+        "The published compiler rejects",
+        "stops at the first variable",
+        "9. The published monitor takes",
+        "without a word",
+    ):
         assert claim not in made.text
 
 

@@ -48,6 +48,13 @@ ONE = "event n(v) = { v: v }; "
 CHOICE = "event n(v) = { v: v }; event w(x) = { w: x }; top sand a b; a on n(X); b or late next; late when X >= 10; next on w(X);"
 
 CASES = [
+    Case(
+        "equal values that arithmetic tells apart are two assignments: integers are exact, the rest IEEE doubles",
+        'event e(n, v) = { n: n, v: v }; top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 11;',
+        "scattered",
+        [{"n": "a", "v": 2.0**53}, {"n": "a", "v": 2**53}, {"n": "b", "v": 2**53 + 11}],
+        "??T",
+    ),
     # -- gates ---------------------------------------------------------------------------------------------------
     Case("or takes exactly one child", OR, "strict", "b", "T"),
     Case("or: another word ends it under strict", OR, "strict", "z b", "FF"),

@@ -323,9 +323,12 @@ class _Laboratory:
         context = multiprocessing.get_context("fork")
         heard, said = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(work, said, self._left, clock, self._settings), daemon=True)
+        # An interrupt between the fork and `try` would leave the process running on its own.
+        open_signals = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
         process.start()
-        said.close()  # the process has its own; when that is closed, it has ended
         try:
+            signal.pthread_sigmask(signal.SIG_SETMASK, open_signals)
+            said.close()  # the process has its own; when that is closed, it has ended
             with heard:
                 result, used = heard.recv()
         except EOFError:

@@ -1,5 +1,6 @@
 """A backend of somebody else that cannot be loaded is an error like any other, and stops nobody else."""
 
+from importlib import import_module
 from importlib.metadata import EntryPoint
 
 import pytest
@@ -18,11 +19,20 @@ from tests.cli.runs import TREES, failed, run
 TREE = TREES / "gates" / "and.rvaft"
 
 
+USERS = ("cross_check.participants", "cross_check.counterexamples", "rvaft.cli.information", "rvaft.backend")
+"""Modules that ask which backends there are; each is imported before anything is changed."""
+
+
+def install(monkeypatch: pytest.MonkeyPatch, known: dict[str, EntryPoint]) -> None:
+    """Let there be these backends and no others."""
+    for module in [import_module(name) for name in USERS]:
+        monkeypatch.setattr(module, "all_backends", lambda: known)
+
+
 @pytest.fixture
 def broken(monkeypatch: pytest.MonkeyPatch) -> str:
     known = {**backends.all_backends(), "broken": EntryPoint("broken", "no_such_module:Backend", backends.GROUP)}
-    monkeypatch.setattr(backends, "all_backends", lambda: known)
-    monkeypatch.setattr("cross_check.participants.all_backends", lambda: known)
+    install(monkeypatch, known)
     return "broken"
 
 
@@ -59,8 +69,7 @@ class Spoken(Backend):
 def test_a_language_that_is_only_emitted_is_in_the_way_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     entry = EntryPoint("spoken", f"{__name__}:Spoken", backends.GROUP)
     known = {"rml": backends.all_backends()["rml"], "spoken": entry}
-    monkeypatch.setattr(backends, "all_backends", lambda: known)
-    monkeypatch.setattr("cross_check.participants.all_backends", lambda: known)
+    install(monkeypatch, known)
     assert run("emit", TREE, "--to", "spoken").stdout == "first top\n"
     assert run("cross-check", TREE).exit_code == 0
     named = run("cross-check", TREE, "--backends", "spoken")

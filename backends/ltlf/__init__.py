@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
-from backends.ltlf import mona
+from backends.ltlf.mona import MonaMonitor
 from backends.ltlf.monitor import LtlfMonitor, observed
-from backends.ltlf.translation import translation
+from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
@@ -43,7 +43,7 @@ class LtlfBackend(Backend):
         """The tree as a formula; `TooLarge` beyond `limit` subformulas, never `NotExpressible`."""
         start = time.perf_counter()
         limit = self.default_limit if limit is None else limit
-        text, metrics = translation(tree, Semantics(semantics), limit=limit)
+        text, metrics = Translation(tree, Semantics(semantics), limit).text()
         metrics = replace(metrics, seconds=time.perf_counter() - start)
         return Specification(text, self.language, metrics, self.read)
 
@@ -52,11 +52,11 @@ class LtlfBackend(Backend):
 
         Raises `LanguageError`, and `ToolMissing` where Spot is not installed.
         """
-        return LtlfMonitor(text, {} if atoms is None else atoms)
+        return LtlfMonitor(text, atoms or {})
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...]:
         """What the atoms of the formula ask of events; raises `LanguageError` and `ToolMissing` as `read` does."""
-        return observed(text, {} if atoms is None else atoms)
+        return tuple(dict.fromkeys(observed(text, atoms or {})))
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """By `mona`: a monitor that runs the automaton which ltlf2dfa and MONA make of a formula without variables.
@@ -66,4 +66,4 @@ class LtlfBackend(Backend):
         """
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
-        return mona.read(text, {} if atoms is None else atoms)
+        return MonaMonitor(text, atoms or {})

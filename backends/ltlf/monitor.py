@@ -9,14 +9,13 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import dataclass
 from functools import lru_cache
 
-from backends.ltlf.formulas import Connective, Formulas
+from backends.ltlf.formulas import Formulas
 from backends.ltlf.progression import Residuals
 from backends.ltlf.reader import Header, Observation, formula_of
-from backends.ltlf.satisfiability import Liveness
-from backends.slices import advance, start
+from backends.slices import advance, passes, start
 from rvaft.analysis.pattern_index import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
 from rvaft.backend import Observed
-from rvaft.model.guards import holds, renamed
+from rvaft.model.guards import renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import (
     Anything,
@@ -55,35 +54,29 @@ class Atom:
 
 def atoms_of(header: Header, names: Iterable[str], given: Mapping[str, Pattern]) -> dict[str, Atom]:
     """The atoms of these names: as the header has them, else as given, else the event of that name."""
-    found: dict[str, Atom] = {}
-    for name in names:
-        if name in header.relevant or name in header.ignored:
-            found[name] = _relevance(header.relevant.get(name, ()), header.ignored.get(name, ()))
-        else:
-            found[name] = _event_atom(_observation(header, name, given))
-    return found
+    return {
+        name: _relevance(header.relevant.get(name, ()), header.ignored.get(name, ()))
+        if name in header.relevant or name in header.ignored
+        else _event_atom(_observation(header, name, given))
+        for name in names
+    }
 
 
 def _observation(header: Header, name: str, given: Mapping[str, Pattern]) -> Observation:
-    if name in header.atoms:
-        return header.atoms[name]
-    return Observation(given.get(name) or ObjectPattern((("event", Literal(name)),)))
+    by_name = Observation(given.get(name) or ObjectPattern((("event", Literal(name)),)))
+    return header.atoms.get(name, by_name)
 
 
 def _event_atom(observation: Observation) -> Atom:
     """An event pattern under guards; a guard counts as true while one of its variables is unbound."""
-    guards = [(guard, frozenset(guard_variables(guard))) for guard in observation.guards]
     binds = frozenset(rigid_variables(observation.pattern))
 
     def extended(event: Json, binding: Binding) -> Binding | None:
         found = match(observation.pattern, event, binding)
-        if found is None:
-            return None
-        bound = rigid(found)
-        failed = any(names <= bound.keys() and not holds(guard, bound) for guard, names in guards)
-        return None if failed else bound
+        bound = None if found is None else rigid(found)
+        return bound if bound is not None and all(passes(guard, bound) for guard in observation.guards) else None
 
-    return Atom(observation.pattern, binds, binds.union(*(names for _, names in guards)), extended)
+    return Atom(observation.pattern, binds, binds.union(*map(guard_variables, observation.guards)), extended)
 
 
 def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:
@@ -91,9 +84,8 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
 
     def fitting(observations: Sequence[Observation]) -> PatternIndex[list[Reader]]:
         readers = [reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(observations)]
-        return PatternIndex(
-            [one.pattern for one in observations], lambda at: [readers[number] for number in (*at.fits, *at.open)]
-        )
+        patterns = [one.pattern for one in observations]
+        return PatternIndex(patterns, lambda at: [readers[number] for number in (*at.fits, *at.open)])
 
     relevance, ignorance = fitting(relevant), fitting(ignored)
 
@@ -104,63 +96,43 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
     return Atom(Anything(), frozenset(), frozenset(), extended)
 
 
-# What a formula asks of events: the patterns and guards of its atoms, and what its header says of relevance.
+def observed(text: str, given: Mapping[str, Pattern]) -> Iterator[Observed]:
+    """What a formula asks of events: patterns and guards of its atoms, and what its header says of relevance.
 
-
-def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...]:
-    """The questions; `given` has the patterns of atoms that the text does not define. Raises `LanguageError`, `ToolMissing`."""
-    formulas = Formulas()
-    header, _ = formula_of(text, formulas)
-    names = (row.name for row in formulas.rows if row.op is Connective.ATOM)
-    return tuple(dict.fromkeys(question for name in names for question in _questions(header, name, given)))
-
-
-def _questions(header: Header, name: str, given: Mapping[str, Pattern]) -> Iterator[Observed]:
-    if name not in header.relevant and name not in header.ignored:
-        one = _observation(header, name, given)
-        # a guard on a variable that the atom cannot share with others never has its value, and counts as true
-        guards = tuple(g for g in one.guards if not any(variable.startswith("_") for variable in guard_variables(g)))
-        yield Observed(one.pattern, Observation(one.pattern, guards).when)
-        return
-    for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
-        taken = variables(one.pattern)
-        if all(set(guard_variables(guard)) <= set(taken) for guard in one.guards):
-            own: dict[str, str] = {}  # some values will do
-            for variable in rigid_variables(one.pattern):
-                own[variable] = f"_{variable}"
-                while own[variable] in taken:
-                    own[variable] = f"_{own[variable]}"
-            pattern = substitute(one.pattern, {old: Variable(new) for old, new in own.items()})
-            yield Observed(pattern, one.when and renamed(one.when, own))
-
-
-# A text made ready to run.
-
-
-class LtlfProgram:
-    """The formula of a text, its atoms, and everything that was found out about its residuals so far.
-
-    Monitors of one text share it, so that their states can be compared.
+    `given` has the patterns of atoms that the text does not define. Raises `LanguageError`, `ToolMissing`.
     """
-
-    def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
-        formulas = Formulas()
-        header, root = formula_of(text, formulas)
-        self.atoms = atoms_of(header, (row.name for row in formulas.rows if row.op is Connective.ATOM), given)
-        self.residuals = Residuals(formulas, {name: atom.mentions for name, atom in self.atoms.items()})
-        self.liveness = Liveness(formulas, self.residuals.diagrams)
-        self.initial = self.residuals.of(root)
-        self._names = list(self.atoms)
-        self._index = FirstLiterals(literals_of(atom.pattern) for atom in self.atoms.values())
-
-    def candidates(self, event: Json) -> frozenset[str]:
-        """The atoms that may be true at an event."""
-        return frozenset([self._names[number] for number in self._index.candidates(event)])
+    formulas = Formulas()
+    header, root = formula_of(text, formulas)
+    for name in formulas.atoms(root):
+        if name not in header.relevant and name not in header.ignored:
+            one = _observation(header, name, given)
+            # a guard on a variable that the atom cannot share with others never has its value, and counts as true
+            shared = [g for g in one.guards if not any(variable.startswith("_") for variable in guard_variables(g))]
+            yield Observed(one.pattern, Observation(one.pattern, tuple(shared)).when)
+        for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
+            taken = variables(one.pattern)
+            if all(set(guard_variables(guard)) <= set(taken) for guard in one.guards):
+                own: dict[str, str] = {}  # some values will do
+                for variable in rigid_variables(one.pattern):
+                    own[variable] = f"_{variable}"
+                    while own[variable] in taken:
+                        own[variable] = f"_{own[variable]}"
+                pattern = substitute(one.pattern, {old: Variable(new) for old, new in own.items()})
+                yield Observed(pattern, one.when and renamed(one.when, own))
 
 
 @lru_cache(maxsize=32)
-def _program(text: str, given: tuple[tuple[str, Pattern], ...]) -> LtlfProgram:
-    return LtlfProgram(text, dict(given))
+class _LtlfProgram:
+    """The formula of a text, its atoms, and what was found out about its residuals so far; monitors of one text share it."""
+
+    def __init__(self, text: str, given: tuple[tuple[str, Pattern], ...]) -> None:
+        formulas = Formulas()
+        header, root = formula_of(text, formulas)
+        self.atoms = atoms_of(header, formulas.atoms(root), dict(given))
+        self.residuals = Residuals(formulas, {name: atom.mentions for name, atom in self.atoms.items()})
+        self.initial = self.residuals.of(root)
+        self.names = list(self.atoms)
+        self.index = FirstLiterals(literals_of(atom.pattern) for atom in self.atoms.values())
 
 
 class LtlfMonitor(Monitor):
@@ -168,7 +140,7 @@ class LtlfMonitor(Monitor):
 
     def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
         super().__init__()
-        self._program = _program(text, tuple(sorted(given.items(), key=lambda item: item[0])))
+        self._program = _LtlfProgram(text, tuple(sorted(given.items(), key=lambda item: item[0])))
         self._slices = start(self._program.initial)
 
     @property
@@ -177,9 +149,8 @@ class LtlfMonitor(Monitor):
         return self._program, frozenset(self._slices), self._verdict
 
     def _advance(self, event: Json) -> Verdict:
-        program = self._program
-        residuals, liveness, atoms = program.residuals, program.liveness, program.atoms
-        candidates = program.candidates(event)
+        program, residuals, atoms = self._program, self._program.residuals, self._program.atoms
+        candidates = frozenset([program.names[number] for number in program.index.candidates(event)])
 
         def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
             """With the values that one more atom takes from the event."""
@@ -194,9 +165,9 @@ class LtlfMonitor(Monitor):
             asked = residuals.now(residual) & candidates
             letter = frozenset([name for name in asked if atoms[name].holds(event, binding)])
             accepted, rest = residuals.step(residual, letter)
-            if accepted and liveness.is_valid(rest):
+            if accepted and residuals.is_valid(rest):
                 return Verdict.TRUE, rest
-            return Verdict.UNKNOWN if accepted or liveness.is_satisfiable(rest) else Verdict.FALSE, rest
+            return Verdict.UNKNOWN if accepted or residuals.is_satisfiable(rest) else Verdict.FALSE, rest
 
         # All are kept: a guard counts as true while it has an unbound variable, so a slice that has bound more may violate less.
         slices = advance(self._slices, extensions, step, matter=residuals.variables, keep_all=True)

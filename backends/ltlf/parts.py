@@ -28,11 +28,8 @@ def ways(part: Part, *, monotone: bool) -> Iterator[tuple[int, ...]]:
         yield from combinations(part.parts, size)
 
 
-# The same scenarios in fewer parts.
-
-
 def simplified(form: NormalForm, *, monotone: bool) -> tuple[Part, ...]:
-    """The same scenarios in fewer parts, the root last: only what is kept, nothing empty, nothing nested that need not be.
+    """The same scenarios in fewer parts, the root last: below it nothing empty, and nothing nested that need not be.
 
     Guards are dropped. `monotone`: a match may be found inside a larger one, as any positions may be used.
     """
@@ -46,7 +43,7 @@ def simplified(form: NormalForm, *, monotone: bool) -> tuple[Part, ...]:
     for number in reversed(kept):
         if len(users[number]) > 1 or not shared.isdisjoint(users[number]):
             shared.add(number)
-    made = _Simplifier(monotone=monotone)
+    made = _Simplifier(monotone)
     numbers: dict[int, int] = {}
     for number in kept:
         part = form.parts[number]
@@ -57,17 +54,13 @@ def simplified(form: NormalForm, *, monotone: bool) -> tuple[Part, ...]:
         numbers[number] = simple if isinstance(simple, int) else made.add(simple, shared=number in shared)
         if len(users[number]) > 1:
             made.several.add(numbers[number])
-    whole = NormalForm(tuple(made.parts[: numbers[form.root] + 1]), {})
-    numbers = {number: index for index, number in enumerate(whole.kept())}
-    return tuple(
-        replace(whole.parts[old], parts=tuple(numbers[inner] for inner in whole.parts[old].parts)) for old in numbers
-    )
+    return tuple(made.parts[: numbers[form.root] + 1])
 
 
 class _Simplifier:
     """Simple parts, built from parts to wholes."""
 
-    def __init__(self, *, monotone: bool) -> None:
+    def __init__(self, monotone: bool) -> None:
         self._monotone = monotone
         self.parts: list[Part] = []
         self.several: set[int] = set()
@@ -76,7 +69,6 @@ class _Simplifier:
         """Of each part the shared parts that every scenario of it contains, itself among them."""
 
     def add(self, part: Part, *, shared: bool) -> int:
-        """The number of a part that is new."""
         found = in_at_least(len(part.parts) - part.need + 1, [self._always[inner] for inner in part.parts])
         self._always.append(found | shared << len(self.parts))
         self.parts.append(part)
@@ -89,45 +81,36 @@ class _Simplifier:
         """
         rest = [number for number in part.parts if self.parts[number] != EMPTY]
         empty = [number for number in part.parts if self.parts[number] == EMPTY]
-        need = part.need - len(empty)
         match part.op:
             case Op.EVENT:
                 return Part(Op.EVENT, part.node)
             case Op.CONDITION:
                 return EMPTY
-            case Op.ALL | Op.SEQUENCE if taken_over:
-                pass
-            case Op.ALL:
-                rest = self._without_contained(self._opened(rest, Op.ALL))
-            case Op.SEQUENCE:
-                rest = self._opened(rest, Op.SEQUENCE)
-            case Op.ONE if empty and (self._monotone or not rest):
-                return EMPTY
+            case Op.AT_LEAST:
+                need = max(part.need - len(empty), 0)
+                if not rest or (self._monotone and not need):
+                    return EMPTY
+                if need == len(rest) or (self._monotone and need == 1):
+                    return self.simple(Part(Op.ALL if need == len(rest) else Op.ONE, parts=tuple(rest)))
+                return Part(Op.AT_LEAST, parts=tuple(rest), need=need)
             case Op.ONE:
+                if empty and (self._monotone or not rest):
+                    return EMPTY
                 choices = rest if taken_over else self._opened(rest, Op.ONE)
                 rest = list(dict.fromkeys([*choices, *empty[:1]]))
-            case Op.AT_LEAST if not rest or (self._monotone and need <= 0):
-                return EMPTY
-            case Op.AT_LEAST if max(need, 0) == len(rest):
-                return self.simple(Part(Op.ALL, parts=tuple(rest)))
-            case Op.AT_LEAST if self._monotone and need == 1:
-                return self.simple(Part(Op.ONE, parts=tuple(rest)))
-            case Op.AT_LEAST:
-                return Part(Op.AT_LEAST, parts=tuple(rest), need=max(need, 0))
+            case Op.ALL | Op.SEQUENCE:
+                if not taken_over:
+                    rest = self._opened(rest, part.op)
             case _:
                 assert_never(part.op)
+        if part.op is Op.ALL and not taken_over:
+            # each once, without what every scenario of another one contains anyway
+            rest = list(dict.fromkeys(rest))
+            twice = in_at_least(2, [self._always[number] for number in rest])
+            rest = [number for number in rest if not twice >> number & 1]
         if len(rest) == 1:
             return rest[0]
         return Part(part.op, parts=tuple(rest), need=1 if part.op is Op.ONE else len(rest)) if rest else EMPTY
-
-    def _without_contained(self, numbers: Sequence[int]) -> list[int]:
-        """The parts of an `ALL`, each once, without those that every scenario of another one contains anyway."""
-        once = twice = 0
-        unique = list(dict.fromkeys(numbers))
-        for number in unique:
-            twice |= once & self._always[number]
-            once |= self._always[number]
-        return [number for number in unique if not twice >> number & 1]
 
     def _opened(self, numbers: Sequence[int], op: Op) -> list[int]:
         """The numbers, those of the same kind replaced by their parts; a choice that is used elsewhere too stays one."""
@@ -142,8 +125,6 @@ class _Simplifier:
                 found.append(number)
         return found
 
-
-# What one event may serve, and which parts share occurrences.
 
 Context: TypeAlias = tuple[int, ...]
 _MANY: Final[Context] = (-1,)
@@ -198,11 +179,6 @@ class Anatomy:
             seen |= self.events[inner]
         return False
 
-    def is_window(self, part: int) -> bool:
-        """Whether all parts of this one are single events and no event can serve two of them."""
-        single = all(self.unit[inner] is not None for inner in self.parts[part].parts)
-        return single and self.rivals_apart(part) and not self.is_entangled(part)
-
     def below(self, part: int) -> list[int]:
         """The part and all below it, parts before wholes."""
         return NormalForm(tuple(self.parts[: part + 1]), {}).kept()
@@ -232,10 +208,8 @@ class Anatomy:
                 place = (number, index) if part.op is Op.SEQUENCE else None
                 own = (before if index == 0 else place or before, after if index == last else place or after)
                 known = contexts.get(inner, own)
-                contexts[inner] = (
-                    own[0] if own[0] == known[0] else _MANY,
-                    own[1] if own[1] == known[1] else _MANY,
-                )
+                agreed = [mine if mine == theirs else _MANY for mine, theirs in zip(own, known, strict=True)]
+                contexts[inner] = (agreed[0], agreed[1])
         return True
 
     def _always_feasible(self, kept: Sequence[int]) -> bool:
@@ -253,8 +227,6 @@ class Anatomy:
                     graph.add_edge(("end", earlier), ("begin", later))
         return bool(nx.is_directed_acyclic_graph(graph))
 
-
-# Which guards every event is under.
 
 GuardsOf: TypeAlias = Mapping[str, tuple[Guard, ...]]
 """For events (by node) the guards they are under in all scenarios."""
@@ -283,8 +255,7 @@ def settled(
         budget.spend(len(kept))
         found = _placed(candidate, kept, patterns)
         if isinstance(found, int):
-            choices = ways(candidate.parts[found], monotone=monotone)
-            waiting.append(map(partial(candidate.resolve, found), choices))
+            waiting.append(map(partial(candidate.resolve, found), ways(candidate.parts[found], monotone=monotone)))
         else:
             yield candidate, found
 
@@ -305,31 +276,33 @@ def _placed(form: NormalForm, kept: Sequence[int], patterns: Mapping[str, Patter
     certain: dict[int, int] = {}
     """Of each part what is in every scenario that contains it, as far as is known."""
     for number in reversed(kept):
-        nearest = (above[number] & -above[number]).bit_length() - 1
+        certain[number] = always[number] | certain.get(_lowest(above[number]), 0)
         above[number] |= 1 << number
-        certain[number] = always[number] | certain.get(nearest, 0)
         for inner in form.parts[number].parts:
-            above[inner] = above[inner] & above[number] if inner in above else above[number]
+            above[inner] = above.get(inner, -1) & above[number]
     placed: defaultdict[str, list[Guard]] = defaultdict(list)
     events = [number for number in kept if form.parts[number].op is Op.EVENT]
     names = {event: frozenset(rigid_variables(patterns[form.parts[event].node])) for event in events}
     for number, guard in form.guards:
         if number not in below:
             continue
-        binding = [event for event in events if not names[event].isdisjoint(guard_variables(guard))]
         together = below[number]
         """What some scenario may contain beside the part: some gate keeps a way to each, or it is below."""
         for part in (form.parts[whole] for whole in kept if below[whole] >> number & 1):
-            if part.op is not Op.ONE:
-                leading = {inner for inner in part.parts if below[inner] >> number & 1}
-                together |= union(below[inner] for inner in part.parts if leading and leading != {inner})
-        for event in binding:
+            leading = {inner for inner in part.parts if below[inner] >> number & 1}
+            if part.op is not Op.ONE and leading:
+                together |= union(below[inner] for inner in part.parts if leading != {inner})
+        for event in events:
+            if names[event].isdisjoint(guard_variables(guard)):
+                continue
             if certain[event] >> number & 1:
                 placed[form.parts[event].node].append(guard)
-            elif (
-                together >> event & 1
-            ):  # decided by the topmost choice between the part and the nearest part above both
-                common = above[event] & above[number]
-                between = bits(below[(common & -common).bit_length() - 1])
+            elif together >> event & 1:
+                # decided by the topmost choice between the part and the nearest part above both
+                between = bits(below[_lowest(above[event] & above[number])])
                 return max(p for p in between if form.parts[p].chooses and below[p] >> number & 1)
     return {node: tuple(dict.fromkeys(guards)) for node, guards in placed.items()}
+
+
+def _lowest(members: int) -> int:
+    return (members & -members).bit_length() - 1

@@ -1,4 +1,4 @@
-"""What a formula still demands after some events: progression, kept canonical.
+"""What a formula still demands after some events: progression, kept canonical, and whether that can still be met.
 
 A residual is a Boolean function over variables each of which stands for "the rest is not empty and satisfies g"; the number of the
 variable is that of g, so that wholes stand above their parts. One event gives two answers at once: whether the formula is
@@ -6,16 +6,119 @@ satisfied if the trace ends here, and the residual for the case that it goes on.
 to express search control knowledge for planning (Artificial Intelligence, 2000), here with the strong next and the end of the trace.
 """
 
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, lru_cache
-from typing import Final, NamedTuple, assert_never
+from typing import Final, NamedTuple, TypeAlias, assert_never
 
-from backends.ltlf.formulas import BOTTOM, FALSE, JUNCTIONS, TOP, TRUE, Connective, Diagrams, Formulas
+from backends.ltlf.formulas import FALSE, JUNCTIONS, TRUE, Connective, Formulas
+from rvaft.errors import TooLarge
 from rvaft.support.trampoline import Call, run
 
 NODE_LIMIT: Final = 2_000_000
+SEARCH_LIMIT: Final = 1_000_000
 STEPS_KEPT: Final = 200_000
 """How many steps are remembered, of all residuals together."""
+
+BOTTOM: Final = 0
+TOP: Final = 1
+_CONSTANT: Final = -1
+"""The variable of the constants: below all others."""
+
+
+class _Diagrams:
+    """Reduced ordered binary decision diagrams: Boolean functions in canonical form.
+
+    Plain loops instead of recursion, since there may be thousands of variables. The variable with the largest number is on top, and
+    nothing is ever thrown away. After Bryant, Graph-Based Algorithms for Boolean Function Manipulation (IEEE Transactions on
+    Computers, 1986).
+    """
+
+    def __init__(self) -> None:
+        self.nodes = [(_CONSTANT, BOTTOM, BOTTOM), (_CONSTANT, TOP, TOP)]
+        """Variable, function where it is false, function where it is true."""
+        self._index: dict[tuple[int, int, int], int] = {}
+        self._choices: dict[tuple[int, int, int], int] = {}
+        self.support = cache(self._support)
+
+    def variable(self, number: int) -> int:
+        return self._node(number, BOTTOM, TOP)
+
+    def negation(self, f: int) -> int:
+        return self.choice(f, BOTTOM, TOP)
+
+    def implies(self, f: int, g: int) -> bool:
+        return self.choice(f, g, TOP) == TOP
+
+    def joined(self, op: Connective, parts: Iterable[int]) -> int:
+        """The junction of many functions, the lowest first: so each step works near the top."""
+        found = TOP if op is Connective.AND else BOTTOM
+        for part in sorted(set(parts), key=lambda f: self.nodes[f][0]):
+            found = self.choice(part, found, BOTTOM) if op is Connective.AND else self.choice(part, TOP, found)
+        return found
+
+    def _node(self, variable: int, low: int, high: int) -> int:
+        if low == high:
+            return low
+        key = (variable, low, high)
+        found = self._index.setdefault(key, len(self.nodes))
+        if found == len(self.nodes):
+            if found > NODE_LIMIT:
+                raise TooLarge("the residual formulas have more nodes", limit=NODE_LIMIT)
+            self.nodes.append(key)
+        return found
+
+    def choice(self, f: int, g: int, h: int) -> int:
+        """If f then g else h."""
+        nodes, known = self.nodes, self._choices
+        todo: list[tuple[int, int, int, int]] = [(f, g, h, _CONSTANT)]
+        done: list[int] = []
+        while todo:
+            f, g, h, variable = todo.pop()
+            if variable != _CONSTANT:  # both halves are done
+                high, low = done.pop(), done.pop()
+                known[f, g, h] = self._node(variable, low, high)
+                done.append(known[f, g, h])
+            elif f <= TOP or g == h:
+                done.append(h if f == BOTTOM else g)
+            elif g == TOP and h == BOTTOM:
+                done.append(f)
+            elif (f, g, h) in known:
+                done.append(known[f, g, h])
+            else:
+                variable = max(nodes[f][0], nodes[g][0], nodes[h][0])
+                (f0, f1), (g0, g1), (h0, h1) = (
+                    nodes[part][1:] if nodes[part][0] == variable else (part, part) for part in (f, g, h)
+                )
+                todo += [(f, g, h, variable), (f1, g1, h1, _CONSTANT), (f0, g0, h0, _CONSTANT)]
+        return done.pop()
+
+    def _below(self, f: int) -> list[int]:
+        """The inner nodes of f, each before those above it."""
+        seen = {BOTTOM, TOP}
+        todo = [f]
+        while todo:
+            node = todo.pop()
+            if node not in seen:
+                seen.add(node)
+                todo.extend(self.nodes[node][1:])
+        return sorted(seen)[2:]
+
+    def _support(self, f: int) -> list[int]:
+        """The variables that f depends on, from the top."""
+        return sorted({self.nodes[node][0] for node in self._below(f)}, reverse=True)
+
+    def compose(self, f: int, by: Mapping[int, int]) -> int:
+        """The function with every variable replaced by a function."""
+        made = {BOTTOM: BOTTOM, TOP: TOP}
+        for node in self._below(f):
+            variable, low, high = self.nodes[node]
+            low, high, new = made[low], made[high], by[variable]
+            if self.nodes[new] == (variable, BOTTOM, TOP) and variable > max(self.nodes[low][0], self.nodes[high][0]):
+                made[node] = self._node(variable, low, high)  # the common case, in one step
+            else:
+                made[node] = self.choice(new, high, low)
+        return made[f]
 
 
 class Progression(NamedTuple):
@@ -25,10 +128,7 @@ class Progression(NamedTuple):
     residual: int
 
 
-_CONSTANTS: Final = {
-    TRUE: Progression(accepted=True, residual=TOP),
-    FALSE: Progression(accepted=False, residual=BOTTOM),
-}
+_CONSTANTS: Final = {TRUE: Progression(True, TOP), FALSE: Progression(False, BOTTOM)}
 
 
 class Residuals:
@@ -36,13 +136,14 @@ class Residuals:
 
     def __init__(self, formulas: Formulas, mentions: Mapping[str, frozenset[str]]) -> None:
         self._formulas = formulas
-        self.diagrams = Diagrams(NODE_LIMIT)
+        self._diagrams = _Diagrams()
+        self._continuations = _Continuations(formulas, self._diagrams)
         self._lifted: dict[int, int] = {TRUE: TOP, FALSE: BOTTOM}
         self.variables = cache(self._variables_of)
         self.now = cache(self._asked_now)
         self.step = lru_cache(STEPS_KEPT)(self._stepped)
-        self._asks = cache(self._asked)
-        self._idle = cache(self._without_atoms)
+        self._asks = cache(lambda formula: frozenset(formulas.atoms(formula, now=True)))
+        self._after = lru_cache(STEPS_KEPT)(self._progressed)
         self._bare: list[bool] = []
         """Of each formula: is it, apart from `!`, `&` and `|`, about the first position (an atom is in sight)?"""
         self._monotone: list[bool] = []
@@ -60,31 +161,34 @@ class Residuals:
         """The residual that is the formula itself."""
         return run(self._lift(formula))
 
+    def is_satisfiable(self, residual: int) -> bool:
+        """Whether some continuation by one event or more satisfies it."""
+        return self._continuations.satisfy(residual)
+
+    def is_valid(self, residual: int) -> bool:
+        """Whether every continuation by one event or more satisfies it."""
+        return not self._continuations.satisfy(self._diagrams.negation(residual))
+
     def _variables_of(self, residual: int) -> frozenset[str]:
         """The variables that can still make a difference."""
-        return frozenset().union(*(self._variables[formula] for formula in self.diagrams.support(residual)))
+        return frozenset().union(*(self._variables[formula] for formula in self._diagrams.support(residual)))
 
     def _asked_now(self, residual: int) -> frozenset[str]:
         """The atoms that the next event is asked for."""
-        return frozenset().union(*map(self._asks, self.diagrams.support(residual)))
-
-    def _asked(self, formula: int) -> frozenset[str]:
-        rows = (self._formulas.rows[number] for number in self._formulas.reachable(formula, now=True))
-        return frozenset(row.name for row in rows if row.op is Connective.ATOM)
+        return frozenset().union(*map(self._asks, self._diagrams.support(residual)))
 
     def _stepped(self, residual: int, letter: frozenset[str]) -> Progression:
         """The residual after one event; `letter` are the atoms that are true at it, of those that are asked (`now`)."""
-        known = dict(_CONSTANTS)
-        found: dict[int, Progression] = {}
-        for formula in self.diagrams.support(residual):
-            idle = self._asks(formula).isdisjoint(letter)
-            found[formula] = self._idle(formula) if idle else run(self._progress(formula, letter, known))
-        accepted = self.diagrams.evaluate(residual, {formula: after.accepted for formula, after in found.items()})
-        rest = self.diagrams.compose(residual, {formula: after.residual for formula, after in found.items()})
-        return Progression(accepted, rest)
+        support = self._diagrams.support(residual)
+        after = {formula: self._after(formula, letter & self._asks(formula)) for formula in support}
+        end = self._diagrams.compose(
+            residual, {formula: TOP if one.accepted else BOTTOM for formula, one in after.items()}
+        )
+        rest = self._diagrams.compose(residual, {formula: one.residual for formula, one in after.items()})
+        return Progression(end == TOP, rest)
 
-    def _without_atoms(self, formula: int) -> Progression:
-        return run(self._progress(formula, frozenset(), dict(_CONSTANTS)))
+    def _progressed(self, formula: int, letter: frozenset[str]) -> Progression:
+        return run(self._progress(formula, letter, dict(_CONSTANTS)))
 
     def _lift(self, formula: int) -> Call[int]:
         """Boolean combinations of `F`, `U` and `X[!]` are taken apart; others wait as one variable until the next event."""
@@ -92,29 +196,21 @@ class Residuals:
             return self._lifted[formula]
         op, operands, _ = self._formulas.rows[formula]
         if op is Connective.NOT:
-            lifted = self.diagrams.negation((yield self._lift(operands[0])))
+            lifted = self._diagrams.negation((yield self._lift(operands[0])))
         elif op in JUNCTIONS and not self._bare[formula]:
             parts: list[int] = []
             for operand in operands:
                 parts += [(yield self._lift(operand))]
-            lifted = self._joined(op, parts)
+            lifted = self._diagrams.joined(op, parts)
         else:
-            lifted = self.diagrams.variable(formula)
+            lifted = self._diagrams.variable(formula)
         self._lifted[formula] = lifted
         return lifted
-
-    def _joined(self, op: Connective, parts: Iterable[int]) -> int:
-        """The junction of many functions, the lowest first: so each step works near the top."""
-        conjunction = op is Connective.AND
-        join = self.diagrams.conjunction if conjunction else self.diagrams.disjunction
-        joined = TOP if conjunction else BOTTOM
-        for part in sorted(set(parts), key=lambda f: self.diagrams.nodes[f][0]):
-            joined = join(part, joined)
-        return joined
 
     def _progress(self, formula: int, letter: frozenset[str], known: dict[int, Progression]) -> Call[Progression]:
         if formula in known:
             return known[formula]
+        diagrams = self._diagrams
         op, operands, name = self._formulas.rows[formula]
         match op:
             case Connective.TRUE | Connective.FALSE:
@@ -123,7 +219,7 @@ class Residuals:
                 found = known[TRUE if name in letter else FALSE]
             case Connective.NOT:
                 inner = yield self._progress(operands[0], letter, known)
-                found = Progression(not inner.accepted, self.diagrams.negation(inner.residual))
+                found = Progression(not inner.accepted, diagrams.negation(inner.residual))
             case Connective.AND | Connective.OR:
                 decided = known[FALSE if op is Connective.AND else TRUE]
                 parts: list[Progression] = []
@@ -133,21 +229,20 @@ class Residuals:
                     found = decided
                 else:
                     accepted = (all if op is Connective.AND else any)(part.accepted for part in parts)
-                    found = Progression(accepted, self._joined(op, [part.residual for part in parts]))
+                    found = Progression(accepted, diagrams.joined(op, [part.residual for part in parts]))
             case Connective.NEXT:
                 found = Progression(accepted=False, residual=(yield self._lift(operands[0])))
             case Connective.EVENTUALLY:
-                inner = yield self._progress(operands[0], letter, known)
-                rest = inner.residual
-                if rest == BOTTOM or not self._implies_again(operands[0]):
-                    rest = self.diagrams.disjunction(rest, self.diagrams.variable(formula))
-                found = Progression(inner.accepted, rest)
+                found = yield self._progress(operands[0], letter, known)
+                if found.residual == BOTTOM or not self._implies_again(operands[0]):
+                    rests = [found.residual, diagrams.variable(formula)]
+                    found = Progression(found.accepted, diagrams.joined(Connective.OR, rests))
             case Connective.UNTIL:
                 found = yield self._progress(operands[1], letter, known)
                 if found != known[TRUE]:
                     stay = yield self._progress(operands[0], letter, known)
-                    later = self.diagrams.conjunction(stay.residual, self.diagrams.variable(formula))
-                    found = Progression(found.accepted, self.diagrams.disjunction(found.residual, later))
+                    later = diagrams.joined(Connective.AND, [stay.residual, diagrams.variable(formula)])
+                    found = Progression(found.accepted, diagrams.joined(Connective.OR, [found.residual, later]))
             case _:
                 assert_never(op)
         known[formula] = found
@@ -165,3 +260,145 @@ class Residuals:
         rests = [inner.operands[0] for inner in rows if inner.op is Connective.NEXT]
         atoms = sum(inner.op is Connective.ATOM for inner in rows)
         return len(rests) + atoms == len(rows) and len(rests) <= 1 and all(self._monotone[rest] for rest in rests)
+
+
+_Obligations: TypeAlias = frozenset[int]
+"""Formulas that the rest must satisfy; the complement ~f stands for "must not satisfy f"."""
+
+_Item: TypeAlias = tuple[int, bool]
+"""An obligation, and whether it is about the next position (then the trace goes on)."""
+
+_Clause: TypeAlias = list[list[_Item]]
+"""Ways, one of which has to be gone: to meet all items of a list."""
+
+
+class _Continuations:
+    """Whether a residual can still be satisfied: a lazy search for one continuation. Nothing is translated to an automaton.
+
+    The search goes through sets of obligations, tries the nearest fulfilment first, and remembers what it found. All letters count,
+    also those that no event can produce.
+    """
+
+    def __init__(self, formulas: Formulas, diagrams: _Diagrams) -> None:
+        self._rows = formulas.rows
+        self._diagrams = diagrams
+        self.satisfy = cache(self._satisfied)
+        self._clauses = cache(self._taken_apart)
+        self._live: set[_Obligations] = set()
+        self._recent: deque[_Obligations] = deque(maxlen=4)
+        """Obligations that could be met: fewer of them can be met too."""
+        self._dead: set[_Obligations] = set()
+
+    def _satisfied(self, residual: int) -> bool:
+        path: list[_Obligations] = []
+        ways = [self._cubes(residual)]
+        visited: set[_Obligations] = set()
+        while ways:
+            current = next(ways[-1], None)
+            if current is None:
+                ways.pop()
+                del path[len(ways) - 1 :]
+            elif (
+                current in self._live
+                or any(current <= live for live in self._recent)
+                or (path and all(obligation < 0 for obligation in current))  # the trace may end before it
+            ):
+                self._live.update([*path, current] if current in self._live else path)
+                self._recent.append(path[0] if path else current)
+                return True
+            elif current not in visited and current not in self._dead:
+                visited.add(current)
+                if len(visited) > SEARCH_LIMIT:
+                    raise TooLarge("the search for a continuation meets more sets of obligations", limit=SEARCH_LIMIT)
+                path.append(current)
+                ways.append(self._continued(current))
+        self._dead |= visited
+        return False
+
+    def _cubes(self, residual: int) -> Iterator[_Obligations]:
+        """Sets of obligations, one of which has to be met. Where a function is monotone in a variable one sign suffices."""
+        path: list[int] = []
+        todo: list[tuple[int, int, tuple[int, ...]]] = [(residual, 0, ())]
+        while todo:
+            f, depth, sign = todo.pop()
+            path[depth:] = sign
+            if f == TOP:
+                yield frozenset(path)
+            elif f != BOTTOM:
+                variable, low, high = self._diagrams.nodes[f]
+                rising, falling = self._diagrams.implies(low, high), self._diagrams.implies(high, low)
+                halves = [
+                    (high, len(path), () if falling else (variable,)),
+                    (low, len(path), () if rising else (~variable,)),
+                ]
+                todo += halves[::-1] if falling else halves
+
+    def _continued(self, obligations: _Obligations) -> Iterator[_Obligations]:
+        """The obligations for the rest after one event that the obligations allow."""
+        seen: set[_Obligations] = set()
+        branches: list[tuple[list[_Clause], set[_Item]]] = [([[[(one, False)]] for one in sorted(obligations)], set())]
+        while branches:
+            clauses, taken = branches.pop()
+            choices = self._settled(clauses, taken)
+            if choices:
+                first, *others = choices
+                branches += [([[way], *others], set(taken)) for way in reversed(first)]
+            elif choices is not None:
+                found = frozenset(obligation for obligation, later in taken if later)
+                if found not in seen:
+                    seen.add(found)
+                    yield found
+
+    def _settled(self, clauses: list[_Clause], taken: set[_Item]) -> list[_Clause] | None:
+        """Take what is forced; None on a contradiction, else the clauses that are open, of two ways or more."""
+        changed = True
+        while changed:
+            changed, todo, clauses = False, clauses[::-1], []
+            while todo:
+                clause = todo.pop()
+                possible = [way for way in clause if not any((~one, later) in taken for one, later in way)]
+                if not possible:
+                    return None
+                if len(possible) > 1:
+                    if not any(map(taken.issuperset, possible)):
+                        clauses.append(possible)
+                    continue
+                for one, later in possible[0]:
+                    if (one, later) not in taken:
+                        changed = True
+                        taken.add((one, later))
+                        todo += [] if later else reversed(self._clauses(one))
+        return clauses
+
+    def _taken_apart(self, obligation: int) -> list[_Clause]:
+        """What an obligation at a position asks of that position and the next; nothing more where it is an atom."""
+        positive = obligation >= 0
+        op, operands, _ = self._rows[obligation if positive else ~obligation]
+        now = [(self._signed(operand, positive), False) for operand in operands]
+        again = (obligation, True)
+        match op:
+            case Connective.TRUE | Connective.FALSE:
+                return [] if positive is (op is Connective.TRUE) else [[]]
+            case Connective.ATOM:
+                return []
+            case Connective.NEXT:
+                return [[[(now[0][0], True)]]]
+            case Connective.NOT:
+                return [[[(self._signed(operands[0], not positive), False)]]]
+            case Connective.AND | Connective.OR if (op is Connective.AND) is positive:
+                return [[[item]] for item in now]
+            case Connective.AND | Connective.OR:
+                return [[[item] for item in now]]
+            case Connective.EVENTUALLY:
+                return [[now, [again]]] if positive else [[[again]], [now]]
+            case Connective.UNTIL if positive:
+                return [[[now[1]], [now[0], again]]]
+            case Connective.UNTIL:
+                return [[[now[1]]], [[now[0]], [again]]]
+            case _:
+                assert_never(op)
+
+    def _signed(self, formula: int, positive: bool) -> int:
+        row = self._rows[formula]
+        formula, positive = (row.operands[0], not positive) if row.op is Connective.NOT else (formula, positive)
+        return formula if positive else ~formula

@@ -2,10 +2,10 @@
 
 import re
 from collections import Counter
-from typing import Final
+from typing import Final, TypeAlias
 
-from backends.ltlf.composition import Composer, Positions
-from backends.ltlf.formulas import FALSE, JUNCTIONS, Connective, Formulas
+from backends.ltlf.composition import Composer
+from backends.ltlf.formulas import FALSE, JUNCTIONS, TRUE, Connective, Formulas
 from backends.ltlf.parts import Anatomy, GuardsOf, settled, simplified
 from backends.ltlf.reader import Header, Observation
 from rvaft.analysis.normal_form import NormalForm, normal_form
@@ -21,82 +21,76 @@ _LEAVES: Final = frozenset({Connective.TRUE, Connective.FALSE, Connective.ATOM})
 _PREFIX: Final = frozenset({Connective.NOT, Connective.NEXT, Connective.EVENTUALLY})
 
 
-def translation(tree: RVAFT, semantics: Semantics, *, limit: int) -> tuple[str, Metrics]:
-    """The text of a tree; raises `TooLarge` beyond that many distinct subformulas, `TreeError` without a feasible scenario."""
-    return _LtlfTranslator(tree, limit).translation(semantics)
+class Translation:
+    """One translation. Raises `TooLarge` beyond `limit` distinct subformulas, `TreeError` without a feasible scenario."""
 
-
-class _LtlfTranslator:
-    """One translation."""
-
-    def __init__(self, tree: RVAFT, limit: int) -> None:
-        self.tree = tree
-        self.limit = limit
-        self.header = Header()
-        self.formulas = Formulas(limit)
-        self.atoms: dict[Observation, int] = {}
-        self.patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
-        self.place = {node: place for place, node in enumerate(tree.order)}
-        self.rank: dict[str, int] = {}
+    def __init__(self, tree: RVAFT, semantics: Semantics, limit: int) -> None:
+        self._tree = tree
+        self._semantics = semantics
+        self._limit = limit
+        self._header = Header()
+        self._formulas = Formulas(limit)
+        self._atoms: dict[Observation, int] = {}
+        self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
+        self._rank: dict[str, int] = {}
         """Of each atom the place of its node in the tree."""
+        self._place = {node: place for place, node in enumerate(tree.order)}
         self._taken = set(_RESERVED)
 
-    def translation(self, semantics: Semantics) -> tuple[str, Metrics]:
+    def text(self) -> tuple[str, Metrics]:
         """The text and its sizes."""
-        if semantics is Semantics.PROJECTED:
-            positions = Positions(self.formulas, semantics, self._relevance())
-        else:
-            positions = Positions(self.formulas, semantics)
-        form = normal_form(self.tree)
-        some = settled(form, self.patterns, monotone=positions.monotone, limit=self.limit) if form.feasible else ()
-        root = self.formulas.disjunction(self._formula(parts, guards, positions) for parts, guards in some)
+        formulas, header, form = self._formulas, self._header, normal_form(self._tree)
+        relevant = self._relevance() if self._semantics is Semantics.PROJECTED else TRUE
+        monotone = self._semantics is Semantics.SCATTERED
+        some = settled(form, self._patterns, monotone=monotone, limit=self._limit) if form.feasible else ()
+        root = formulas.disjunction(self._formula(parts, guards, monotone, relevant) for parts, guards in some)
         if root == FALSE:
-            message = f"no scenario of {self.tree.root} is feasible"
-            raise TreeError(message, rule="no-scenario", nodes=[self.tree.root])
+            message = f"no scenario of {self._tree.root} is feasible"
+            raise TreeError(message, rule="no-scenario", nodes=[self._tree.root])
         formula = self._written(root)
-        used = {self.formulas.rows[number].name for number in self.formulas.reachable(root)}
-        in_order = sorted(self.header.atoms, key=lambda name: self.rank[name])
-        self.header.atoms = {name: self.header.atoms[name] for name in in_order if name in used}
-        texts = [formula, *(f"{name} = {text}" for name, text in self.header.definitions.items())]
+        used = set(formulas.atoms(root))
+        in_order = sorted(header.atoms, key=self._rank.__getitem__)
+        header.atoms = {name: header.atoms[name] for name in in_order if name in used}
+        texts = [formula, *(f"{name} = {text}" for name, text in header.definitions.items())]
         symbols = sum(len(_TOKEN.findall(text)) for text in texts)
-        return f"{self.header}{formula}\n", Metrics(symbols=symbols, subformulas=self.formulas.size(root))
+        return f"{header}{formula}\n", Metrics(symbols=symbols, subformulas=formulas.size(root))
 
-    def _formula(self, form: NormalForm, guards: GuardsOf, positions: Positions) -> int:
-        anatomy = Anatomy(simplified(form, monotone=positions.monotone), self.patterns)
+    def _formula(self, form: NormalForm, guards: GuardsOf, monotone: bool, relevant: int) -> int:
+        anatomy = Anatomy(simplified(form, monotone=monotone), self._patterns)
 
         def event_of(part: int) -> int:
+            """The atom of an event under guards, named after the first node that observes it."""
             node = anatomy.parts[part].node
-            return self._atom(node, Observation(self.patterns[node], guards.get(node, ())))
+            observation = Observation(self._patterns[node], guards.get(node, ()))
+            if observation not in self._atoms:
+                name = self._fresh(node)
+                self._header.atoms[name] = observation
+                self._rank[name] = self._place[node]
+                self._atoms[observation] = self._formulas.atom(name)
+            return self._atoms[observation]
 
-        return Composer(anatomy, positions, event_of, limit=self.limit).whole()
-
-    def _atom(self, node: str, observation: Observation) -> int:
-        """The atom of an event under guards, named after the first node that observes it."""
-        if observation not in self.atoms:
-            name = self._fresh(node)
-            self.header.atoms[name] = observation
-            self.rank[name] = self.place[node]
-            self.atoms[observation] = self.formulas.atom(name)
-        return self.atoms[observation]
+        return Composer(
+            self._formulas, anatomy, event_of, semantics=self._semantics, relevant=relevant, limit=self._limit
+        ).whole()
 
     def _relevance(self) -> int:
+        """The atom of relevant events."""
         wanted = "rel"
-        while wanted in self.tree.nodes:  # nodes keep their own names
+        while wanted in self._tree.nodes:  # nodes keep their own names
             wanted += "_"
         name = self._fresh(wanted)
-        entries = [(entry.pattern, entry.when) for entry in self.tree.alphabet]
-        ignored = [(self.tree.instantiate(ignore.on), ignore.when) for ignore in self.tree.ignores]
-        for observed, pairs in ((self.header.relevant, entries), (self.header.ignored, ignored)):
+        entries = [(entry.pattern, entry.when) for entry in self._tree.alphabet]
+        ignored = [(self._tree.instantiate(ignore.on), ignore.when) for ignore in self._tree.ignores]
+        for observed, pairs in ((self._header.relevant, entries), (self._header.ignored, ignored)):
             of_name = (Observation(pattern, () if when is None else (when,)) for pattern, when in pairs)
             if pairs:
                 observed[name] = list(dict.fromkeys(of_name))
-        return self.formulas.atom(name)
+        return self._formulas.atom(name)
 
     def _fresh(self, wanted: str) -> str:
         """A name `[a-z_][a-z0-9_]*` given to nothing else: the wanted one where it is legal and free, else one like it."""
         name = _ILLEGAL.sub("_", wanted.lower()) or "_"
-        if name[0].isdigit():
-            name = f"_{name}"
+        name = f"_{name}" if name[0].isdigit() else name
         candidate, number = name, 1
         while candidate in self._taken:
             number += 1
@@ -106,39 +100,45 @@ class _LtlfTranslator:
 
     def _written(self, root: int) -> str:
         """The formula as text; what is used more than once is written once, as a definition after those it uses."""
-        rows = self.formulas.rows
-        reachable = self.formulas.reachable(root)
+        rows = self._formulas.rows
+        reachable = self._formulas.reachable(root)
         uses = Counter(operand for formula in reachable for operand in rows[formula].operands)
-        defined: dict[int, str] = {}
+        defined: set[int] = set()
+        pieces: dict[int, list[_Piece]] = {}
         for formula in reachable:
-            row = rows[formula]
-            literal = row.op is Connective.NOT and rows[row.operands[0]].op is Connective.ATOM
-            if uses[formula] > 1 and row.op not in _LEAVES and not literal:
-                text = self._text(formula, defined)
-                defined[formula] = self._fresh(f"s{len(defined) + 1}")
-                self.header.definitions[defined[formula]] = text
-        return self._text(root, defined)
-
-    def _text(self, root: int, defined: dict[int, str]) -> str:
-        out: list[str] = []
-        todo: list[int | str] = [root]
-        while todo:
-            item = todo.pop()
-            if isinstance(item, str) or item in defined:
-                out.append(item if isinstance(item, str) else defined[item])
-                continue
-            row = self.formulas.rows[item]
-            inner: list[list[int | str]] = []
-            for operand in row.operands:
-                op = self.formulas.rows[operand].op
-                plain = operand in defined or op in _LEAVES | _PREFIX or (op is row.op and op in JUNCTIONS)
-                inner.append([operand] if plain else ["(", operand, ")"])
-            if row.op in _LEAVES:
-                out.append(row.name or row.op.value)
-            elif row.op in _PREFIX:
-                spaced = row.op is not Connective.NOT and len(inner[0]) == 1
-                todo.extend(reversed([f"{row.op.value} " if spaced else row.op.value, *inner[0]]))
+            op, operands, name = rows[formula]
+            inner: list[list[_Piece]] = []
+            for operand in operands:
+                below = rows[operand].op
+                plain = operand in defined or below in _LEAVES | _PREFIX or (below is op and op in JUNCTIONS)
+                inner.append([pieces[operand]] if plain else ["(", pieces[operand], ")"])
+            if op in _LEAVES:
+                pieces[formula] = [name or op.value]
+            elif op in _PREFIX:
+                spaced = op is not Connective.NOT and len(inner[0]) == 1
+                pieces[formula] = [f"{op.value} " if spaced else op.value, *inner[0]]
             else:
-                pieces = [piece for operand in inner for piece in (f" {row.op.value} ", *operand)]
-                todo.extend(reversed(pieces[1:]))
-        return "".join(out)
+                pieces[formula] = [piece for operand in inner for piece in (f" {op.value} ", *operand)][1:]
+            literal = op in _LEAVES or (op is Connective.NOT and rows[operands[0]].op is Connective.ATOM)
+            if uses[formula] > 1 and not literal:
+                text = _joined(pieces[formula])
+                name = self._fresh(f"s{len(defined) + 1}")
+                self._header.definitions[name] = text
+                pieces[formula] = [name]
+                defined.add(formula)
+        return _joined(pieces[root])
+
+
+_Piece: TypeAlias = "str | list[_Piece]"
+
+
+def _joined(pieces: list[_Piece]) -> str:
+    found: list[str] = []
+    todo = pieces[::-1]
+    while todo:
+        piece = todo.pop()
+        if isinstance(piece, str):
+            found.append(piece)
+        else:
+            todo.extend(reversed(piece))
+    return "".join(found)

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable
 
-from rvaft.cli.failure import FAILED, Stopped, guarded
+from rvaft.cli import FAILED, Stopped, guarded
 from rvaft.errors import RvaftError
 
 

@@ -1,40 +1,131 @@
-"""The `rvaft` command: the top layer, thin. One module per command, imported when the command is used.
+"""The `rvaft` command: the top layer, thin. One module per command, or two that belong together, imported when a command is used.
 
 Exit status: 0 nothing found, 1 found (a detection, a finding of severity error, a disagreement), 2 could not do it; 2 wins
-over 1. An interrupt ends with 130 and a closed pipe with 141, as if the signal had done it.
+over 1. An interrupt ends with 130 and a closed pipe with 141, as if the signal had done it. Whatever fails is one line on
+standard error that says what, where and what to do.
 """
 
 import io
+import os
 import sys
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any, Final
 
 import click
 
-from rvaft.cli.failure import BROKEN_PIPE, FAILED, INTERRUPTED, Stopped, guarded, report
+from rvaft.errors import LanguageError, RvaftError
+from rvaft.support.terminal import visible
 
+FOUND: Final = 1
+FAILED: Final = 2
+INTERRUPTED: Final = 130
+BROKEN_PIPE: Final = 141
+
+_WIDTH: Final = 100
+"""Columns of a source line that are shown around the caret."""
+_LONGEST: Final = 2000
+"""Characters of a message; what is longer quotes the input at length."""
 _COMMANDS: Final = {
-    "check": "Report what is wrong or doubtful in trees.",
-    "show": "Draw a tree, or write it in another format.",
-    "branches": "List the branches of a tree: number, kinds, property.",
-    "emit": "Write a specification of a tree.",
-    "test": "Compare a tree's own traces with the verdicts expected of them.",
-    "monitor": "Watch events for a tree and give verdicts.",
-    "coverage": "Say which branches some logs exercise.",
-    "traces": "Write example logs for a tree.",
-    "serve": "Answer ROSMonitoring over WebSocket.",
-    "rosmonitoring": "Write a configuration of ROSMonitoring for a tree.",
-    "cross-check": "Compare the specifications of trees.",
-    "compare": "Compare specification languages: sizes and speeds.",
-    "backends": "List the specification languages.",
-    "explain": "Explain what a finding means.",
+    "check": ("check", "Report what is wrong or doubtful in trees."),
+    "show": ("show", "Draw a tree, or write it in another format."),
+    "branches": ("show", "List the branches of a tree: number, kinds, property."),
+    "emit": ("emit", "Write a specification of a tree."),
+    "test": ("test", "Compare a tree's own traces with the verdicts expected of them."),
+    "monitor": ("monitor", "Watch events for a tree and give verdicts."),
+    "coverage": ("coverage", "Say which branches some logs exercise."),
+    "traces": ("traces", "Write example logs for a tree."),
+    "serve": ("ros", "Answer ROSMonitoring over WebSocket."),
+    "rosmonitoring": ("ros", "Write a configuration of ROSMonitoring for a tree."),
+    "cross-check": ("cross_check", "Compare the specifications of trees."),
+    "compare": ("compare", "Compare specification languages: sizes and speeds."),
+    "backends": ("emit", "List the specification languages."),
+    "explain": ("check", "Explain what a finding means."),
 }
-"""The commands and what they do; each is a function, `check_command` for `check`, in the module of its name or in the one named here."""
-_MODULES: Final = {
-    **dict.fromkeys(["backends", "branches", "explain"], "information"),
-    **dict.fromkeys(["rosmonitoring", "serve"], "ros"),
-}
+"""The commands, the modules of their functions (`check_command` for `check`), and what they do."""
+
+
+class Stopped(Exception):
+    """The run ends here with this status; all that had to be said has been said."""
+
+    def __init__(self, status: int) -> None:
+        self.status = status
+        super().__init__(status)
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Turn a closed pipe and an interrupt into an end of the run; all output is flushed here, where failure is noticed."""
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _discard_output()
+        raise Stopped(BROKEN_PIPE) from None
+    except KeyboardInterrupt:
+        with suppress(OSError):
+            sys.stdout.flush()
+        _discard_output()
+        raise Stopped(INTERRUPTED) from None
+    except OSError as error:
+        if error.filename is not None or error.errno is None:
+            raise
+        raise OSError(error.errno, f"cannot write: {error.strerror}", "standard output") from error
+
+
+def _discard_output() -> None:
+    """Make the flush at the end of the interpreter go nowhere."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+
+
+def report(error: BaseException) -> None:
+    """Say on standard error what went wrong, after whatever standard output already holds."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        _discard_output()
+    click.echo("\n".join(described(error)), err=True)
+
+
+def warn(said: str) -> None:
+    """Say on standard error what is doubtful."""
+    click.echo(visible(f"rvaft: warning: {said}"), err=True)
+
+
+def described(error: BaseException) -> list[str]:
+    """The error line, and for a text that is not in its language the place in it: the source line around the column, and a caret."""
+    place: list[str] = []
+    match error:
+        case LanguageError(source=source, column=column):
+            said = f"{error.file}:{error.line}:{column}: {error.message}"
+            if source:
+                start = max(0, column - 1 - _WIDTH // 2) if len(source) > _WIDTH else 0
+                shown = "".join(c if c.isprintable() else " " for c in source[start : start + _WIDTH])
+                place = [shown, f"{' ' * (column - 1 - start)}^"]
+        case RvaftError():
+            said = "; ".join([str(error), *getattr(error, "__notes__", ())])
+        case click.UsageError(ctx=click.Context(command_path=path)):
+            said = f"{error.format_message()} (see {path} --help)"
+        case click.ClickException():
+            said = error.format_message()
+        case OSError(filename=file):
+            said = error.strerror or str(error) or type(error).__name__
+            said = said if file is None else f"{os.fsdecode(file) or repr('')}: {said}"
+        case MemoryError():
+            said = "out of memory"
+        case _:
+            trace = error.__traceback__
+            while trace is not None and trace.tb_next is not None:
+                trace = trace.tb_next
+            origin = "" if trace is None else f" ({trace.tb_frame.f_globals.get('__name__')}:{trace.tb_lineno})"
+            said = f"this is a defect in rvaft, please report it: {type(error).__name__}: {error}{origin}"
+    short = said if len(said) <= _LONGEST else f"{said[:_LONGEST]}…"
+    return [f"rvaft: error: {visible(short)}", *place]
 
 
 class Commands(click.Group):
@@ -44,31 +135,24 @@ class Commands(click.Group):
         """The names, in the order of use."""
         return list(_COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """The command of that name, imported now."""
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name, imported now; an unknown one is an error that lists those there are."""
         if cmd_name not in _COMMANDS:
-            return None
-        name = cmd_name.replace("-", "_")
-        module = import_module(f"rvaft.cli.{_MODULES.get(name, name)}")
-        found: click.Command = getattr(module, f"{name}_command")
-        return found
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the arguments name; an unknown one is an error that lists those there are."""
-        if args and not args[0].startswith("-") and args[0] not in _COMMANDS:
+            if cmd_name.startswith("-"):
+                return None
             from difflib import get_close_matches  # noqa: PLC0415 -- imported on use
 
-            meant = get_close_matches(args[0], _COMMANDS, n=1)
+            meant = get_close_matches(cmd_name, _COMMANDS, n=1)
             hint = f"; did you mean {meant[0]}?" if meant else ""
-            raise click.UsageError(f"unknown command {args[0]!r}; known: {', '.join(_COMMANDS)}{hint}", ctx)
-        return super().resolve_command(ctx, args)
+            raise click.UsageError(f"unknown command {cmd_name!r}; known: {', '.join(_COMMANDS)}{hint}", ctx)
+        module = import_module(f"rvaft.cli.{_COMMANDS[cmd_name][0]}")
+        found: click.Command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
+        return found
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """The list of commands in the help text, without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(_COMMANDS.items()))
+            formatter.write_dl([(name, said) for name, (_, said) in _COMMANDS.items()])
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
@@ -86,34 +170,27 @@ class Commands(click.Group):
         """Run and exit; with `standalone_mode` off return the exit status instead."""
         extra["prog_name"] = extra.get("prog_name") or "rvaft"
         main: Any = super().main
-
-        def run() -> Any:
+        try:
             if isinstance(sys.stdout, io.TextIOWrapper):
                 sys.stdout.reconfigure(errors="backslashreplace")  # it takes every text
-            elif sys.stdout is None:
-                raise click.ClickException("standard output is closed")
-            return main(*args, standalone_mode=False, **extra)
-
-        status = _status(run)
+            if sys.stdout is None:
+                report(click.ClickException("standard output is closed"))
+                status = FAILED
+            else:
+                status = int(main(*args, standalone_mode=False, **extra) or 0)
+        except Stopped as stopped:
+            status = stopped.status
+        except (KeyboardInterrupt, click.Abort):
+            status = INTERRUPTED
+        except Exception as error:  # noqa: BLE001 (the last resort: no traceback for any user)
+            try:
+                report(error)
+                status = FAILED
+            except BrokenPipeError:
+                status = BROKEN_PIPE
         if standalone_mode:
             sys.exit(status)
         return status
-
-
-def _status(run: Callable[[], Any]) -> int:
-    """The exit status of a run; whatever goes wrong is said on standard error."""
-    try:
-        return int(run() or 0)
-    except Stopped as stopped:
-        return stopped.status
-    except (KeyboardInterrupt, click.Abort):
-        return INTERRUPTED
-    except Exception as error:  # noqa: BLE001 (the last resort: no traceback for any user)
-        try:
-            report(error)
-        except BrokenPipeError:
-            return BROKEN_PIPE
-        return FAILED
 
 
 def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:

@@ -1,4 +1,4 @@
-"""`rvaft check`: what is wrong or doubtful in trees, as text, JSON, annotations of GitHub or SARIF."""
+"""`rvaft check`: what is wrong or doubtful in trees, as text, JSON, annotations of GitHub or SARIF; `rvaft explain` says more."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -9,28 +9,22 @@ from urllib.parse import quote
 import click
 
 import rvaft
-from rvaft.cli.failure import FAILED, FOUND, report
-from rvaft.cli.options import standard_bytes
+from rvaft.cli import FAILED, FOUND, options, report
 from rvaft.errors import LanguageError, RvaftError
 from rvaft.language.parser import NoTree, parse_bytes, parse_file
 from rvaft.model.nodes import Place
-from rvaft.rules import check, meanings
+from rvaft.rules import RULES, check, explain, meanings
 from rvaft.rules.registry import SYNTAX
 from rvaft.rules.rule import Finding, Severity
-from rvaft.support.terminal import visible
+from rvaft.support.terminal import columns, visible
+
+_FORMATS: Final = "What to print: github are annotations of a workflow, sarif is SARIF 2.1.0."
 
 
 @click.command("check")
 @click.argument("trees", nargs=-1, required=True, metavar="TREE...")
 @click.option("--strict", is_flag=True, help="Warnings count as errors do.")
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(["text", "json", "github", "sarif"]),
-    default="text",
-    show_default=True,
-    help="What to print: github are annotations of a workflow, sarif is SARIF 2.1.0.",
-)
+@options.output_format("text", "json", "github", "sarif", text=_FORMATS)
 def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
     """Report what is wrong or doubtful in trees, one finding per line; `rvaft explain CODE` says more.
 
@@ -41,19 +35,19 @@ def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
     status = 0
     for tree in trees:
         try:
-            draft = parse_bytes(standard_bytes("TREE"), "<stdin>") if tree == "-" else parse_file(tree)
-            found = check(draft)
+            found = check(parse_bytes(options.standard_bytes("TREE"), "<stdin>") if tree == "-" else parse_file(tree))
         except (RvaftError, OSError) as error:
             if isinstance(error, NoTree) and error.is_part:
                 continue
             report(error)
             status = FAILED
             if isinstance(error, LanguageError):
-                place = Place(error.file, error.line, error.column)
-                unreadable.append(Finding(place, Severity.ERROR, SYNTAX, error.message))
+                place, message = Place(error.file, error.line, error.column), error.message
             elif isinstance(error, OSError):
-                message = error.strerror or str(error)
-                unreadable.append(Finding(Place(error.filename, 1, 1), Severity.ERROR, SYNTAX, message))
+                place, message = Place(error.filename, 1, 1), error.strerror or str(error)
+            else:
+                continue
+            unreadable.append(Finding(place, Severity.ERROR, SYNTAX, message))
             continue
         findings += found
         if form == "text":
@@ -67,18 +61,11 @@ def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
 
 def _json(findings: Sequence[Finding]) -> str:
     """A list of objects."""
-    return json.dumps(
-        [
-            {
-                **finding.place._asdict(),
-                "severity": finding.severity.value,
-                "code": finding.code,
-                "message": finding.message,
-            }
-            for finding in findings
-        ],
-        indent=2,
-    )
+    said = [
+        {**one.place._asdict(), "severity": one.severity.value, "code": one.code, "message": one.message}
+        for one in findings
+    ]
+    return json.dumps(said, indent=2)
 
 
 _IN_MESSAGES: Final = str.maketrans({"%": "%25", "\r": "%0D", "\n": "%0A"})
@@ -98,31 +85,32 @@ def _github(findings: Sequence[Finding]) -> str:
 
 def _sarif(findings: Sequence[Finding]) -> str:
     """One run, with the rules that are broken."""
-    titles = {code: meanings()[code].title for code in sorted({finding.code for finding in findings})}
-    driver = {
-        "name": "rvaft",
-        "version": rvaft.__version__,
-        "rules": [{"id": code, "shortDescription": {"text": title}} for code, title in titles.items()],
-    }
-    results = [
-        {
-            "ruleId": finding.code,
-            "level": finding.severity.value,
-            "message": {"text": finding.message},
-            "locations": [
-                {
-                    "physicalLocation": {
-                        "artifactLocation": {"uri": quote(PurePath(finding.place.file).as_posix())},
-                        "region": {"startLine": finding.place.line, "startColumn": finding.place.column},
-                    }
-                }
-            ],
-        }
-        for finding in findings
-    ]
+    results = []
+    for finding in findings:
+        file, line, column = finding.place
+        artifact, region = {"uri": quote(PurePath(file).as_posix())}, {"startLine": line, "startColumn": column}
+        place = {"physicalLocation": {"artifactLocation": artifact, "region": region}}
+        said = {"ruleId": finding.code, "level": finding.severity.value, "message": {"text": finding.message}}
+        results.append({**said, "locations": [place]})
+    codes = sorted({finding.code for finding in findings})
+    rules = [{"id": code, "shortDescription": {"text": meanings()[code].title}} for code in codes]
+    driver = {"name": "rvaft", "version": rvaft.__version__, "rules": rules}
     run = {"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results}
     schema = "https://json.schemastore.org/sarif-2.1.0.json"
     return json.dumps({"$schema": schema, "version": "2.1.0", "runs": [run]}, indent=2)
 
 
 _FORMS: Final[dict[str, Callable[[Sequence[Finding]], str]]] = {"json": _json, "github": _github, "sarif": _sarif}
+
+
+@click.command("explain")
+@click.argument("code", metavar="[CODE]", required=False)
+def explain_command(*, code: str | None) -> int:
+    """Explain a CODE in square brackets: what it means, a tree that has it and the same tree mended; without one, list all."""
+    if code is None:
+        severity = {code: rule.severity.value for code, rule in RULES.items()}
+        rows = [(code, severity.get(code, "error"), said.title) for code, said in meanings().items()]
+        click.echo("\n".join(columns([("CODE", "SEVERITY", "MEANS"), *sorted(rows)])))
+    else:
+        click.echo(explain(code).rstrip("\n"))
+    return 0

@@ -14,9 +14,8 @@ from cross_check.benchmark.tables import KeptMeasurements, Width, headline, late
 from cross_check.benchmark.workload import MAX_ARITY, Cell, Subject, cells_of, default_languages, gate_subjects
 from rvaft.api import load, narrowed
 from rvaft.backend import backend
-from rvaft.cli.cross_check import Failures, Watched
-from rvaft.cli.failure import FAILED, FOUND, INTERRUPTED, Stopped, report
-from rvaft.cli.options import finite, some_backends, some_gates, some_semantics
+from rvaft.cli import FAILED, FOUND, INTERRUPTED, Stopped, options, report
+from rvaft.cli.cross_check import Failures, progress
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
@@ -26,7 +25,7 @@ from rvaft.support.files import deliver
 @click.command("compare")
 @click.argument("trees", nargs=-1, metavar="[TREE]...")
 @click.option(
-    "--gates", callback=some_gates, metavar="and,or,...", help="These gates; without a TREE all are compared."
+    "--gates", callback=options.some_gates, metavar="and,or,...", help="These gates; without a TREE all are compared."
 )
 @click.option(
     "--max-arity",
@@ -36,18 +35,10 @@ from rvaft.support.files import deliver
     metavar="N",
     help="Gates with 1 to N children, VOT with every threshold.",
 )
-@click.option("--semantics", callback=some_semantics, metavar="S,...|all", help="Default: projected.")
+@click.option("--semantics", callback=options.some_semantics, metavar="S,...|all", help="Default: projected.")
 @click.option("--languages", metavar="A,B", help="These backends.  [default: rml-paper and all faithful ones]")
 @click.option("--limit", type=click.IntRange(min=1), metavar="N", help="Of translations, in the language's own unit.")
-@click.option(
-    "--timeout",
-    type=click.FloatRange(min=0, max=1_000_000, min_open=True),
-    callback=finite,
-    default=Settings().timeout,
-    show_default=True,
-    metavar="SECONDS",
-    help="Of the processor, for one tree in one language.",
-)
+@options.timeout_option("Of the processor, for one tree in one language.", default=Settings().timeout)
 @click.option(
     "--memory",
     type=click.IntRange(min=1, max=2**40),
@@ -109,7 +100,7 @@ def compare_command(
         return FAILED
     try:
         _check_outputs(trees, csv, latex, plots)
-        spoken = some_backends(languages)
+        spoken = options.some_backends(languages)
         cells = cells_of(
             subjects, semantics or (Semantics.PROJECTED,), default_languages() if spoken is None else spoken
         )
@@ -150,11 +141,11 @@ def _measured(cells: Sequence[Cell], settings: Settings, kept: KeptMeasurements,
     rows = {cell: row for cell in cells if (row := kept.known(unmeasured(cell, settings))) is not None}
     missing = [cell for cell in cells if cell not in rows]
     try:
-        with Watched(len(missing)) as watched, closing(measured(missing, settings, jobs=jobs)) as running:
+        with progress(len(missing)) as advance, closing(measured(missing, settings, jobs=jobs)) as running:
             for cell, row in running:
                 kept.add(row)
                 rows[cell] = row
-                watched.advance()
+                advance()
     except KeyboardInterrupt:
         pass  # told by the caller, after all that is known is written
     found = [rows[cell] for cell in cells if cell in rows]

@@ -1,60 +1,36 @@
-"""`rvaft emit`: a specification of a tree, or a drawing of its automaton."""
+"""`rvaft emit`: a specification of a tree, or a drawing of its automaton; `rvaft backends`: the languages there are."""
 
+from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Final
 
 import click
 
 from rvaft.api import load, narrowed, translate
-from rvaft.backend import UnknownBackend, backend
-from rvaft.cli.options import (
-    exclusive,
-    misused,
-    output_option,
-    part_options,
-    semantics_option,
-    suggesting,
-    tree_argument,
-)
-from rvaft.errors import OptionError, TooLarge
+from rvaft.backend import Backend, UnknownBackend, all_backends, backend
+from rvaft.cli import options
+from rvaft.errors import OptionError, TooLarge, ToolMissing
 from rvaft.export import Format, format_of, picture
 from rvaft.export.latex import listing
+from rvaft.model.nodes import Node
+from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver
+from rvaft.support.terminal import columns, visible
 
-DRAWN: Final = "dot"
-"""The word for a drawing, in place of a language."""
-AUTOMATON: Final = "automaton"
-"""The backend whose texts are drawn."""
 _PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
+_FORMATS: Final = "latex: a listing for the package listings, with the definition of the language."
+_TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
 
 
 @click.command("emit")
-@tree_argument
-@click.option(
-    "--to",
-    "language",
-    metavar="LANGUAGE",
-    required=True,
-    help="A name that `rvaft backends` lists, or dot: the automaton, drawn.",
-)
-@semantics_option
-@part_options
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(["text", "latex"]),
-    default="text",
-    show_default=True,
-    help="latex: a listing for the package listings, with the definition of the language.",
-)
-@click.option(
-    "--limit",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="The largest size, in the language's own unit; of a drawing, in states.",
-)
-@output_option
+@options.tree_argument
+@click.option("--to", "language", metavar="LANGUAGE", required=True, help=_TO)
+@options.semantics_option
+@options.part_options
+@options.output_format("text", "latex", text=_FORMATS)
+@options.number("--limit", text="The largest size, in the language's own unit; of a drawing, in states.")
+@options.output_option
 def emit_command(
     *,
     tree: str,
@@ -67,37 +43,60 @@ def emit_command(
     output: str | None,
 ) -> int:
     """Write a specification of a tree that means the tree under the chosen semantics."""
-    exclusive(branch=branch, kind=kind)
     drawing = None if output is None else format_of(output)
-    pictured = drawing in _PICTURES
-    if language == DRAWN:
+    if language == "dot":
         loaded = load(tree)
         if form != "text":
-            raise misused(f"--to {DRAWN} is a drawing, which has no --format {form}")
-        suffix = PurePath(output or "").suffix
-        part = narrowed(loaded, branch, kind)
-        if suffix and not pictured and drawing is not Format.DOT:
-            raise misused(f"no drawing of an automaton has the suffix {suffix}; known: .dot, .gv, .svg, .pdf, .png")
+            raise options.misused(f"--to dot is a drawing, which has no --format {form}")
+        part, suffix = narrowed(loaded, branch, kind), PurePath(output or "").suffix
+        if suffix and drawing not in (*_PICTURES, Format.DOT):
+            raise options.misused(
+                f"no drawing of an automaton has the suffix {suffix}; known: .dot, .gv, .svg, .pdf, .png"
+            )
         try:
-            dot = backend(AUTOMATON).diagram(part, Semantics(semantics), limit=limit)
+            text = backend("automaton").diagram(part, Semantics(semantics), limit=limit)
         except TooLarge as error:
             error.add_note("raise it with --limit N, or draw one branch with --branch N")
             raise
-        deliver(picture(dot, str(drawing)) if pictured else dot.encode(), output)
+        deliver(picture(text, str(drawing)) if drawing in _PICTURES else text.encode(), output)
         return 0
     if language in _PICTURES:
-        raise OptionError(f"{language} is no language: --to {DRAWN} -o FILE.{language} draws the automaton")
-    if pictured or drawing is Format.DOT:
-        mend = f"--to {DRAWN} -o {output} draws the automaton"
-        raise misused(f"{language} is written as text, which {output} would not be: {mend}")
-    with suggesting():
+        raise OptionError(f"{language} is no language: --to dot -o FILE.{language} draws the automaton")
+    if drawing in (*_PICTURES, Format.DOT):
+        mend = f"--to dot -o {output} draws the automaton"
+        raise options.misused(f"{language} is written as text, which {output} would not be: {mend}")
+    with options.suggesting():
         try:
-            loaded = load(tree)
-            specification = translate(loaded, language, semantics=semantics, branch=branch, kind=kind, limit=limit)
+            text = translate(load(tree), language, semantics=semantics, branch=branch, kind=kind, limit=limit).text
         except UnknownBackend as error:
-            raise UnknownBackend(error.name, (*error.known, DRAWN)) from error
-    text = specification.text
+            raise UnknownBackend(error.name, (*error.known, "dot")) from error
     if form == "latex":
         text = listing(text, backend(language).highlighting)
     deliver((text if text.endswith("\n") else f"{text}\n").encode(), output)
     return 0
+
+
+@click.command("backends")
+def backends_command() -> int:
+    """List the specification languages, what each can do, and what is missing for it."""
+    click.echo("\n".join(columns([("NAME", "LANGUAGE", "FAITHFUL", "SEMANTICS", "AVAILABLE"), *_languages()])))
+    return 0
+
+
+def _languages() -> Iterator[tuple[str, ...]]:
+    for name, entry in all_backends().items():
+        try:
+            found: Backend = entry.load()()
+        except Exception as error:  # noqa: BLE001 (a third party's module may fail in any way; the others still count)
+            yield name, "?", "?", "?", visible(f"no: {type(error).__name__}: {error}")
+            continue
+        semantics = [choice for choice in Semantics if choice in found.semantics]
+        available = "yes"
+        try:  # a smallest tree
+            specification = found.translate(RVAFT("a", [Node("a")]), semantics[-1])
+            if found.readable:
+                specification.monitor()
+        except ToolMissing as missing:
+            available = visible(f"no: {missing}")
+        faithful = "yes" if found.faithful else "no"
+        yield name, f"{found.language} ({found.suffix})", faithful, ",".join(semantics), available

@@ -1,11 +1,12 @@
-"""Options that several commands share."""
+"""Options that several commands share, as decorators, and how their values are checked."""
 
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
-from typing import Any, BinaryIO, TypeVar
+from functools import wraps
+from typing import Any, BinaryIO, Final, TypeVar, cast
 
 import click
 
@@ -16,28 +17,75 @@ from rvaft.model.verdict import Semantics
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+
+def number(
+    *names: str,
+    text: str,
+    least: int = 1,
+    most: int | None = None,
+    default: int | None = None,
+    metavar: str | None = "N",
+) -> Callable[[F], F]:
+    """An option whose value is a whole number, `least` or more."""
+    kind, shown = click.IntRange(least, most), default is not None
+    return click.option(*names, type=kind, default=default, show_default=shown, metavar=metavar, help=text)
+
+
+def choice(*names: str, words: Iterable[str], text: str, default: str | None = None) -> Callable[[F], F]:
+    """An option whose value is one of these words."""
+    kind, first = click.Choice(list(map(str, words))), None if default is None else str(default)
+    return click.option(*names, type=kind, default=first, show_default=first is not None, help=text)
+
+
+def output_format(*words: str, text: str = "What to print.") -> Callable[[F], F]:
+    """`--format`, of which the first word is the default."""
+    return choice("--format", "form", words=words, text=text, default=words[0])
+
+
+def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
+    """`--timeout SECONDS`."""
+    return click.option(
+        "--timeout",
+        type=click.FloatRange(0, 1_000_000, min_open=True),
+        callback=finite("time"),
+        default=default,
+        show_default=default is not None,
+        metavar="SECONDS",
+        help=text,
+    )
+
+
 tree_argument = click.argument("tree", metavar="TREE")
 output_option = click.option("-o", "--output", metavar="FILE", help="Write to this file instead of standard output.")
-semantics_option = click.option(
-    "--semantics",
-    type=click.Choice([choice.value for choice in Semantics]),
-    default=Semantics.PROJECTED.value,
-    show_default=True,
-    help="Which events of a trace a match may use.",
+semantics_option: Final = choice(
+    "--semantics", words=Semantics, default=Semantics.PROJECTED, text="Which events of a trace a match may use."
 )
 
 
 def part_options(function: F) -> F:
-    """`--branch N | --kind K`, of which one excludes the other."""
-    function = click.option(
-        "--kind", type=click.Choice([kind.value for kind in Kind]), help="Only the branches that have this kind."
-    )(function)
-    return click.option("--branch", type=int, metavar="N", help="Only this branch, counted from 1.")(function)
+    """`--branch N | --kind K`, of which one excludes the other, and any but the first choice of `--per` excludes both."""
+
+    @wraps(function)
+    def checked(**given: Any) -> Any:
+        per = given.get("per", "tree")
+        exclusive(branch=given["branch"], kind=given["kind"], per=None if per == "tree" else per)
+        return function(**given)
+
+    kind = choice("--kind", words=Kind, text="Only the branches that have this kind.")
+    branch = click.option("--branch", type=int, metavar="N", help="Only this branch, counted from 1.")
+    return cast("F", branch(kind(checked)))
 
 
 def misused(message: str) -> click.UsageError:
     """The error for options that do not go together, with a hint at the command's help."""
     return click.UsageError(message, click.get_current_context())
+
+
+def exclusive(**options: object) -> None:
+    """Refuse that more than one of these options is given; the keywords are the options' names."""
+    given = [f"--{name}" for name, value in options.items() if value is not None and value is not False]
+    if len(given) > 1:
+        raise misused(f"{' and '.join(given)} exclude each other")
 
 
 def standard_input(argument: str) -> BinaryIO:
@@ -54,13 +102,6 @@ def standard_bytes(argument: str) -> bytes:
         return stream.read()
     except OSError as error:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", "<stdin>") from error
-
-
-def exclusive(**options: object) -> None:
-    """Refuse that more than one of these options is given; the keywords are the options' names."""
-    given = [f"--{name}" for name, value in options.items() if value is not None]
-    if len(given) > 1:
-        raise misused(f"{' and '.join(given)} exclude each other")
 
 
 @contextmanager
@@ -82,10 +123,22 @@ def suggesting() -> Iterator[None]:
         raise
 
 
-def some_semantics(
-    _context: click.Context, _parameter: click.Parameter, value: str | None
-) -> tuple[Semantics, ...] | None:
-    """The semantics that a list names, `all` being all; None without the option."""
+# Callbacks of options: what a text stands for. Without the option it is None.
+
+
+def finite(what: str) -> Callable[[object, object, float | None], float | None]:
+    """Refuse NaN, which is in every range, since no comparison with it holds."""
+
+    def checked(_context: object, _parameter: object, value: float | None) -> float | None:
+        if value is not None and math.isnan(value):
+            raise click.BadParameter(f"nan is no {what}")
+        return value
+
+    return checked
+
+
+def some_semantics(_context: object, _parameter: object, value: str | None) -> tuple[Semantics, ...] | None:
+    """The semantics that a list names, `all` being all."""
     if value is None:
         return None
     if value == "all":
@@ -96,8 +149,8 @@ def some_semantics(
         raise click.BadParameter(f"{value!r} is not `all` or some of {', '.join(Semantics)}, with commas") from None
 
 
-def some_gates(_context: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[Gate, ...] | None:
-    """The gates that a list names; None without the option."""
+def some_gates(_context: object, _parameter: object, value: str | None) -> tuple[Gate, ...] | None:
+    """The gates that a list names."""
     if value is None:
         return None
     found = []
@@ -112,7 +165,7 @@ def some_gates(_context: click.Context, _parameter: click.Parameter, value: str 
 
 
 def some_backends(named: str | None) -> tuple[str, ...] | None:
-    """The backends that a list names; raises `OptionError` for an unknown one. None without a list."""
+    """The backends that a list names; raises `OptionError` for an unknown one."""
     if named is None:
         return None
     names = tuple(dict.fromkeys(_words(named)))
@@ -120,13 +173,6 @@ def some_backends(named: str | None) -> tuple[str, ...] | None:
         for name in names:
             backend(name)
     return names
-
-
-def finite(_context: click.Context, _parameter: click.Parameter, value: float | None) -> float | None:
-    """Refuse NaN, which is in every range, since no comparison with it holds."""
-    if value is not None and math.isnan(value):
-        raise click.BadParameter("nan is no time")
-    return value
 
 
 def _words(value: str) -> list[str]:

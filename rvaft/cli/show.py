@@ -1,151 +1,93 @@
-"""`rvaft show`: draw a tree, or write it in another format."""
+"""`rvaft show` and `rvaft branches`: a tree drawn, written in another format, or branch by branch."""
 
 import re
 import sys
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path, PurePath
+from typing import Any
 
 import click
 
+from rvaft.analysis.branches import Branch, branches
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import load, loads, monitor
-from rvaft.cli.options import misused, output_option, semantics_option, standard_bytes, tree_argument
+from rvaft.cli import options, warn
 from rvaft.errors import OptionError
 from rvaft.export import SUFFIXES, Format, Look, draw, format_of, losses
 from rvaft.export.layout import NARROWEST, WIDTH, Marks, branch_marks, marks
+from rvaft.export.property_text import WIDTH as LATEX_WIDTH
+from rvaft.export.property_text import align_latex, kinds_of, property_sign, property_text, property_unicode
 from rvaft.language.parser import decoded
 from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 from rvaft.monitoring.explanation_json import counted, matched_events
 from rvaft.monitoring.reader import read
 from rvaft.support.files import deliver
+from rvaft.support.terminal import visible
 
 
-def load_tree(tree: str) -> RVAFT:
+def _load(tree: str) -> RVAFT:
     """The tree in a file, or for `-` on standard input; raises as `rvaft.load` does."""
-    return loads(decoded(standard_bytes("TREE"), "<stdin>"), "<stdin>") if tree == "-" else load(tree)
-
-
-_BRANCH = re.compile(r"branch:(.*)", re.DOTALL)
-
-
-def highlighted(tree: RVAFT, what: str, semantics: str) -> Marks:
-    """The marks for `branch:N`, or for the trace of that name.
-
-    Raises `TreeError` where there is no such branch, `OptionError` for a number that is none and a trace that detects nothing,
-    `TraceError` and `OSError` for one that cannot be read.
-    """
-    if found := _BRANCH.fullmatch(what):
-        if not re.fullmatch(r"[0-9]{1,9}", found[1]):
-            raise OptionError(f"--highlight branch:N takes the number of a branch, not {found[1]!r}")
-        return branch_marks(tree, int(found[1]))
-    if re.fullmatch(r"[0-9]{1,9}", what) and not Path(what).exists():
-        raise OptionError(f"{what}: no such trace; a branch is marked by --highlight branch:{what}")
-    watching = monitor(tree, semantics=semantics)
-    events = {}
-    for number, event in enumerate(read(what, reads=TreeReads(tree)), 1):
-        events[number] = event
-        if watching.step(event).final:
-            break
-    explanation = watching.explanation
-    if explanation is None:
-        raise OptionError(
-            f"{what}: nothing is detected (the verdict is {watching.verdict} after {counted(len(events))})"
-        )
-    return marks(tree, explanation, {number: events[number] for number in matched_events([explanation])})
+    return loads(decoded(options.standard_bytes("TREE"), "<stdin>"), "<stdin>") if tree == "-" else load(tree)
 
 
 @click.command("show")
-@tree_argument
-@click.option(
+@options.tree_argument
+@options.choice(
     "--format",
     "form",
-    type=click.Choice([form.value for form in Format]),
-    help="The format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz.",
+    words=Format,
+    text="The format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz.",
 )
 @click.option(
     "--events/--no-events",
     default=None,
+    is_flag=True,
     help="Runtime events and guards under the label; by default in the terminal only.",
 )
-@click.option("--names/--no-names", default=None, help="The names of nodes that have a label; by default shown.")
 @click.option(
-    "--wrap",
-    type=click.IntRange(min=NARROWEST),
-    metavar="N",
-    help=f"Columns of text in a box, {WIDTH} by default.",
+    "--names/--no-names", default=None, is_flag=True, help="The names of nodes that have a label; by default shown."
 )
-@click.option("--depth", type=click.IntRange(min=0), metavar="N", help="Only so many levels below the root.")
+@options.number("--wrap", least=NARROWEST, text=f"Columns of text in a box, {WIDTH} by default.")
+@options.number("--depth", least=0, text="Only so many levels below the root.")
 @click.option("--collapse", multiple=True, metavar="NODE", help="Leave out what is below this node; repeatable.")
 @click.option("--highlight", multiple=True, metavar="branch:N|TRACE", help="Mark a branch, or what a trace detects.")
-@semantics_option
-@click.option("--legend", is_flag=True, default=None, help="Say below the tree what its signs mean.")
+@options.semantics_option
+@click.option("--legend", default=None, is_flag=True, help="Say below the tree what its signs mean.")
 @click.option(
     "--stagger",
-    is_flag=True,
     default=None,
+    is_flag=True,
     help="Set every other leaf of a gate lower: a narrower tree (Graphviz only).",
 )
-@output_option
+@options.output_option
 def show_command(
-    *,
-    tree: str,
-    form: str | None,
-    output: str | None,
-    events: bool | None,
-    names: bool | None,
-    wrap: int | None,
-    depth: int | None,
-    collapse: tuple[str, ...],
-    highlight: tuple[str, ...],
-    semantics: str,
-    legend: bool | None,
-    stagger: bool | None,
+    *, tree: str, form: str | None, output: str | None, highlight: tuple[str, ...], semantics: str, **look: Any
 ) -> int:
     """Draw a tree, or write it in another format. The TREE - is standard input."""
     chosen = Format(form) if form is not None else _suggested(output)
-    everywhere = {
-        "--events": events,
-        "--depth": depth,
-        "--collapse": collapse or None,
-        "--highlight": highlight or None,
-    }
-    in_boxes = {"--names": names, "--wrap": wrap, "--legend": legend, "--stagger": stagger}
-    if not chosen.drawing:
-        _refuse({**everywhere, **in_boxes}, chosen, "which writes the whole tree")
-    if chosen is Format.TREE:
-        _refuse(in_boxes, chosen, "which has no boxes")
-    if chosen is Format.TIKZ:
-        _refuse({"--stagger": stagger}, chosen, "which forest lays out")
+    given = {name: value for name, value in {**look, "highlight": highlight}.items() if value not in (None, ())}
+    everywhere, in_boxes = ("events", "depth", "collapse", "highlight"), ("names", "wrap", "legend", "stagger")
+    for useless, refused, why in (
+        (not chosen.drawing, everywhere + in_boxes, "which writes the whole tree"),
+        (chosen is Format.TREE, in_boxes, "which has no boxes"),
+        (chosen is Format.TIKZ, ("stagger",), "which forest lays out"),
+    ):
+        names = [f"--no-{name}" if given[name] is False else f"--{name}" for name in refused if name in given]
+        if useless and names:
+            raise options.misused(f"{' and '.join(names)}: not for the format {chosen}, {why}")
     if len(highlight) > 1:
-        raise misused("--highlight marks one branch or one trace: give it once")
+        raise options.misused("--highlight marks one branch or one trace: give it once")
     if chosen.binary and output in (None, "-") and sys.stdout.isatty():
-        raise misused("this format is binary: name a file with -o, or redirect standard output")
-    loaded = load_tree(tree)
-    look = Look(
-        events=chosen is Format.TREE if events is None else events,
-        names=names is not False,
-        wrap=WIDTH if wrap is None else wrap,
-        depth=depth,
-        collapse=collapse,
-        marks=highlighted(loaded, highlight[0], Semantics(semantics)) if highlight else None,
-        legend=bool(legend),
-        stagger=bool(stagger),
-    )
-    deliver(draw(loaded, chosen, look), output)
+        raise options.misused("this format is binary: name a file with -o, or redirect standard output")
+    loaded = _load(tree)
+    given["marks"] = _highlighted(loaded, given.pop("highlight")[0], semantics) if highlight else None
+    deliver(draw(loaded, chosen, Look(**{"events": chosen is Format.TREE, **given})), output)
     if chosen is Format.GALILEO:
         for loss in losses(loaded):
-            click.echo(f"rvaft: warning: galileo: {loss}", err=True)
+            warn(f"galileo: {loss}")
     return 0
-
-
-def _refuse(options: Mapping[str, object], form: Format, why: str) -> None:
-    """Refuse options that a format has no use for."""
-    given = [
-        name.replace("--", "--no-") if value is False else name for name, value in options.items() if value is not None
-    ]
-    if given:
-        raise misused(f"{' and '.join(given)}: not for the format {form}, {why}")
 
 
 def _suggested(output: str | None) -> Format:
@@ -155,5 +97,74 @@ def _suggested(output: str | None) -> Format:
         return Format.TREE
     found = format_of(output)
     if found is None:
-        raise misused(f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format")
+        raise options.misused(
+            f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format"
+        )
     return found
+
+
+def _highlighted(tree: RVAFT, what: str, semantics: str) -> Marks:
+    """The marks for `branch:N`, or for what the trace of that name detects."""
+    is_number = re.compile(r"[0-9]{1,9}").fullmatch
+    if what.startswith("branch:"):
+        branch = what.removeprefix("branch:")
+        if not is_number(branch):
+            raise OptionError(f"--highlight branch:N takes the number of a branch, not {branch!r}")
+        return branch_marks(tree, int(branch))
+    if is_number(what) and not Path(what).exists():
+        raise OptionError(f"{what}: no such trace; a branch is marked by --highlight branch:{what}")
+    watching = monitor(tree, semantics=semantics)
+    events = {}
+    for place, event in enumerate(read(what, reads=TreeReads(tree)), 1):
+        events[place] = event
+        if watching.step(event).final:
+            break
+    explanation = watching.explanation
+    if explanation is None:
+        said = f"the verdict is {watching.verdict} after {counted(len(events))}"
+        raise OptionError(f"{what}: nothing is detected ({said})")
+    return marks(tree, explanation, {place: events[place] for place in matched_events([explanation])})
+
+
+_SIGNS = "unicode and latex write properties with the signs of papers; latex as one align*."
+
+
+@click.command("branches")
+@options.tree_argument
+@options.output_format("text", "unicode", "latex", text=_SIGNS)
+@click.option("--whole", is_flag=True, help="The property of the whole tree instead of its branches.")
+@options.number(
+    "--width", text=f"With latex: break formulas that are wider than N characters.  [default: {LATEX_WIDTH}]"
+)
+@options.number("--limit", text="Only the first N branches.")
+def branches_command(*, tree: str, form: str, whole: bool, width: int | None, limit: int | None) -> int:
+    """List the branches of a tree, one line each: number, kinds (- for none), property. The TREE - is standard input."""
+    if width is not None and form != "latex":
+        raise click.UsageError(f"--width: not for the format {form}; with it, each property is one line")
+    loaded = _load(tree)
+    parts: Iterable[RVAFT | Branch] = [loaded] if whole else _counted(branches(loaded), limit)
+    for row in align_latex(parts, width=width or LATEX_WIDTH) if form == "latex" else _rows(parts, form):
+        sys.stdout.write(f"{row}\n")
+    return 0
+
+
+def _counted(found: Iterator[Branch], limit: int | None) -> Iterator[Branch]:
+    """The branches up to a limit; every few seconds standard error is told how many there were, where nobody sees them pass."""
+    shown = time.monotonic()
+    for branch in islice(found, limit):
+        yield branch
+        if branch.number % 100 == 0 and not sys.stdout.isatty() and time.monotonic() > shown + 5:
+            shown = time.monotonic()
+            click.echo(f"rvaft: {branch.number:,} branches so far; --limit N ends after N", err=True)
+    if limit is not None and next(found, None) is not None:
+        warn(f"the tree has more than {limit} branches")
+
+
+def _rows(parts: Iterable[RVAFT | Branch], form: str) -> Iterator[str]:
+    """Number or sign, kinds, and property, with tabs between."""
+    for part in parts:
+        kinds = ",".join(sorted(kind.value for kind in kinds_of(part))) or "-"
+        if form == "unicode":
+            yield f"{property_sign(part)}\t{kinds}\t{property_unicode(part)}"
+        else:
+            yield f"{part.number if isinstance(part, Branch) else '-'}\t{kinds}\t{visible(property_text(part))}"

@@ -1,12 +1,8 @@
-"""`rvaft test`: a tree's own traces against the verdicts that are expected of them.
-
-Beside `NAME.rvaft` stand the traces `NAME.traces/*.jsonl` and `NAME.verdicts.json`: for each trace, each semantics, and the tree or a
-branch by its number, the signs ⊤, ⊥ and ? after every event. What the file does not state is not looked at.
-"""
+"""`rvaft test`: a tree's own traces against the verdicts that are expected of them; what the file does not state is not looked at."""
 
 import json
 from collections.abc import Iterator
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 from xml.etree import ElementTree as ET
@@ -16,7 +12,7 @@ import msgspec
 
 from rvaft.analysis.branches import branches
 from rvaft.api import load, monitor
-from rvaft.cli.failure import FAILED, FOUND, report
+from rvaft.cli import FAILED, FOUND, options, report
 from rvaft.errors import OptionError, RvaftError, TreeError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -31,7 +27,7 @@ MOST_BRANCHES: Final = 1_000
 """How many branches get a row in a new file."""
 
 ExpectedVerdicts: TypeAlias = dict[str, dict[Semantics, dict[str, str]]]
-"""Trace name -> semantics -> "tree" or the number of a branch -> the signs after every event."""
+"""Trace name -> semantics -> "tree" or the number of a branch -> the signs ⊤, ⊥ and ? after every event."""
 
 
 class Expectation(NamedTuple):
@@ -53,10 +49,8 @@ class Expectation(NamedTuple):
             return f"{self.trace}: no verdicts are expected of this trace; --update writes them"
         if self.actual is None:
             return f"{self.trace}: verdicts are expected of this trace, which is not there"
-        pairs = zip(self.expected, self.actual, strict=False)
-        first = next(
-            (at for at, (a, b) in enumerate(pairs, 1) if a != b), min(len(self.expected), len(self.actual)) + 1
-        )
+        pairs = enumerate(zip_longest(self.expected, self.actual), 1)
+        first = next(place for place, (expected, actual) in pairs if expected != actual)
         part = TREE if self.part == TREE else f"branch {self.part}"
         return f"{self.trace}: {self.semantics}, {part}: expected {self.expected}, got {self.actual} (event {first})"
 
@@ -64,9 +58,7 @@ class Expectation(NamedTuple):
 @click.command("test")
 @click.argument("trees", nargs=-1, required=True, metavar="TREE...")
 @click.option("--update", is_flag=True, help="Write NAME.verdicts.json anew from what the engine says now.")
-@click.option(
-    "--format", "form", type=click.Choice(["text", "junit"]), default="text", show_default=True, help="What to print."
-)
+@options.output_format("text", "junit")
 def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
     """Run the traces NAME.traces/*.jsonl beside each TREE, and compare with the verdicts in NAME.verdicts.json.
 
@@ -75,17 +67,20 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
     status, rows = 0, list[Expectation]()
     for tree in trees:
         try:
-            rows += _updated(tree) if update else _compared(tree)
+            if update:
+                _update(tree)
+            else:
+                rows += _compared(tree)
         except (RvaftError, OSError) as error:
             report(error)
             status = FAILED
     wrong = [row.complaint for row in rows if row.complaint]
-    traces = len({(row.tree, row.trace) for row in rows})
     if form == "junit":
         click.echo(_junit(rows))
     elif not update:
         click.echo("".join(f"{visible(complaint)}\n" for complaint in wrong), nl=False)
         told = "all as expected" if not wrong else f"{len(wrong):,} not as expected"
+        traces = len({(row.tree, row.trace) for row in rows})
         counts = {"tree": len({row.tree for row in rows}), "trace": traces, "row": len(rows)}
         said = ", ".join(f"{count:,} {noun}{'s' * (count != 1)}" for noun, count in counts.items())
         click.echo(f"{said} of verdicts; {told}")
@@ -103,15 +98,14 @@ def _compared(name: str) -> Iterator[Expectation]:
     for trace in sorted(expected.keys() | traces.keys()):
         file = str(path.with_name(f"{Path(name).stem}.traces") / f"{trace}.jsonl")
         if trace not in traces or trace not in expected:
-            came = (None, "") if trace not in expected else ("", None)
-            yield Expectation(name, file, "", "", *came)
+            yield Expectation(name, file, "", "", "" if trace in expected else None, "" if trace in traces else None)
             continue
         for semantics, parts in expected[trace].items():
             for part, signs in parts.items():
                 yield Expectation(name, file, semantics, part, signs, _signs(tree, semantics, part, traces[trace]))
 
 
-def _updated(name: str) -> Iterator[Expectation]:
+def _update(name: str) -> None:
     """Write the file of a tree anew."""
     path, tree, traces = _opened(name)
     parts = [TREE, *(str(branch.number) for branch in islice(branches(tree), MOST_BRANCHES))]
@@ -124,7 +118,6 @@ def _updated(name: str) -> Iterator[Expectation]:
     if not same:
         write_whole(path, text.encode())
     click.echo(f"{path}: {'as it was' if same else 'written from the engine'}, {len(traces)} traces", err=True)
-    return iter(())
 
 
 def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:

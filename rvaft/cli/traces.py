@@ -1,7 +1,6 @@
 """`rvaft traces`: example logs for a tree."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Final
@@ -12,7 +11,7 @@ from cross_check.generate import PLAIN, NoTraceFound, detecting
 from cross_check.generate import near_miss as missing
 from cross_check.generate.traces import random_trace
 from rvaft.api import load, narrowed
-from rvaft.cli.options import exclusive, misused, part_options, semantics_option, tree_argument
+from rvaft.cli import options
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole
@@ -26,15 +25,15 @@ _REDRAWS: Final = 20
 
 
 @click.command("traces")
-@tree_argument
+@options.tree_argument
 @click.option("--detect", is_flag=True, help="Traces whose last event detects the tree (the default).")
 @click.option("--near-miss", is_flag=True, help="Traces that do not detect the tree, one edit away from one that does.")
 @click.option("--random", "chance", is_flag=True, help="Random events that have to do with the tree.")
-@click.option("-n", "number", type=click.IntRange(min=1), metavar="N", help="How many; default: 5 with -o, else 1.")
-@semantics_option
+@options.number("-n", "wanted", text="How many; default: 5 with -o, else 1.")
+@options.semantics_option
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Another seed gives other traces.")
-@click.option("--length", type=click.IntRange(min=1), metavar="L", help="At most L events in a trace.")
-@part_options
+@options.number("--length", metavar="L", text="At most L events in a trace.")
+@options.part_options
 @click.option("-o", "--output", metavar="DIR", help="Write DIR/detect-1.jsonl and so on instead of to standard output.")
 def traces_command(
     *,
@@ -42,7 +41,7 @@ def traces_command(
     detect: bool,
     near_miss: bool,
     chance: bool,
-    number: int | None,
+    wanted: int | None,
     semantics: str,
     seed: int,
     length: int | None,
@@ -54,28 +53,35 @@ def traces_command(
 
     The same options give the same traces. A folder that is not there is made; files of the same names are replaced.
     """
-    exclusive(**{"detect": detect or None, "near-miss": near_miss or None, "random": chance or None})
-    exclusive(branch=branch, kind=kind)
+    options.exclusive(**{"detect": detect, "near-miss": near_miss, "random": chance})
     folder = None if output in (None, "-") else Path(output or "")
-    wanted = number or (DEFAULT_NUMBER if folder is not None else 1)
+    wanted = wanted or (DEFAULT_NUMBER if folder is not None else 1)
     if folder is None and wanted > 1:
-        raise misused(f"{wanted} traces need a folder: name it with -o")
-    part = narrowed(load(tree), branch, kind)
+        raise options.misused(f"{wanted} traces need a folder: name it with -o")
+    part, meaning = narrowed(load(tree), branch, kind), Semantics(semantics)
     name = "near-miss" if near_miss else "random" if chance else "detect"
-    chosen = Semantics(semantics)
 
     def make(random: Random) -> list[Json]:
         if near_miss:
-            return missing(random, part, chosen, manner=PLAIN, longest=length).trace
+            return missing(random, part, meaning, manner=PLAIN, longest=length).trace
         if chance:
             return random_trace(random, part, max_length=length or RANDOM_LENGTH)
-        return detecting(random, part, chosen, manner=PLAIN, longest=length)
+        return detecting(random, part, meaning, manner=PLAIN, longest=length)
 
-    try:
-        texts = _texts(wanted, f"{seed} {name}", make)
-    except NoTraceFound as error:
-        remedy = "another --seed" if length is None else "a larger --length or another --seed"
-        raise click.ClickException(f"{click.format_filename(tree)}: {error}; try {remedy}") from error
+    texts: list[str] = []
+    for place in range(
+        1, wanted + 1
+    ):  # each has a seed of its own, so that asking for more does not change the first ones
+        random = Random(f"{seed} {name} {place}")  # noqa: S311 (no secret)
+        for _ in range(_REDRAWS):
+            try:
+                text = "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in make(random))
+            except NoTraceFound as error:
+                remedy = "another --seed" if length is None else "a larger --length or another --seed"
+                raise click.ClickException(f"{click.format_filename(tree)}: {error}; try {remedy}") from error
+            if text and text not in texts:
+                break
+        texts.append(text)
     if folder is None:
         deliver(texts[0].encode(), output)
         return 0
@@ -86,16 +92,3 @@ def traces_command(
     for place, text in enumerate(texts, 1):
         write_whole(folder / f"{name}-{place}.jsonl", text.encode())
     return 0
-
-
-def _texts(wanted: int, seed: str, make: Callable[[Random], list[Json]]) -> list[str]:
-    """The traces as JSON Lines, each from a seed of its own, so that asking for more does not change the first ones."""
-    texts: list[str] = []
-    for number in range(1, wanted + 1):
-        random = Random(f"{seed} {number}")  # noqa: S311 (no secret)
-        for _ in range(_REDRAWS):
-            text = "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in make(random))
-            if text and text not in texts:
-                break
-        texts.append(text)
-    return texts

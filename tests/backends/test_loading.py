@@ -19,7 +19,7 @@ from tests.cli.runs import TREES, failed, run
 TREE = TREES / "gates" / "and.rvaft"
 
 
-USERS = ("cross_check.participants", "cross_check.counterexamples", "rvaft.cli.information", "rvaft.backend")
+USERS = ("cross_check.participants", "cross_check.counterexamples", "rvaft.cli.emit", "rvaft.backend")
 """Modules that ask which backends there are; each is imported before anything is changed."""
 
 

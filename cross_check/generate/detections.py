@@ -10,14 +10,14 @@ from cross_check.generate.log_values import LogValues
 from cross_check.generate.traces import fitting, interesting_values
 from cross_check.generate.values import Demand, Unmet, guard_demands, meeting
 from rvaft.analysis.normal_form import Op, body, is_impossible
-from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, cycle, edges_along, fewest_events, precedence
+from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, edges_along, fewest_events, precedence
 from rvaft.engine import engine
 from rvaft.errors import RvaftError
 from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, Binding, Pattern, match, rigid_variables
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.rules.rule import listing
@@ -162,7 +162,7 @@ def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
                 (ready if later[0] == "event" else silent).append(later)
     if waits:
         rest = graph.subgraph(waits)
-        raise Cyclic(edges_along(rest, cycle(rest), closed=True))
+        raise Cyclic(edges_along(rest, find_cycle(rest), closed=True))
     return order
 
 

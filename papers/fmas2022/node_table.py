@@ -6,9 +6,8 @@ from typing import Final
 from papers.fmas2022 import tex
 from rvaft.export import latex
 from rvaft.export.latex import escaped
-from rvaft.model.nodes import Node
+from rvaft.model.nodes import Node, topic_of
 from rvaft.model.patterns import Literal
-from rvaft.model.topics import topic_of
 from rvaft.model.tree import RVAFT
 
 _NOTES: Final = (

@@ -12,15 +12,18 @@ from functools import cached_property
 from itertools import islice
 from typing import Final, NamedTuple, TypeAlias
 
-import networkx as nx
-
 from rvaft.analysis.formula import TEXT, formula, write
 from rvaft.analysis.normal_form import Op, body
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.nodes import Kind, Node
+from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT, Whole, reachable
+from rvaft.support.bits import bits, union
 
 DEFAULT_LIMIT = 20_000
+_MOST: Final = 10**9
+"""Counts stop here; a number beyond is not told."""
+_EFFORT: Final = 20_000_000
+"""How many steps to spend on counting."""
 
 
 @dataclass(frozen=True)
@@ -86,19 +89,49 @@ def number_of(
     """
     if tree.shared or kind is not None:
         for candidate in islice(branches(tree), limit):
-            if all(candidate.choices.get(name) == child for name, child in choices.items()) and (
-                kind is None or kind in candidate.kinds
-            ):
+            made = all(candidate.choices.get(name) == child for name, child in choices.items())
+            if made and (kind is None or kind in candidate.kinds):
                 return candidate.number
         return None
-    counts = _Counts(tree)
-    number = 1
+    digits: dict[str, range] = {}  # those a gate may have; any where nothing is fixed
+    ways: dict[str, int] = {}  # to resolve what is below a node, and whether none of them needs the node
+    idle: dict[str, bool] = {}
+    number, effort = 1, 0
+
+    def count(node: Node) -> bool:
+        """Bring one node up to date; whether that changed anything."""
+        nonlocal effort
+        effort += 1 + len(node.children)
+        before = ways.get(node.name), idle.get(node.name)
+        busy = [child for child in node.children if not idle[child]]
+        if body(node).op is Op.ONE:
+            own = digits.get(node.name, range(len(node.children)))
+            possible = (node.children[digit] for digit in own)
+            found = sum(ways[child] for child in possible if all(other == child for other in busy))
+            idle[node.name] = not busy and 0 in own
+        else:
+            found = 1
+            for child in node.children:
+                found = min(found * ways[child], _MOST)
+            idle[node.name] = not busy
+        ways[node.name] = min(found, _MOST)
+        return before != (ways[node.name], idle[node.name])
+
+    def fix(name: str, own: range) -> None:
+        digits[name] = own
+        above: tuple[str, ...] = (name,)
+        while above and count(tree.nodes[above[0]]):
+            above = tree.parents(above[0])
+
+    for node in tree.bottom_up():
+        count(node)
     for name in reversed(or_gates(tree)):
         digit = tree.nodes[name].children.index(choices[name]) if name in choices else 0
         if digit:
-            number += counts.below(name, digit)
-        counts.fix(name, digit)
-        if number > _MOST or counts.effort > _EFFORT:
+            fix(name, range(digit))
+            number += ways[tree.root]
+        fix(name, range(digit, digit + 1))
+        if number > _MOST or effort > _EFFORT:
             return None
     return number
 
@@ -113,79 +146,14 @@ def or_gates(tree: RVAFT) -> list[str]:
     return [name for name in order if body(tree.nodes[name]).op is Op.ONE]
 
 
-_MOST: Final = 10**9
-"""Counts stop here; a number beyond is not told."""
-_EFFORT: Final = 20_000_000
-"""How many steps to spend on counting."""
-
-
-class _Counts:
-    """For each node the ways to resolve what is below it, and whether it may stay unreached, given the digits fixed so far."""
-
-    def __init__(self, tree: RVAFT) -> None:
-        self.tree = tree
-        self.effort = 0
-        self._digits: dict[str, range] = {}
-        self._ways: dict[str, int] = {}
-        self._idle: dict[str, bool] = {}
-        for node in tree.bottom_up():
-            self._ways[node.name], self._idle[node.name] = self._evaluate(node.name)
-
-    def _evaluate(self, name: str) -> tuple[int, bool]:
-        node = self.tree.nodes[name]
-        self.effort += 1 + len(node.children)
-        busy = [child for child in node.children if not self._idle[child]]
-        if body(node).op is not Op.ONE:
-            ways = 1
-            for child in node.children:
-                ways = min(ways * self._ways[child], _MOST)
-            return ways, not busy
-        digits = self._digits.get(name, range(len(node.children)))
-        possible = (node.children[digit] for digit in digits)
-        ways = sum(self._ways[child] for child in possible if all(other == child for other in busy))
-        return min(ways, _MOST), not busy and 0 in digits
-
-    def fix(self, name: str, digit: int) -> None:
-        """Fix the digit of a gate."""
-        self._digits[name] = range(digit, digit + 1)
-        self._refresh(name, {})
-
-    def below(self, name: str, digit: int) -> int:
-        """The number of branches where a gate has a smaller digit."""
-        self._digits[name] = range(digit)
-        before: dict[str, tuple[int, bool]] = {}
-        possible = self._refresh(name, before)
-        count = self._ways[self.tree.root] if possible else 0
-        for node, (ways, idle) in before.items():
-            self._ways[node], self._idle[node] = ways, idle
-        return count
-
-    def _refresh(self, name: str, before: dict[str, tuple[int, bool]]) -> bool:
-        """Bring a node and those above it up to date; False, and stop, at one that must be reached and cannot be resolved."""
-        while True:
-            old = self._ways[name], self._idle[name]
-            new = self._evaluate(name)
-            if new == old:
-                return True
-            before[name] = old
-            self._ways[name], self._idle[name] = new
-            if new == (0, False):
-                return False
-            parents = self.tree.parents(name)
-            if not parents:
-                return True
-            name = parents[0]
-
-
 class _Digits(NamedTuple):
     """The digits of some gates: every gate has a bit per child, of which `bits` holds the one of the child it keeps.
 
-    Integers, so that comparing the digits of all gates is one step.
+    Integers, so that comparing the digits of all gates is one step. `gates` has all the bits of those gates.
     """
 
-    bits: int
-    gates: int
-    """All the bits of those gates."""
+    bits: int = 0
+    gates: int = 0
 
     def agree(self, other: "_Digits") -> bool:
         """Whether no gate has one digit here and another there."""
@@ -194,9 +162,6 @@ class _Digits(NamedTuple):
     def join(self, other: "_Digits") -> "_Digits":
         """The digits here and there."""
         return _Digits(self.bits | other.bits, self.gates | other.gates)
-
-
-_NONE: Final = _Digits(0, 0)
 
 
 class _Search:
@@ -209,69 +174,54 @@ class _Search:
     def __init__(self, tree: RVAFT) -> None:
         self.tree = tree
         self.gates = or_gates(tree)
-        self._first: dict[str, int] = {}
+        self._bits: dict[str, range] = {}
         self._all: dict[str, int] = {}
         width = 0
         for name in self.gates:
-            children = len(tree.nodes[name].children)
-            self._first[name], self._all[name] = width, (1 << children) - 1 << width
-            width += children
-        self._ways = {tree.root: [_NONE]}
+            self._bits[name] = range(width, width := width + len(tree.nodes[name].children))
+            self._all[name] = (1 << width) - (1 << self._bits[name].start)
+        self._ways = {tree.root: [_Digits()]}
 
     def choices(self, digits: int) -> dict[str, str]:
         """The choices of the `or` gates that a branch reaches."""
 
         def kept(name: str) -> tuple[str, ...]:
             children = self.tree.nodes[name].children
-            if name not in self._first:
+            if name not in self._bits:
                 return children
-            own = (digits & self._all[name]) >> self._first[name]
-            return (children[own.bit_length() - 1],)
+            return (children[((digits & self._all[name]) >> self._bits[name].start).bit_length() - 1],)
 
-        return {name: kept(name)[0] for name in reachable(self.tree.root, kept) if name in self._first}
+        return {name: kept(name)[0] for name in reachable(self.tree.root, kept) if name in self._bits}
 
     def branches(self) -> Iterator[int]:
         """The digits of all branches in the order of their numbers: the last gate's varies slowest."""
-        if not self.gates:
-            yield 0
-            return
         # One level per gate, slowest first: its digits that are left, each with the digits so far and the ways they need.
-        levels = [self._options(self.gates[-1], _NONE, [_NONE])]
+        levels = [iter([(_Digits(), [_Digits()])])]
         while levels:
             option = next(levels[-1], None)
             if option is None:
                 levels.pop()
-            elif len(levels) == len(self.gates):
+            elif len(levels) > len(self.gates):
                 yield option[0].bits
             else:
-                levels.append(self._options(self.gates[-1 - len(levels)], *option))
+                levels.append(self._options(self.gates[-len(levels)], *option))
 
     def _options(self, gate: str, slower: _Digits, ways: list[_Digits]) -> Iterator[tuple[_Digits, list[_Digits]]]:
         """The digits that a gate can have when the slower ones are given, and the ways left then, at least one."""
-        group = self._all[gate]
-        lowest = 1 << self._first[gate]
-        possible = 0
-        for way in ways:
-            possible |= way.bits & group or group
-        while possible:
-            bit = possible & -possible
-            possible ^= bit
-            digit = _Digits(bit, group)
+        group, lowest = self._all[gate], self._bits[gate].start
+        for number in bits(union(way.bits & group or group for way in ways)):
+            digit = _Digits(1 << number, group)
             allowed = [way for way in ways if way.agree(digit)]
-            if bit != lowest:  # The gate must be reached, as it is where a way goes through it.
-                allowed = self._reaching(gate, slower, allowed)
+            there = [way for way in allowed if way.gates & group]
+            if number != lowest and len(there) < len(
+                allowed
+            ):  # the gate must be reached, as it is where a way goes through it
+                paths = [path for path in self._paths(gate) if path.agree(slower)]
+                elsewhere = (way for way in allowed if not way.gates & group)
+                extended = (way.join(path) for way in elsewhere for path in paths if way.agree(path))
+                allowed = _shortest([*there, *extended], gate)
             if allowed:
                 yield slower.join(digit), allowed
-
-    def _reaching(self, gate: str, slower: _Digits, ways: list[_Digits]) -> list[_Digits]:
-        """The ways extended so that they also reach a gate."""
-        group = self._all[gate]
-        there = [way for way in ways if way.gates & group]
-        if len(there) == len(ways):
-            return there
-        paths = [path for path in self._paths(gate) if path.agree(slower)]
-        extended = (way.join(path) for way in ways if not way.gates & group for path in paths if way.agree(path))
-        return _shortest([*there, *extended], gate)
 
     def _paths(self, name: str) -> list[_Digits]:
         """The ways to reach a node."""
@@ -282,16 +232,16 @@ class _Search:
             unknown = [parent for parent in parents if parent not in self._ways]
             todo += unknown
             if not unknown:
-                paths = (self._step(parent, node, way) for parent in parents for way in self._ways[parent])
+                steps = {parent: self._step(parent, node) for parent in parents}
+                paths = (way.join(step) for parent, step in steps.items() for way in self._ways[parent])
                 self._ways.setdefault(node, _shortest(paths, node))
                 todo.pop()
         return self._ways[name]
 
-    def _step(self, parent: str, child: str, way: _Digits) -> _Digits:
-        if parent not in self._first:
-            return way
-        place = self._first[parent] + self.tree.nodes[parent].children.index(child)
-        return way.join(_Digits(1 << place, self._all[parent]))
+    def _step(self, parent: str, child: str) -> _Digits:
+        if parent not in self._bits:
+            return _Digits()
+        return _Digits(1 << self._bits[parent][self.tree.nodes[parent].children.index(child)], self._all[parent])
 
 
 def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
@@ -316,10 +266,11 @@ def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
 
 COPIES: Final = 1_000
 """The most ways to have a kind."""
-_numbered = branch
 
 Allowed: TypeAlias = Mapping[str, frozenset[str]]
 """For some `or` gates the children that they may keep."""
+
+_numbered = branch
 
 
 def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None = None, limit: int = COPIES) -> RVAFT:
@@ -332,36 +283,31 @@ def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None 
         chosen = _numbered(tree, branch)
         if kind is not None and kind not in chosen.kinds:
             raise TreeError(f"branch {branch} does not have the kind {kind}", rule="no-branch")
-        allowed = {gate: frozenset([child]) for gate, child in chosen.choices.items()}
-        return _union(tree, [allowed], branch, kind)
-    if kind is None:
+        ways: list[Allowed] = [{gate: frozenset([child]) for gate, child in chosen.choices.items()}]
+    elif kind is None:
         return tree
-    ways = _ways_to_kind(tree, kind, limit)
-    if not ways:
-        raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[tree.root])
-    return _union(tree, ways, None, kind)
-
-
-def _union(tree: RVAFT, ways: list[Allowed], branch: int | None, kind: Kind | None) -> RVAFT:
-    """The tree whose scenarios are those that some of the ways allow."""
-    if len(ways) == 1:
-        whole = Whole(tree, branch, kind)
-        nodes = _part(tree, ways[0])
-        return _with(tree, tree.root, nodes, whole)
-    copies: list[Node] = []
+    else:
+        ways = _ways_to_kind(tree, kind, limit)
+        if not ways:
+            raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[tree.root])
+    nodes: list[Node] = []
     origins: dict[str, str] = {}
     for number, allowed in enumerate(ways, 1):
-        for node in _part(tree, allowed):
-            copies.append(_renamed(node, number))
-            origins[copies[-1].name] = node.name
-    top = Node.choice(f"{tree.root}#", tuple(_copy(tree.root, number) for number in range(1, len(ways) + 1)))
-    whole = Whole(tree, branch, kind, origins)
-    nodes = [top, *copies]
-    return _with(tree, top.name, nodes, whole)
+        copy = f"#{number}" if len(ways) > 1 else ""
 
+        def kept(name: str, allowed: Allowed = allowed) -> tuple[str, ...]:
+            children = tree.nodes[name].children
+            return tuple(child for child in children if child in allowed[name]) if name in allowed else children
 
-def _with(tree: RVAFT, root: str, nodes: list[Node], whole: Whole) -> RVAFT:
-    """The tree with another root and other nodes; what else it declares stays."""
+        for name in reachable(tree.root, kept):
+            children = tuple(f"{child}{copy}" for child in kept(name))
+            nodes.append(replace(tree.nodes[name], name=f"{name}{copy}", children=children))
+            if copy:
+                origins[f"{name}{copy}"] = name
+    root = nodes[0].name
+    if len(ways) > 1:
+        root = f"{tree.root}#"
+        nodes.insert(0, Node(root, Gate.OR, tuple(f"{tree.root}#{number}" for number in range(1, len(ways) + 1))))
     return RVAFT(
         root,
         nodes,
@@ -369,37 +315,26 @@ def _with(tree: RVAFT, root: str, nodes: list[Node], whole: Whole) -> RVAFT:
         ignores=tree.ignores,
         topics=tree.topics.values(),
         causality=tree.causality,
-        part_of=whole,
+        part_of=Whole(tree, branch, kind, origins),
     )
-
-
-def _part(tree: RVAFT, allowed: Allowed) -> list[Node]:
-    """The nodes reached through the allowed children, with these children only."""
-
-    def kept(name: str) -> tuple[str, ...]:
-        children = tree.nodes[name].children
-        return tuple(child for child in children if child in allowed[name]) if name in allowed else children
-
-    return [replace(tree.nodes[name], children=kept(name)) for name in reachable(tree.root, kept)]
-
-
-def _copy(name: str, number: int) -> str:
-    return f"{name}#{number}"
-
-
-def _renamed(node: Node, number: int) -> Node:
-    return replace(node, name=_copy(node.name, number), children=tuple(_copy(child, number) for child in node.children))
 
 
 def _ways_to_kind(tree: RVAFT, kind: Kind, limit: int) -> list[Allowed]:
     """Sub-DAGs whose branches together are exactly the branches that have the kind."""
-    dominator = nx.immediate_dominators(tree.graph, tree.root)
+    rank = {name: index for index, name in enumerate(tree.order)}
+    above = {tree.root: tree.root}  # the immediate dominators
+    for name in tree.order[1:]:
+        meeting = set(tree.parents(name))
+        while len(meeting) > 1:
+            lowest = max(meeting, key=rank.__getitem__)
+            meeting = meeting - {lowest} | {above[lowest]}
+        (above[name],) = meeting
     ways: dict[str, list[Allowed]] = {}
     for node in tree.bottom_up():
         if node.kind is kind:
             ways[node.name] = [{}]
         elif body(node).op is Op.ONE:
-            ways[node.name] = _through_or(tree, node, ways, dominator)
+            ways[node.name] = _through_or(tree, node, ways, above)
         else:
             ways[node.name] = _distinct(way for child in node.children for way in ways[child])
         if len(ways[node.name]) > limit:
@@ -407,40 +342,35 @@ def _ways_to_kind(tree: RVAFT, kind: Kind, limit: int) -> list[Allowed]:
     return ways[tree.root]
 
 
-def _through_or(
-    tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], dominator: Mapping[str, str | None]
-) -> list[Allowed]:
+def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], above: Mapping[str, str]) -> list[Allowed]:
     """One way per child and its ways; those that touch only what their child alone leads to are merged into one."""
+
+    def dominates(child: str, gate: str) -> bool:
+        while gate not in (child, tree.root):
+            gate = above[gate]
+        return gate == child
+
     merged: dict[str, frozenset[str]] = {}
     together: set[str] = set()
     apart: list[Allowed] = []
     for child in node.children:
         owned = tree.parents(child) == (node.name,)
-        if len(ways[child]) == 1 and all(owned and _dominates(child, gate, dominator) for gate in ways[child][0]):
+        if len(ways[child]) == 1 and all(owned and dominates(child, gate) for gate in ways[child][0]):
             together.add(child)
             merged.update(ways[child][0])
         else:
             apart.extend({**way, node.name: frozenset([child])} for way in ways[child])
     if together:
         apart.append({**merged, node.name: frozenset(together)})
-    return _distinct(_joined(apart, node))
-
-
-def _joined(ways: Iterable[Allowed], node: Node) -> Iterator[Allowed]:
-    """The ways with those made one that differ only in the children of the node; it need not be told that all are allowed."""
-    kept: dict[frozenset[tuple[str, frozenset[str]]], frozenset[str]] = {}
-    for way in ways:
+    # Ways that differ only in the children of the node are one; it need not be told that all of them are allowed.
+    joined: dict[frozenset[tuple[str, frozenset[str]]], frozenset[str]] = {}
+    for way in apart:
         rest = frozenset(item for item in way.items() if item[0] != node.name)
-        kept[rest] = kept.get(rest, frozenset()) | way[node.name]
-    for rest, children in kept.items():
-        yield dict(rest) if children == set(node.children) else {**dict(rest), node.name: children}
-
-
-def _dominates(above: str, below: str, dominator: Mapping[str, str | None]) -> bool:
-    name: str | None = below
-    while name is not None and name != above:
-        name = dominator.get(name) if dominator.get(name) != name else None
-    return name == above
+        joined[rest] = joined.get(rest, frozenset()) | way[node.name]
+    everything = set(node.children)
+    return _distinct(
+        {**dict(rest), **({} if kept == everything else {node.name: kept})} for rest, kept in joined.items()
+    )
 
 
 def _distinct(ways: Iterable[Allowed]) -> list[Allowed]:

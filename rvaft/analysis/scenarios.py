@@ -4,21 +4,22 @@ A scenario makes the choices of a tree: one child at each `or`, K children or mo
 without variables is false and no event has to come before itself (semantics, section 2).
 """
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Set
 from functools import cached_property
 from heapq import heapify, heappop, heappush
 from itertools import combinations, pairwise
 from math import prod
-from typing import Final, Literal, NamedTuple, TypeAlias
-
-import networkx as nx
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias, assert_never
 
 from rvaft.analysis.normal_form import Op, body, is_impossible
 from rvaft.errors import TooLarge
 from rvaft.model.nodes import Causality, Node
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.support.bits import bits, in_at_least, union
 from rvaft.support.budget import DEFAULT_LIMIT, Budget
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 # The strict precedence of a scenario as a graph of linear size (semantics, section 2).
 #
@@ -43,22 +44,25 @@ def event(name: str) -> Point:
     return ("event", name, "")
 
 
-def precedence(tree: RVAFT, kept: Kept) -> nx.DiGraph:
+def precedence(tree: RVAFT, kept: Kept) -> "nx.DiGraph":
     """The precedence among the events of the kept nodes; each edge has as `via` the tree edge that it needs, or None."""
+    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+
     graph = nx.DiGraph()
     for name, children in kept.items():
-        node = tree.nodes[name]
+        node, below, own = tree.nodes[name], body(tree.nodes[name]), event(name)
+        start, end = (("start", name, ""), ("end", name, ""))
         if node.has_event:
-            graph.add_edge(("start", name, ""), event(name), via=None)
-            graph.add_edge(event(name), ("end", name, ""), via=None)
+            graph.add_edge(start, own, via=None)
+            graph.add_edge(own, end, via=None)
         for child in children:
-            graph.add_edge(("start", name, ""), ("start", child, ""), via=(name, child))
-            graph.add_edge(("end", child, ""), ("end", name, ""), via=(name, child))
+            via = (name, child)
+            graph.add_edge(start, ("start", child, ""), via=via)
+            graph.add_edge(("end", child, ""), end, via=via)
             if node.has_event and tree.causality is Causality.TOP_DOWN:
-                graph.add_edge(event(name), ("start", child, ""), via=(name, child))
+                graph.add_edge(own, ("start", child, ""), via=via)
             elif node.has_event:
-                graph.add_edge(("end", child, ""), event(name), via=(name, child))
-        below = body(node)
+                graph.add_edge(("end", child, ""), own, via=via)
         in_time = [child for child in below.children if child in children] if below.op is Op.SEQUENCE else []
         for earlier, later in pairwise(in_time):
             done: Point = ("done", name, earlier)
@@ -68,27 +72,25 @@ def precedence(tree: RVAFT, kept: Kept) -> nx.DiGraph:
     return graph
 
 
-def cycle(graph: nx.DiGraph) -> list[Point]:
-    """The points of one cycle, in order, or none."""
-    if nx.is_directed_acyclic_graph(graph):
-        return []
-    return [point for point, _ in nx.find_cycle(graph)]
+def path(graph: "nx.DiGraph", before: str, after: str) -> list[Point]:
+    """The points of a shortest path that makes the event of one node precede that of another, or none."""
+    start, goal = event(before), event(after)
+    reached: dict[Point, Point] = {start: start} if start in graph else {}
+    for point in (queue := list(reached)):
+        new = [later for later in graph[point] if later not in reached]
+        reached.update(dict.fromkeys(new, point))
+        queue += new
+        if goal in reached:
+            break
+    points = [goal] if goal in reached else []
+    while points and points[-1] != start:
+        points.append(reached[points[-1]])
+    return points[::-1]
 
 
-def path(graph: nx.DiGraph, before: str, after: str) -> list[Point]:
-    """The points of a path that makes the event of one node precede that of another, or none."""
-    if event(before) not in graph or event(after) not in graph:
-        return []
-    try:
-        points: list[Point] = nx.bidirectional_shortest_path(graph, event(before), event(after))
-    except nx.NetworkXNoPath:
-        return []
-    return points
-
-
-def edges_along(graph: nx.DiGraph, points: list[Point], *, closed: bool = False) -> list[Edge]:
+def edges_along(graph: "nx.DiGraph", points: list[Point], *, closed: bool = False) -> list[Edge]:
     """The tree edges that a path (or, closed, a cycle) needs, each once; without one of them it is not there."""
-    steps = list(pairwise([*points, points[0]] if closed else points))
+    steps = pairwise([*points, points[0]] if closed else points)
     needed = (graph.edges[step]["via"] for step in steps)
     return list(dict.fromkeys(edge for edge in needed if edge is not None))
 
@@ -140,20 +142,31 @@ class Resolutions:
         return {name: self._options[name] for name in self.tree.order if name in self._reached}
 
     def scenario(self, nodes: Iterable[str], edges: Iterable[Edge], budget: Budget) -> Kept | None:
-        """A scenario that contains these nodes and these tree edges, or None where there is none.
-
-        Raises `Undecided` when the budget is spent.
-        """
-        demands = self._demands(nodes, edges)
-        supported = None if demands is None else self._support(demands, budget)
-        return None if supported is None else self._complete(supported)
+        """A scenario that contains these nodes and tree edges, or None; raises `Undecided` when the budget is spent."""
+        demands = self._support(nodes, edges, budget)
+        if demands is None:
+            return None
+        kept: dict[str, tuple[str, ...]] = {}
+        todo = [self.tree.root]
+        while todo:
+            name = todo.pop()
+            if name in kept:
+                continue
+            below, demanded, chosen = body(self.tree.nodes[name]), demands.get(name, _NONE), self._options[name]
+            if below.chooses:
+                others = [child for child in chosen if child not in demanded]
+                wanted = {*demanded, *others[: max(0, below.need - len(demanded))]}
+                chosen = tuple(child for child in chosen if child in wanted)
+            kept[name] = chosen
+            todo.extend(reversed(chosen))
+        return {name: kept[name] for name in self.tree.order if name in kept}
 
     def possible(self, nodes: Iterable[str], budget: Budget, *, edges: Iterable[Edge] = ()) -> bool:
         """Whether some scenario contains these nodes and tree edges; raises `Undecided` when the budget is spent."""
-        demands = self._demands(nodes, edges)
-        return demands is not None and self._support(demands, budget) is not None
+        return self._support(nodes, edges, budget) is not None
 
-    def _demands(self, nodes: Iterable[str], edges: Iterable[Edge]) -> Demands | None:
+    def _support(self, nodes: Iterable[str], edges: Iterable[Edge], budget: Budget) -> Demands | None:
+        """What must be kept for these nodes and edges, enlarged so that each node but the root has a parent that keeps it."""
         demands: Demands = {}
         if not self:
             return None
@@ -167,10 +180,6 @@ class Resolutions:
                 return None
             if len(children) > 1 and self._takes_one(name):
                 return None
-        return demands
-
-    def _support(self, demands: Demands, budget: Budget) -> Demands | None:
-        """The demands, enlarged so that every demanded node but the root has a parent that keeps it."""
         attempts = [(demands, len(self._rank))]
         seen: set[frozenset[tuple[str, frozenset[str]]]] = set()
         while attempts:
@@ -190,7 +199,9 @@ class Resolutions:
                         break
                     seen.add(state)
                     rank = -agenda[0]
-                    attempts.extend((_demand(current, parent, name), rank) for parent in reversed(ways[1:]))
+                    attempts += [
+                        ({**current, parent: current.get(parent, _NONE) | {name}}, rank) for parent in ways[:0:-1]
+                    ]
                 if not ways:
                     break
                 heappop(agenda)
@@ -214,28 +225,6 @@ class Resolutions:
             if not demanded or not self._takes_one(parent):
                 ways.append(parent)
         return ways
-
-    def _complete(self, demands: Demands) -> Kept:
-        kept: dict[str, tuple[str, ...]] = {}
-        todo = [self.tree.root]
-        while todo:
-            name = todo.pop()
-            if name not in kept:
-                kept[name] = self._choose(self.tree.nodes[name], demands.get(name, _NONE))
-                todo.extend(reversed(kept[name]))
-        return {name: kept[name] for name in self.tree.order if name in kept}
-
-    def _choose(self, node: Node, demanded: frozenset[str]) -> tuple[str, ...]:
-        options, below = self._options[node.name], body(node)
-        if not below.chooses:
-            return options
-        others = [child for child in options if child not in demanded]
-        chosen = {*demanded, *others[: max(0, below.need - len(demanded))]}
-        return tuple(child for child in options if child in chosen)
-
-
-def _demand(demands: Demands, parent: str, child: str) -> Demands:
-    return {**demands, parent: demands.get(parent, _NONE) | {child}}
 
 
 _RESOLUTIONS, _PRECEDENCE = 4, 15
@@ -272,7 +261,7 @@ class ScenarioSpace:
         return Resolutions(self.tree, self.dead)
 
     @cached_property
-    def order(self) -> nx.DiGraph:
+    def order(self) -> "nx.DiGraph":
         """The precedence over all nodes that are not dead; it contains that of every scenario."""
         return precedence(self.tree, self.resolutions.union)
 
@@ -281,7 +270,7 @@ class ScenarioSpace:
         """Whether surely no precedence is cyclic; only a shared node can be in a sequence twice."""
         if not self.tree.shared or not any(body(node).op is Op.SEQUENCE for node in self.tree.top_down()):
             return True
-        return bool(nx.is_directed_acyclic_graph(self.order))
+        return not find_cycle(self.order)
 
     @cached_property
     def is_empty(self) -> bool:
@@ -313,30 +302,29 @@ class ScenarioSpace:
                 return kept
             budget.spend(_PRECEDENCE * len(kept))
             graph = precedence(self.tree, kept)
-            points = [] if self.acyclic else cycle(graph)
+            points = [] if self.acyclic else find_cycle(graph)
             edges = edges_along(graph, points, closed=True) if points else []
             if not points and apart is not None:
-                one, other = apart
-                edges = edges_along(graph, path(graph, one, other) or path(graph, other, one))
+                edges = edges_along(graph, path(graph, *apart) or path(graph, *apart[::-1]))
             if not edges:
                 return kept
             search.ban_one_of(edges)
         return None
 
-    def cyclic(self, budget: Budget, component: frozenset[object]) -> tuple[Kept, list[str]] | None:
+    def cyclic(self, budget: Budget, knot: Set[Point]) -> tuple[Kept, tuple[str, ...]] | None:
         """A scenario without dead nodes whose precedence has a cycle among these points, and the nodes of the cycle."""
         search = _BanSearch()
         for bans in search:
             budget.spend((_RESOLUTIONS + _PRECEDENCE) * len(self.tree.order))
             space = Resolutions(self.tree, self.dead, bans)
-            graph = precedence(self.tree, space.union).subgraph(component)
-            points = cycle(graph)
+            graph = precedence(self.tree, space.union)
+            points = find_cycle({p: [later for later in graph[p] if later in knot] for p in graph if p in knot})
             if not points:
                 continue
             edges = edges_along(graph, points, closed=True)
             kept = space.scenario((), edges, budget)
             if kept is not None:
-                return kept, [name for kind, name, _ in points if kind == "event"]
+                return kept, tuple(dict.fromkeys(name for kind, name, _ in points if kind == "event"))
             search.ban_one_of(edges)
         return None
 
@@ -347,7 +335,6 @@ class _BanSearch:
     def __init__(self) -> None:
         self._todo: list[frozenset[Edge]] = [frozenset()]
         self._seen = set(self._todo)
-        self._last: frozenset[Edge] = frozenset()
 
     def __iter__(self) -> Iterator[frozenset[Edge]]:
         while self._todo:
@@ -355,7 +342,6 @@ class _BanSearch:
             yield self._last
 
     def ban_one_of(self, edges: Iterable[Edge]) -> None:
-        """Go on with each of these edges banned, the first one first."""
         new = [bans for edge in edges if (bans := self._last | {edge}) not in self._seen]
         self._seen.update(new)
         self._todo.extend(reversed(new))
@@ -396,8 +382,8 @@ def most_scenarios(tree: RVAFT) -> int:
     """A bound on the number of scenarios; the number itself where no node is shared and every scenario is feasible."""
     ways: dict[str, int] = {}
     for node in tree.bottom_up():
-        below = [ways[child] for child in node.children]
-        match body(node).op:
+        below, op = [ways[child] for child in node.children], body(node).op
+        match op:
             case Op.ONE:
                 ways[node.name] = sum(below)
             case Op.AT_LEAST:
@@ -405,8 +391,12 @@ def most_scenarios(tree: RVAFT) -> int:
                 for of_child in below:
                     keeping = [keeping[0], *(more + of_child * fewer for fewer, more in pairwise(keeping))]
                 ways[node.name] = sum(keeping[body(node).need :])
-            case _:
+            case Op.ALL | Op.SEQUENCE:
                 ways[node.name] = prod(below)
+            case Op.EVENT | Op.CONDITION:
+                raise AssertionError("the body of a node is made of its children")
+            case _:
+                assert_never(op)
     return ways[tree.root]
 
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, Self
 import networkx as nx
 
 from rvaft.analysis.normal_form import Op, body, is_impossible
-from rvaft.analysis.scenarios import Fewest, Kept, Point, cycle, event, fewest_events, precedence
+from rvaft.analysis.scenarios import Fewest, Kept, Point, event, fewest_events, precedence
 from rvaft.engine import Engine
 from rvaft.engine.compiled_tree import CompiledTree, Reading
 from rvaft.engine.configuration import Configuration, Witness
@@ -17,7 +17,7 @@ from rvaft.engine.contiguous import Following
 from rvaft.engine.expectation import admitted, awaited
 from rvaft.engine.scattered_linear import Earliest, EarliestRun
 from rvaft.errors import TooLarge
-from rvaft.model.tree import RVAFT, reachable
+from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Awaited
@@ -124,7 +124,7 @@ class LackingEvents:
 def _keeps_order(tree: RVAFT, kept: Kept, taken: Mapping[str, int]) -> bool:
     """Whether a scenario is feasible, and what is taken came in an order that it allows and before all that is lacking."""
     graph = precedence(tree, kept)
-    if cycle(graph):
+    if find_cycle(graph):
         return False
     position = {event(name): taken.get(name, inf) for name in kept if tree.nodes[name].has_event}
     latest: dict[Point, float] = {}

@@ -14,8 +14,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 from rvaft.errors import TreeError
 from rvaft.model.guards import Guard
-from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Place, Topic
-from rvaft.model.topics import absolute
+from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Place, Topic, absolute
 from rvaft.model.tree import RVAFT
 
 T_co = TypeVar("T_co", covariant=True)

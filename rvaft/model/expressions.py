@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from rvaft.errors import LanguageError
-from rvaft.model.guards import MAX_DEPTH, OPERATORS, Guard, Operation, Operator
+from rvaft.model.guards import COMPARISONS, MAX_DEPTH, OPERATORS, Guard, Operation, Operator
 from rvaft.model.nodes import Argument, Gate, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar
@@ -29,20 +29,14 @@ RESERVED: Final = frozenset({*STATEMENTS, *GATES, *CLAUSES, *OPERATOR_WORDS, *DY
 
 WORD: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _NUMBERED_GATE: Final = re.compile(r"vot[0-9]+")
-
-
-def reserved(word: str) -> bool:
-    """Whether a node of this name needs quotes though it is a word."""
-    return word in RESERVED or _NUMBERED_GATE.fullmatch(word) is not None
+_VALUE: Final = re.compile(r'(?!=)(?:(?!//|/\*)[^\s;"#])+')
+_ATOM: Final = 8
+"""How tightly a text binds that no operator can take apart."""
 
 
 def bare_name(name: str) -> bool:
     """Whether a node's name can stand without quotes."""
-    return WORD.fullmatch(name) is not None and not reserved(name) and name != TOPIC
-
-
-_ATOM: Final = 8
-_VALUE: Final = re.compile(r'(?!=)(?:(?!//|/\*)[^\s;"#])+')
+    return bool(WORD.fullmatch(name)) and name not in RESERVED and name != TOPIC and not _NUMBERED_GATE.fullmatch(name)
 
 
 def quoted(text: str) -> str:
@@ -72,12 +66,8 @@ def literal_text(value: Scalar) -> str:
         raise LanguageError("a number that is not finite, or has too many digits, cannot be written") from None
 
 
-def pattern_text(pattern: Pattern) -> str:
+def pattern_text(pattern: Pattern, depth: int = 0) -> str:
     """A pattern; `parse_pattern` reads it back equal. Raises `LanguageError` when nested deeper than 100."""
-    return _pattern(pattern, 0)
-
-
-def _pattern(pattern: Pattern, depth: int) -> str:
     if depth > MAX_DEPTH:
         raise LanguageError(f"a pattern nested deeper than {MAX_DEPTH} cannot be written")
     match pattern:
@@ -90,10 +80,10 @@ def _pattern(pattern: Pattern, depth: int) -> str:
         case ObjectPattern(()):
             return "{}"
         case ObjectPattern(fields):
-            inner = ", ".join(f"{word_text(name)}: {_pattern(part, depth + 1)}" for name, part in fields)
+            inner = ", ".join(f"{word_text(name)}: {pattern_text(part, depth + 1)}" for name, part in fields)
             return f"{{ {inner} }}" if depth == 0 else f"{{{inner}}}"
         case ListPattern(items):
-            return f"[{', '.join(_pattern(item, depth + 1) for item in items)}]"
+            return f"[{', '.join(pattern_text(item, depth + 1) for item in items)}]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,27 +109,23 @@ class Style:
 SUM_LEVEL: Final = OPERATORS[Operator.ADD].level
 SIGNED_LEVEL: Final = OPERATORS[Operator.NEGATE].level
 _PLAIN: Final = Style(
-    word_text,
-    str,
-    literal_text,
-    "_",
-    {operator: facts.sign for operator, facts in OPERATORS.items()},
+    word_text, str, literal_text, "_", {operator: facts.sign for operator, facts in OPERATORS.items()}
 )
 
 
 def on_text(on: On, style: Style = _PLAIN) -> str:
     """An event type applied to arguments: `move(Waypoint, _)`."""
-    return f"{style.event(on.event)}({', '.join(_argument(argument, style) for argument in on.arguments)})"
 
+    def argument_text(argument: Argument) -> str:
+        match argument:
+            case Variable(name):
+                return style.variable(name)
+            case Literal(value):
+                return style.literal(value)
+            case Anything():
+                return style.anything
 
-def _argument(argument: Argument, style: Style) -> str:
-    match argument:
-        case Variable(name):
-            return style.variable(name)
-        case Literal(value):
-            return style.literal(value)
-        case Anything():
-            return style.anything
+    return f"{style.event(on.event)}({', '.join(map(argument_text, on.arguments))})"
 
 
 def guard_text(guard: Guard, style: Style = _PLAIN) -> str:
@@ -161,10 +147,7 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
             text = style.literal(value)
             return text, style.minus_level if text.startswith(style.signs[Operator.NEGATE]) else _ATOM
         case Operation(operator, operands):
-            return _operation(operator, [_guard(operand, style, depth + 1) for operand in operands], style)
-
-
-def _operation(operator: Operator, parts: list[tuple[str, int]], style: Style) -> tuple[str, int]:
+            parts = [_guard(operand, style, depth + 1) for operand in operands]
     level, sign = OPERATORS[operator].level, style.signs[operator]
 
     def least(needed: int, part: tuple[str, int]) -> str:
@@ -182,12 +165,9 @@ def _operation(operator: Operator, parts: list[tuple[str, int]], style: Style) -
             return f" {sign} ".join(least(level + 1, part) for part in parts), level
         case Operator.DIV if style.fraction and (stacked := style.fraction(parts[0][0], parts[1][0])) is not None:
             return stacked, SIGNED_LEVEL
-        case Operator.ADD | Operator.SUB | Operator.MUL | Operator.DIV:
+        case _:  # arithmetic is read from the left, comparisons are not chained
             left, right = parts
-            return f"{least(level, left)} {sign} {least(level + 1, right)}", level
-        case _:
-            left, right = parts
-            return f"{least(level + 1, left)} {sign} {least(level + 1, right)}", level
+            return f"{least(level + (operator in COMPARISONS), left)} {sign} {least(level + 1, right)}", level
 
 
 def bare_value(value: str) -> bool:

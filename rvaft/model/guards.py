@@ -9,7 +9,7 @@ import math
 import operator as python
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum, StrEnum, auto
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.patterns import Binding, Literal, Variable
@@ -37,14 +37,15 @@ class Operator(StrEnum):
     OR = "or"
 
 
-class _Undefined:
-    """The one value that is no JSON value."""
+class _Undefined(Enum):
+    UNDEFINED = auto()
 
     def __repr__(self) -> str:
         return "UNDEFINED"
 
 
-UNDEFINED: Final = _Undefined()
+UNDEFINED: Final = _Undefined.UNDEFINED
+"""The one value that is no JSON value."""
 
 
 class OperatorFacts(NamedTuple):
@@ -89,32 +90,18 @@ def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
     return calculated
 
 
-def _unequal(left: Json, right: Json) -> Json:
-    return not equal(left, right)
-
-
-def _not(operand: Json) -> Json:
-    return not operand if isinstance(operand, bool) else UNDEFINED
-
-
 _O = Operator
-
-
-def _comparison(sign: str, compare: Callable[[Any, Any], bool], negated: Operator, mirrored: Operator) -> OperatorFacts:
-    function = {"==": equal, "!=": _unequal}.get(sign) or _ordered(compare)
-    return OperatorFacts(4, sign, function, 2, compare, negated, mirrored)
-
 
 OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
     _O.OR: OperatorFacts(1, "or", None),
     _O.AND: OperatorFacts(2, "and", None),
-    _O.NOT: OperatorFacts(3, "not ", _not, arity=1),
-    _O.EQ: _comparison("==", python.eq, _O.NE, _O.EQ),
-    _O.NE: _comparison("!=", python.ne, _O.EQ, _O.NE),
-    _O.LT: _comparison("<", python.lt, _O.GE, _O.GT),
-    _O.LE: _comparison("<=", python.le, _O.GT, _O.GE),
-    _O.GT: _comparison(">", python.gt, _O.LE, _O.LT),
-    _O.GE: _comparison(">=", python.ge, _O.LT, _O.LE),
+    _O.NOT: OperatorFacts(3, "not ", lambda it: not it if isinstance(it, bool) else UNDEFINED, arity=1),
+    _O.EQ: OperatorFacts(4, "==", equal, 2, python.eq, _O.NE, _O.EQ),
+    _O.NE: OperatorFacts(4, "!=", lambda left, right: not equal(left, right), 2, python.ne, _O.EQ, _O.NE),
+    _O.LT: OperatorFacts(4, "<", _ordered(python.lt), 2, python.lt, _O.GE, _O.GT),
+    _O.LE: OperatorFacts(4, "<=", _ordered(python.le), 2, python.le, _O.GT, _O.GE),
+    _O.GT: OperatorFacts(4, ">", _ordered(python.gt), 2, python.gt, _O.LE, _O.LT),
+    _O.GE: OperatorFacts(4, ">=", _ordered(python.ge), 2, python.ge, _O.LT, _O.LE),
     _O.ADD: OperatorFacts(5, "+", _calculating(python.add)),
     _O.SUB: OperatorFacts(5, "-", _calculating(python.sub)),
     _O.MUL: OperatorFacts(6, "*", _calculating(python.mul)),
@@ -127,9 +114,7 @@ JUNCTIONS: Final = frozenset({Operator.AND, Operator.OR})
 """Two operands or more, read from the left."""
 COMPARISONS: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.negated)
 ORDERINGS: Final = COMPARISONS - {Operator.EQ, Operator.NE}
-ARITHMETIC: Final = frozenset(
-    operator for operator, facts in OPERATORS.items() if facts.level > OPERATORS[Operator.EQ].level
-)
+ARITHMETIC: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.level > 4)
 
 assert set(OPERATORS) == set(Operator)
 assert JUNCTIONS | COMPARISONS | ARITHMETIC | {Operator.NOT} == set(Operator)
@@ -240,20 +225,17 @@ def value(guard: Guard, binding: Binding) -> Json:
             return binding[name]
         case Operation(operator, operands):
             function = OPERATORS[operator].function
-            if function is None:
-                return _junction(operands, binding, decides=operator is Operator.OR)
-            arguments = [value(operand, binding) for operand in operands]
-            return UNDEFINED if UNDEFINED in arguments else function(*arguments)
-
-
-def _junction(operands: tuple[Guard, ...], binding: Binding, *, decides: bool) -> Json:
-    for operand in operands:
-        truth = value(operand, binding)
-        if not isinstance(truth, bool):
-            return UNDEFINED
-        if truth is decides:
-            return decides
-    return not decides
+            if function is not None:
+                arguments = [value(operand, binding) for operand in operands]
+                return UNDEFINED if UNDEFINED in arguments else function(*arguments)
+            decides = operator is Operator.OR
+            for operand in operands:
+                truth = value(operand, binding)
+                if not isinstance(truth, bool):
+                    return UNDEFINED
+                if truth is decides:
+                    return decides
+            return not decides
 
 
 Predicate: TypeAlias = Callable[[Mapping[str, Json]], bool]

@@ -1,17 +1,19 @@
-"""The parts of a tree: gates, nodes, event types, declarations. All immutable values.
+"""The parts of a tree: gates, nodes, event types, declarations, topics of ROS. All immutable values.
 
 Places in a file (`Place`) never take part in equality: two trees that say the same are equal wherever they were written.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from types import UnionType
-from typing import NamedTuple, TypeAlias
+from keyword import iskeyword
+from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.errors import OptionError, WrongType
+from rvaft.errors import OptionError, TreeError, WrongType
 from rvaft.model.guards import Guard, Operation
-from rvaft.model.patterns import Anything, Literal, Pattern, Variable
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
+from rvaft.support.terminal import visible
 
 
 class Gate(StrEnum):
@@ -137,21 +139,6 @@ class Topic:
     place: Place = field(default=Place(), compare=False)
 
 
-def _expect(what: str, value: object, kind: type | UnionType, expected: str) -> None:
-    if not isinstance(value, kind):
-        raise WrongType(what, value, expected)
-
-
-def _member(what: str, value: object, words: type[StrEnum], node: str) -> StrEnum:
-    """The member of an enumeration that a word names."""
-    if not isinstance(value, str):
-        raise WrongType(f"the {what} of {node}", value, f"a {words.__name__} or its name")
-    try:
-        return words(value)
-    except ValueError:
-        raise OptionError(f"unknown {what} {value!r} of {node}; known: {', '.join(words)}") from None
-
-
 @dataclass(frozen=True, slots=True)
 class Node:
     """One node. A leaf has neither gate nor children; `threshold` is the K of a VOT gate.
@@ -178,24 +165,31 @@ class Node:
     places: Mapping[str, Place] = field(default_factory=dict, compare=False, hash=False, repr=False)
 
     def __post_init__(self) -> None:
-        _expect("the name of a node", self.name, str, "a str")
-        if self.gate.__class__ is not Gate and self.gate is not None:
-            object.__setattr__(self, "gate", _member("gate", self.gate, Gate, self.name))
+        def expect(what: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
+            if not isinstance(value, kind):
+                raise WrongType(what.format(self.name), value, expected)
+
+        expect("the name of a node", self.name, str, "a str")
+        for part, value, words in (("gate", self.gate, Gate), ("kind", self.kind, Kind)):
+            if value is None or value.__class__ is words:
+                continue
+            expect(f"the {part} of {{}}", value, str, f"a {words.__name__} or its name")
+            try:
+                object.__setattr__(self, part, words(value))
+            except ValueError:
+                raise OptionError(f"unknown {part} {value!r} of {self.name}; known: {', '.join(words)}") from None
         if self.children.__class__ is not tuple:
-            _expect(f"the children of {self.name}", self.children, list, "a tuple of names")
+            expect("the children of {}", self.children, list, "a tuple of names")
             object.__setattr__(self, "children", tuple(self.children))
         for child in self.children:
-            _expect(f"a child of {self.name}", child, str, "the name of a node, a str")
-        if self.kind is not None:
-            object.__setattr__(self, "kind", _member("kind", self.kind, Kind, self.name))
-        _expect(f"the threshold of {self.name}", self.threshold, int | None, "an int")
-        _expect(f"the event (`on`) of {self.name}", self.on, On | None, "an On")
-        _expect(f"the guard (`when`) of {self.name}", self.when, Literal | Variable | Operation | None, "a guard")
-
-    @classmethod
-    def choice(cls, name: str, children: tuple[str, ...]) -> "Node":
-        """A node of which one child has to happen."""
-        return cls(name, Gate.OR, children)
+            expect("a child of {}", child, str, "the name of a node, a str")
+        for what, stated, kind, expected in (
+            ("the threshold of {}", self.threshold, int, "an int"),
+            ("the event (`on`) of {}", self.on, On, "an On"),
+            ("the guard (`when`) of {}", self.when, (Literal, Variable, Operation), "a guard"),
+        ):
+            if stated is not None:
+                expect(what, stated, kind, expected)
 
     def place(self, part: str = "name") -> Place:
         """Where a part of the node stands, or, where that is not known, its name."""
@@ -219,3 +213,55 @@ class Relevant:
     node: str
     pattern: Pattern
     when: Guard | None = None
+
+
+# Topics of ROS: what their names and message types look like, which names are one, and which topic a pattern asks for.
+
+_NAME: Final = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z0-9_]+)*")
+_BETWEEN: Final = re.compile(r"[./:]+")
+
+
+def absolute(name: str) -> str:
+    """A name as it is from the root of ROS: `/command` and `command` are one."""
+    return name if name.startswith("/") else f"/{name}"
+
+
+def wrong_name(name: str) -> str | None:
+    """Why no topic or node of ROS can have this name, in a sentence, or None where one can."""
+    if _NAME.fullmatch(name):
+        return None
+    return f'"{visible(name)}" is no name in ROS: a name is words of letters, digits and _ with / between them'
+
+
+def wrong_type(type_: str) -> str | None:
+    """Why this is no message type as Python imports it, in a sentence that mends it, or None where it is one."""
+    if _importable(type_.split(".")):
+        return None
+    words = [word for word in _BETWEEN.split(type_) if word]
+    words = [words[0], "msg", words[1]] if len(words) == 2 else words
+    meant = ".".join(words) if _importable(words) else "package.msg.Name"
+    return f'"{visible(type_)}" is no message type: it is written as Python imports it, "{meant}"'
+
+
+def by_name(topics: Iterable[Topic]) -> dict[str, Topic]:
+    """Topics by absolute name; raises `TreeError` for one declared twice, and for a name or type that cannot be."""
+    found: dict[str, Topic] = {}
+    for topic in topics:
+        name = absolute(topic.name)
+        if name in found:
+            raise TreeError(f"topic {name} is declared twice", rule="duplicate-topic")
+        wrong = [wrong_type(topic.type), *map(wrong_name, (topic.name, *topic.publishers))]
+        for message in filter(None, wrong):
+            raise TreeError(message, rule="malformed-topic")
+        found[name] = topic
+    return found
+
+
+def _importable(words: list[str]) -> bool:
+    return len(words) > 2 and all(word.isascii() and word.isidentifier() and not iskeyword(word) for word in words)
+
+
+def topic_of(pattern: Pattern) -> Pattern | None:
+    """What a pattern asks of the topic, or None where it asks nothing."""
+    fields = pattern.fields if isinstance(pattern, ObjectPattern) else ()
+    return next((inner for name, inner in fields if name == "topic"), None)

@@ -1,28 +1,28 @@
-"""The tree itself: an immutable RVAFT over a frozen networkx DAG (semantics, section 1).
+"""The tree itself: an immutable RVAFT (semantics, section 1), and walks over graphs of nodes.
 
-The constructor checks what makes a structure a tree at all (every `_check_*` one rule); the rules about scenarios are in
-`rvaft.rules`. Questions about the graph are asked of networkx.
+The constructor checks what makes a structure a tree at all; the rules about scenarios are in `rvaft.rules`.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from heapq import heappop, heappush
 from importlib import import_module
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
-
-import networkx as nx
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rvaft.errors import ToolFailed, ToolMissing, TreeError
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, EventType, Ignore, Kind, Node, On, Relevant, Topic
+from rvaft.model.nodes import Causality, EventType, Ignore, Kind, Node, On, Relevant, Topic, by_name
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.model.patterns import variables as pattern_variables
-from rvaft.model.topics import by_name
 
 if TYPE_CHECKING:
+    import networkx as nx
+
     from rvaft.analysis.branches import Branch
+
+T = TypeVar("T", bound=Hashable)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,20 +74,20 @@ class RVAFT:
         self.causality = causality
         self.part_of = part_of
         for event in self.events.values():
-            _check_parameters(event)
+            used = pattern_variables(event.pattern)
+            for parameter in event.parameters:
+                if parameter not in used:
+                    message = f"parameter {parameter} of event {event.name} is not in its pattern"
+                    raise TreeError(message, rule="unused-parameter")
         for node in self.nodes.values():
-            _check_gate(node)
-            _check_children(node, self.nodes)
+            _check_node(node, self.nodes)
             if node.on is not None:
-                _check_call(node.on, self.events, node.name)
+                _check_call(node.on, self.events, [node.name])
         for ignore in self.ignores:
-            _check_call(ignore.on, self.events, None)
+            _check_call(ignore.on, self.events, [])
         if root not in self.nodes:
             raise TreeError(f"the root {root} is not a node of the tree", rule="no-root", nodes=[root])
-        if len(list(sorted_topologically({node.name: node.children for node in self.nodes.values()}))) < len(
-            self.nodes
-        ):
-            cycle = [start for start, _ in nx.find_cycle(self.graph)]
+        if len(self.order) < len(self.nodes) and (cycle := find_cycle({n: self.nodes[n].children for n in self.nodes})):
             raise TreeError(f"the tree has a cycle: {' -> '.join([*cycle, cycle[0]])}", rule="cycle", nodes=cycle)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -98,8 +98,10 @@ class RVAFT:
     # -- order and structure ------------------------------------------------------------------------------------
 
     @cached_property
-    def graph(self) -> nx.DiGraph:
+    def graph(self) -> "nx.DiGraph":
         """The nodes and their children as a frozen graph of networkx; a node of it has its `Node` as `node`."""
+        import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+
         graph = nx.DiGraph()
         graph.add_nodes_from((name, {"node": node}) for name, node in self.nodes.items())
         graph.add_edges_from((name, child) for name, node in self.nodes.items() for child in node.children)
@@ -144,14 +146,11 @@ class RVAFT:
 
     @cached_property
     def _patterns(self) -> Mapping[str, Pattern | None]:
-        return {node.name: self._pattern_of(node) for node in self.nodes.values()}
-
-    def _pattern_of(self, node: Node) -> Pattern | None:
-        if not node.has_event:
-            return None
-        if node.on is None:
-            return ObjectPattern((("event", Literal(self.origins.get(node.name, node.name))),))
-        return self.instantiate(node.on)
+        found: dict[str, Pattern | None] = {}
+        for name, node in self.nodes.items():
+            default = ObjectPattern((("event", Literal(self.origins.get(name, name))),)) if node.has_event else None
+            found[name] = default if node.on is None else self.instantiate(node.on)
+        return found
 
     def instantiate(self, on: On) -> Pattern:
         """The pattern of an event type with arguments for parameters.
@@ -186,13 +185,13 @@ class RVAFT:
         """Which events are relevant, before `ignore` (semantics, section 3): one entry per occurrence."""
         if self.part_of is not None:
             return self.part_of.tree.alphabet
-        return tuple(self._relevant(name) for name in self.occurrences)
-
-    def _relevant(self, name: str) -> Relevant:
-        pattern, when = self._patterns[name], self.nodes[name].when
-        assert pattern is not None
-        own = when is not None and set(guard_variables(when)) <= set(pattern_variables(pattern))
-        return Relevant(name, pattern, when if own else None)
+        found: list[Relevant] = []
+        for name in self.occurrences:
+            pattern, when = self._patterns[name], self.nodes[name].when
+            assert pattern is not None
+            own = when is not None and set(guard_variables(when)) <= set(pattern_variables(pattern))
+            found.append(Relevant(name, pattern, when if own else None))
+        return tuple(found)
 
     @cached_property
     def variables(self) -> tuple[str, ...]:
@@ -226,25 +225,13 @@ class RVAFT:
         `stagger` sets every other leaf of a gate lower, which makes the tree narrower. Raises `OptionError`, and `TreeError` where there is no such branch.
         """
         export = import_module("rvaft.export")  # drawing is above the tree
-
-        look = export.looking(
-            self,
-            events=events,
-            names=names,
-            wrap=wrap,
-            depth=depth,
-            collapse=collapse,
-            branch=branch,
-            legend=legend,
-            stagger=stagger,
-        )
-        text: str = export.dot_text(self, look)
+        drawn = {"events": events, "names": names, "wrap": wrap, "depth": depth, "collapse": collapse}
+        text: str = export.dot_text(self, export.looking(self, **drawn, branch=branch, legend=legend, stagger=stagger))
         return text
 
     def _repr_svg_(self) -> str | None:
         """The picture that a notebook shows, or None, for the plain `repr`, where Graphviz does not draw it."""
-        export = import_module("rvaft.export")  # drawing is above the tree
-
+        export = import_module("rvaft.export")
         try:
             svg: bytes = export.picture(self.to_dot(), "svg", timeout=20)
             return svg.decode()
@@ -286,7 +273,7 @@ def reachable(start: str, children: Callable[[str], Sequence[str]]) -> Iterator[
             todo.extend(reversed(children(name)))
 
 
-def sorted_topologically(children: Mapping[str, Sequence[str]]) -> Iterator[str]:
+def sorted_topologically(children: Mapping[T, Sequence[T]]) -> Iterator[T]:
     """The nodes, parents before children, the first one in the mapping first where several may come; none that a cycle leads to."""
     names = tuple(children)
     rank = {name: index for index, name in enumerate(names)}
@@ -305,42 +292,54 @@ def sorted_topologically(children: Mapping[str, Sequence[str]]) -> Iterator[str]
                 heappush(ready, index)
 
 
-def _check_parameters(event: EventType) -> None:
-    used = pattern_variables(event.pattern)
-    for parameter in event.parameters:
-        if parameter not in used:
-            raise TreeError(
-                f"parameter {parameter} of event {event.name} is not in its pattern", rule="unused-parameter"
-            )
+def find_cycle(children: Mapping[T, Iterable[T]]) -> list[T]:
+    """The nodes of one cycle, in order, searched depth first from the first node on; none where there is none."""
+    done: set[T] = set()
+    for start in children:
+        path = {start: iter(children[start])} if start not in done else {}
+        while path:
+            name = next(reversed(path))
+            below = next((child for child in path[name] if child not in done), None)
+            if below is None:
+                done.add(name)
+                del path[name]
+            elif below in path:
+                return list(path)[list(path).index(below) :]
+            else:
+                path[below] = iter(children[below])
+    return []
+
+
+def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
+    """The largest sets of nodes of which each lies on a cycle with each."""
+    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+
+    graph = nx.DiGraph((name, child) for name in children for child in children[name])
+    return [knot for knot in nx.strongly_connected_components(graph) if graph.subgraph(knot).size()]
 
 
 def _rebuilt(arguments: tuple[Any, ...], keywords: dict[str, Any]) -> RVAFT:
     return RVAFT(*arguments, **keywords)
 
 
-def _check_gate(node: Node) -> None:
-    if (node.gate is None) != (not node.children):
-        raise TreeError(
-            f"{node.name} needs a gate and children, or neither", rule="gate-without-children", nodes=[node.name]
-        )
+def _check_node(node: Node, nodes: Mapping[str, Node]) -> None:
+    name, children = node.name, node.children
+    if (node.gate is None) != (not children):
+        raise TreeError(f"{name} needs a gate and children, or neither", rule="gate-without-children", nodes=[name])
     if (node.gate is not None and node.gate.counts) != (node.threshold is not None):
-        raise TreeError(f"{node.name}: a threshold belongs to a VOT gate alone", rule="threshold", nodes=[node.name])
-    if node.threshold is not None and not 1 <= node.threshold <= len(node.children):
-        message = f"{node.name}: the threshold {node.threshold} is not between 1 and {len(node.children)}"
-        raise TreeError(message, rule="threshold", nodes=[node.name])
-
-
-def _check_children(node: Node, nodes: Mapping[str, Node]) -> None:
-    for child in node.children:
+        raise TreeError(f"{name}: a threshold belongs to a VOT gate alone", rule="threshold", nodes=[name])
+    if node.threshold is not None and not 1 <= node.threshold <= len(children):
+        message = f"{name}: the threshold {node.threshold} is not between 1 and {len(children)}"
+        raise TreeError(message, rule="threshold", nodes=[name])
+    for child in children:
         if child not in nodes:
-            raise TreeError(f"{node.name} has an unknown child {child}", rule="unknown-child", nodes=[node.name, child])
-    if len(set(node.children)) < len(node.children):
-        twice = next(child for child in node.children if node.children.count(child) > 1)
-        raise TreeError(f"{node.name} lists its child {twice} twice", rule="duplicate-child", nodes=[node.name, twice])
+            raise TreeError(f"{name} has an unknown child {child}", rule="unknown-child", nodes=[name, child])
+    if len(set(children)) < len(children):
+        twice = next(child for child in children if children.count(child) > 1)
+        raise TreeError(f"{name} lists its child {twice} twice", rule="duplicate-child", nodes=[name, twice])
 
 
-def _check_call(on: On, events: Mapping[str, EventType], node: str | None) -> None:
-    nodes = [] if node is None else [node]
+def _check_call(on: On, events: Mapping[str, EventType], nodes: list[str]) -> None:
     if on.event not in events:
         raise TreeError(f"unknown event type {on.event}", rule="unknown-event", nodes=nodes)
     expected = len(events[on.event].parameters)

@@ -1,10 +1,10 @@
-"""JSON values: equality by mathematical value, and a hashable key that respects it.
+"""JSON values: equality by mathematical value, and hashable stand-ins.
 
 Python's own `==` will not do: it makes `True == 1`. Values are what a JSON decoder returns (`dict`, `list`, `str`,
-`int`, `float`, `bool`, `None`). Both functions are iterative: a value may be nested arbitrarily deep.
+`int`, `float`, `bool`, `None`). Nothing here recurses: a value may be nested arbitrarily deep.
 """
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any, Final, TypeAlias
 
 Json: TypeAlias = Any
@@ -39,6 +39,10 @@ def equal(left: Json, right: Json) -> bool:
 
 def key(value: Json) -> Hashable:
     """A hashable stand-in: two values are `equal` exactly when their keys are."""
+    return _flattened(value, exactly=False)
+
+
+def _flattened(value: Json, *, exactly: bool) -> Hashable:
     out: list[Hashable] = []
     todo: list[Json] = [value]
     while todo:
@@ -53,19 +57,11 @@ def key(value: Json) -> Hashable:
         elif isinstance(v, bool) or v is None:
             out.append(("=", repr(v)))
         else:
-            out.append(v)
+            out.append((type(v), v) if exactly else v)
     return out[0] if len(out) == 1 else tuple(out)
 
 
 _PLAIN: Final = (str, int, float, bool, type(None))
-
-
-def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:
-    """A hashable stand-in for a binding. Finer than equality of values: a guard may tell 2**60 from 2.0**60.
-
-    Whole numbers are exact and the rest are IEEE doubles.
-    """
-    return frozenset((name, exact(value)) for name, value in binding.items())
 
 
 def exact(value: Json) -> Hashable:
@@ -74,18 +70,9 @@ def exact(value: Json) -> Hashable:
     >>> exact(1) == exact(1.0), exact([1]) == exact([1])
     (False, True)
     """
-    kind = type(value)
-    return (kind, value) if kind in _PLAIN else (key(value), tuple(_types(value)))
+    return (type(value), value) if type(value) in _PLAIN else _flattened(value, exactly=True)
 
 
-def _types(value: Json) -> Iterator[type]:
-    """The types of the scalars in a value."""
-    agenda = [value]
-    while agenda:
-        part = agenda.pop()
-        if isinstance(part, Mapping):
-            agenda.extend(part[name] for name in sorted(part))
-        elif isinstance(part, list):
-            agenda.extend(part)
-        else:
-            yield type(part)
+def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:
+    """A hashable stand-in for a binding. Finer than equality of values: a guard may tell 2**60 from 2.0**60."""
+    return frozenset((name, exact(value)) for name, value in binding.items())

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Final
 from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.api import narrowed, translate
 from rvaft.errors import OptionError, RvaftError, ToolMissing
-from rvaft.model.nodes import Kind, Node, Place
+from rvaft.model.nodes import Kind, Node, Place, absolute, topic_of, wrong_name
 from rvaft.model.patterns import Literal
-from rvaft.model.topics import absolute, topic_of, wrong_name
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics

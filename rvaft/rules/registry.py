@@ -1,20 +1,24 @@
-"""All rules: one table, what every code means, and the checks that everything else relies on."""
+"""All rules: one table, what every code means, and the checks that everything else relies on.
+
+`python -m rvaft.rules.registry > docs/rules.md` writes the reference page.
+"""
 
 import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
-from typing import Any, Final
+from operator import attrgetter
+from textwrap import indent
+from typing import Any, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
 from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.errors import RvaftError, TreeError
 from rvaft.language.draft import Draft
 from rvaft.model.tree import RVAFT
-from rvaft.rules import guards, scenarios, structure
-from rvaft.rules.rule import Finding, Rule, RuleReport, Severity
+from rvaft.rules import scenarios, structure
+from rvaft.rules.rule import Finding, Rule, Severity
 from rvaft.support.budget import DEFAULT_LIMIT, Undecided
 
 DRAFT_RULES: Final = (
@@ -22,7 +26,8 @@ DRAFT_RULES: Final = (
     Rule("gate-without-children", Severity.ERROR, structure.gate_without_children),
     Rule("duplicate-child", Severity.ERROR, structure.duplicate_child),
     Rule("threshold", Severity.ERROR, structure.threshold),
-    Rule("unknown-child", Severity.ERROR, structure.unknown_child),
+    # In a text a child that is not declared becomes a leaf, so only trees built in code break this.
+    Rule("unknown-child", Severity.ERROR, lambda _: ()),
     Rule("no-root", Severity.ERROR, structure.no_root),
     Rule("cycle", Severity.ERROR, structure.cycle),
     Rule("prune", Severity.ERROR, structure.prune),
@@ -38,15 +43,15 @@ DRAFT_RULES: Final = (
 
 TREE_RULES: Final = (
     # The constructor of a tree does not ask this, so a tree built in code is asked again.
-    Rule("ignore-variable", Severity.ERROR, structure.ignore_variable_of_tree),
+    Rule("ignore-variable", Severity.ERROR, lambda space: structure.ignore_variable(space.tree)),
     Rule("no-scenario", Severity.ERROR, scenarios.no_scenario),
     Rule("silent-scenario", Severity.ERROR, scenarios.silent_scenario),
     Rule("infeasible-scenario", Severity.WARNING, scenarios.infeasible_scenario),
-    Rule("unbound-variable", Severity.ERROR, guards.unbound_variable),
-    Rule("variable-once", Severity.WARNING, guards.variable_once),
+    Rule("unbound-variable", Severity.ERROR, scenarios.unbound_variable),
+    Rule("variable-once", Severity.WARNING, structure.variable_once),
     Rule("ambiguous-event", Severity.WARNING, scenarios.ambiguous_event),
     Rule("shared-under-order", Severity.WARNING, scenarios.shared_under_order),
-    Rule("contradictory-guards", Severity.WARNING, guards.contradictory_guards),
+    Rule("contradictory-guards", Severity.WARNING, scenarios.contradictory_guards),
     Rule("undeclared", Severity.WARNING, structure.undeclared),
     Rule("unreachable", Severity.WARNING, structure.unreachable),
     Rule("unused-event", Severity.WARNING, structure.unused_event),
@@ -64,27 +69,25 @@ SYNTAX: Final = "syntax"
 CODES: Final = (SYNTAX, "no-branch")
 """The codes of errors that are no findings on a tree."""
 
-
-# Running the rules.
+_ORDER: Final = attrgetter("place", "severity", "code")
 
 
 def check(draft: Draft, *, limit: int = DEFAULT_LIMIT) -> list[Finding]:
     """All findings on a draft, in the order of their places; the rules about scenarios are asked only where it is a tree."""
     found = check_draft(draft)
     if not any(finding.severity is Severity.ERROR for finding in found):
-        found = _sorted(found + check_tree(draft.build(), limit=limit))
+        found = sorted(found + check_tree(draft.build(), limit=limit), key=_ORDER)
     return found
 
 
 def check_draft(draft: Draft) -> list[Finding]:
     """The findings on the structure of a draft; without errors among them, `draft.build()` succeeds."""
-    return _sorted(finding for rule in DRAFT_RULES for finding in _findings(rule, draft))
+    return _findings(DRAFT_RULES, draft)
 
 
 def check_tree(tree: RVAFT, *, limit: int = DEFAULT_LIMIT) -> list[Finding]:
     """The findings on a tree and its scenarios; each rule may spend `limit` steps before it says `undecided`."""
-    space = ScenarioSpace(tree, limit)
-    return _sorted(finding for rule in TREE_RULES for finding in _findings(rule, space))
+    return _findings(TREE_RULES, ScenarioSpace(tree, limit))
 
 
 _checked: "WeakKeyDictionary[RVAFT, Finding | None]" = WeakKeyDictionary()
@@ -95,40 +98,32 @@ def require_valid(tree: RVAFT) -> None:
     if tree not in _checked:
         space = ScenarioSpace(tree)
         errors = (rule for rule in TREE_RULES if rule.severity is Severity.ERROR)
-        found = (finding for rule in errors for finding in _findings(rule, space) if finding.code == rule.code)
+        found = (finding for rule in errors for finding in _findings([rule], space) if finding.code == rule.code)
         _checked[tree] = next(found, None)
     error = _checked[tree]
     if error is not None:
         raise TreeError(error.message, rule=error.code, nodes=error.nodes)
 
 
-def _findings(rule: Rule, subject: Any) -> list[Finding]:
+def _findings(rules: Iterable[Rule], subject: Any) -> list[Finding]:
+    """What these rules find on a draft or a scenario space."""
     found: list[Finding] = []
-    try:
-        for report in rule.check(subject):
-            found.append((UNDECIDED if report.undecided else rule).finding(report))  # noqa: PERF401  (what came before is kept)
-    except Undecided:
-        root = subject.tree.nodes[subject.tree.root]
-        message = (
-            f"{rule.code} was not decided within {subject.limit} steps; share fewer nodes, or check parts of the tree"
-        )
-        found.append(UNDECIDED.finding(RuleReport(root.place(), message, (root.name,))))
-    return found
+    for rule in rules:
+        try:
+            for place, message, nodes, undecided in rule.check(subject):
+                code, severity, _ = UNDECIDED if undecided else rule
+                found.append(Finding(place, severity, code, message, nodes))
+        except Undecided:
+            root, within = subject.tree.nodes[subject.tree.root], f"was not decided within {subject.limit} steps"
+            message = f"{rule.code} {within}; share fewer nodes, or check parts of the tree"
+            found.append(Finding(root.place(), UNDECIDED.severity, UNDECIDED.code, message, (root.name,)))
+    return sorted(found, key=_ORDER)
 
 
-def _sorted(findings: Iterable[Finding]) -> list[Finding]:
-    return sorted(findings, key=lambda finding: (finding.place, finding.severity, finding.code))
+class CodeMeaning(NamedTuple):
+    """The words that explain a code: `bad` is a smallest text that breaks the rule and `mended` the same text put right.
 
-
-# What the codes mean.
-
-
-@dataclass(frozen=True, slots=True)
-class CodeMeaning:
-    """The words that explain a code.
-
-    `bad` is a smallest text that breaks the rule and `mended` the same text put right; with `python` both are code that builds a tree,
-    since no text leads there.
+    With `python` both are code that builds a tree, since no text leads there.
     """
 
     title: str
@@ -166,17 +161,12 @@ def explain(code: str) -> str:
     """
     if code not in meanings():
         raise UnknownRule(code)
-    found = meanings()[code]
+    title, explanation, *examples, _ = meanings()[code]
     severity = RULES[code].severity if code in RULES else Severity.ERROR
-    said = f"{code} ({severity}): {found.title}\n\n{found.explanation}\n"
-    return f"{said}\nNot so:\n\n{_indented(found.bad)}\n\nBut so:\n\n{_indented(found.mended)}\n" if found.bad else said
+    said = f"{code} ({severity}): {title}\n\n{explanation}\n"
+    bad, mended = (indent(text.rstrip("\n"), "    ", lambda _: True) for text in examples)
+    return f"{said}\nNot so:\n\n{bad}\n\nBut so:\n\n{mended}\n" if bad.strip() else said
 
-
-def _indented(text: str) -> str:
-    return "\n".join(f"    {line}" for line in text.rstrip("\n").split("\n"))
-
-
-# The reference page of the rules; `python -m rvaft.rules.registry > docs/rules.md` writes it.
 
 _PAGE: Final = """# What `rvaft check` looks for
 
@@ -192,23 +182,39 @@ The rules about scenarios are asked only where the structure has no error. None 
 These are the codes of errors that stop the work; no finding on a tree has them.
 
 {others}"""
+_SECTION: Final = """
+## {code}
+
+*{severity}: {said.title}.* {said.explanation}
+
+Not so:
+
+```{language}
+{bad}
+```
+
+But so:
+
+```{language}
+{mended}
+```
+"""
 
 
 def page() -> str:
     """The page in Markdown: a table of all rules, each with a tree that breaks it and the tree mended, then the other codes."""
-    said = meanings()
-    table = "".join(f"| [`{code}`](#{code}) | {rule.severity} | {said[code].title} |\n" for code, rule in RULES.items())
-    sections = "".join(_section(rule, said[code]) for code, rule in RULES.items())
-    others = "".join(f"- `{code}`: {said[code].title}. {said[code].explanation}\n" for code in CODES)
+    table, sections = "", ""
+    for code, (_, severity, _) in RULES.items():
+        said = meanings()[code]
+        table += f"| [`{code}`](#{code}) | {severity} | {said.title} |\n"
+        shown = {
+            "bad": said.bad.strip(),
+            "mended": said.mended.strip(),
+            "language": "python" if said.python else "rvaft",
+        }
+        sections += _SECTION.format(code=code, severity=severity, said=said, **shown)
+    others = "".join(f"- `{code}`: {meanings()[code].title}. {meanings()[code].explanation}\n" for code in CODES)
     return _PAGE.format(table=table, sections=sections, others=others)
-
-
-def _section(rule: Rule, said: CodeMeaning) -> str:
-    language = "python" if said.python else "rvaft"
-    return (
-        f"\n## {rule.code}\n\n*{rule.severity}: {said.title}.* {said.explanation}\n\n"
-        f"Not so:\n\n```{language}\n{said.bad.strip()}\n```\n\nBut so:\n\n```{language}\n{said.mended.strip()}\n```\n"
-    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""What a rule is: a code, a severity, a function that reports, and the words that explain it."""
+"""What a rule of `rvaft check` is, what it reports, and how reports speak of things."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -10,8 +10,6 @@ from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import Kept
 from rvaft.model.nodes import Place
 from rvaft.model.tree import RVAFT
-
-# What `rvaft check` reports: one finding per line.
 
 
 class Severity(StrEnum):
@@ -37,18 +35,14 @@ class Finding:
     severity: Severity
     code: str
     message: str
-    nodes: tuple[str, ...] = field(default=())
+    nodes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.place}: {self.severity}: {self.message} [{self.code}]"
 
 
-@dataclass(frozen=True, slots=True)
-class RuleReport:
-    """What a rule found, in one line that says what is wrong and how to mend it.
-
-    With `undecided` the rule could not tell whether it is broken.
-    """
+class RuleReport(NamedTuple):
+    """What a rule found: what is wrong and how to mend it, or, `undecided`, that the rule could not tell."""
 
     place: Place
     message: str
@@ -63,12 +57,6 @@ class Rule(NamedTuple):
     severity: Severity
     check: Callable[[Any], Iterable[RuleReport]]
 
-    def finding(self, report: RuleReport) -> Finding:
-        """A report under this rule's code."""
-        return Finding(report.place, self.severity, self.code, report.message, report.nodes)
-
-
-# How the rules speak of things: a branch by its choices, a list, the name that was probably meant.
 
 _SHOWN = 8
 _COMPARED = 2_000
@@ -78,9 +66,7 @@ def listing(names: Sequence[str], conjunction: str = "and") -> str:
     """`a`, `a and b`, `a, b and c`; long lists are cut."""
     if len(names) > _SHOWN:
         return f"{', '.join(names[:_SHOWN])} {conjunction} {len(names) - _SHOWN} more"
-    if len(names) < 2:
-        return "".join(names)
-    return f"{', '.join(names[:-1])} {conjunction} {names[-1]}"
+    return f" {conjunction} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
@@ -93,15 +79,8 @@ def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str
 
 def branch_of(tree: RVAFT, kept: Kept) -> str:
     """The branch of a scenario, named by what it chooses at each `or`, and under `KofN` by the children chosen."""
-    choices = [
-        f"{children[0]} at {name}"
-        for name, children in kept.items()
-        if body(tree.nodes[name]).op is Op.ONE and len(tree.nodes[name].children) > 1
-    ]
-    votes = [
-        f"{name} keeps {' '.join(children)}"
-        for name, children in kept.items()
-        if body(tree.nodes[name]).op is Op.AT_LEAST and len(tree.nodes[name].children) > 1
-    ]
+    gates = [(name, body(node).op) for name in kept if len((node := tree.nodes[name]).children) > 1]
+    choices = [f"{kept[name][0]} at {name}" for name, op in gates if op is Op.ONE]
+    votes = [f"{name} keeps {' '.join(kept[name])}" for name, op in gates if op is Op.AT_LEAST]
     branch = f"the branch that chooses {listing(choices)}" if choices else "the only branch"
     return f"{branch}, when {listing(votes)}" if votes else branch

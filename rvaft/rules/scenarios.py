@@ -1,17 +1,20 @@
-"""Rules about events that two occurrences want, and nodes that two parents want."""
+"""Rules about scenarios: whether there are any, what each of them binds, which of them guards and order leave out."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Container, Iterable, Iterator
+from itertools import combinations, islice, pairwise
+from typing import Final, TypeAlias
 
-import networkx as nx
-
+from rvaft.analysis.guard_solver import contradictory, contradictory_over_reals, refuted, witness
 from rvaft.analysis.normal_form import Op, body
-from rvaft.analysis.scenarios import ScenarioSpace, inevitable, path
+from rvaft.analysis.scenarios import Kept, ScenarioSpace, inevitable, path
 from rvaft.analysis.unification import Overlaps
-from rvaft.model.patterns import Pattern
-from rvaft.rules.rule import RuleReport, branch_of, listing
-from rvaft.support.bits import bits as members
-from rvaft.support.bits import mask_of, union
-from rvaft.support.budget import Budget
+from rvaft.model.guards import Guard, variables
+from rvaft.model.patterns import Anything, Pattern, Variable, rigid_variables, substitute, walk
+from rvaft.model.tree import RVAFT, knots
+from rvaft.rules.rule import RuleReport, branch_of, did_you_mean, listing
+from rvaft.support.bits import bits, mask_of, union
+from rvaft.support.budget import Budget, Undecided
 
 # Rules about whether anything can be detected at all (semantics, section 2).
 
@@ -23,14 +26,12 @@ def no_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
     if not space.is_empty:
         return
     tree = space.tree
-    place = tree.nodes[tree.root].place()
+    dead: tuple[str, ...] = ()
+    why = "some event always has to come before itself; do not share a node between the children of an ordered gate"
     if not space.resolutions:
         dead = tuple(name for name in tree.order if name in space.dead)
         why = f"the guard of {listing(dead)} never holds; mend the guard or take the node out"
-        yield RuleReport(place, f"the tree has no feasible scenario: {why}", (tree.root, *dead))
-        return
-    why = "some event always has to come before itself; do not share a node between the children of an ordered gate"
-    yield RuleReport(place, f"the tree has no feasible scenario: {why}", (tree.root,))
+    yield RuleReport(tree.nodes[tree.root].place(), f"the tree has no feasible scenario: {why}", (tree.root, *dead))
 
 
 def silent_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
@@ -43,11 +44,10 @@ def silent_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
         return
     kept = space.feasible(space.budget(), without=frozenset(tree.occurrences))
     assert kept is not None
-    guards = tuple(name for name in kept if tree.nodes[name].when is not None)
+    guards = tuple(name for name in kept if tree.nodes[name].when is not None) or (tree.root,)
     message = f"{branch_of(tree, kept)}, has no runtime event and would be detected before anything happened"
-    mend = f"; give {listing(guards[:3] or (tree.root,), 'or')} an event with `on`"
-    place = tree.nodes[guards[0] if guards else tree.root].place()
-    yield RuleReport(place, message.replace(", has", " has") + mend, guards or (tree.root,))
+    mend = f"; give {listing(guards[:3], 'or')} an event with `on`"
+    yield RuleReport(tree.nodes[guards[0]].place(), message.replace(", has", " has") + mend, guards)
 
 
 def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
@@ -62,184 +62,337 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
     if space.acyclic or space.is_empty:
         return
     budget = space.budget()
-    for component in nx.strongly_connected_components(space.order):
-        if len(component) == 1:
-            continue
-        found = space.cyclic(budget, frozenset(component))
+    for knot in knots(space.order):
+        found = space.cyclic(budget, knot)
         if found is not None:
-            kept, cycle = found
-            nodes = tuple(dict.fromkeys(cycle))
-            message = (
-                f"{listing(nodes)} would have to come before itself in {branch_of(tree, kept)}, so that scenario is "
-                "dropped; let no event be part of two children of one ordered gate"
-            )
+            kept, nodes = found
+            where = f"before itself in {branch_of(tree, kept)}, so that scenario is dropped"
+            mend = "let no event be part of two children of one ordered gate"
+            message = f"{listing(nodes)} would have to come {where}; {mend}"
             yield RuleReport(tree.nodes[nodes[0]].place(), message, nodes)
 
 
-_SHOWN = 50
+# Rules about events that two occurrences want, and nodes that two parents want.
+
+_LISTED = 50
 
 
 def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Two occurrences that no order separates, and an event that could be either."""
-    tree, budget = space.tree, space.budget()
-    found = 0
-    for one, other in _rivals(space, budget):
-        if not _unordered(space, one, other, budget):
-            continue
-        found += 1
-        if found > _SHOWN:
-            place = tree.nodes[one].place("on")
-            yield RuleReport(
-                place, f"more than {_SHOWN} pairs of unordered nodes share events; the others are not listed"
-            )
+    budget = space.budget()
+    unordered = (pair for pair in _rivals(space, budget) if _unordered(space, *pair, budget))
+    for count, (one, other) in enumerate(unordered):
+        place = space.tree.nodes[one].place("on")
+        if count == _LISTED:
+            message = f"more than {_LISTED} pairs of unordered nodes share events; the others are not listed"
+            yield RuleReport(place, message)
             return
-        message = (
-            f"{one} and {other} are not ordered and one event can serve either (never both); "
-            "order them with `sand`, or tell their events apart"
-        )
-        yield RuleReport(tree.nodes[one].place("on"), message, (one, other))
+        said = f"{one} and {other} are not ordered and one event can serve either (never both)"
+        yield RuleReport(place, f"{said}; order them with `sand`, or tell their events apart", (one, other))
 
 
 def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
     """Whether some feasible scenario contains both nodes and orders neither before the other."""
-    apart: tuple[str, str] | None = (one, other)
-    if not space.tree.shared:
-        apart = None  # What orders two nodes of a tree without shared nodes orders them in every scenario.
-    else:
+    apart = bool(
+        space.tree.shared
+    )  # what orders two nodes of a tree without shared nodes orders them in every scenario
+    if apart:
         budget.spend(5 * len(space.tree.order))
-        if not (path(space.order, one, other) or path(space.order, other, one)):
-            apart = None
-    if apart is None and space.acyclic:
+        apart = bool(path(space.order, one, other) or path(space.order, other, one))
+    if not apart and space.acyclic:
         return space.resolutions.possible((one, other), budget)
-    return space.feasible(budget, (one, other), apart=apart) is not None
+    return space.feasible(budget, (one, other), apart=(one, other) if apart else None) is not None
 
 
 def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
-    """Pairs of occurrences with overlapping events that may be unordered in a common scenario, in a stable order."""
-    tree = space.tree
-    names = [name for name in tree.occurrences if name in space.resolutions]
-    having: dict[Pattern, list[int]] = {}
-    for index, name in enumerate(names):
-        having.setdefault(_event(space, name), []).append(index)
-    others = Overlaps(list(having)).exact(budget)
-    if len(having) == len(names) and not others:
-        return
-    nodes = [mask_of(having[pattern]) for pattern in having]
+    """Pairs of occurrences with overlapping events that may be unordered in a common scenario, in a stable order.
+
+    Sets of occurrences are bits by numbers that follow one another in every part of the forest.
+    """
+    tree, kept = space.tree, space.resolutions.union
+    groups = _by_event(tree, [name for name in tree.occurrences if name in kept])
+    others = Overlaps(list(groups)).exact(budget)
     # A pattern overlaps itself, so the nodes that have it are rivals of each other too.
-    matching = {
-        pattern: nodes[number] | union(nodes[other] for other in members(others.get(number, 0)))
-        for number, pattern in enumerate(having)
+    group_of = {
+        name: number
+        for number, group in enumerate(groups.values())
+        if number in others or len(group) > 1
+        for name in group
     }
-    bits = {name: 1 << index for index, name in enumerate(names)}
-    ordered = _surely_ordered(space, bits)
-    exclusive = _surely_exclusive(space, bits)
-    for index, name in enumerate(names):
-        later = matching[_event(space, name)] >> (index + 1) << (index + 1)
-        rest = later & ~ordered[name] & ~exclusive[name]
-        while rest:
-            budget.spend(1)
-            lowest = rest & -rest
-            rest ^= lowest
-            yield name, names[lowest.bit_length() - 1]
+    parent, part = _forest(kept, group_of)
+    names = sorted(group_of, key=lambda name: part[name].start)
+    index = {name: index for index, name in enumerate(tree.order)}
+    members = [mask_of(part[name].start for name in group if name in group_of) for group in groups.values()]
+    free: dict[str, int] = {}  # what neither order nor choice surely keeps apart from a node
+    for name in kept:
+        over = parent.get(name)
+        free[name] = _mask(range(len(names))) ^ _mask(part[name]) if over is None else free[over]
+        if over is not None and body(tree.nodes[over]).op not in (Op.SEQUENCE, Op.ONE):
+            own = over in group_of
+            free[name] |= _mask(part[over][own:]) ^ _mask(part[name])
+        if name in group_of and free[name]:
+            number = group_of[name]
+            rivals = free[name] & (members[number] | union(members[other] for other in bits(others.get(number, 0))))
+            for later in sorted(index[names[rival]] for rival in bits(rivals)):
+                if later > index[name]:
+                    budget.spend(1)
+                    yield name, tree.order[later]
 
 
-def _event(space: ScenarioSpace, name: str) -> Pattern:
-    pattern = space.tree.pattern(name)
-    assert pattern is not None
-    return pattern
+def _by_event(tree: RVAFT, names: list[str]) -> dict[Pattern, list[str]]:
+    """Occurrences by event pattern; a variable that stands once in all the patterns stands for anything."""
+    patterns = {name: tree.pattern(name) or Anything() for name in names}
+    parts = (part for pattern in set(patterns.values()) for part in walk(pattern))
+    uses = Counter(part.name for part in parts if isinstance(part, Variable))
+    lone = {name: Anything() for name, count in uses.items() if count == 1}
+    groups: dict[Pattern, list[str]] = {}
+    for name, pattern in patterns.items():
+        groups.setdefault(substitute(pattern, lone), []).append(name)
+    return groups
 
 
-def _only_parent(space: ScenarioSpace) -> dict[str, str]:
-    """The nodes that have one parent in the space, with it: where such a node is, its parent is, and keeps it."""
+def _forest(kept: dict[str, tuple[str, ...]], marked: Container[str]) -> tuple[dict[str, str], dict[str, range]]:
+    """The nodes that have one parent, with it: they are only where it is. And of each node the numbers of the marked ones in its part."""
     parents: dict[str, list[str]] = {}
-    for name, children in space.resolutions.union.items():
+    for name, children in kept.items():
         for child in children:
             parents.setdefault(child, []).append(name)
-    return {child: above[0] for child, above in parents.items() if len(above) == 1}
-
-
-def _parts(space: ScenarioSpace, bits: dict[str, int], parent: dict[str, str]) -> dict[str, int]:
-    """For each node its own bit and those of the nodes that can only be where it is."""
-    parts: dict[str, int] = {}
-    for name in reversed(space.resolutions.union):
-        parts[name] = parts.get(name, 0) | bits.get(name, 0)
+    parent = {child: above[0] for child, above in parents.items() if len(above) == 1}
+    size = {name: int(name in marked) for name in kept}
+    for name in reversed(kept):
         if name in parent:
-            parts[parent[name]] = parts.get(parent[name], 0) | parts[name]
-    return parts
+            size[parent[name]] += size[name]
+    part: dict[str, range] = {}
+    following: dict[str | None, int] = {None: 0}  # the next number, in the part of each node and outside of all
+    for name in kept:
+        start = following[parent.get(name)]
+        following[parent.get(name)] += size[name]
+        following[name] = start + (name in marked)
+        part[name] = range(start, start + size[name])
+    return parent, part
 
 
-def _surely_ordered(space: ScenarioSpace, bits: dict[str, int]) -> dict[str, int]:
-    """For each node, occurrences that are before or after its event in every scenario that contains both."""
-    tree, parent = space.tree, _only_parent(space)
-    parts = _parts(space, bits, parent)
-    beside: dict[str, int] = {}  # what is surely before or after the whole part of a node, not its ancestors' events
-    above: dict[str, int] = {}
-    ordered: dict[str, int] = {}
-    for name in space.resolutions.union:
-        if name in parent:
-            over = parent[name]
-            beside[name] = beside[over]
-            if body(tree.nodes[over]).op is Op.SEQUENCE:
-                beside[name] |= parts[over] & ~bits.get(over, 0) & ~parts[name]
-            above[name] = above[over] | bits.get(over, 0)
-        else:
-            beside[name] = above[name] = 0
-        ordered[name] = beside[name] | above[name] | parts[name]
-    return ordered
-
-
-def _surely_exclusive(space: ScenarioSpace, bits: dict[str, int]) -> dict[str, int]:
-    """For each node, occurrences that no scenario contains with it: those below other children of an `or` above it."""
-    tree, parent = space.tree, _only_parent(space)
-    parts = _parts(space, bits, parent)
-    exclusive: dict[str, int] = {}
-    for name in space.resolutions.union:
-        over = parent.get(name)
-        exclusive[name] = 0 if over is None else exclusive[over]
-        if over is not None and body(tree.nodes[over]).op is Op.ONE:
-            exclusive[name] |= parts[over] & ~bits.get(over, 0) & ~parts[name]
-    return exclusive
+def _mask(numbers: range) -> int:
+    return (1 << numbers.stop) - (1 << numbers.start)
 
 
 def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A node with two parents in one scenario whose possible places in the sequences of ordered gates differ."""
-    tree, budget = space.tree, space.budget()
+    tree, budget, kept = space.tree, space.budget(), space.resolutions.union
     if not tree.shared:
         return
     slots: dict[str, int] = {}
     owners: list[str] = []
-    for node in tree.top_down():
-        if node.name not in space.resolutions:
-            continue
+    for name in kept:
         sides: dict[str, int] = {}
-        for parent in tree.parents(node.name):
-            if parent in space.resolutions and node.name in space.resolutions.union[parent]:
+        for parent in tree.parents(name):
+            if name in kept.get(parent, ()):
                 sides[parent] = slots[parent]
                 if body(tree.nodes[parent]).op is Op.SEQUENCE:
                     sides[parent] |= 1 << len(owners)
                     owners.append(parent)
-        slots[node.name] = 0
-        for side in sides.values():
-            slots[node.name] |= side
-        pair = _together(space, node.name, sides, budget)
-        if pair is not None:
-            one, other = pair
+        slots[name] = union(sides.values())
+        for one, other in combinations(sides, 2):
+            if sides[one] == sides[other]:
+                continue
+            budget.spend(1)
+            if not space.resolutions.possible((), budget, edges=[(one, name), (other, name)]):
+                continue
             slot = (sides[one] ^ sides[other]).bit_length() - 1
             by, too = (one, other) if sides[one] >> slot & 1 else (other, one)
-            message = (
-                f"{node.name} is shared by {one} and {other} and happens once, so the order that {owners[slot]} asks for "
-                f"by way of {by} also binds it below {too}; use two nodes if two events are meant"
-            )
-            yield RuleReport(node.place(), message, (node.name, one, other))
+            said = f"{name} is shared by {one} and {other} and happens once"
+            so = f"so the order that {owners[slot]} asks for by way of {by} also binds it below {too}"
+            message = f"{said}, {so}; use two nodes if two events are meant"
+            yield RuleReport(tree.nodes[name].place(), message, (name, one, other))
+            break
 
 
-def _together(space: ScenarioSpace, name: str, sides: dict[str, int], budget: Budget) -> tuple[str, str] | None:
-    """Two parents on different sides of an ordered gate that keep the node in one scenario."""
-    parents = list(sides)
-    for index, one in enumerate(parents):
-        for other in parents[index + 1 :]:
-            if sides[one] != sides[other]:
-                budget.spend(1)
-                if space.resolutions.possible((), budget, edges=[(one, name), (other, name)]):
-                    return one, other
-    return None
+# Rules about variables and guards.
+
+_ONE_OF_TWO_LETTERS: Final = 0.5
+"""How alike names must be to be taken for each other: T1 and T2 are."""
+_AT_ONCE: Final = 4096
+"""So many variables are looked at together: each node has a bit for each."""
+
+
+def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """Every variable of a guard occurs in an `on` in every feasible scenario that contains the guard."""
+    tree = space.tree
+    binders: dict[str, list[str]] = {}
+    for occurrence in tree.occurrences:
+        for name in rigid_variables(tree.pattern(occurrence) or Anything()):
+            binders.setdefault(name, []).append(occurrence)
+    asked = [
+        (node, name)
+        for node in tree.top_down()
+        if node.when is not None
+        for own in [rigid_variables(tree.pattern(node.name) or Anything())]
+        for name in variables(node.when)
+        if name not in own
+    ]
+    wanted = list(dict.fromkeys(name for _, name in asked)) if space.resolutions else []
+    lacking: set[tuple[str, str]] = set()
+    for start in range(0, len(wanted), _AT_ONCE):
+        bit = {name: 1 << index for index, name in enumerate(wanted[start : start + _AT_ONCE])}
+        # A scenario that binds everything and one that is no scenario must not look alike: one bit more for the latter.
+        everything = (1 << len(bit) + 1) - 1
+        marks = dict.fromkeys(space.dead, everything)
+        for name, own in bit.items():
+            for occurrence in binders.get(name, ()):
+                marks[occurrence] = marks.get(occurrence, 0) | own
+        bound = inevitable(tree, marks, everything)
+        lacking.update((node.name, name) for node, name in asked if name in bit and not bound[node.name] & bit[name])
+    budget, late = space.budget(), None
+    for node, name in asked:
+        if (node.name, name) not in lacking:
+            continue
+        kept: Kept | None
+        try:
+            kept = space.feasible(budget, [node.name], without=frozenset(binders.get(name, ())))
+        except Undecided as undecided:
+            if not space.acyclic:
+                late = undecided
+                continue
+            kept = {}  # There surely is such a scenario, only it was not found in time to be named.
+        if kept is not None:
+            where = branch_of(tree, kept) if kept else "some branch"
+            mend = f"no `on` binds it{did_you_mean(name, tree.variables, cutoff=_ONE_OF_TWO_LETTERS)}"
+            if name in binders:
+                there = f"use it in the `on` of a node that is there whenever {node.name} is"
+                mend = f"only {listing(binders[name])} binds it: {there}"
+            message = f"variable {name} in the guard of {node.name} is not bound in {where}; {mend}"
+            yield RuleReport(node.place("when"), message, (node.name,))
+    if late is not None:
+        raise late
+
+
+# Guards of one branch that cannot hold together.
+#
+# Only guards that share variables, directly or through others, can contradict each other. For such a group first look for one
+# assignment under which all hold: where there is one, no scenario is affected, and that is the whole work for ordinary trees.
+# Otherwise take a smallest part of the group without a witness. If a feasible scenario contains that part, it is reported; if none
+# does, mostly because two of its guards exclude each other, go on with the group without the one, and with what can be together with it.
+
+_PAIRS = 400
+_COST = 1_000
+_ALGEBRA = 20_000
+
+Group: TypeAlias = dict[str, Guard]
+Core: TypeAlias = tuple[str, ...]
+
+
+def contradictory_guards(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """Some branch has guards that no values satisfy together."""
+    budget = space.budget()
+    for group in _groups(space):
+        for core, kept in _conflicts(space, group, budget):
+            guards = [group[name] for name in core]
+            certain: bool | None = refuted(guards)
+            if not certain:
+                budget.spend(_ALGEBRA)
+                certain = contradictory(guards)
+            where = f"the guards of {listing(core)}" if len(core) > 1 else f"the guard of {core[0]}"
+            branch, together = branch_of(space.tree, kept), " together" * (len(core) > 1)
+            if certain:
+                message = f"{where} cannot hold{together} in {branch}; mend one"
+            elif certain is None and contradictory_over_reals(guards):
+                rounding = "contradict each other by exact arithmetic and can hold at most through rounding"
+                message = f"{where} {rounding}, in {branch}"
+            elif certain is None:
+                message = f"whether {where} can hold in {branch} was not decided"
+            else:
+                continue
+            yield RuleReport(space.tree.nodes[core[0]].place("when"), message, core, undecided=not certain)
+
+
+def _groups(space: ScenarioSpace) -> Iterable[Group]:
+    """The guards with variables, grouped by shared variables."""
+    leader: dict[str, str] = {}  # of each variable another one of its group, or itself
+
+    def find(name: str) -> str:
+        while leader.setdefault(name, name) != name:
+            leader[name] = name = leader[leader[name]]
+        return name
+
+    guarded = [(node.name, node.when) for node in space.tree.top_down() if node.when and node.name in space.resolutions]
+    for _, guard in guarded:
+        for one, other in pairwise(variables(guard)):
+            leader[find(one)] = find(other)
+    groups: dict[str, Group] = {}
+    for name, guard in guarded:
+        for variable in variables(guard)[:1]:
+            groups.setdefault(find(variable), {})[name] = guard
+    return groups.values()
+
+
+def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[tuple[Core, Kept]]:
+    """Smallest sets of guards without a witness, each with a feasible scenario that contains it.
+
+    At least one for each scenario whose guards have no witness, unless a set found before is part of it or overlaps it.
+    """
+    possible = space.resolutions.possible
+    todo: list[Core] = [tuple(group)]
+    seen = set(todo)
+    while todo:
+        names = todo.pop()
+        core = _core(names, group, budget, hopeful=len(names) == len(group))
+        if not core:
+            continue
+        kept = space.feasible(budget, core)
+        apart = None
+        if kept is not None:
+            yield core, kept
+        else:
+            apart = next((pair for pair in combinations(core, 2) if not possible(pair, budget)), None)
+        left_out = core if kept is None and apart is None else [core[-1] if apart is None else apart[0]]
+        rest = [tuple(other for other in names if other != name) for name in left_out]
+        if apart is not None:
+            rest.append(tuple(n for n in names if n == apart[0] or possible((apart[0], n), budget)))
+        for smaller in rest:
+            if smaller not in seen:
+                seen.add(smaller)
+                todo.append(smaller)
+
+
+def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
+    """A smallest part of the guards that has no witness; nothing where all together have one."""
+
+    def exclusive(pair: Core) -> bool:
+        one, other = (group[name] for name in pair)
+        return bool(set(variables(one)) & set(variables(other))) and refuted([one, other])
+
+    budget.spend(len(names))
+    if not hopeful:
+        # Where the larger group had no witness, neighbours often are to blame; that is cheap to see.
+        for pair in islice(pairwise(names), 3):
+            if exclusive(pair):
+                return _smallest(pair, group, budget)
+    if not names or witness(group[name] for name in names) is not None:
+        return ()
+    budget.spend(_COST)
+    for name in islice(names, _PAIRS):
+        if refuted([group[name]]):
+            return (name,)
+    pairs = islice(combinations(names, 2), _PAIRS)
+    return next(filter(exclusive, pairs), None) or _smallest(names, group, budget)
+
+
+def _smallest(names: Core, group: Group, budget: Budget) -> Core:
+    """A smallest part without a witness: again and again the guard that takes the last witness from those before it."""
+
+    def hopeless(some: Core) -> bool:
+        budget.spend(_COST // 10 + len(some))
+        return witness(group[name] for name in some) is None
+
+    core: Core = ()
+    rest = names
+    while not core or (rest and not hopeless(core)):
+        low, high = 0, len(rest)
+        while high - low > 1:
+            middle = (low + high) // 2
+            if hopeless(core + rest[:middle]):
+                high = middle
+            else:
+                low = middle
+        core, rest = (*core, rest[high - 1]), rest[: high - 1]
+    return tuple(name for name in names if name in core)

@@ -5,10 +5,10 @@ from time import perf_counter
 from typing import ClassVar, Final
 
 from backends.rml.reader.deviations import touching
+from backends.rml.reader.event_types import observed
 from backends.rml.reader.monitor import read
-from backends.rml.reader.observations import observed
 from backends.rml.writer import translate
-from backends.rml.writer.names import FUNCTIONS, KEYWORDS, TYPES, VALUES
+from backends.rml.writer.terms import FUNCTIONS, KEYWORDS, TYPES, VALUES
 from rvaft.backend import Backend, Highlighting, Metrics, Observed, Specification
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT

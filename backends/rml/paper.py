@@ -19,7 +19,7 @@ from math import comb, prod
 from typing import ClassVar, Final, assert_never
 
 from backends.rml.backend import RmlBackend
-from backends.rml.writer.names import LARGEST, RESERVED, quoted
+from backends.rml.writer.terms import LARGEST, RESERVED, quoted
 from rvaft.analysis.branches import Branch, branches, or_gates
 from rvaft.analysis.normal_form import Body, Op, body
 from rvaft.errors import NotExpressible, TooLarge

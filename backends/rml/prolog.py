@@ -15,7 +15,7 @@ from typing import ClassVar, Final
 
 from backends.rml.backend import RmlBackend
 from backends.rml.reader import syntax as s
-from backends.rml.reader.static_checks import checked
+from backends.rml.reader.parser import parse
 from rvaft.backend import Backend, Highlighting, Specification
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -42,8 +42,8 @@ def prolog(text: str) -> str:
     >>> print(prolog("a matches {e: 'a'}; Main = a all;").splitlines()[-1])
         Main = (a_et*(1)).
     """
-    program = checked(text)
-    clauses = [clause for declaration in (*program.declarations, s.ANY, s.NONE) for clause in _clauses(declaration)]
+    program = parse(text)
+    clauses = [clause for declaration in (*program.declarations, *s.EVERYWHERE) for clause in _clauses(declaration)]
     equations = ",\n    ".join(f"{e.name} = {_equation(e)}" for e in program.equations.values())
     return HEADER + "\n".join([*clauses, f"trace_expression('Main', Main) :-\n    {equations}.\n"])
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backends.rml.writer.names import RESERVED
+from backends.rml.writer.terms import RESERVED
 from rvaft import NotExpressible, load, loads, translate
 from rvaft.backend import all_backends, backend
 from rvaft.export.latex import listing

@@ -12,8 +12,7 @@ from functools import cache, cached_property
 from typing import Final, NamedTuple
 
 from backends.rml.reader import syntax as s
-from backends.rml.reader.event_types import declared
-from backends.rml.reader.static_checks import checked, reachable, references
+from backends.rml.reader.parser import parse
 from rvaft.model.values import Json, is_number
 
 _EXACT: Final = 2**53
@@ -58,7 +57,7 @@ class RunOfText:
     """A text and a trace: what the rows of the table look at."""
 
     def __init__(self, text: str, trace: Sequence[Json]) -> None:
-        self.program = checked(text)
+        self.program = parse(text)
         self.trace = trace
         bodies = [equation.body for equation in self.program.equations.values()]
         self.parts = [*s.walk(*self.program.declarations, *bodies)]
@@ -132,7 +131,7 @@ def _leaves_unbound(pair: RunOfText) -> bool:
 
     Here it does not hold.
     """
-    known = declared(pair.program)
+    known = pair.program.declared
 
     @cache
     def bound(declaration: s.Declaration) -> frozenset[str]:
@@ -180,8 +179,8 @@ def _forgets_all(pair: RunOfText) -> bool:
     Here it is kept, so that any event can be taken.
     """
     shuffles = [part for part in pair.parts if isinstance(part, s.Expression) and part.operator == "shuffle"]
-    called = reachable(pair.program, [name for shuffle in shuffles for name in references(shuffle)])
-    roots = [*shuffles, *(body for _, body in called)]
+    called = pair.program.reachable([name for shuffle in shuffles for name in s.references(shuffle)])
+    roots = [*shuffles, *(equation.body for equation in called)]
     parts = [part for root in roots for part in s.expressions(root)]
     return any(part.operator in ("all", "filter") for part in parts)
 

@@ -1,4 +1,4 @@
-"""Which events an event type matches, and what that binds.
+"""Which events an event type matches, and what that binds; what all event types of a text ask of events.
 
 Declarations of one name are alternatives in their order; `|` in a pattern stands for several patterns, those of the first
 field varying slowest. `any` and `none` are there unless declared, and a declared `any` is wider.
@@ -7,10 +7,18 @@ field varying slowest. `any` and `none` are there unless declared, and a declare
 import math
 import operator
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from enum import Enum, auto
+from itertools import count, product
+from math import prod
 from typing import Any, Final, TypeAlias
 
 from backends.rml.reader import syntax as s
+from backends.rml.reader.parser import parse
+from rvaft.backend import Observed
+from rvaft.model import guards as g
+from rvaft.model import patterns as p
+from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.values import Json, equal, is_number
 
 Number: TypeAlias = int | float
@@ -31,28 +39,13 @@ def _power(base: Number, exponent: Number) -> Number:
     return math.nan if isinstance(result, complex) else result
 
 
-_CALCULATE: Final[Mapping[str, Callable[..., Number]]] = {
-    "neg": operator.neg,
-    "abs": abs,
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "^": _power,
-    "min": min,
-    "max": max,
-}
 _COMPARE: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-}
+    "==": operator.eq, "!=": operator.ne, "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge,
+}  # fmt: skip
+_CALCULATE: Final[Mapping[str, Callable[..., Number]]] = {
+    "neg": operator.neg, "abs": abs, "sin": math.sin, "cos": math.cos, "tan": math.tan, "min": min, "max": max,
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "^": _power,
+}  # fmt: skip
 
 
 def value(data: s.Data, values: Bound) -> Json:
@@ -87,18 +80,14 @@ def _applied(sign: str, given: list[Json]) -> Json:
     return result if isinstance(result, int) or math.isfinite(result) else None
 
 
-def truth(data: s.Data, values: Bound) -> bool | None:
-    """Whether a condition holds, or None where it has no value."""
-    found = value(data, values)
-    return found if isinstance(found, bool) else None
-
-
 def argument(data: s.Data, values: Bound) -> Json:
     """The value of an argument of a generic equation; a variable without a value, or an error, counts as false."""
-    if isinstance(data, s.Constant) or (isinstance(data, s.Name) and data.name in values):
-        return value(data, values)
     found = value(data, values)
-    return False if found is None else found
+    known = isinstance(data, s.Constant) or (isinstance(data, s.Name) and data.name in values)
+    return False if found is None and not known else found
+
+
+# -- matching ----------------------------------------------------------------------------------------------------------
 
 
 class Mark(Enum):
@@ -113,19 +102,11 @@ class Mark(Enum):
 UNBOUND: Final = Mark.UNBOUND
 
 
-def declared(program: s.RmlProgram) -> Mapping[tuple[str, int], list[s.Declaration]]:
-    """The declarations of each event type, those that every specification has among them."""
-    found: dict[tuple[str, int], list[s.Declaration]] = {}
-    for declaration in (*program.declarations, s.ANY, s.NONE):
-        found.setdefault(declaration.signature, []).append(declaration)
-    return found
-
-
 class EventTypes:
     """The event types of one specification."""
 
     def __init__(self, program: s.RmlProgram) -> None:
-        self._declared = declared(program)
+        self._declared = program.declared
 
     def matches(self, use: s.TypeUse, event: Json) -> Iterator[dict[str, Json]]:
         """What each way to match binds, for every variable among the arguments: a value or `UNBOUND`."""
@@ -138,29 +119,27 @@ class EventTypes:
     def _ways(self, use: s.TypeUse, event: Json, bound: Bound) -> Iterator[Bound]:
         """The ways a use matches, as bindings of the variables around it."""
         for declaration in self._declared.get(use.signature, ()):
-            inner = _inward(declaration, use, bound)
-            if inner is None:
-                continue
-            ways = self._alternatives(declaration, event, inner)
-            if declaration.negated:
-                ways = iter([inner] if next(ways, None) is None else [])
-            for found in ways:
-                if declaration.guard is None or truth(declaration.guard, found) is True:
-                    yield from _outward(declaration, use, found, bound)
+            inner: dict[str, Json] = {}
+            pairs = list(zip(declaration.parameters, use.parameters, strict=True))
+            for name, given in pairs:
+                known = _given(given, bound)
+                if known is not UNBOUND and not equal(inner.setdefault(name, known), known):
+                    break  # one parameter is given two values
+            else:
+                ways = self._alternatives(declaration, event, inner)
+                if declaration.negated:
+                    ways = iter([inner] if next(ways, None) is None else [])
+                for found in ways:
+                    if declaration.guard is None or value(declaration.guard, found) is True:
+                        outer = [bound]
+                        for name, given in pairs:  # patterns among the arguments are matched in turn
+                            if name in found and isinstance(given, s.Name | s.Fields | s.Items):
+                                outer = [after for before in outer for after in _matching(given, found[name], before)]
+                        yield from outer
 
     def _alternatives(self, declaration: s.Declaration, event: Json, inner: Bound) -> Iterator[Bound]:
         for one in declaration.alternatives:
             yield from self._ways(one, event, inner) if isinstance(one, s.TypeUse) else _matching(one, event, inner)
-
-
-def _inward(declaration: s.Declaration, use: s.TypeUse, bound: Bound) -> Bound | None:
-    """The parameters that the arguments give a value; None where one parameter is given two."""
-    inner: dict[str, Json] = {}
-    for name, given in zip(declaration.parameters, use.parameters, strict=True):
-        known = _given(given, bound)
-        if known is not UNBOUND and not equal(inner.setdefault(name, known), known):
-            return None
-    return inner
 
 
 def _given(given: s.Parameter, bound: Bound) -> Json:
@@ -173,15 +152,6 @@ def _given(given: s.Parameter, bound: Bound) -> Json:
             return Mark.UNEVALUATED
         case _:
             return UNBOUND
-
-
-def _outward(declaration: s.Declaration, use: s.TypeUse, found: Bound, bound: Bound) -> list[Bound]:
-    """What a match of the declaration binds around the use, with patterns among the arguments matched in turn."""
-    ways = [bound]
-    for name, given in zip(declaration.parameters, use.parameters, strict=True):
-        if name in found and isinstance(given, s.Name | s.Fields | s.Items):
-            ways = [after for before in ways for after in _matching(given, found[name], before)]
-    return ways
 
 
 def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
@@ -218,3 +188,250 @@ def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
                     for inner, one in reversed(list(zip(items, found, strict=False))):
                         rest = (inner, one, rest)
                     stack.append((rest, bound))
+
+
+# -- what an RML text asks of events, as patterns with guards ----------------------------------------------------------
+#
+# Every use of an event type in an equation that `Main` reaches is unfolded into *ways* to match: one pattern for each choice in each
+# declaration, with the arguments and the patterns of derived types filled in, and the guards met on the way. The reader asks events
+# nothing else, so two events that match the same ways are the same to it. `not` asks what it negates. A variable of an expression ties
+# events together and keeps its name; variables of declarations belong to one event and begin with `_`.
+#
+# Unknown (None) where a question has no such form: lists that are open at the end, functions in guards, a value that has to equal a part
+# of the event *and* to match a pattern of its own.
+
+_CHOICES: Final = 10_000
+_NESTING: Final = 100
+_ALWAYS: Final = Observed(p.ObjectPattern(()))
+"""Every event is an object."""
+_NOTHING: Final = p.Literal(None)
+"""Stands for no value in guards: whatever is asked of null there is undefined."""
+_Value: TypeAlias = p.Pattern | Mark
+"""What a name stands for; `Mark.UNEVALUATED` equals nothing."""
+_Scope: TypeAlias = Mapping[str, _Value]
+
+
+class _Unknown(Exception):
+    """A question that has no form as a pattern with a guard."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """A way to match: a pattern (None after `not`), what names stand for, the guards met so far."""
+
+    pattern: p.Pattern | None
+    scope: _Scope
+    guards: tuple[Guard, ...] = ()
+
+    def replaced(self, by: Mapping[str, p.Pattern]) -> "_Way":
+        """With something else for some variables."""
+        pattern = None if self.pattern is None else p.substitute(self.pattern, by)
+        scope = {n: value if isinstance(value, Mark) else p.substitute(value, by) for n, value in self.scope.items()}
+        return _Way(pattern, scope, tuple(_filled(guard, by) for guard in self.guards))
+
+
+def observed(text: str) -> tuple[Observed, ...] | None:
+    """Everything that the text asks of events, or None where that cannot be said; raises `LanguageError`, `TooLarge`.
+
+    What every event matches is no question.
+    """
+    program = parse(text)
+    questions = _Questions(program)
+    try:
+        for equation in program.reachable():
+            for part in s.expressions(equation.body):
+                if isinstance(part.data, s.TypeUse):
+                    questions.ask(questions.ways(part.data, {name: p.Variable(name) for name in part.data.variables}))
+    except _Unknown:
+        return None
+    return tuple(dict.fromkeys(one for one in questions.found if one != _ALWAYS))
+
+
+class _Questions:
+    """The questions of one program."""
+
+    def __init__(self, program: s.RmlProgram) -> None:
+        self._fresh = count(1)
+        self.found: list[Observed] = []
+        self._declared = program.declared
+
+    def ask(self, ways: Iterator[_Way]) -> None:
+        """Each with its own variables numbered from 1: equal questions become one."""
+        for way in ways:
+            if way.pattern is None:
+                continue
+            guards = way.guards
+            whole = guards[0] if len(guards) == 1 else Operation(Operator.AND, guards) if guards else None
+            names = dict.fromkeys((*p.variables(way.pattern), *(g.variables(whole) if whole else ())))
+            by = {name: p.Variable(f"_{number}") for number, name in enumerate((n for n in names if n[0] == "_"), 1)}
+            self.found.append(Observed(p.substitute(way.pattern, by), None if whole is None else _filled(whole, by)))
+            if len(self.found) > _CHOICES:
+                raise _Unknown
+
+    def ways(self, use: s.TypeUse, scope: _Scope) -> Iterator[_Way]:
+        """The ways to match a use; their scope is that around the use."""
+        for declaration in self._declared.get(use.signature, ()):
+            inner = _inward(declaration, use, scope)
+            if inner is None:
+                continue
+            ways = self._alternatives(declaration, inner)
+            if declaration.negated:
+                self.ask(ways)
+                ways = iter([_Way(None, inner)])
+            for way in ways:
+                guards = () if declaration.guard is None else (_condition(declaration.guard, way.scope),)
+                outer = self._outward(declaration, use, replace(way, guards=(*way.guards, *guards)), scope)
+                if outer is not None:
+                    yield outer
+
+    def _alternatives(self, declaration: s.Declaration, inner: _Scope) -> Iterator[_Way]:
+        for one in declaration.alternatives:
+            if isinstance(one, s.TypeUse):
+                yield from self.ways(one, inner)
+            else:
+                yield from filter(None, (self._way(pattern, inner) for pattern in _choices(one)))
+
+    def _way(self, pattern: p.Pattern, inner: _Scope) -> _Way | None:
+        """A pattern with what its names stand for, the others being variables of this event; None where it never matches."""
+        if any(inner.get(name) is Mark.UNEVALUATED for name in p.variables(pattern)):
+            return None
+        own = {name: p.Variable(f"_{next(self._fresh)}") for name in p.variables(pattern) if name not in inner}
+        scope = {**inner, **own}
+        values = {name: value for name, value in scope.items() if not isinstance(value, Mark)}
+        return _Way(p.substitute(pattern, values), scope)
+
+    def _outward(self, declaration: s.Declaration, use: s.TypeUse, way: _Way, scope: _Scope) -> _Way | None:
+        """The way as seen from around the use: arguments take up what the parameters stand for, or have to fit it."""
+        outer, inner = replace(way, scope=dict(scope)), way.scope
+        for name, given in zip(declaration.parameters, use.parameters, strict=True):
+            if name not in inner:
+                continue
+            match given:
+                case s.Name(other) if other not in outer.scope:
+                    outer = replace(outer, scope={**outer.scope, other: inner[name]})
+                    continue
+                case s.Name(other):
+                    by = _equal(inner[name], outer.scope[other])
+                case s.Fields() | s.Items():
+                    fitting = self._way(next(_choices(given)), outer.scope)
+                    if fitting is None or fitting.pattern is None:
+                        return None
+                    outer = replace(outer, scope=fitting.scope)
+                    by = _fits(inner[name], fitting.pattern, outer.pattern)
+                case _:
+                    continue
+            if by is None:
+                return None
+            outer, inner = outer.replaced(by), replace(outer, scope=inner).replaced(by).scope
+        return outer
+
+
+def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope | None:
+    """What the arguments give the parameters; None where one parameter is given two values."""
+    inner: dict[str, _Value] = {}
+    for name, given in zip(declaration.parameters, use.parameters, strict=True):
+        known = _given(given, scope)
+        if known is UNBOUND:
+            continue
+        value = p.Literal(known) if isinstance(given, s.Constant) else known
+        if inner.setdefault(name, value) != value:
+            if isinstance(value, p.Literal) and isinstance(inner[name], p.Literal):
+                return None
+            raise _Unknown
+    return inner
+
+
+def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
+    """What to put for a variable of the event so that two values are equal; None where they cannot be."""
+    for one, other in ((value, wanted), (wanted, value)):
+        if isinstance(one, p.Variable) and one.local and isinstance(other, p.Literal | p.Variable):
+            return {} if one == other else {one.name: other}
+    if isinstance(value, p.Literal | p.Variable | Mark) and value == wanted:
+        return {}
+    if isinstance(value, p.Literal) and isinstance(wanted, p.Literal):
+        return None
+    raise _Unknown
+
+
+def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[str, p.Pattern]:
+    """What to put for a variable so that a value fits a pattern: the pattern, where the variable stands nowhere else."""
+    uses = 0 if whole is None else sum(part == value for part in p.walk(whole))
+    if isinstance(value, p.Variable) and value.local and uses == 1:
+        return {value.name: wanted}
+    raise _Unknown
+
+
+def _choices(value: s.Value) -> Iterator[p.Pattern]:
+    """The patterns that a pattern with `|` stands for, names as variables; counted before any is made."""
+
+    def size(part: s.Part, below: list[tuple[int, int]]) -> tuple[int, int]:
+        sizes, depths = zip(*below, strict=True) if below else ((), (-1,))
+        return (sum if isinstance(part, s.Either) else prod)(sizes), 1 + max(depths)
+
+    def patterns(part: s.Part, below: list[list[p.Pattern]]) -> list[p.Pattern]:
+        match part:
+            case s.Constant(constant):
+                return [p.Literal(constant)]
+            case s.Name(name):
+                return [p.Variable(name)]
+            case s.Ignored():
+                return [p.Anything()]
+            case s.Either():
+                return [one for found in below for one in found]
+            case s.Fields(fields):
+                names = [name for name, _ in fields]
+                return [p.ObjectPattern(tuple(zip(names, inner, strict=True))) for inner in product(*below)]
+            case s.Items(_, more) if not more:
+                return [p.ListPattern(inner) for inner in product(*below)]
+            case _:
+                raise _Unknown
+
+    number, depth = s.fold(value, size)
+    if number > _CHOICES or depth > _NESTING:
+        raise _Unknown
+    made: list[p.Pattern] = s.fold(value, patterns)
+    return iter(made)
+
+
+# RML compares two numbers or two strings and nothing else, while `==` of a guard compares all values. So `x == y` becomes
+# `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`, which are undefined where RML's have no value.
+
+_SAME: Final = {
+    **{sign: Operator(sign) for sign in ("<", "<=", ">", ">=", "+", "-", "*", "/", "neg")},
+    "&&": Operator.AND,
+    "||": Operator.OR,
+}
+_PAIRS: Final = {
+    "==": (Operator.AND, Operator.LE, Operator.GE),
+    "!=": (Operator.OR, Operator.LT, Operator.GT),
+}
+
+
+def _condition(data: s.Data, scope: _Scope, depth: int = 0) -> Guard:
+    """A `with` of RML as a guard that holds for the same values; unbound names, objects and lists have no value there."""
+    if depth > g.MAX_DEPTH:
+        raise _Unknown
+    match data:
+        case s.Constant(value):
+            return p.Literal(value)
+        case s.Name(name):
+            return _value(scope.get(name, _NOTHING))
+        case s.Apply(sign, operands):
+            parts = tuple(_condition(operand, scope, depth + 1) for operand in operands)
+            truths = any(isinstance(part, Operation) and part.operator not in g.ARITHMETIC for part in parts)
+            if truths and sign not in ("&&", "||"):  # a truth value is neither compared nor calculated with
+                return _NOTHING
+            if sign in _PAIRS:
+                joint, *compared = _PAIRS[sign]
+                return Operation(joint, tuple(Operation(one, parts) for one in compared))
+            if sign not in _SAME:
+                raise _Unknown
+            return Operation(_SAME[sign], parts)
+
+
+def _value(value: _Value) -> Guard:
+    return value if isinstance(value, p.Literal | p.Variable) else _NOTHING
+
+
+def _filled(guard: Guard, by: Mapping[str, p.Pattern]) -> Guard:
+    return g.substitute(guard, {name: _value(pattern) for name, pattern in by.items()})

@@ -1,21 +1,21 @@
 """A monitor that runs an RML text by the published transition rules: one step of a term by one event, with left preference.
 
-A rule yields the parts whose ways it needs (with whether the first will do) and returns the ways of the whole, best first; so
-terms may be nested arbitrarily deep. Only a conjunction ever looks at a second way, to find bindings that its sides share.
-Everything else commits: to the first way of its parts, except that the last alternative passes all of its ways on.
+A rule asks for the ways of the parts that it needs (saying whether the first will do) and returns the ways of the whole, best first.
+Only a conjunction ever looks at a second way, to find bindings that its sides share. Everything else commits: to the first way of
+its parts, except that the last alternative passes all of its ways on.
 
 A variable that an event passes without binding it (`not` types, `|` in patterns) is open from then on: no block binds it any
 more, and the next type that has it as an argument gives it its value, everywhere at once.
 """
 
-from collections.abc import Generator, Hashable
+from collections.abc import Hashable
 from functools import lru_cache
 from typing import Final, TypeAlias
 
-from backends.rml.reader.event_types import UNBOUND, EventTypes, truth
-from backends.rml.reader.static_checks import checked
+from backends.rml.reader.event_types import UNBOUND, EventTypes, value
+from backends.rml.reader.parser import parse
 from backends.rml.reader.syntax import Name, RmlProgram
-from backends.rml.reader.terms import RmlTerm, TermTable, is_open, mark, opened
+from backends.rml.reader.terms import RmlTerm, TermTable, is_open, mark
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Verdict
@@ -28,16 +28,13 @@ _REMEMBERED: Final = 1024
 Bindings: TypeAlias = dict[str, Json]
 Way: TypeAlias = tuple[RmlTerm, Bindings]
 """The term afterwards and what the step binds."""
-Wish: TypeAlias = tuple[RmlTerm, bool]
-"""A term, and whether its first way will do."""
-Rule: TypeAlias = Generator[Wish, list[Way], list[Way]]
 _NOTHING: Final[Bindings] = {}
 
 
 @lru_cache(maxsize=256)
 def rules(text: str) -> "Transitions":
     """The rules of a text; raises as `read` does."""
-    return Transitions(checked(text))
+    return Transitions(parse(text))
 
 
 def read(text: str) -> Monitor:
@@ -46,7 +43,7 @@ def read(text: str) -> Monitor:
     Monitors of one text share its terms, so that their states can be compared. A step raises `TooLarge` where equations
     unfold into each other without end, which the static check cannot always see.
 
-    >>> [str(verdict) for verdict in read("a matches {e: 'a'}; Main = a a all;").run([{"e": "a"}, {"e": "a"}])]
+    >>> [str(verdict) for verdict in read("a matches {e: 'a'}; Main = a a;").run([{"e": "a"}, {"e": "a"}])]
     ['unknown', 'true']
     """
     return RmlMonitor(rules(text))
@@ -94,8 +91,8 @@ class Transitions:
         except KeyError:
             pass
         after = None
-        for term_after, bound in _RmlStep(self, event).ways(term)[:1]:
-            after = self.terms.canonical(self.terms.substituted(term_after, opened(bound)))
+        for term_after, bound in run(_RmlStep(self, event).ways(term, True))[:1]:
+            after = self.terms.canonical(self.terms.opened(term_after, bound))
         if len(self._taken) >= _REMEMBERED:
             self._taken.clear()
         self._taken[asked] = after
@@ -130,8 +127,9 @@ class Transitions:
         """What a condition or the name of an equation stands for."""
         if term.operator == "call":
             return self.terms.unfolded(term)
-        holds = truth(term.data[0], dict(term.data[1]))
-        return self.terms.nothing if holds is None else term.parts[not holds]
+        condition, environment = term.data
+        holds = value(condition, dict(environment))
+        return term.parts[not holds] if isinstance(holds, bool) else self.terms.nothing
 
 
 def _check_depth(depth: int) -> None:
@@ -146,34 +144,29 @@ class _RmlStep:
         self.terms = transitions.terms
         self.transitions = transitions
         self.event = event
-        self.opened = 0
+        self._opened = 0
+        self._depth = 0
+        self._known: dict[tuple[RmlTerm, bool], list[Way]] = {}
 
-    def ways(self, root: RmlTerm) -> list[Way]:
-        """At most one way to take the event."""
-        answer = self._at_once(root, first=True)
-        known: dict[Wish, list[Way]] = {}
-        stack = [((root, True), self._rule(root, first=True), 0)] if answer is None else []
-        while stack:
-            asked, rule, opened_before = stack[-1]
-            try:
-                wish = next(rule) if answer is None else rule.send(answer)
-            except StopIteration as stop:
-                stack.pop()
-                answer = stop.value
-                if opened_before == self.opened:  # the same block in two places opens two variables
-                    known[asked] = stop.value
-                continue
-            answer = known.get(wish)
-            if answer is None:
-                answer = self._at_once(wish[0], first=wish[1])
-            if answer is None:
-                _check_depth(len(stack))
-                stack.append((wish, self._rule(wish[0], first=wish[1]), self.opened))
-        return answer or []
+    def ways(self, term: RmlTerm, first: bool) -> Call[list[Way]]:
+        """The ways of a term to take the event, best first; `first` says that one will do."""
+        found = self._known.get((term, first))
+        if found is None:
+            _check_depth(self._depth)
+            self._depth, opened_before = self._depth + 1, self._opened
+            found = yield from self._rule(term, first)
+            self._depth -= 1
+            if opened_before == self._opened:  # the same block in two places opens two variables
+                self._known[term, first] = found
+        return found
 
-    def _at_once(self, term: RmlTerm, *, first: bool) -> list[Way] | None:
-        """The ways of a term without parts, else None."""
+    def _rule(self, term: RmlTerm, first: bool) -> Call[list[Way]]:
+        terms, parts = self.terms, term.parts
         match term.operator:
+            case "all":
+                return [(term, _NOTHING)]
+            case "empty" | "nothing":
+                return []
             case "event":
                 found: list[Bindings] = []
                 for bound in self.transitions.types.matches(term.data, self.event):
@@ -181,64 +174,52 @@ class _RmlStep:
                         found.append(bound)
                     if first:
                         break
-                return [(self.terms.empty, bound) for bound in found]
-            case "all":
-                return [(term, _NOTHING)]
-            case "empty" | "nothing":
-                return []
-            case _:
-                return None
-
-    def _rule(self, term: RmlTerm, *, first: bool) -> Rule:
-        match term.operator:
+                return [(terms.empty, bound) for bound in found]
             case "or":
-                return self._union(term, first=first)
+                for part in parts[:-1]:
+                    ways = yield self.ways(part, True)
+                    if ways:
+                        return ways  # type: ignore[no-any-return]
+                return (yield self.ways(parts[-1], first))  # type: ignore[no-any-return]
             case "shuffle":
-                return self._shuffle(term, first=first)
+                for i, part in enumerate(parts):
+                    ways = yield self.ways(part, first or i < len(parts) - 1)
+                    if ways:
+                        return [(terms.joined("shuffle", (*parts[:i], a, *parts[i + 1 :])), bound) for a, bound in ways]
+                return []
             case "cat":
-                return self._sequence(term, first=first)
+                head, rest = parts
+                ways = yield self.ways(head, True)
+                if ways:
+                    return [(terms.then(after, rest), bound) for after, bound in ways]
+                return (yield self.ways(rest, first)) if self.transitions.may_halt(head) else []
             case "and":
-                return self._both(term, first=first)
+                return (yield from self._both(term, first))
             case "block":
-                return self._block(term)
+                return (yield from self._block(term))
             case "filter":
-                return self._filter(term, first=first)
+                return (yield from self._filter(term, first))
             case "call" | "if":
-                return self._same(self.transitions.chosen(term), first=first)
-            case "star" | "plus" | "optional" | "closure" | "times":
-                return self._repeated(term, first=first)
+                return (yield self.ways(self.transitions.chosen(term), first))  # type: ignore[no-any-return]
+            case "times" if term.data < 1:
+                return []
+            case "star" | "plus" | "optional" | "closure" | "times" as operator:
+                ways = yield self.ways(parts[0], first)
+                if operator == "optional":
+                    return ways  # type: ignore[no-any-return]
+                if operator == "closure":
+                    return [(a if a is terms.all else terms.make("closure", (a,)), bound) for a, bound in ways]
+                rest = terms.make("star", parts)
+                if operator == "times":
+                    rest = terms.make("times", parts, term.data - 1) if term.data > 1 else terms.empty
+                return [(terms.then(after, rest), bound) for after, bound in ways]
             case operator:
                 raise AssertionError(operator)
 
-    def _same(self, term: RmlTerm, *, first: bool) -> Rule:
-        return (yield term, first)
-
-    def _union(self, term: RmlTerm, *, first: bool) -> Rule:
-        for part in term.parts[:-1]:
-            ways = yield part, True
-            if ways:
-                return ways
-        return (yield term.parts[-1], first)
-
-    def _shuffle(self, term: RmlTerm, *, first: bool) -> Rule:
-        for index, part in enumerate(term.parts):
-            ways = yield part, first or index < len(term.parts) - 1
-            if ways:
-                before, behind = term.parts[:index], term.parts[index + 1 :]
-                return [(self.terms.joined("shuffle", (*before, after, *behind)), bound) for after, bound in ways]
-        return []
-
-    def _sequence(self, term: RmlTerm, *, first: bool) -> Rule:
-        head, rest = term.parts
-        ways = yield head, True
-        if ways:
-            return [(self.terms.then(after, rest), bound) for after, bound in ways]
-        return (yield rest, first) if self.transitions.may_halt(head) else []
-
-    def _both(self, term: RmlTerm, *, first: bool) -> Rule:
+    def _both(self, term: RmlTerm, first: bool) -> Call[list[Way]]:
         """Depth first through the ways of the parts; `chosen` holds one term for each part but the last looked at."""
         parts, chosen, bound, found = term.parts, list[RmlTerm](), [_NOTHING], list[Way]()
-        left = [iter((yield parts[0], False))]
+        left = [iter((yield self.ways(parts[0], False)))]
         while left:
             way = next(left[-1], None)
             if way is None:
@@ -254,15 +235,15 @@ class _RmlStep:
                 if first:
                     break
                 continue
-            following = self.terms.substituted(parts[len(left)], opened(merged))
+            following = self.terms.opened(parts[len(left)], merged)
             chosen.append(way[0])
             bound.append(merged)
-            left.append(iter((yield following, False)))
+            left.append(iter((yield self.ways(following, False))))
         return found
 
-    def _block(self, term: RmlTerm) -> Rule:
+    def _block(self, term: RmlTerm) -> Call[list[Way]]:
         variable = term.data
-        ways = yield term.parts[0], True
+        ways = yield self.ways(term.parts[0], True)
         if not ways:
             return []
         after, bound = ways[0]
@@ -270,45 +251,26 @@ class _RmlStep:
             return [(self.terms.block(variable, after), bound)]
         value = bound[variable]
         if value is UNBOUND:
-            self.opened += 1
-            value = Name(f"?new{self.opened}")
+            self._opened += 1
+            value = Name(f"?new{self._opened}")
         others = {name: v for name, v in bound.items() if name != variable}
         return [(self.terms.substituted(after, {variable: value}), others)]
 
-    def _filter(self, term: RmlTerm, *, first: bool) -> Rule:
+    def _filter(self, term: RmlTerm, first: bool) -> Call[list[Way]]:
+        def filtered(inside: RmlTerm, outside: RmlTerm) -> RmlTerm:
+            over = inside is self.terms.all and outside is self.terms.all
+            return inside if over else self.terms.make("filter", (inside, outside), term.data)
+
         inside, outside = term.parts
         matched = next(self.transitions.types.matches(term.data, self.event), None)
         if matched is None:
-            ways = yield outside, first
-            return [(self._filtered(term, inside, after), bound) for after, bound in ways]
+            ways = yield self.ways(outside, first)
+            return [(filtered(inside, after), bound) for after, bound in ways]
         matched = {name: v for name, v in matched.items() if v is not UNBOUND or not is_open(name)}
-        ways = yield self.terms.substituted(inside, opened(matched)), first and not matched
-        found = [
-            (self._filtered(term, after, outside), merged)
-            for after, bound in ways
-            if (merged := _merged(matched, bound)) is not None
-        ]
+        ways = yield self.ways(self.terms.opened(inside, matched), first and not matched)
+        both = [(filtered(after, outside), _merged(matched, bound)) for after, bound in ways]
+        found = [(after, merged) for after, merged in both if merged is not None]
         return found[:1] if first else found
-
-    def _filtered(self, term: RmlTerm, inside: RmlTerm, outside: RmlTerm) -> RmlTerm:
-        over = inside is self.terms.all and outside is self.terms.all
-        return inside if over else self.terms.make("filter", (inside, outside), term.data)
-
-    def _repeated(self, term: RmlTerm, *, first: bool) -> Rule:
-        body, number, terms = term.parts[0], term.data, self.terms
-        if term.operator == "times" and number < 1:
-            return []
-        ways = yield body, first
-        match term.operator:
-            case "optional":
-                return ways
-            case "closure":
-                return [(a if a is terms.all else terms.make("closure", (a,)), bound) for a, bound in ways]
-            case "times":
-                rest = terms.make("times", (body,), number - 1) if number > 1 else terms.empty
-            case _:
-                rest = terms.make("star", (body,))
-        return [(terms.then(after, rest), bound) for after, bound in ways]
 
 
 def _agree(left: Json, right: Json) -> bool:

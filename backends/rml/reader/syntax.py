@@ -1,15 +1,20 @@
-"""The parts of an RML specification as immutable values, and the one walk over them.
+"""The parts of an RML specification as immutable values, the walks over them, and what cannot run.
 
 Sequences, unions, shuffles and conjunctions are flat, so that long ones are not deep; nothing compares or hashes the nested values and
 nothing recurses over them, so depth costs no recursion.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
+import networkx as nx
+
+from rvaft.errors import LanguageError, TooLarge
 from rvaft.model.values import Json
 
+DERIVATION_LIMIT: Final = 100
+"""How many event types may be derived from each other in a row."""
 Position: TypeAlias = tuple[int, int]
 """A line and a column."""
 
@@ -106,8 +111,11 @@ class Declaration:
         return self.name, len(self.parameters)
 
 
-ANY = Declaration("any", (), negated=False, alternatives=(Fields(()),))
-NONE = Declaration("none", (), negated=True, alternatives=(TypeUse("any"),))
+EVERYWHERE: Final = (
+    Declaration("any", (), negated=False, alternatives=(Fields(()),)),
+    Declaration("none", (), negated=True, alternatives=(TypeUse("any"),)),
+)
+"""The event types that every specification has; one that is declared as well is wider."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,6 +150,37 @@ class RmlProgram:
     declarations: tuple[Declaration, ...]
     equations: Mapping[str, Equation]
 
+    @property
+    def declared(self) -> Mapping[tuple[str, int], list[Declaration]]:
+        """The declarations of each event type, those that every specification has among them."""
+        found: dict[tuple[str, int], list[Declaration]] = {}
+        for declaration in (*self.declarations, *EVERYWHERE):
+            found.setdefault(declaration.signature, []).append(declaration)
+        return found
+
+    def reachable(self, names: Iterable[str] = ("Main",)) -> Iterator[Equation]:
+        """The equations that some can unfold, these among them."""
+        seen = dict.fromkeys(names)
+        waiting = list(seen)
+        while waiting:
+            yield (equation := self.equations[waiting.pop()])
+            fresh = dict.fromkeys(used for used in references(equation.body) if used not in seen)
+            seen.update(fresh)
+            waiting += fresh
+
+    def settle(self, is_new: Callable[[str], bool]) -> None:
+        """Ask `is_new` of every equation, and again of those that use one of which something was new, until nothing is."""
+        users: dict[str, list[str]] = {name: [] for name in self.equations}
+        for equation in self.equations.values():
+            for used in references(equation.body):
+                users.get(used, []).append(equation.name)
+        waiting = list(users)
+        while waiting:
+            if is_new(name := waiting.pop()):
+                waiting.extend(users[name])
+
+
+# -- walks -------------------------------------------------------------------------------------------------------------
 
 Part: TypeAlias = Data | Value | TypeUse | Declaration | Expression
 P = TypeVar("P")
@@ -182,9 +221,14 @@ def expressions(root: Expression) -> Iterator[Expression]:
     return reversed([part for part in walk(root) if isinstance(part, Expression)])
 
 
-def names(data: Data) -> frozenset[str]:
-    """The variables in a data expression."""
-    return frozenset(part.name for part in walk(data) if isinstance(part, Name))
+def references(body: Expression) -> list[str]:
+    """The equations that an expression refers to."""
+    return [part.data[0] for part in expressions(body) if part.operator == "call"]
+
+
+def names(*data: Data) -> frozenset[str]:
+    """The variables in data expressions."""
+    return frozenset(part.name for part in walk(*data) if isinstance(part, Name))
 
 
 def fold(root: P, step: Callable[[P, list[R]], R], below: Callable[[P], Sequence[P]] = inside) -> R:  # type: ignore[assignment]
@@ -198,3 +242,89 @@ def fold(root: P, step: Callable[[P, list[R]], R], below: Callable[[P], Sequence
         first = len(done) - len(below(part))
         done[first:] = [step(part, done[first:])]
     return done[0]
+
+
+# -- what cannot run: the published compiler refuses all but types derived from themselves, which its monitor never returns from
+
+
+def refusal(message: str, place: Position = (1, 1)) -> LanguageError:
+    """The error for a text that is no RML, or that cannot run."""
+    return LanguageError(message, file="<rml>", line=place[0], column=place[1])
+
+
+def check(program: RmlProgram) -> None:
+    """Raises `LanguageError` for undefined equations, ones that unfold without an event, types derived from themselves; `TooLarge`."""
+    if "Main" not in program.equations:
+        raise refusal("the specification has no equation Main")
+    _check_derived(program)
+    for equation in program.equations.values():
+        for part in expressions(equation.body):
+            if part.operator == "call" and part.data[0] not in program.equations:
+                raise refusal(f"undefined equation {part.data[0]}", part.place)
+            for given in part.data.parameters if isinstance(part.data, TypeUse) else ():
+                text = isinstance(given, Constant) and isinstance(given.value, str)
+                if text or isinstance(given, Ignored | Fields | Items):
+                    reason = "a string, `_`, list or object is no argument in an expression; derive an event type"
+                    raise refusal(f"{part.data.name}: {reason}", part.data.place)
+    _check_contractive(program)
+
+
+def _check_derived(program: RmlProgram) -> None:
+    graph = nx.DiGraph()
+    for declaration in program.declarations:
+        parents = [parent for parent in declaration.alternatives if isinstance(parent, TypeUse)]
+        for parent in parents:
+            if any(isinstance(part, Either) for part in walk(parent)):
+                raise refusal(f"{parent.name}: no `|` inside an argument", parent.place)
+        for parent in parents:
+            if parent.signature == declaration.signature:
+                raise refusal(f"the event type {declaration.name} is derived from itself", parent.place)
+            graph.add_edge(declaration.signature, parent.signature, place=parent.place)
+    cycle = next((c for c in nx.strongly_connected_components(graph) if len(c) > 1), None)
+    if cycle is not None:
+        name = min(cycle)
+        place = min(place for _, parent, place in graph.out_edges(name, data="place") if parent in cycle)
+        raise refusal(f"the event type {name[0]} is derived from itself", place)
+    if nx.dag_longest_path_length(graph, weight=None) > DERIVATION_LIMIT:
+        raise TooLarge("event types derived from each other in a row", limit=DERIVATION_LIMIT)
+
+
+_Beginning: TypeAlias = tuple[bool, frozenset[str]]
+"""Whether an expression may halt at once, and the equations that it may unfold before any event."""
+
+
+def _check_contractive(program: RmlProgram) -> None:
+    halting = dict.fromkeys(program.equations, False)
+
+    def beginning(part: Expression, below: list[_Beginning]) -> _Beginning:
+        first = below
+        match part:
+            case Expression("call", data=(name, _, _)):
+                return halting[name], frozenset([name])
+            case Expression("cat"):
+                first = below[: next((i for i, (halts, _) in enumerate(below, 1) if not halts), len(below))]
+                halts = len(first) == len(below) and first[-1][0]
+            case Expression("event"):
+                halts = False
+            case Expression("star" | "optional" | "closure") | Expression("times", data=0):
+                halts = True
+            case Expression("or"):
+                halts = any(halts for halts, _ in below)
+            case _:
+                halts = all(halts for halts, _ in below)
+        return halts, frozenset[str]().union(*(names for _, names in first))
+
+    def of(name: str) -> _Beginning:
+        return fold(program.equations[name].body, beginning, lambda part: part.parts)
+
+    def is_new(name: str) -> bool:
+        before, halting[name] = halting[name], halting[name] or of(name)[0]
+        return halting[name] is not before
+
+    program.settle(is_new)
+    graph = nx.DiGraph((name, unfolded) for name in program.equations for unfolded in of(name)[1])
+    known = {equation.name for equation in program.reachable()}
+    for cycle in nx.strongly_connected_components(graph):
+        name = min(cycle)
+        if cycle & known and (len(cycle) > 1 or graph.has_edge(name, name)):
+            raise refusal(f"{name} unfolds without an event (it is not contractive)", program.equations[name].place)

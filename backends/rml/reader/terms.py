@@ -13,7 +13,6 @@ from typing import Any, Final, TypeAlias
 from weakref import WeakValueDictionary
 
 from backends.rml.reader.event_types import UNBOUND, argument
-from backends.rml.reader.static_checks import references, settle
 from backends.rml.reader.syntax import Constant, Data, Expression, Name, RmlProgram, TypeUse, fold, names
 from rvaft.model.values import Json
 
@@ -47,13 +46,9 @@ def mark(value: Json | Name) -> Hashable:
     return out[0] if len(out) == 1 else tuple(out)
 
 
-def _mark_arguments(arguments: Iterable[Any]) -> Hashable:
-    """A stand-in for arguments: by their values, else variables by name and expressions by identity."""
-    return tuple(mark(one.value) if isinstance(one, Constant) else one for one in arguments)
-
-
-def _mark_environment(environment: Environment) -> Hashable:
-    return tuple((name, mark(value)) for name, value in environment)
+def is_open(name: str) -> bool:
+    """Whether a variable is one that an event passed without binding it."""
+    return name.startswith("?")
 
 
 def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
@@ -62,16 +57,22 @@ def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
     Equations see the variables of the place they are unfolded at (scope is dynamic), so this is what has to travel with them.
     """
     found: dict[str, frozenset[str]] = {}
-    uses: dict[str, dict[tuple[str, frozenset[str]], None]] = {}
+    uses: dict[str, set[tuple[str, frozenset[str]]]] = {}
     for equation in program.equations.values():
-        own, uses[equation.name] = set[str](), {}
+        own, uses[equation.name] = set[str](), set()
         todo = [(equation.body, frozenset(equation.parameters))]
         while todo:
             part, hidden = todo.pop()
-            if part.operator == "call":  # with the variables of blocks around the reference
-                uses[equation.name][part.data[0], hidden] = None
-            own |= _used(part) - hidden
-            hidden |= {part.data} if part.operator == "block" else frozenset()
+            match part:
+                case Expression("call", data=(name, arguments, _)):  # with the variables of blocks around the reference
+                    uses[equation.name].add((name, hidden))
+                    own |= names(*arguments) - hidden
+                case Expression("event" | "filter", data=use):
+                    own |= use.variables - hidden
+                case Expression("if", data=(condition, _)):
+                    own |= names(condition) - hidden
+                case Expression("block", data=variable):
+                    hidden |= {variable}
             todo.extend((inner, hidden) for inner in part.parts)
         found[equation.name] = frozenset(own)
 
@@ -80,21 +81,8 @@ def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
         found[name] = before.union(*(found.get(used, before) - hidden for used, hidden in uses[name]))
         return found[name] != before
 
-    settle({name: references(equation.body) for name, equation in program.equations.items()}, is_new)
+    program.settle(is_new)
     return found
-
-
-def _used(part: Expression) -> frozenset[str]:
-    """The variables in the data of an expression."""
-    match part:
-        case Expression("event" | "filter", data=use):
-            return frozenset(use.variables)
-        case Expression("if", data=(condition, _)):
-            return names(condition)
-        case Expression("call", data=(_, arguments, _)):
-            return frozenset[str]().union(*map(names, arguments))
-        case _:
-            return frozenset()
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True, repr=False)
@@ -106,11 +94,6 @@ class RmlTerm:
     data: Any
     free: frozenset[str]
     halts: bool | None = None
-
-    @property
-    def open(self) -> bool:
-        """Whether it can still use an open variable."""
-        return any(map(is_open, self.free))
 
 
 class TermTable:
@@ -139,20 +122,28 @@ class TermTable:
 
     def _described(self, operator: str, data: Any) -> tuple[Hashable, frozenset[str]]:
         """What tells data from other data, and the variables that it uses."""
+
+        def marked(arguments: Iterable[Any]) -> Hashable:
+            """By their values, else variables by name and expressions by identity."""
+            return tuple(mark(one.value) if isinstance(one, Constant) else one for one in arguments)
+
+        identity: tuple[Hashable, ...]
         match operator, data:
             case "event" | "filter", TypeUse(name, parameters):
-                return (name, _mark_arguments(parameters)), data.variables
+                return (name, marked(parameters)), data.variables
             case "if", (condition, environment):
-                return (id(condition), _mark_environment(environment)), _open(names(condition), environment)
+                identity, usable = (id(condition),), names(condition)
             case "call", (name, arguments, environment):
-                usable = self._usable(name, arguments)
-                marks = name, _mark_arguments(arguments), _mark_environment(environment)
-                return marks, _open(usable, environment)
+                identity, usable = (name, marked(arguments)), self._usable(name, arguments)
             case _:
                 return data, frozenset()
+        # The variables that it can still use when it knows some of them, by their own names or as others.
+        unknown = usable.difference(name for name, _ in environment)
+        as_others = (value.name for _, value in environment if isinstance(value, Name))
+        return (*identity, *((name, mark(value)) for name, value in environment)), unknown.union(as_others)
 
     def _usable(self, name: str, arguments: Iterable[Data]) -> frozenset[str]:
-        return self._free.get(name, frozenset[str]()).union(*map(names, arguments))
+        return self._free.get(name, frozenset[str]()) | names(*arguments)
 
     # -- from the text -------------------------------------------------------------------------------------------------
 
@@ -176,30 +167,29 @@ class TermTable:
 
     def _filled(self, part: Expression | RmlTerm, below: list[RmlTerm], values: Values) -> RmlTerm:
         """A term with new parts, and with values for the variables in its data."""
+
+        def known(environment: Environment) -> Values:
+            return {**values, **{n: values.get(v.name, v) if isinstance(v, Name) else v for n, v in environment}}
+
         match part.operator, part.data:
             case "cat", _:
                 return self.sequence(below)
             case "event" | "filter", TypeUse(name, parameters):
-                given = (_value(one, values) if isinstance(one, Name) else one for one in parameters)
-                return self.make(part.operator, below, TypeUse(name, tuple(given)))
+                return self.make(part.operator, below, TypeUse(name, tuple(_value(one, values) for one in parameters)))
             case "block", variable:
                 return self.block(variable, below[0])
             case "if", (condition, environment):
-                known = {**values, **_renamed(environment, values)}
-                return self.make("if", below, (condition, _environment(known, names(condition))))
+                return self.make("if", below, (condition, _environment(known(environment), names(condition))))
             case "call", (name, arguments, environment):
-                return self._call(name, arguments, {**values, **_renamed(environment, values)})
+                here = known(environment)
+                usable = _environment(here, self._usable(name, arguments))
+                bound = {n: v for n, v in usable if not isinstance(v, Name)}
+                given = tuple(Constant(argument(a, bound)) if names(a) <= bound.keys() else a for a in arguments)
+                if all(isinstance(a, Constant) for a in given):
+                    usable = _environment(here, self._usable(name, ()))
+                return self.make("call", (), (name, given, usable))
             case operator, data:
                 return self.make(operator, below, data)
-
-    def _call(self, name: str, arguments: tuple[Data, ...], values: Values) -> RmlTerm:
-        """An equation with arguments and the values that its variables have where it stands."""
-        environment = _environment(values, self._usable(name, arguments))
-        known = {n: v for n, v in environment if not isinstance(v, Name)}
-        given = tuple(Constant(argument(a, known)) if names(a) <= known.keys() else a for a in arguments)
-        if all(isinstance(a, Constant) for a in given):
-            environment = _environment(values, self._usable(name, ()))
-        return self.make("call", (), (name, given, environment))
 
     # -- forms, as in the published monitor but for `t | all` (see `deviations`) ---------------------------------------
 
@@ -216,10 +206,7 @@ class TermTable:
             return first
         if first is self.empty:
             return rest
-        if first.operator != "cat":
-            return self.sequence([first, rest])
-        head, tail = first.parts
-        return self.sequence([head, tail, rest])
+        return self.sequence([*(first.parts if first.operator == "cat" else (first,)), rest])
 
     def joined(self, operator: str, parts: Iterable[RmlTerm]) -> RmlTerm:
         """A shuffle or a conjunction without the parts that ask for nothing."""
@@ -238,8 +225,10 @@ class TermTable:
     def substituted(self, term: RmlTerm, values: Values) -> RmlTerm:
         """The term with values for variables; a block hides its own variable."""
         start = term.free.intersection(values)
+        if not start:
+            return term
         done: dict[tuple[RmlTerm, frozenset[str]], RmlTerm] = {}
-        todo = [(term, start, False)] if start else []
+        todo = [(term, start, False)]
         while todo:
             at, wanted, ready = todo.pop()
             if not wanted:
@@ -253,7 +242,12 @@ class TermTable:
             else:
                 todo.append((at, wanted, True))
                 todo.extend((part, inner, False) for part, inner in below)
-        return done[term, start] if start else term
+        return done[term, start]
+
+    def opened(self, term: RmlTerm, bound: Mapping[str, Json]) -> RmlTerm:
+        """The term with those of some bindings that give an open variable its value."""
+        values = {name: value for name, value in bound.items() if is_open(name) and value is not UNBOUND}
+        return self.substituted(term, values) if values else term
 
     def canonical(self, term: RmlTerm) -> RmlTerm:
         """The term with its open variables numbered by where they first occur, so that equal states are equal terms."""
@@ -262,9 +256,14 @@ class TermTable:
         todo = [term]
         while todo:
             at = todo.pop()
-            if at not in seen and at.open:
+            if at not in seen and any(map(is_open, at.free)):
                 seen.add(at)
-                order.update(dict.fromkeys(filter(is_open, _own_names(at))))
+                match at.operator, at.data:
+                    case "event" | "filter", TypeUse(_, given):
+                        order.update((one.name, None) for one in given if isinstance(one, Name) and is_open(one.name))
+                    case "if" | "call", (*_, environment):
+                        others = (value.name for _, value in environment if isinstance(value, Name))
+                        order.update(dict.fromkeys(filter(is_open, others)))
                 todo.extend(reversed(at.parts))
         return self.substituted(term, {name: Name(f"?{index}") for index, name in enumerate(order)})
 
@@ -273,40 +272,10 @@ def _flat(operator: str, parts: Iterable[RmlTerm]) -> list[RmlTerm]:
     return [inner for part in parts for inner in (part.parts if part.operator == operator else (part,))]
 
 
-def _value(name: Name, values: Values) -> Constant | Name:
-    value = values.get(name.name, name)
-    return value if isinstance(value, Name) else Constant(value)
+def _value(one: Any, values: Values) -> Any:
+    value = values.get(one.name, one) if isinstance(one, Name) else one
+    return value if value is one or isinstance(value, Name) else Constant(value)
 
 
 def _environment(values: Values, wanted: frozenset[str]) -> Environment:
     return tuple(sorted(((n, v) for n, v in values.items() if n in wanted), key=lambda pair: pair[0]))
-
-
-def _renamed(environment: Environment, values: Values) -> Values:
-    return {n: values.get(v.name, v) if isinstance(v, Name) else v for n, v in environment}
-
-
-def _open(usable: frozenset[str], environment: Environment) -> frozenset[str]:
-    """The variables that something can still use when it knows some of them, by their own names or as others."""
-    known = {name for name, _ in environment}
-    return (usable - known).union(value.name for _, value in environment if isinstance(value, Name))
-
-
-def _own_names(term: RmlTerm) -> list[str]:
-    match term.operator, term.data:
-        case "event" | "filter", TypeUse(_, parameters):
-            return [one.name for one in parameters if isinstance(one, Name)]
-        case "if" | "call", (*_, environment):
-            return [value.name for _, value in environment if isinstance(value, Name)]
-        case _:
-            return []
-
-
-def is_open(name: str) -> bool:
-    """Whether a variable is one that an event passed without binding it."""
-    return name.startswith("?")
-
-
-def opened(bound: Mapping[str, Json]) -> Mapping[str, Json]:
-    """Those of some bindings that give an open variable its value."""
-    return {name: value for name, value in bound.items() if is_open(name) and value is not UNBOUND} if bound else bound

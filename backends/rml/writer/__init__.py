@@ -1,5 +1,106 @@
-"""The translation of a tree into RML."""
+"""From a tree to an RML text: gate by gate where that is safe, else determinised into equations."""
 
-from backends.rml.writer.translation import translate
+from contextlib import suppress
+from typing import Final, TypeAlias
 
-__all__ = ["translate"]
+from backends.rml.writer.composition import Composition
+from backends.rml.writer.determinise import Determinised, equations, feasible_scenarios, minimised
+from backends.rml.writer.event_types import ALWAYS, NEVER, Call, RmlTypes
+from backends.rml.writer.letters import RmlLetters, closed
+from backends.rml.writer.terms import Written, around, symbols
+from rvaft.analysis.unification import Overlaps, implies
+from rvaft.errors import NotExpressible, TooLarge
+from rvaft.model.guards import Guard
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+from rvaft.support.bits import bits
+
+SMALL: Final = 120
+"""A tree with a VOT is written as equations if these have so few alternatives: the published monitors then say `true` at the
+event that completes a detection, and not one event later, as with optional children beside a count. No limit decides which it is."""
+SYMBOLS: Final = 10
+"""How many symbols of the text the limit allows for each alternative it allows: a text has to be read in reasonable time."""
+Property: TypeAlias = tuple[Written, list[tuple[str, Written]]]
+"""The expression of the whole, and the equations that it needs."""
+
+
+def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> tuple[str, int, int]:
+    """The tree as an RML text, its symbols, and how many equations it has, that of `Main` included; raises `NotExpressible`, `TooLarge`, `TreeError`.
+
+    `limit` bounds the scenarios, the alternatives of equations, and with `SYMBOLS` the length of the text.
+    """
+    types = RmlTypes(tree)
+    letters = RmlLetters(tree, types, semantics)
+    if semantics is Semantics.SCATTERED and letters.remembered:
+        names = sorted(letters.remembered)
+        nodes = [n for n, own in zip(tree.occurrences, letters.variables, strict=True) if own & set(names)]
+        reason = f"any event may be skipped, so {names[0]} can have any number of values at once, and RML follows one"
+        raise NotExpressible(reason, backend="rml", semantics=semantics, nodes=nodes)
+    main, made = _property(letters, semantics, limit)
+    main = around(main, ">>", _relevant(letters)) if semantics is Semantics.PROJECTED else main
+    body = "\n".join(f"{name} = {term};" for name, term in [("Main", main), *made])
+    header = f"// The attack-fault tree {' '.join(tree.root.split())} under the semantics {semantics}."
+    size = symbols(body)
+    if size + sum(map(symbols, types.lines)) > SYMBOLS * limit:
+        raise TooLarge(f"symbols of the RML text, {SYMBOLS} allowed for each alternative", limit=limit)
+    return "\n".join([header, "", *types.lines, "", body, ""]), size, 1 + len(made)
+
+
+def _property(letters: RmlLetters, semantics: Semantics, limit: int) -> Property:
+    composition = Composition(letters, semantics)
+    if not composition.possible:
+        return _determinised(letters, semantics, limit)
+    if composition.has_votes:
+        with suppress(TooLarge):
+            return _determinised(letters, semantics, SMALL)
+    return composition.written(), composition.equations
+
+
+def _determinised(letters: RmlLetters, semantics: Semantics, limit: int) -> Property:
+    scenarios = feasible_scenarios(letters.tree, semantics, limit=limit)
+    automaton = Determinised(scenarios, letters, semantics, limit=limit)
+    main, made = equations(minimised(automaton.alternatives), letters)
+    return around(main, "let", ", ".join(automaton.registers)) if automaton.registers else main, made
+
+
+# -- the filter of `projected`: events that are relevant to some node of the whole tree and not ignored ----------------
+
+
+def _relevant(letters: RmlLetters) -> str:
+    """The name of the event type, declared among those of the letters."""
+    tree, types = letters.tree, letters.types
+    whole = tree.part_of.tree if tree.part_of is not None else tree
+    entries: list[tuple[str, Call, Guard | None]] = []
+    for name in whole.occurrences:
+        node = whole.nodes[name]
+        default = Call(None, (), whole.origins.get(name, name)), node.when
+        entries.append((name, *(default if node.on is None else closed(node.on, node.when))))
+    patterns = [call.pattern(whole) for _, call, _ in entries]
+    overlaps = Overlaps(patterns)
+
+    def is_covered(i: int) -> bool:
+        """Whether another entry that asks for nothing more than its pattern covers this one."""
+        return any(
+            entries[j][2] is None
+            and implies(patterns[i], patterns[j])
+            and (entries[i][2] is not None or j < i or not implies(patterns[j], patterns[i]))
+            for j in bits(overlaps.compatible(i) & ~(1 << i))
+        )
+
+    def parents(call: Call, guard: Guard | None, node: str, hint: str) -> list[str]:
+        condition = ALWAYS if guard is None else letters.condition(guard, node)
+        return [] if condition == NEVER else types.checked(call, condition, hint)
+
+    wanted: dict[str, None] = {}
+    for i, (name, call, guard) in enumerate(entries):
+        if not is_covered(i):
+            wanted.update(dict.fromkeys(parents(call, guard, name, f"relevant_{name}")))
+    unwanted: dict[str, None] = {}
+    for ignore in whole.ignores:
+        found = parents(*closed(ignore.on, ignore.when), "ignore", f"ignored_{ignore.on.event}")
+        unwanted.update(dict.fromkeys(found))
+    if not wanted:
+        return types.neither(["any"], "relevant")
+    if not unwanted:
+        return types.union(wanted, "relevant")
+    return types.neither([types.neither(wanted, "irrelevant"), *unwanted], "relevant")

@@ -17,263 +17,256 @@ Where K children end the whole match at once (*decided*), `strict` and `projecte
 RML commits to the left operand that can take an event; under these conditions no other one could have.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import assert_never
 
-from backends.rml.writer.conditions import when_true
-from backends.rml.writer.determinise import RmlLetter, RmlLetters
-from backends.rml.writer.observations import own_variables
-from backends.rml.writer.terms import ALL, AND, ANY, OR, SHUFFLE, THEN, Equations, Written, around, join, named, then
-from rvaft.analysis.normal_form import Op, is_constant, is_impossible, normal_form
+from backends.rml.writer.event_types import when_true
+from backends.rml.writer.letters import RmlLetter, RmlLetters, own_variables
+from backends.rml.writer.terms import ALL, AND, ANY, OR, SHUFFLE, THEN, Written, around, join, named, then
+from rvaft.analysis.normal_form import Op, Part, is_constant, is_impossible, normal_form
 from rvaft.analysis.unification import Overlaps
 from rvaft.model.guards import Operation, Operator, variables
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, union
 from rvaft.support.trampoline import Call, run
 
 
-class Plain:
-    """What a translation gate by gate looks at; sets of occurrences are integers. `possible` says whether there is one.
+@dataclass(slots=True)
+class _Facts:
+    """What is known of a part; sets of occurrences are integers. What overlaps with a set is kept: to walk its bits is slow."""
 
-    Everything is known for the numbers of the parts of the normal form: `events` and `first` events, `marks`, what `follows`, and what
-    overlaps with each of these.
-    """
+    part: Part
+    children: Sequence["_Facts"] = ()
+    """The parts with events, in the order of time where there is one."""
+    events: int = 0
+    first: int = 0
+    marks: int = 0
+    near: int = 0
+    near_first: int = 0
+    near_marks: int = 0
+    follow: int = 0
+    """The events that may come right after it."""
+    single: bool = False
+    """Whether it is one event in each scenario."""
+    last: bool = False
+    """Whether it ends the whole match: nothing may come after it or beside it."""
 
-    def __init__(self, tree: RVAFT, letters: RmlLetters, semantics: Semantics) -> None:
-        self.tree = tree
-        self.form = normal_form(tree, as_written=True)
-        self.letters: list[RmlLetter] = []
-        self._scattered = semantics is Semantics.SCATTERED
-        size = len(self.form.parts)
-        self.events, self.first, self.marks, self.follow = ([0] * size for _ in range(4))
-        self._near, self._near_first, self._near_marks = ([0] * size for _ in range(3))
-        """What overlaps with the events, the first events and the marks; kept, for a set of bits is slow to walk."""
-        self._single = [False] * size
-        self._last = {self.form.root}
-        """The parts that end the whole match: nothing may come after these or beside them."""
-        self.possible = self._has_letters(letters) and all(map(self._fits, range(size)))
-
-    def children(self, number: int) -> tuple[int, ...]:
-        """The parts with events, in the order of time where there is one."""
-        return tuple(part for part in self.form.parts[number].parts if self.events[part])
-
-    def single_events(self, number: int) -> bool:
+    @property
+    def single_events(self) -> bool:
         """Whether each child is one event in each scenario, so that events are counted where children are."""
-        return all(self._single[child] for child in self.children(number))
+        return all(child.single for child in self.children)
 
-    def decided(self, number: int) -> bool:
+    @property
+    def decided(self) -> bool:
         """Whether the match ends with the event that makes enough children of a VOT: one more can never be needed."""
-        return number in self._last and self.single_events(number)
+        return self.last and self.single_events
 
-    def joined(self, number: int) -> Op:
+
+class Composition:
+    """Terms for the parts of a plain tree; `possible` says whether it is plain, `equations` holds what was given a name."""
+
+    def __init__(self, letters: RmlLetters, semantics: Semantics) -> None:
+        self.tree, self._letters = letters.tree, letters
+        self.equations: list[tuple[str, Written]] = []
+        self._form = normal_form(self.tree, as_written=True)
+        self._scattered = semantics is Semantics.SCATTERED
+        self._parts: list[_Facts] = []
+        self._own: dict[str, RmlLetter] = {}
+        self.possible = self._has_letters() and self._fits()
+        self._types: list[str] = []
+
+    @property
+    def has_votes(self) -> bool:
+        """Whether children have to be counted."""
+        return any(self._joined(facts) is Op.AT_LEAST for facts in self._parts)
+
+    def _joined(self, facts: _Facts) -> Op:
         """How the children are written; where there is at most one, as a SEQUENCE."""
-        part, count = self.form.parts[number], len(self.children(number))
+        part, count = facts.part, len(facts.children)
         if count < 2:
             return Op.SEQUENCE
         if part.op is Op.AT_LEAST and part.need == count:
             return Op.ALL
-        if part.op is Op.AT_LEAST and part.need == 1 and (self._scattered or self.decided(number)):
+        if part.op is Op.AT_LEAST and part.need == 1 and (self._scattered or facts.decided):
             return Op.ONE
         return part.op
 
-    def _has_letters(self, letters: RmlLetters) -> bool:
-        if letters.observations.remembered or self.tree.shared:
+    # -- is the tree plain? --------------------------------------------------------------------------------------------
+
+    def _has_letters(self) -> bool:
+        """Whether no occurrence depends on another."""
+        tree = self.tree
+        guarded = [node for node in tree.top_down() if node.when is not None and not is_constant(node)]
+        if self._letters.remembered or tree.shared or any(map(is_impossible, tree.nodes.values())):
             return False
-        guarded = [node for node in self.tree.top_down() if node.when is not None and not is_constant(node)]
-        if any(map(is_impossible, self.tree.nodes.values())) or not all(
-            node.has_event and set(variables(node.when)) <= set(own_variables(node.on))  # type: ignore[arg-type]
-            for node in guarded
-        ):
-            return False
+        for node in guarded:
+            if not node.has_event or not set(variables(node.when)) <= set(own_variables(node.on)):  # type: ignore[arg-type]
+                return False
         names = {node.name for node in guarded}
-        for index, name in enumerate(self.tree.occurrences):
-            letter = letters.letter(index, {}, names & {name})
+        for index, name in enumerate(tree.occurrences):
+            letter = self._letters.letter(index, {}, names & {name})
             if letter is None:
                 return False
-            self.letters.append(letter)
-        overlaps = Overlaps([letter.call.pattern(self.tree) for letter in self.letters])
-        position = {name: index for index, name in enumerate(self.tree.occurrences)}
-        for number, part in enumerate(self.form.parts):
-            if part.op is Op.EVENT:
-                own, near = 1 << position[part.node], overlaps.compatible(position[part.node])
-                self.events[number] = self.first[number] = self.marks[number] = own
-                self._near[number] = self._near_first[number] = self._near_marks[number] = near
-                self._single[number] = True
-            else:
-                self._look_below(number)
-        for number in reversed(range(len(self.form.parts))):
-            self._look_behind(number)
+            self._own[name] = letter
         return True
 
-    def _look_below(self, number: int) -> None:
-        part = self.form.parts[number]
-        self.events[number] = union(self.events[inner] for inner in part.parts)
-        self._near[number] = union(self._near[inner] for inner in part.parts)
-        children, joined = self.children(number), self.joined(number)
+    def _fits(self) -> bool:
+        """Whether each part can be written by its operator: what is below it is looked at first, then what comes behind it."""
+        overlaps = Overlaps([letter.call.pattern(self.tree) for letter in self._own.values()])
+        position = {name: index for index, name in enumerate(self._own)}
+        for part in self._form.parts:
+            facts = _Facts(part, [child for number in part.parts if (child := self._parts[number]).events])
+            self._parts.append(facts)
+            if part.op is Op.EVENT:
+                facts.events = facts.first = facts.marks = 1 << position[part.node]
+                facts.near = facts.near_first = facts.near_marks = overlaps.compatible(position[part.node])
+                facts.single = True
+            else:
+                facts.last = len(self._parts) == len(self._form.parts)
+                self._look_below(facts)
+        for facts in reversed(self._parts):
+            joined = self._joined(facts)
+            for child in facts.children:
+                child.follow = facts.follow
+                child.last = (
+                    facts.last and joined is Op.ONE
+                )  # of others than ONE and SEQUENCE any child may be the last one
+            for child, following in pairwise(facts.children) if facts.part.op is Op.SEQUENCE else ():
+                child.follow = following.first
+            if facts.last and joined is Op.SEQUENCE and facts.children:
+                facts.children[-1].last = True
+        return all(map(self._is_told_apart, self._parts))
+
+    def _look_below(self, facts: _Facts) -> None:
+        children, joined, part = facts.children, self._joined(facts), facts.part
+        facts.events = union(child.events for child in children)
+        facts.near = union(child.near for child in children)
         first = children[:1] if part.op is Op.SEQUENCE else children
-        self.first[number] = union(self.first[child] for child in first)
-        self._near_first[number] = union(self._near_first[child] for child in first)
-        alone = len(children) == 1 or joined is Op.ONE
-        self._single[number] = alone and self.single_events(number)
-        own = [c for c in children if self.form.parts[c].op is Op.EVENT and self.form.parts[c].node == part.node]
-        marked = own or [child for child in children if self.marks[child]]
+        facts.first = union(child.first for child in first)
+        facts.near_first = union(child.near_first for child in first)
+        facts.single = (len(children) == 1 or joined is Op.ONE) and facts.single_events
+        own = [child for child in children if child.part.op is Op.EVENT and child.part.node == part.node]
+        marked = own or [child for child in children if child.marks]
         if joined is Op.ONE:
             marked = marked if len(marked) == len(children) else []
         else:
             marked = [] if joined is Op.AT_LEAST else marked[:1]
-        self.marks[number] = union(self.marks[child] for child in marked)
-        self._near_marks[number] = union(self._near_marks[child] for child in marked)
+        facts.marks = union(child.marks for child in marked)
+        facts.near_marks = union(child.near_marks for child in marked)
 
-    def _look_behind(self, number: int) -> None:
-        """Which events may come right after the children, and which of them are the last."""
-        children, joined = self.children(number), self.joined(number)
-        for child in children:
-            self.follow[child] = self.follow[number]
-        for child, following in pairwise(children) if self.form.parts[number].op is Op.SEQUENCE else ():
-            self.follow[child] = self.first[following]
-        if number in self._last and joined in (Op.ONE, Op.SEQUENCE):  # of the others any child may be the last one
-            self._last.update(children if joined is Op.ONE else children[-1:])
-
-    def _fits(self, number: int) -> bool:
-        part, children = self.form.parts[number], self.children(number)
-        if part.op in (Op.ONE, Op.AT_LEAST) and 0 < len(children) < len(part.parts):
+    def _is_told_apart(self, facts: _Facts) -> bool:
+        children, joined = facts.children, self._joined(facts)
+        if facts.part.op in (Op.ONE, Op.AT_LEAST) and 0 < len(children) < len(facts.part.parts):
             return False
-        match self.joined(number):
+        match joined:
             case Op.ONE if self._scattered:
-                return self.single_events(number)
-            case Op.ONE:
-                return _are_apart((self._near_first[child], self.first[child]) for child in children)
-            case Op.ALL:
-                return _are_apart((self._near[child], self.events[child]) for child in children)
-            case Op.AT_LEAST:
-                return (
-                    not self._scattered
-                    and _are_apart((self._near[child], self.events[child]) for child in children)
-                    and not any(self._near[c] & self.follow[c] for c in children)
-                    and all(self.marks[c] for c in children)
-                    and not any(self._near_marks[c] & self.events[c] & ~self.marks[c] for c in children)
+                return facts.single_events
+            case Op.AT_LEAST if self._scattered:
+                return False
+            case Op.ONE | Op.ALL | Op.AT_LEAST:
+                seen = 0
+                for child in children:
+                    near, events = (child.near_first, child.first) if joined is Op.ONE else (child.near, child.events)
+                    if near & seen:
+                        return False
+                    seen |= events
+                return joined is not Op.AT_LEAST or not any(
+                    child.near & child.follow or not child.marks or child.near_marks & child.events & ~child.marks
+                    for child in children
                 )
             case Op.SEQUENCE | Op.EVENT | Op.CONDITION:
                 return True
             case never:
                 assert_never(never)
 
+    # -- terms ---------------------------------------------------------------------------------------------------------
 
-def _are_apart(parts: Iterable[tuple[int, int]]) -> bool:
-    """Whether no events of two parts overlap; of each what it overlaps with and its events."""
-    seen = 0
-    for near, events in parts:
-        if near & seen:
-            return False
-        seen |= events
-    return True
+    def written(self) -> Written:
+        """The whole tree."""
+        self._types = [self._type(name, letter) for name, letter in self._own.items()]
+        return run(self._awaited(self._parts[-1], ALL)) if self._scattered else self._contiguous()
 
-
-class Composition:
-    """Terms for the parts of a plain tree; `equations` holds what was given a name."""
-
-    def __init__(self, plain: Plain, letters: RmlLetters) -> None:
-        self.plain = plain
-        self.tree = plain.tree
-        self.letters = letters
-        self.equations = Equations()
-        self.types = [self._type(index) for index in range(len(plain.letters))]
-
-    def _type(self, index: int) -> str:
+    def _type(self, name: str, letter: RmlLetter) -> str:
         """One event type for an occurrence, its own guard folded in."""
-        letter = self.plain.letters[index]
-        texts = self.letters.texts(letter)
+        texts = self._letters.texts(letter)
         if len(texts) == 1:
             return texts[0]
-        name, types = self.tree.occurrences[index], self.letters.types
-        condition = Operation(Operator.AND, tuple(map(when_true, letter.guards)))
+        types, condition = self._letters.types, Operation(Operator.AND, tuple(map(when_true, letter.guards)))
         return types.union(types.checked(letter.call, condition, name), name)
 
-    def _types(self, occurrences: int) -> list[str]:
-        return [self.types[index] for index in bits(occurrences)]
+    def _called(self, term: Written) -> Written:
+        """A new equation for the expression; its name."""
+        self.equations.append((f"P{len(self.equations) + 1}", term))
+        return named(self.equations[-1][0])
 
-    # -- strict and projected: the events of a match follow one another ------------------------------------------------
+    def _shallow(self, term: Written) -> Written:
+        """The expression, or, where it is deep or long, the name of an equation for it."""
+        return self._called(term) if term.is_large else term
 
-    def contiguous(self) -> Written:
-        """The whole tree where the events of a match follow one another."""
-        form, done = self.plain.form, dict[int, Written]()
-        for number, part in enumerate(form.parts):
-            if not self.plain.events[number]:
-                continue
-            if part.op is Op.EVENT:
-                (name,) = self._types(self.plain.events[number])
-                term = named(name)
+    def _contiguous(self) -> Written:
+        """The events of a match follow one another."""
+        done = dict[int, Written]()
+        for number, facts in enumerate(self._parts):
+            if facts.part.op is Op.EVENT:
+                term = named(self._types[facts.events.bit_length() - 1])
+            elif facts.events:
+                term = self._contiguous_part(facts, [done[n] for n in facts.part.parts if n in done])
             else:
-                term = self._joined(number, [done[child] for child in self.plain.children(number)])
-            done[number] = self.equations.shallow(term) if form.whole[part.node] == number else term
-        return then(done[form.root], ALL)
+                continue
+            done[number] = self._shallow(term) if self._form.whole[facts.part.node] == number else term
+        return then(done[self._form.root], ALL)
 
-    def _joined(self, number: int, parts: list[Written]) -> Written:
-        match self.plain.joined(number):
+    def _contiguous_part(self, facts: _Facts, parts: list[Written]) -> Written:
+        match self._joined(facts):
             case Op.ONE:
                 return join(OR, parts)
             case Op.ALL:
                 return join(SHUFFLE, parts)
             case Op.AT_LEAST:
-                return join(AND, [join(SHUFFLE, (around(part, "?") for part in parts)), self._enough(number)])
+                return join(AND, [join(SHUFFLE, (around(part, "?") for part in parts)), self._enough(facts)])
             case Op.SEQUENCE | Op.EVENT | Op.CONDITION:
-                return self._sequence(parts)
+                whole = then(*parts)
+                if whole.operator != THEN:
+                    return whole
+                # A shuffle behind a name gets a name, for `a (b | c)` is an event type with a pattern.
+                first, *others = whole.parts
+                return then(first, *(self._called(part) if part.operator == SHUFFLE else part for part in others))
             case never:
                 assert_never(never)
 
-    def _sequence(self, parts: list[Written]) -> Written:
-        """The parts one after the other; a shuffle behind a name gets a name, for `a (b | c)` is an event type with a pattern."""
-        whole = then(*parts)
-        if whole.operator != THEN:
-            return whole
-        first, *others = whole.parts
-        return then(first, *(self.equations.called(part) if part.operator == SHUFFLE else part for part in others))
-
-    def _enough(self, number: int) -> Written:
+    def _enough(self, facts: _Facts) -> Written:
         """At least K parts are taken: of single events any may be counted, else one of each part is. Exactly K where that is the end."""
-        part = self.plain.form.parts[number]
-        least = then(*[ANY] * part.need)
-        if self.plain.decided(number):
+        least = then(*[ANY] * facts.part.need)
+        if facts.decided:
             return least
         enough = then(least, around(ANY, "*"))
-        if self.plain.single_events(number):
+        if facts.single_events:
             return enough
-        marks = [name for child in self.plain.children(number) for name in self._types(self.plain.marks[child])]
-        return around(enough, ">>", self.letters.types.union(marks, f"{part.node}_counted"))
+        marks = [self._types[index] for child in facts.children for index in bits(child.marks)]
+        return around(enough, ">>", self._letters.types.union(marks, f"{facts.part.node}_counted"))
 
-    # -- scattered: any events may stand between those of a match ------------------------------------------------------
-
-    def scattered(self) -> Written:
-        """The whole tree where any events may stand between those of a match."""
-        return run(self._awaited(self.plain.form.root, ALL))
-
-    def _awaited(self, number: int, after: Written) -> Call[Written]:
-        """The events of a part, then the rest."""
-        children, form = self.plain.children(number), self.plain.form
-        match Op.EVENT if form.parts[number].op is Op.EVENT else self.plain.joined(number):
-            case Op.ONE | Op.EVENT:
-                return self._await(self.plain.events[number], after)
+    def _awaited(self, facts: _Facts, after: Written) -> Call[Written]:
+        """The events of a part, any others standing between them, then the rest."""
+        match facts.part.op if facts.part.op is Op.EVENT else self._joined(facts):
+            case Op.ONE | Op.EVENT:  # any number of other events, one of these, then the rest
+                wanted = [self._types[index] for index in bits(facts.events)]
+                first = self.tree.occurrences[next(bits(facts.events))]
+                other = around(named(self._letters.types.neither(wanted, f"not_{first}")), "*")
+                return self._shallow(then(other, join(OR, map(named, wanted)), after))
             case Op.ALL:
-                rest = after if after == ALL else self.equations.called(after)
+                rest = after if after == ALL else self._called(after)
                 parts = list[Written]()
-                for child in children:
+                for child in facts.children:
                     part = yield self._awaited(child, rest)
                     parts.append(part)
                 return join(AND, parts)
             case Op.SEQUENCE | Op.CONDITION:
-                for child in reversed(children):
+                for child in reversed(facts.children):
                     after = yield self._awaited(child, after)
                 return after
             case Op.AT_LEAST:
                 raise AssertionError("no vote is left in a plain tree under `scattered`")
             case never:
                 assert_never(never)
-
-    def _await(self, occurrences: int, after: Written) -> Written:
-        """Any number of other events, one of these, then the rest."""
-        wanted = self._types(occurrences)
-        hint = f"not_{self.tree.occurrences[next(bits(occurrences))]}"
-        other = self.letters.types.neither(wanted, hint)
-        return self.equations.shallow(then(around(named(other), "*"), join(OR, map(named, wanted)), after))

@@ -1,108 +1,127 @@
-r"""Determinisation: every partial match at once, followed by sets of letters.
+r"""Determinisation: every partial match of the feasible scenarios at once, followed by sets of letters.
 
 A configuration is a set of matched occurrences, the register of each variable that has to be remembered, and the scenarios it is a
 partial match of; a state is a set of configurations. One event may be several letters. Each state lists its alternatives, larger sets
 of letters first: `\/` takes the first that fits, so none needs a negation, and an alternative that detects comes before all others.
 Where no alternative fits the monitor reports ⊥ at that very event; under `scattered` the state stays.
+
+In sets of bits, bit i stands for the i-th occurrence, scenario or letter.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
-from itertools import groupby
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from itertools import count, groupby
 from typing import Final, NamedTuple, TypeAlias
 
-from backends.rml.writer.conditions import NEVER, Inexpressible, when_true
-from backends.rml.writer.event_types import RmlTypes
-from backends.rml.writer.observations import Call, Observations, Registers
-from backends.rml.writer.scenarios import BitScenario
-from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, Written, join, named, then
-from rvaft.analysis.unification import Overlaps, implies
-from rvaft.errors import TooLarge
-from rvaft.model.guards import Guard, conjuncts, variables
+from backends.rml.writer.letters import RmlLetter, RmlLetters, Where, own_variables
+from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, RmlNames, Written, join, named, then
+from rvaft.analysis.normal_form import Op, body
+from rvaft.analysis.scenarios import Kept, resolutions
+from rvaft.analysis.unification import Overlaps, compatible, implies
+from rvaft.errors import TooLarge, TreeError
+from rvaft.model.guards import variables
+from rvaft.model.nodes import Causality
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
 
-# -- letters: what one event has to be for a partial match to go on, and how that is written ---------------------------
+WORK: Final = 200
+"""How many nodes of scenarios the limit allows for each scenario, and how many steps of partial matches for each alternative."""
+
+# -- scenarios: under `scattered` a VOT keeps exactly K children, since any position may be skipped ---------------------
 
 
-class RmlLetter(NamedTuple):
-    """An event that matches the call and fulfils the guards."""
+class BitScenario(NamedTuple):
+    """Its occurrences, what comes before each of them (generators of the precedence), and its nodes with a guard to check."""
 
-    call: Call
-    guards: frozenset[Guard] = frozenset()
-
-
-class GuardRefused(Exception):
-    """The guard of a node cannot be written; its arguments are the node and the reason."""
+    occurrences: int
+    before: tuple[tuple[int, int], ...]
+    guards: frozenset[str]
 
 
-class RmlLetters:
-    """The letters of one translation; each is called after the node that it was first needed for."""
+def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list[BitScenario]:
+    """The feasible scenarios, each once.
 
-    def __init__(self, observations: Observations, types: RmlTypes) -> None:
-        self.observations = observations
-        self.types = types
-        self._rank = {name: position for position, name in enumerate(observations.tree.order)}
-        self._nodes: dict[Call, str] = {}
-        self._guards: dict[Guard, tuple[str, tuple[Guard, ...]]] = {}
-        self._texts: dict[RmlLetter, tuple[str, ...]] = {}
-
-    def letter(self, index: int, registers: Mapping[str, str], guards: Iterable[str]) -> RmlLetter | None:
-        """The letter of an occurrence with the guards of some nodes, or None where no event can fulfil it."""
-        tree = self.observations.tree
-        call = self.observations.call(index, registers)
-        self._nodes.setdefault(call, tree.occurrences[index])
-        instances: set[Guard] = set()
-        for node in guards:
-            when = tree.nodes[node].when
-            assert when is not None
-            instance = self.observations.instance(when, index, registers)
-            conditions = self._conditions(instance, node)
-            if NEVER in conditions:
-                return None
-            instances.update((instance,) if conditions else ())
-        return RmlLetter(call, frozenset(instances))
-
-    def _conditions(self, guard: Guard, node: str) -> tuple[Guard, ...]:
-        if guard not in self._guards:
-            try:
-                self._guards[guard] = (node, conjuncts(when_true(guard)))
-            except Inexpressible as error:
-                raise GuardRefused(node, str(error)) from None
-        return self._guards[guard][1]
-
-    def texts(self, letter: RmlLetter) -> tuple[str, ...]:
-        """The event types, applied, that an event has to match all at once; the first one binds."""
-        if letter not in self._texts:
-            guards = sorted((self._guards[g] for g in letter.guards), key=lambda g: (self._rank[g[0]], repr(g[1])))
-            conditions = [(condition, name) for name, found in guards for condition in found]
-            self._texts[letter] = tuple(self.types.observed(letter.call, conditions, self._nodes[letter.call]))
-        return self._texts[letter]
-
-    def all_texts(self, letters: Iterable[RmlLetter]) -> list[Written]:
-        """Those of several letters, each once."""
-        return [named(text) for text in dict.fromkeys(text for letter in letters for text in self.texts(letter))]
+    Raises `TooLarge` beyond `limit`; `TreeError` where there is none, where one has no occurrence, or leaves a guard unbound.
+    """
+    index = {name: position for position, name in enumerate(tree.occurrences)}
+    found: dict[BitScenario, None] = {}
+    nodes = 0
+    for kept in resolutions(tree, minimal=semantics is Semantics.SCATTERED, limit=limit):
+        nodes += len(kept)
+        if nodes > WORK * limit:
+            raise TooLarge(f"nodes of scenarios, {WORK} allowed for each scenario", limit=limit)
+        one = _scenario(tree, kept, index)
+        if not tree.shared or _is_acyclic(one):
+            found.setdefault(one)
+    if not found:
+        raise TreeError("no scenario is feasible", rule="no-scenario", nodes=[tree.root])
+    for scenario in found:
+        if not scenario.occurrences:
+            raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario", nodes=[tree.root])
+        ons = [tree.nodes[tree.occurrences[i]].on for i in bits(scenario.occurrences)] if scenario.guards else []
+        bound = {name for on in ons for name in own_variables(on)}
+        for name in sorted(scenario.guards):
+            for variable in variables(tree.nodes[name].when):  # type: ignore[arg-type]
+                if variable not in bound:
+                    message = f"the guard of {name} speaks of {variable}, which nothing binds in one of its scenarios"
+                    raise TreeError(message, rule="unbound-variable", nodes=[name])
+    return list(found)
 
 
-# -- which sets of letters one event can be at once, the largest first; bit i stands for the i-th letter ---------------
+def _scenario(tree: RVAFT, kept: Kept, index: Mapping[str, int]) -> BitScenario:
+    """One pass up for the events in each part, one pass down for what comes before it."""
+    events: dict[str, int] = {}
+    for name in reversed(tuple(kept)):
+        own = 1 << index[name] if name in index else 0
+        events[name] = own | union(events[child] for child in kept[name])
+    top_down = tree.causality is Causality.TOP_DOWN
+    earlier, before = dict.fromkeys(kept, 0), list[tuple[int, int]]()
+    for name, children in kept.items():
+        above, joined = earlier[name], body(tree.nodes[name])
+        if name in index:
+            own = 1 << index[name]
+            before.append((index[name], above if top_down else above | events[name] & ~own))
+            above |= own if top_down else 0
+        for child in joined.children if joined.op is Op.SEQUENCE else children:
+            earlier[child] |= above
+            above |= events[child] if joined.op is Op.SEQUENCE else 0
+    guards = {name for name in kept if (when := tree.nodes[name].when) is not None and variables(when)}
+    return BitScenario(events[tree.root], tuple(before), frozenset(guards))
+
+
+def _is_acyclic(scenario: BitScenario) -> bool:
+    """Whether its occurrences have an order in which they can happen."""
+    left, before = scenario.occurrences, dict(scenario.before)
+    while left:
+        now = mask_of(index for index in bits(left) if not before[index] & left)
+        if not now:
+            return False
+        left &= ~now
+    return True
+
+
+# -- which sets of letters one event can be at once, the largest first -------------------------------------------------
 
 Combination: TypeAlias = tuple[tuple[RmlLetter, ...], int]
 """The letters that have to be written, and all the letters that the event then is."""
 
 
 class Combinations:
-    """The combinations of some letters, of which some detect; `count` is called for each before it is looked at, and may raise."""
+    """The combinations of some letters, of which some detect; `counted` is called for each before it is looked at, and may raise."""
 
     def __init__(
-        self, tree: RVAFT, moves: Mapping[RmlLetter, bool], bound: frozenset[str], count: Callable[[], None]
+        self,
+        tree: RVAFT,
+        letters: list[RmlLetter],
+        detecting: Set[RmlLetter],
+        bound: frozenset[str],
+        counted: Callable[[], None],
     ) -> None:
-        self._letters = list(moves)
-        self._count = count
-        self._calls = list(dict.fromkeys(letter.call for letter in moves))
+        self._letters, self._counted = letters, counted
+        self._calls = list(dict.fromkeys(letter.call for letter in letters))
         number = {call: position for position, call in enumerate(self._calls)}
-        self._call = [number[letter.call] for letter in moves]
+        self._call = [number[letter.call] for letter in letters]
         patterns = [call.pattern(tree) for call in self._calls]
         overlaps = Overlaps(patterns)
         self._near = [overlaps.compatible(i) for i in range(len(patterns))]
@@ -110,17 +129,15 @@ class Combinations:
             mask_of(j for j in bits(near) if i == j or implies(patterns[i], patterns[j], bound))
             for i, near in enumerate(self._near)
         ]
-        self._facts = list(dict.fromkeys(guard for letter in moves for guard in letter.guards))
+        self._facts = list(dict.fromkeys(guard for letter in letters for guard in letter.guards))
         place = {guard: position for position, guard in enumerate(self._facts)}
-        self._guards = [mask_of(place[guard] for guard in letter.guards) for letter in moves]
-        detecting = [i for i, detects in enumerate(moves.values()) if detects]
+        self._guards = [mask_of(place[guard] for guard in letter.guards) for letter in letters]
+        found = [i for i, letter in enumerate(letters) if letter in detecting]
         self._detecting = [
-            i
-            for i in detecting
-            if not any(j < i or not self._entails(j, i) for j in self._entailed(i, detecting) if j != i)
+            i for i in found if not any(j < i or not self._entails(j, i) for j in self._entailed(i, found) if j != i)
         ]
         self._others = [
-            i for i, detects in enumerate(moves.values()) if not detects and not self._entailed(i, self._detecting)
+            i for i, letter in enumerate(letters) if letter not in detecting and not self._entailed(i, self._detecting)
         ]
 
     def _entails(self, letter: int, other: int) -> bool:
@@ -138,7 +155,7 @@ class Combinations:
         known = mask_of(called)
         apart = known.bit_count() == len(called) and all(self._near[call] & known == 1 << call for call in called)
         for i in (*self._detecting, *(self._others if apart else ())):
-            self._count()
+            self._counted()
             yield (self._letters[i],), 1 << i
         if not apart:
             yield from sorted(self._closed(), key=lambda combination: -combination[1].bit_count())
@@ -155,11 +172,16 @@ class Combinations:
             allowed = union(self._guards[i] for i in bits(fits))
             return mask_of(i for i in bits(union(implied[i] for i in bits(fits))) if not self._guards[i] & ~allowed)
 
+        def detects(fits: int) -> bool:
+            allowed = union(self._guards[i] for i in bits(fits))
+            calls = union(self._implies[self._call[i]] for i in bits(fits))
+            return any(not self._guards[i] & ~allowed and calls >> self._call[i] & 1 for i in self._detecting)
+
         single = list(dict.fromkeys(closure(1 << i) for i in self._others))
         agenda, seen = list(single), set(single)
         for fits in agenda:
-            self._count()
-            if any(self._covers(fits, i) for i in self._detecting):
+            self._counted()
+            if detects(fits):
                 continue  # the alternative that detects comes first
             yield self._written(fits), fits
             for other in single:
@@ -168,12 +190,6 @@ class Combinations:
                     if more not in seen:
                         seen.add(more)
                         agenda.append(more)
-
-    def _covers(self, fits: int, letter: int) -> bool:
-        allowed = union(self._guards[i] for i in bits(fits))
-        return not self._guards[letter] & ~allowed and any(
-            self._implies[self._call[i]] >> self._call[letter] & 1 for i in bits(fits)
-        )
 
     def _written(self, fits: int) -> tuple[RmlLetter, ...]:
         """One letter per call, with all its guards, without calls that another one implies and that bind nothing more."""
@@ -197,13 +213,14 @@ class Combinations:
 
 ACCEPT: Final = -1
 STAY: Final = -2
-Environment: TypeAlias = tuple[tuple[str, str], ...]
-"""The register of each remembered variable, by name."""
-Partial: TypeAlias = tuple[int, Environment]
+Partial: TypeAlias = tuple[int, tuple[tuple[str, str], ...]]
+"""The matched occurrences, and the register of each remembered variable, by name."""
+Partials: TypeAlias = Mapping[Partial, int]
+"""Each with the scenarios it belongs to."""
 
 
 class MatchState(NamedTuple):
-    """Partial matches, each with the scenarios it belongs to, and the registers bound by now."""
+    """Partial matches with their scenarios, and the registers bound by now."""
 
     partials: frozenset[tuple[Partial, int]]
     bound: frozenset[str] = frozenset()
@@ -217,69 +234,61 @@ class RmlAlternative(NamedTuple):
     target: int
 
 
-@dataclass(slots=True)
-class Advance:
-    """Where one letter leads."""
-
-    partials: dict[Partial, int] = field(default_factory=lambda: defaultdict(int))
-    detects: bool = False
-
-
 class Determinised:
-    """The alternatives of each state; state 0 is the first. Raises `TooLarge` beyond `limit` alternatives, rejected ones included."""
+    """The alternatives of each state; state 0 is the first. Raises `TooLarge` beyond `limit` alternatives, rejected ones included.
 
-    def __init__(
-        self,
-        scenarios: list[BitScenario],
-        letters: RmlLetters,
-        registers: Registers,
-        semantics: Semantics,
-        *,
-        limit: int,
-    ) -> None:
-        self._letters = letters
-        self._tree = letters.observations.tree
-        self._variables = letters.observations.variables
-        self._registers = registers
+    In RML a variable is bound once. A register (`registers`, in order of need) is called after the first variable it is for, with a number
+    where that name is bound already on the way here, or where one event could have to bind it in two places at once.
+    """
+
+    def __init__(self, scenarios: list[BitScenario], letters: RmlLetters, semantics: Semantics, *, limit: int) -> None:
+        self._letters, self._tree, self._limit = letters, letters.tree, limit
         self._scattered = semantics is Semantics.SCATTERED
-        self._limit = limit
-        self._size = 0
+        self._size = self._work = 0
         self._known: dict[int, frozenset[str]] = {}
-        self._prepare(scenarios)
-        start = MatchState(frozenset({((0, ()), (1 << len(scenarios)) - 1)}))
-        self._number = {start: 0}
-        self._waiting = [start]
-        self.alternatives: list[list[RmlAlternative]] = []
-        for state in self._waiting:
-            self.alternatives.append(list(self._alternatives(state)))
-
-    def _prepare(self, scenarios: list[BitScenario]) -> None:
-        """Turn the scenarios round: for each occurrence and guard, the scenarios that have it."""
-        ready: dict[int, dict[int, int]] = {}
+        names = RmlNames()
+        ordered = [name for name in self._tree.variables if name in letters.remembered]
+        self._wanted = {name: names.fresh(name, otherwise="v") for name in ordered}
+        self.registers: dict[str, None] = {}
+        ready: dict[int, dict[int, int]] = {}  # for each occurrence, what comes before it in which scenarios
         self._complete: dict[int, int] = defaultdict(int)
         self._guarded: dict[str, int] = defaultdict(int)
         for number, scenario in enumerate(scenarios):
             self._complete[scenario.occurrences] |= 1 << number
-            for index, before in scenario.before.items():
+            for index, before in scenario.before:
                 ready.setdefault(index, defaultdict(int))[before] |= 1 << number
             for name in scenario.guards:
                 self._guarded[name] |= 1 << number
         self._ready = {index: tuple(ways.items()) for index, ways in sorted(ready.items())}
         guards = {name: self._tree.nodes[name].when for name in self._tree.order if name in self._guarded}
         self._speaks = {name: frozenset(variables(when)) for name, when in guards.items() if when is not None}
+        start = MatchState(frozenset({((0, ()), (1 << len(scenarios)) - 1)}))
+        self._number = {start: 0}
+        self._waiting = [start]
+        self.alternatives = [list(self._alternatives(state)) for state in self._waiting]
 
     def _alternatives(self, state: MatchState) -> Iterator[RmlAlternative]:
-        moves = self._moves(state)
+        moves, detecting = self._moves(state)
         if self._scattered:
-            moves = {letter: move for letter, move in moves.items() if move.detects or self._helps(state, move)}
-        made = list(moves.values())
-        detecting = {letter: move.detects for letter, move in moves.items()}
-        for letters, fits in Combinations(self._tree, detecting, state.bound, self._count).all():
+            moves = {
+                letter: partials
+                for letter, partials in moves.items()
+                if letter in detecting or self._merged(state, [partials]) != state.partials
+            }
+        made = list(moves)
+        for letters, fits in Combinations(self._tree, made, detecting, state.bound, self._count).all():
             fitting = [made[i] for i in bits(fits)]
-            detects = any(move.detects for move in fitting)
-            target = ACCEPT if detects else self._target(state, fitting, letters)
-            if target != STAY:
-                yield RmlAlternative(letters, fits, target)
+            target = ACCEPT
+            if detecting.isdisjoint(fitting):
+                bound = state.bound.union(*(letter.call.registers for letter in letters))
+                after = MatchState(self._merged(state, [moves[letter] for letter in fitting]), bound)
+                if self._scattered and after == state:
+                    continue
+                if after not in self._number:
+                    self._number[after] = len(self._number)
+                    self._waiting.append(after)
+                target = self._number[after]
+            yield RmlAlternative(letters, fits, target)
         if self._scattered:
             yield RmlAlternative((), 0, STAY)
 
@@ -289,28 +298,35 @@ class Determinised:
         if self._size > self._limit:
             raise TooLarge("alternatives of the RML equations", limit=self._limit)
 
-    def _merged(self, state: MatchState, moves: Iterable[Advance]) -> frozenset[tuple[Partial, int]]:
+    def _spend(self, steps: int) -> None:
+        self._work += steps
+        if self._work > WORK * self._limit:
+            raise TooLarge(f"steps of partial matches, {WORK} allowed for each alternative", limit=self._limit)
+
+    def _merged(self, state: MatchState, moves: Iterable[Partials]) -> frozenset[tuple[Partial, int]]:
+        """All partial matches after the moves; under `scattered` one that another of the same scenario contains has nothing to add."""
         merged: dict[Partial, int] = defaultdict(int, state.partials if self._scattered else ())
-        for move in moves:
-            for partial, mask in move.partials.items():
+        for partials in moves:
+            for partial, mask in partials.items():
                 merged[partial] |= mask
-        return frozenset((_undominated(merged) if self._scattered else merged).items())
+        if not self._scattered:
+            return frozenset(merged.items())
+        found: dict[Partial, int] = {}
+        for partial, scenarios in sorted(merged.items(), key=lambda item: (-item[0][0].bit_count(), item[0])):
+            left = scenarios
+            self._spend(len(found) // 10)  # much cheaper than a step of a match
+            for (larger, _), others in found.items():
+                if not partial[0] & ~larger:
+                    left &= ~others
+                    if not left:
+                        break
+            if left:
+                found[partial] = left
+        return frozenset(found.items())
 
-    def _helps(self, state: MatchState, move: Advance) -> bool:
-        return self._merged(state, [move]) != state.partials
-
-    def _target(self, state: MatchState, moves: list[Advance], written: tuple[RmlLetter, ...]) -> int:
-        bound = state.bound.union(*(letter.call.registers for letter in written))
-        after = MatchState(self._merged(state, moves), bound)
-        if self._scattered and after == state:
-            return STAY
-        if after not in self._number:
-            self._number[after] = len(self._number)
-            self._waiting.append(after)
-        return self._number[after]
-
-    def _moves(self, state: MatchState) -> dict[RmlLetter, Advance]:
-        """The letters that advance some partial match, and where each leads."""
+    def _moves(self, state: MatchState) -> tuple[dict[RmlLetter, dict[Partial, int]], set[RmlLetter]]:
+        """The letters that advance some partial match, and where each leads; those that detect."""
+        self._spend(len(state.partials) * len(self._ready))
         candidates = [
             (done, dict(environment), index, mask & ways)
             for (done, environment), mask in sorted(state.partials)
@@ -318,19 +334,46 @@ class Determinised:
             if not done >> index & 1
             if mask & (ways := union(scenarios for earlier, scenarios in before if not earlier & ~done))
         ]
-        chosen = self._registers.choose(((index, known.keys()) for _, known, index, _ in candidates), state.bound)
-        moves: dict[RmlLetter, Advance] = {}
+        chosen = self._chosen(((index, known.keys()) for _, known, index, _ in candidates), state.bound)
+        moves: dict[RmlLetter, dict[Partial, int]] = {}
+        detecting: set[RmlLetter] = set()
         for done, known, index, mask in candidates:
-            registers = self._registers.assign(index, known, chosen)
+            registers = dict(known)
+            for where, name in self._letters.asked(index):
+                if name not in registers:
+                    registers[name] = chosen[where]
             after = done | 1 << index
             partial = (after, self._remembered(after, registers))
             for part, guards in self._split(done, after, mask):
                 letter = self._letters.letter(index, registers, guards)
                 if letter is not None:
-                    move = moves.setdefault(letter, Advance())
-                    move.detects = move.detects or bool(self._complete.get(after, 0) & part)
-                    move.partials[partial] |= part
-        return moves
+                    moves.setdefault(letter, defaultdict(int))[partial] |= part
+                    if self._complete.get(after, 0) & part:
+                        detecting.add(letter)
+        return moves, detecting
+
+    def _chosen(self, waiting: Iterable[tuple[int, Set[str]]], bound: Set[str]) -> dict[Where, str]:
+        """A register for each place where an occurrence (with the variables it already knows) would bind a variable."""
+        here: dict[Where, list[tuple[str, int]]] = {}
+        for index, known in waiting:
+            for where, name in self._letters.asked(index):
+                if name not in known:
+                    here.setdefault(where, []).append((name, index))
+        chosen: dict[Where, str] = {}
+        takers: dict[str, list[int]] = defaultdict(list)
+        loose = self._letters.loose
+        for where, asking in here.items():
+            names, occurrences = zip(*asking, strict=True)
+            wanted = next(register for name, register in self._wanted.items() if name in names)
+            chosen[where] = next(
+                register
+                for register in (wanted if number == 1 else f"{wanted}_{number}" for number in count(1))
+                if register not in bound
+                and not any(compatible(loose(i), loose(j)) for i in occurrences for j in takers[register])
+            )
+            takers[chosen[where]].extend(occurrences)
+            self.registers.setdefault(chosen[where])
+        return chosen
 
     def _split(self, done: int, after: int, mask: int) -> list[tuple[int, tuple[str, ...]]]:
         """The scenarios, parted by which guards get their last variable now."""
@@ -348,31 +391,16 @@ class Determinised:
 
     def _bound(self, done: int) -> frozenset[str]:
         if done not in self._known:
-            self._known[done] = frozenset().union(*(self._variables[index] for index in bits(done)))
+            self._known[done] = frozenset().union(*(self._letters.variables[index] for index in bits(done)))
         return self._known[done]
 
-    def _remembered(self, done: int, registers: Mapping[str, str]) -> Environment:
+    def _remembered(self, done: int, registers: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
         """The registers of the variables that something later speaks of."""
         if not registers:
             return ()
         later = {name for names in self._speaks.values() if not names <= self._bound(done) for name in names}
-        later.update(name for index in self._ready if not done >> index & 1 for name in self._variables[index])
+        later.update(name for i in self._ready if not done >> i & 1 for name in self._letters.variables[i])
         return tuple(sorted((name, register) for name, register in registers.items() if name in later))
-
-
-def _undominated(partials: Mapping[Partial, int]) -> dict[Partial, int]:
-    """Under `scattered` a partial match that another one of the same scenario contains has nothing to add."""
-    found: dict[Partial, int] = {}
-    for partial, scenarios in sorted(partials.items(), key=lambda item: (-item[0][0].bit_count(), item[0])):
-        left = scenarios
-        for (larger, _), others in found.items():
-            if not partial[0] & ~larger:
-                left &= ~others
-                if not left:
-                    break
-        if left:
-            found[partial] = left
-    return found
 
 
 # -- states with the same future made one, and alternatives dropped that a later one does as well ----------------------
@@ -385,7 +413,15 @@ def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
     """The classes, every one before those that lead to it; the last is that of the first state."""
     number: dict[StateClass, int] = {}
     of_state: dict[int, int] = {}
-    for state in _later_first(states):
+    agenda = [(0, False)]
+    while agenda:  # each state after all that it leads to; the only loops are STAY, so there is such an order
+        state, visited = agenda.pop()
+        if state in of_state:
+            continue
+        if not visited:
+            agenda.append((state, True))
+            agenda.extend((one.target, False) for one in states[state] if one.target >= 0)
+            continue
         kept: list[RmlAlternative] = []
         for one in reversed(states[state]):  # not where the next one that would fit leads to the same
             target = of_state.get(one.target, one.target)
@@ -396,20 +432,6 @@ def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
         of_state[state] = number.setdefault(choices, len(number))
     assert of_state[0] == len(number) - 1, "the first state lies before all others"
     return list(number)
-
-
-def _later_first(states: list[list[RmlAlternative]]) -> Iterator[int]:
-    """The states, each after all that it leads to; the only loops are STAY, so there is such an order."""
-    done: set[int] = set()
-    agenda = [(0, False)]
-    while agenda:
-        state, visited = agenda.pop()
-        if visited:
-            yield state
-        elif state not in done:
-            done.add(state)
-            agenda.append((state, True))
-            agenda.extend((one.target, False) for one in states[state] if one.target >= 0)
 
 
 def equations(classes: list[StateClass], letters: RmlLetters) -> tuple[Written, list[tuple[str, Written]]]:
@@ -432,19 +454,15 @@ def equations(classes: list[StateClass], letters: RmlLetters) -> tuple[Written, 
     own = [number for number in order if number in apart or height[number] == 0]
     names = {number: named(f"S{position}") for position, number in enumerate(own, 1)}
     bodies: list[Written] = []
-
-    def body(number: int) -> Written:
+    for number, choices in enumerate(classes):
         parts: list[Written] = []
         after = {ACCEPT: ALL, STAY: names.get(number, NONE)}
-        texts = [(letters.all_texts(found), target) for found, target in classes[number]]
+        texts = [(letters.all_texts(found), target) for found, target in choices]
         for (target, joint), run in groupby(texts, key=lambda one: (one[1], one[1] == ACCEPT and len(one[0]) > 1)):
             if joint:  # detecting by several types at once has a form of its own
                 parts += [join(AND, (then(event, ALL) for event in events)) for events, _ in run]
             else:  # neighbours that lead to the same are written as one
                 heads = [join(AND, events) if events else ANY for events, _ in run]
                 parts.append(then(join(OR, heads), after.get(target) or names.get(target) or bodies[target]))
-        return join(OR, parts) if parts else NONE  # guards that no event can fulfil
-
-    for number in range(len(classes)):
-        bodies += [body(number)]
+        bodies.append(join(OR, parts) if parts else NONE)  # guards that no event can fulfil
     return names.get(len(classes) - 1) or bodies[-1], [(names[number].word, bodies[number]) for number in names]

@@ -1,61 +1,227 @@
-r"""The event types of an RML text, declared as they are needed.
+r"""The event types of an RML text, declared as they are needed, and the guards of a tree as conditions that RML can check.
 
 Each event type of the tree is declared once; what an occurrence looks for is that type itself or one derived from it. A derived
 type that binds folds comparisons of numbers into its `with`; any other condition becomes a type of its own that binds nothing and is
 asked beside it (`/\`), because the negation of a type never binds.
+
+A guard of a tree is three-valued; a condition is a guard that says when another one is true, undefined being neither. It is made of
+`and` and `or` over comparisons of numbers, which simply fail on anything else; over *equalities*, of a variable with a literal or
+another variable; and of `not` in front of one of the two kinds of `==`.
 """
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import assert_never
+from typing import Final, TypeGuard, assert_never
 
-from backends.rml.writer.conditions import ALWAYS, is_equality, is_numeric
-from backends.rml.writer.names import RmlNames, identifier, in_arithmetic, in_patterns, quoted, spellings
-from backends.rml.writer.observations import Call, is_register
-from rvaft.model.guards import Guard, Operation, Operator, variables
+from backends.rml.writer.terms import RmlNames, applied, in_arithmetic, in_patterns, quoted, spellings
+from rvaft.model.guards import (
+    ARITHMETIC,
+    JUNCTIONS,
+    OPERATORS,
+    ORDERINGS,
+    UNDEFINED,
+    Guard,
+    Operation,
+    Operator,
+    conjuncts,
+    value,
+    variables,
+)
+from rvaft.model.nodes import Argument, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import is_number
+
+ALWAYS: Final = Operation(Operator.AND, ())
+NEVER: Final = Operation(Operator.OR, ())
 
 
-class _Scope:
-    """The variables of one declaration: registers and places of the call are called after the parameters of its event type."""
+class Inexpressible(Exception):
+    """A guard that no RML event type can check; the text says why."""
 
-    def __init__(self, tree: RVAFT, call: Call, registers: Iterable[str]) -> None:
-        self.local = RmlNames()
-        self.names: dict[str, str] = {}
-        parameters = tree.events[call.event].parameters if call.event is not None else ()
-        for argument, parameter in zip(call.arguments, parameters, strict=True):
-            if isinstance(argument, Variable) and argument.name not in self.names:
-                self.names[argument.name] = self.local.fresh(identifier(parameter, otherwise="p"))
-        for register in registers:
-            if register not in self.names:
-                self.names[register] = self.local.fresh(register)
 
-    def data(self, guard: Guard) -> str:
-        """A condition over numbers as a data expression; every operation in parentheses but the outermost."""
-        match guard:
-            case Literal(constant):
-                return in_arithmetic(constant)  # type: ignore[arg-type]
-            case Variable(name):
-                return self.names[name]
-            case Operation(Operator.AND | Operator.OR as operator, ()):
-                return "0 == 0" if operator is Operator.AND else "0 == 1"
-            case Operation(Operator.AND | Operator.OR as operator, operands):
-                sign = " && " if operator is Operator.AND else " || "
-                return sign.join(f"({self.data(operand)})" for operand in operands)
-            case Operation(operator, operands):
-                texts = [f"({self.data(o)})" if isinstance(o, Operation) else self.data(o) for o in operands]
-                return f"-{texts[0]}" if operator is Operator.NEGATE else f" {operator.value} ".join(texts)
+def _is_equality(condition: Guard) -> TypeGuard[Operation]:
+    """Whether the condition says that a variable has the value of a literal or of another variable."""
+    return isinstance(condition, Operation) and (
+        condition.operator is Operator.EQ and isinstance(condition.operands[0], Variable)
+    )
+
+
+def _is_numeric(condition: Guard) -> bool:
+    """Whether the condition consists of comparisons of numbers only."""
+    match condition:
+        case Operation(operator, parts) if operator in JUNCTIONS:
+            return all(map(_is_numeric, parts))
+        case Operation(operator):
+            return operator is not Operator.NOT and not _is_equality(condition)
+        case _:
+            return False
+
+
+def when_true(guard: Guard, wanted: bool = True) -> Guard:
+    """The condition under which the value of the guard is `true` (or, not wanted, `false`); raises `Inexpressible`."""
+    if not variables(guard):
+        return ALWAYS if value(guard, {}) is wanted else NEVER
+    match guard:
+        case Variable():
+            return Operation(Operator.EQ, (guard, Literal(wanted)))
+        case Operation(Operator.NOT, (operand,)):
+            return when_true(operand, not wanted)
+        case Operation(Operator.AND | Operator.OR as operator, operands):
+            # Read from left to right: an operand counts only while those before it do not decide.
+            decides = operator is Operator.OR
+            undecided = [when_true(operand, not decides) for operand in operands]
+            if wanted is not decides:
+                return _every(undecided)
+            return _some(_every([*undecided[:i], when_true(operand, decides)]) for i, operand in enumerate(operands))
+        case Operation(Operator.EQ | Operator.NE as operator, (left, right)):
+            return _equality(left, right, positive=(operator is Operator.EQ) is wanted)
+        case Operation(operator, (left, right)) if operator in ORDERINGS:
+            sides = [side for side in (_constant(left), _constant(right)) if side is not None]
+            text = any(isinstance(side, Literal) and isinstance(side.value, str) for side in sides)
+            if text and any(isinstance(side, Variable) for side in sides):
+                raise Inexpressible("RML cannot order strings")
+            sign = operator if wanted else OPERATORS[operator].negated or operator
+            return Operation(sign, (left, right)) if _is_calculable(left) and _is_calculable(right) else NEVER
+        case _:
+            return NEVER  # a number is no truth value
+
+
+def _same(left: Guard, right: Guard, *, positive: bool) -> Guard:
+    if left == right:
+        return ALWAYS if positive else NEVER
+    equal = Operation(Operator.EQ, (left, right))
+    return equal if positive else Operation(Operator.NOT, (equal,))
+
+
+def _equality(left: Guard, right: Guard, *, positive: bool) -> Guard:
+    sides = _constant(left), _constant(right)
+    if sides[0] is None or sides[1] is None:
+        return NEVER
+    both_ways = (sides, sides[::-1])
+    for one, other in both_ways:
+        if isinstance(one, Operation) and one.operator not in ARITHMETIC:
+            return _some(_every([when_true(one, truth), _is(other, truth, positive)]) for truth in (True, False))  # type: ignore[arg-type]
+    for one, other in both_ways:
+        if isinstance(one, Operation):
+            return _equality_of_sum(one, other, positive=positive)  # type: ignore[arg-type]
+    return _same(*(sides if isinstance(sides[0], Variable) else sides[::-1]), positive=positive)  # type: ignore[arg-type]
+
+
+def _is(side: Guard, truth: bool, positive: bool) -> Guard:
+    """Whether the side is that truth value (or, not positive, defined and something else)."""
+    match side:
+        case Variable():
+            return _same(side, Literal(truth), positive=positive)
+        case Literal(constant):
+            return ALWAYS if (constant is truth) is positive else NEVER
+        case Operation(operator) if operator not in ARITHMETIC:
+            return when_true(side, truth is positive)
+        case Operation():
+            return NEVER if positive else _defined(side)
+
+
+def _equality_of_sum(arithmetic: Guard, other: Guard, *, positive: bool) -> Guard:
+    equal = Operation(Operator.EQ, (arithmetic, other))
+    match other:
+        case _ if not _is_calculable(arithmetic):
+            return NEVER
+        case Variable():
+            return equal if positive else _every([_defined(arithmetic), Operation(Operator.NOT, (equal,))])
+        case Literal(constant) if not is_number(constant):
+            return NEVER if positive else _defined(arithmetic)
+        case _ if not _is_calculable(other):
+            return NEVER
+        case _:
+            return equal if positive else Operation(Operator.NE, (arithmetic, other))
+
+
+def _defined(arithmetic: Guard) -> Guard:
+    return Operation(Operator.EQ, (arithmetic, arithmetic)) if _is_calculable(arithmetic) else NEVER
+
+
+def _constant(guard: Guard) -> Guard | None:
+    """A literal for what has no variables, None where that is undefined."""
+    if variables(guard):
+        return guard
+    constant = value(guard, {})
+    return None if constant is UNDEFINED else Literal(constant)
+
+
+def _is_calculable(guard: Guard) -> bool:
+    """Whether the expression can be a number at all."""
+    match _constant(guard):
+        case None:
+            return False
+        case Literal(constant):
+            return is_number(constant)
+        case Variable():
+            return True
+        case Operation(operator, operands):
+            return operator in ARITHMETIC and all(map(_is_calculable, operands))
+
+
+def _every(parts: Iterable[Guard]) -> Guard:
+    flat = [inner for part in parts for inner in conjuncts(part)]
+    if NEVER in flat:
+        return NEVER
+    return flat[0] if len(flat) == 1 else Operation(Operator.AND, tuple(dict.fromkeys(flat)))
+
+
+def _some(parts: Iterable[Guard]) -> Guard:
+    flat: list[Guard] = []
+    for part in parts:
+        flat.extend(part.operands if isinstance(part, Operation) and part.operator is Operator.OR else (part,))
+    if ALWAYS in flat:
+        return ALWAYS
+    return flat[0] if len(flat) == 1 else Operation(Operator.OR, tuple(dict.fromkeys(flat)))
+
+
+def _data(guard: Guard, names: dict[str, str]) -> str:
+    """A condition over numbers as a data expression; every operation in parentheses but the outermost."""
+    match guard:
+        case Literal(constant):
+            return in_arithmetic(constant)  # type: ignore[arg-type]
+        case Variable(name):
+            return names[name]
+        case Operation(Operator.AND | Operator.OR as operator, ()):
+            return "0 == 0" if operator is Operator.AND else "0 == 1"
+        case Operation(Operator.AND | Operator.OR as operator, operands):
+            sign = " && " if operator is Operator.AND else " || "
+            return sign.join(f"({_data(operand, names)})" for operand in operands)
+        case Operation(operator, operands):
+            texts = [f"({_data(o, names)})" if isinstance(o, Operation) else _data(o, names) for o in operands]
+            return f"-{texts[0]}" if operator is Operator.NEGATE else f" {operator.value} ".join(texts)
+
+
+# -- event types -------------------------------------------------------------------------------------------------------
+
+
+def is_register(argument: Argument) -> TypeGuard[Variable]:
+    """Whether an argument of a call is a variable of the RML text, and not one of the event alone."""
+    return isinstance(argument, Variable) and "#" not in argument.name
 
 
 @dataclass(frozen=True, slots=True)
-class _BaseType:
-    """A declared event type of the tree; `hidden` are the literals that no pattern can hold, its last arguments."""
+class Call:
+    """An event type applied to arguments; `event` is None for the default event of the node called `default`."""
 
-    name: str
-    hidden: tuple[Literal, ...] = ()
+    event: str | None
+    arguments: tuple[Argument, ...] = ()
+    default: str = ""
+
+    @property
+    def registers(self) -> tuple[str, ...]:
+        """The registers among the arguments, each once."""
+        return tuple(dict.fromkeys(a.name for a in self.arguments if is_register(a)))
+
+    def pattern(self, tree: RVAFT) -> Pattern:
+        """The pattern of the events; registers and places stand as variables."""
+        if self.event is None:
+            return ObjectPattern((("event", Literal(self.default)),))
+        return tree.instantiate(On(self.event, self.arguments))
 
 
 class RmlTypes:
@@ -65,31 +231,30 @@ class RmlTypes:
         self.tree = tree
         self.lines: list[str] = []
         self._names = RmlNames()
-        self._bases: dict[tuple[str | None, str], _BaseType] = {}
+        self._bases: dict[tuple[str | None, str], tuple[str, list[Literal]]] = {}
+        """The declared event types of the tree, each with the literals that no pattern can hold, its last arguments."""
         self._declared: dict[tuple[object, ...], str] = {}
-
-    # -- what expressions use ---------------------------------------------------------------------------------------
 
     def observed(self, call: Call, conditions: Sequence[tuple[Guard, str]], node: str) -> list[str]:
         """The types, applied, that together match the events of a call that fulfil the conditions; the first one binds.
 
         `node` and the names beside the conditions, of the nodes they come from, are what the types are called after.
         """
-        folded = [condition for condition, _ in conditions if is_numeric(condition)]
-        names = dict.fromkeys(name for condition, name in conditions if is_numeric(condition) and name != node)
+        folded = [condition for condition, _ in conditions if _is_numeric(condition)]
+        names = dict.fromkeys(name for condition, name in conditions if _is_numeric(condition) and name != node)
         binding = self._binding(call, folded, "_".join([node, *names]))
-        others = [(c, name if name != node else f"{node}_when") for c, name in conditions if not is_numeric(c)]
+        others = [(c, name if name != node else f"{node}_when") for c, name in conditions if not _is_numeric(c)]
         return [binding, *(self._asked(call, condition, name) for condition, name in others)]
 
     def checked(self, call: Call, condition: Guard, hint: str) -> list[str]:
         """Types that bind nothing, as parents of another: any of them matches the events of a call that fulfil the condition."""
         if condition == ALWAYS:
-            parents, extra = self._parents(call, _Scope(self.tree, call, ()), ())
+            parents, extra = self._parents(call, *self._scope(call, ()), ())
             return [self._declare((), parents, extra, hint)] if extra else parents
-        if is_numeric(condition) or is_equality(condition):
+        if _is_numeric(condition) or _is_equality(condition):
             return [self._asked(call, condition, hint)]
         other = self.neither(self.checked(call, ALWAYS, hint), f"not_{hint}")
-        return [self.neither([other, self._refused(call, condition, hint)], hint)]
+        return [self.neither([other, self._refused(call, condition, hint, f"not_{hint}")], hint)]
 
     def union(self, parents: Iterable[str], hint: str) -> str:
         """A type that matches what any of the parents match."""
@@ -101,54 +266,64 @@ class RmlTypes:
 
     # -- derived types ----------------------------------------------------------------------------------------------
 
+    def _scope(self, call: Call, registers: Iterable[str]) -> tuple[dict[str, str], RmlNames]:
+        """The variables of one declaration: registers and places of the call are called after the parameters of its event type."""
+        local, names = RmlNames(), dict[str, str]()
+        parameters = self.tree.events[call.event].parameters if call.event is not None else ()
+        for argument, parameter in zip(call.arguments, parameters, strict=True):
+            if isinstance(argument, Variable) and argument.name not in names:
+                names[argument.name] = local.fresh(parameter, otherwise="p")
+        for register in registers:
+            if register not in names:
+                names[register] = local.fresh(register)
+        return names, local
+
     def _binding(self, call: Call, folded: list[Guard], hint: str) -> str:
-        base = self._base(call)
-        if not folded and not base.hidden and all(map(is_register, call.arguments)):
-            return _applied(base.name, [a.name for a in call.arguments if isinstance(a, Variable)])
-        whole = Operation(Operator.AND, tuple(folded))
-        extra = _outside(call, whole)
-        registers = tuple(dict.fromkeys((*call.registers, *extra)))
-        scope = _Scope(self.tree, call, extra)
-        parents, more = self._parents(call, scope, {*registers, *variables(whole)})
-        conditions = [*more, *map(scope.data, folded)]
-        return _applied(self._declare([scope.names[r] for r in registers], parents, conditions, hint), registers)
+        name, hidden = self._base(call)
+        if not folded and not hidden and all(map(is_register, call.arguments)):
+            return applied(name, [a.name for a in call.arguments if isinstance(a, Variable)])
+        return self._derived(call, Operation(Operator.AND, tuple(folded)), folded, hint, call.registers)
+
+    def _derived(
+        self, call: Call, condition: Guard, conditions: Iterable[Guard], hint: str, binding: Sequence[str] = ()
+    ) -> str:
+        """A type with conditions over numbers behind `with`, applied; it binds some registers of the call."""
+        outside = _outside(call, condition)
+        registers = tuple(dict.fromkeys((*binding, *outside)))
+        names, local = self._scope(call, outside)
+        parents, more = self._parents(call, names, local, {*registers, *variables(condition)})
+        more += [_data(one, names) for one in conditions]
+        return applied(self._declare([names[r] for r in registers], parents, more, hint), registers)
 
     def _asked(self, call: Call, condition: Guard, hint: str) -> str:
         """A type that matches where the condition holds of an event that matches the call; it binds nothing."""
         registers = _outside(call, condition)
         match condition:
-            case Operation(Operator.NOT, (inner,)) if is_equality(inner):
-                return self._equal(call, inner, hint, negated=True)
-            case _ if is_equality(condition):
-                return self._equal(call, condition, hint)
             case Operation(Operator.NOT, (inner,)):
-                name = self._declare(registers, [self._asked(call, inner, hint)], (), hint, negated=True)
-            case Operation(Operator.OR, parts) if not is_numeric(condition):
-                name = self._declare(registers, [self._asked(call, part, hint) for part in parts], (), hint)
-            case Operation(Operator.AND, parts) if not is_numeric(condition):
-                refusals = [self._refused(call, part, hint) for part in parts]
-                name = self._declare(registers, refusals, (), hint, negated=True)
+                return self._refused(call, inner, hint, hint)
+            case _ if _is_equality(condition):
+                return self._equal(call, condition, hint)
+            case Operation(Operator.OR, parts) if not _is_numeric(condition):
+                types = [self._asked(call, part, hint) for part in parts]
+                return applied(self._declare(registers, types, (), hint), registers)
+            case Operation(Operator.AND, parts) if not _is_numeric(condition):
+                types = [self._refused(call, part, hint, f"not_{hint}") for part in parts]
+                return applied(self._declare(registers, types, (), hint, negated=True), registers)
             case _:
-                scope = _Scope(self.tree, call, registers)
-                parents, more = self._parents(call, scope, variables(condition))
-                conditions = [*more, scope.data(condition)]
-                name = self._declare([scope.names[r] for r in registers], parents, conditions, hint)
-        return _applied(name, registers)
+                return self._derived(call, condition, [condition], hint)
 
-    def _refused(self, call: Call, condition: Guard, hint: str) -> str:
+    def _refused(self, call: Call, condition: Guard, hint: str, negation: str) -> str:
         """A type that matches where the condition fails of an event that matches the call."""
         match condition:
             case Operation(Operator.NOT, (inner,)):
                 return self._asked(call, inner, hint)
-            case _ if is_equality(condition):
+            case _ if _is_equality(condition):
                 return self._equal(call, condition, hint, negated=True)
             case _:
-                registers = _outside(call, condition)
-                parents = [self._asked(call, condition, hint)]
-                return _applied(self._declare(registers, parents, (), f"not_{hint}", negated=True), registers)
+                registers, asked = _outside(call, condition), self._asked(call, condition, hint)
+                return applied(self._declare(registers, [asked], (), negation, negated=True), registers)
 
-    def _equal(self, call: Call, equality: Guard, hint: str, *, negated: bool = False) -> str:
-        assert isinstance(equality, Operation)
+    def _equal(self, call: Call, equality: Operation, hint: str, *, negated: bool = False) -> str:
         left, right = equality.operands
         registers = _outside(call, equality)
         if left not in call.arguments and isinstance(right, Variable) and right in call.arguments:
@@ -158,16 +333,14 @@ class RmlTypes:
         if left not in call.arguments:  # two values that earlier events have given
             same = self._once(("same",), "same", lambda name: f"{name}(value, value) matches {{}};")
             texts: Sequence[str] = [right.name] if isinstance(right, Variable) else _spelled(right)
-            parents, more = [_applied(same, [left.name, text]) for text in texts], list[str]()
+            parents, more = [applied(same, [left.name, text]) for text in texts], list[str]()
             parameters = registers
         else:
-            changed = replace(
-                call, arguments=tuple(right if argument == left else argument for argument in call.arguments)
-            )
-            scope = _Scope(self.tree, changed, registers)
-            parents, more = self._parents(changed, scope, registers)
-            parameters = [scope.names[register] for register in registers]
-        return _applied(self._declare(parameters, parents, more, hint, negated=negated), registers)
+            changed = replace(call, arguments=tuple(right if a == left else a for a in call.arguments))
+            names, local = self._scope(changed, registers)
+            parents, more = self._parents(changed, names, local, registers)
+            parameters = [names[register] for register in registers]
+        return applied(self._declare(parameters, parents, more, hint, negated=negated), registers)
 
     def _declare(
         self,
@@ -180,11 +353,11 @@ class RmlTypes:
     ) -> str:
         """A derived type; the negation of one with a `with` goes through the positive one, for `not … with` means something else."""
         if negated and conditions:
-            parents, conditions = [_applied(self._declare(parameters, parents, conditions, hint), parameters)], ()
+            parents, conditions = [applied(self._declare(parameters, parents, conditions, hint), parameters)], ()
         key = (tuple(parameters), tuple(parents), tuple(conditions), negated)
         whole = conditions[0] if len(conditions) == 1 else " && ".join(f"({condition})" for condition in conditions)
         body = f"{'not ' if negated else ''}matches {' | '.join(parents)}{' with ' if conditions else ''}{whole};"
-        return self._once(key, hint, lambda name: f"{_applied(name, parameters)} {body}")
+        return self._once(key, hint, lambda name: f"{applied(name, parameters)} {body}")
 
     def _once(self, key: tuple[object, ...], hint: str, line: Callable[[str], str]) -> str:
         if key not in self._declared:
@@ -194,42 +367,44 @@ class RmlTypes:
 
     # -- the types of the tree --------------------------------------------------------------------------------------
 
-    def _parents(self, call: Call, scope: _Scope, used: Collection[str]) -> tuple[list[str], list[str]]:
+    def _parents(
+        self, call: Call, names: dict[str, str], local: RmlNames, used: Collection[str]
+    ) -> tuple[list[str], list[str]]:
         """The base type applied to the arguments, once for each spelling of a literal, and comparisons for very large integers.
 
         A variable that is not `used` elsewhere and stands but once is written `_`.
         """
-        base = self._base(call)
+        base, hidden = self._base(call)
         counts = Counter(argument.name for argument in call.arguments if isinstance(argument, Variable))
         options: list[tuple[str, ...]] = []
         conditions: list[str] = []
-        for argument in (*call.arguments, *base.hidden):
+        for argument in (*call.arguments, *hidden):
             match argument:
                 case Literal(constant):
                     texts = spellings(constant)
                     if texts is None:
-                        texts = (scope.local.fresh("number"),)
+                        texts = (local.fresh("number"),)
                         conditions.append(f"{texts[0]} == {in_arithmetic(constant)}")  # type: ignore[arg-type]
                     options.append(texts)
                 case Variable(name):
-                    options.append((scope.names[name] if counts[name] > 1 or name in used else "_",))
+                    options.append((names[name] if counts[name] > 1 or name in used else "_",))
                 case Anything():
                     options.append(("_",))
                 case _:
                     assert_never(argument)
-        return [_applied(base.name, chosen) for chosen in product(*options)], conditions
+        return [applied(base, chosen) for chosen in product(*options)], conditions
 
-    def _base(self, call: Call) -> _BaseType:
+    def _base(self, call: Call) -> tuple[str, list[Literal]]:
         key = (call.event, call.default)
         if key not in self._bases:
             self._bases[key] = self._declare_base(call)
         return self._bases[key]
 
-    def _declare_base(self, call: Call) -> _BaseType:
+    def _declare_base(self, call: Call) -> tuple[str, list[Literal]]:
         if call.event is None:
             name = self._names.fresh(call.default)
             self.lines.append(f"{name} matches {{ 'event': {quoted(call.default)} }};")
-            return _BaseType(name)
+            return name, []
         event, local = self.tree.events[call.event], RmlNames()
         parameters = {parameter: local.fresh(parameter, otherwise="p") for parameter in event.parameters}
         names, hidden = list(parameters.values()), list[Literal]()
@@ -255,16 +430,12 @@ class RmlTypes:
 
         body = text(event.pattern)
         name = self._names.fresh(call.event)
-        self.lines.append(f"{_applied(name, names)} matches {body};")
-        return _BaseType(name, tuple(hidden))
+        self.lines.append(f"{applied(name, names)} matches {body};")
+        return name, hidden
 
 
 def _spelled(literal: Literal) -> tuple[str, ...]:
     return spellings(literal.value) or (in_arithmetic(literal.value),)  # type: ignore[arg-type]
-
-
-def _applied(name: str, arguments: Sequence[str]) -> str:
-    return f"{name}({', '.join(arguments)})" if arguments else name
 
 
 def _outside(call: Call, condition: Guard) -> list[str]:

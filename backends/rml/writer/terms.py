@@ -1,20 +1,120 @@
-"""RML expressions as they are written, and their text.
+"""The words of an RML text (names, an injective renaming of those of a tree, literals) and its expressions.
 
-They are built bottom-up; `depth` is known at once, so that whoever builds them can put a deep one into an equation of its own
-and nothing here ever recurses far. Everything that is not a single name is put into parentheses.
+Event types and variables start with a lower-case ASCII letter, equations with an upper-case one; some words are taken. Facts that every
+writer of RML text has to know, not translation: the reader keeps its own account of the language.
+
+A number is equal to another of the same value, but the published monitor tells 1 from 1.0: where a literal is an integer both
+spellings are written. Its patterns know neither a sign nor an exponent, and no integer beyond 32 bits: such a number stands as
+an argument or, larger still, is compared in a `with`.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Final
+
+from rvaft.model.values import Scalar, is_number
+
+KEYWORDS: Final = frozenset(["not", "matches", "with", "empty", "all", "let", "var", "if", "else"])
+FUNCTIONS: Final = frozenset(["abs", "sin", "cos", "tan", "min", "max"])
+VALUES: Final = frozenset(["true", "false", "null"])
+TYPES: Final = frozenset(["any", "none"])
+"""Event types that the compiler declares itself; to declare one again widens it."""
+RESERVED: Final = KEYWORDS | FUNCTIONS | VALUES | TYPES
+"""The words that no name may be."""
+LARGEST: Final = 2**31 - 1
+"""The largest integer that the compiler reads."""
+_ESCAPES: Final = str.maketrans({"\\": "\\\\", "'": "\\'", "\n": "\\n", "\t": "\\t", "\r": "\\r"})
+_CHUNK: Final = 10**9
+
+
+class RmlNames:
+    """Gives out names of one kind; no name twice."""
+
+    def __init__(self) -> None:
+        self._taken = set(RESERVED)
+
+    def fresh(self, wanted: str, *, otherwise: str = "e") -> str:
+        """A new name that resembles the wanted one.
+
+        >>> names = RmlNames()
+        >>> names.fresh("Valve 1"), names.fresh("valve_1"), names.fresh("all")
+        ('valve_1', 'valve_1_2', 'all_2')
+        """
+        return self.distinct(identifier(wanted, otherwise=otherwise))
+
+    def distinct(self, base: str) -> str:
+        """The name itself, or with a number where it is taken."""
+        name, number = base, 2
+        while name in self._taken:
+            name, number = f"{base}_{number}", number + 1
+        self._taken.add(name)
+        return name
+
+
+def identifier(text: str, *, otherwise: str = "e") -> str:
+    """A lower-case identifier that resembles the text; different texts may give the same one."""
+    plain = re.sub(r"[^A-Za-z0-9_]+", "_", text).strip("_")
+    return plain[0].lower() + plain[1:] if plain and plain[0].isalpha() else f"{otherwise}{plain}"
+
+
+def applied(name: str, arguments: Sequence[str]) -> str:
+    """An event type with its arguments, if it has any."""
+    return f"{name}({', '.join(arguments)})" if arguments else name
+
+
+def quoted(text: str) -> str:
+    """A string or a field name."""
+    return f"'{text.translate(_ESCAPES)}'"
+
+
+def spellings(value: Scalar) -> tuple[str, ...] | None:
+    """The spellings of a literal that together match exactly the equal values, or None for an integer beyond 32 bits.
+
+    Those of a negative number can be an argument only, not stand in a pattern.
+
+    >>> spellings(2), spellings(0.5), spellings("two"), spellings(2**31)
+    (('2', '2.0'), ('0.5',), ("'two'",), None)
+    """
+    match value:
+        case bool():
+            return ("true" if value else "false",)
+        case None:
+            return ("null",)
+        case str():
+            return (quoted(value),)
+        case _ if value == int(value):
+            return (str(int(value)), f"{int(value)}.0") if abs(value) <= LARGEST else None
+        case _:
+            return (_decimal(value),)
+
+
+def in_patterns(value: Scalar) -> bool:
+    """Whether the literal can stand in a pattern."""
+    return not is_number(value) or (value >= 0 and spellings(value) is not None)  # type: ignore[operator]
+
+
+def in_arithmetic(value: int | float) -> str:
+    """A number in an arithmetic expression; integers stay exact."""
+    if value < 0:
+        return f"(-{in_arithmetic(-value)})"
+    if isinstance(value, float):
+        return _decimal(value)
+    return str(value) if value <= LARGEST else f"(({in_arithmetic(value // _CHUNK)} * {_CHUNK}) + {value % _CHUNK})"
+
+
+def _decimal(value: float) -> str:
+    text = format(Decimal(repr(float(value))), "f")
+    return text if "." in text else f"{text}.0"
+
+
+# -- expressions, built bottom-up: whoever builds a deep one (`depth`) puts it into an equation of its own ---------------
 
 MAX_DEPTH: Final = 24
 MAX_PARTS: Final = 60
-THEN: Final = " "
-OR: Final = " \\/ "
-AND: Final = " /\\ "
-SHUFFLE: Final = " | "
+THEN, OR, AND, SHUFFLE = " ", " \\/ ", " /\\ ", " | "
+_TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[0-9]+\.[0-9]+|\w+|>>|\\/|/\\|\S", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +142,13 @@ class Written:
 
     @property
     def inner(self) -> str:
-        """The text as a part of another one."""
+        """The text as a part of another one: in parentheses where it is more than a name."""
         return str(self) if self.operator in ("", "let", "*", "?") else f"({self})"
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it is deep or long."""
+        return self.depth >= MAX_DEPTH or (self.operator == THEN and len(self.parts) >= MAX_PARTS)
 
 
 def named(name: str) -> Written:
@@ -67,8 +172,7 @@ def join(operator: str, parts: Iterable[Written]) -> Written:
         fits = part.operator == operator and len(part.parts) + len(flat) <= MAX_PARTS
         flat.extend(part.parts if fits else (part,))
     while len(flat) > MAX_PARTS:  # all four are associative, left preference included
-        groups = [flat[start : start + MAX_PARTS] for start in range(0, len(flat), MAX_PARTS)]
-        flat = [join(operator, group) for group in groups]
+        flat = [join(operator, flat[start : start + MAX_PARTS]) for start in range(0, len(flat), MAX_PARTS)]
     return flat[0] if len(flat) == 1 else Written(operator, tuple(flat), depth=1 + max(part.depth for part in flat))
 
 
@@ -82,26 +186,6 @@ def around(part: Written, operator: str, word: str = "") -> Written:
     return Written(operator, (part,), word, part.depth + 1)
 
 
-_TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[0-9]+\.[0-9]+|\w+|>>|\\/|/\\|\S", re.DOTALL)
-
-
 def symbols(text: str) -> int:
     """The number of tokens of an RML text without comments."""
     return sum(1 for _ in _TOKEN.finditer(text))
-
-
-@dataclass(slots=True)
-class Equations:
-    """Equations under construction, each a name and an expression."""
-
-    made: list[tuple[str, Written]] = field(default_factory=list)
-
-    def called(self, term: Written) -> Written:
-        """A new equation for the expression; its name."""
-        self.made.append((f"P{len(self.made) + 1}", term))
-        return named(self.made[-1][0])
-
-    def shallow(self, term: Written) -> Written:
-        """The expression, or, where it is deep or long, the name of an equation for it."""
-        long = term.operator == THEN and len(term.parts) >= MAX_PARTS
-        return self.called(term) if term.depth >= MAX_DEPTH or long else term

@@ -12,7 +12,7 @@ import pytest
 from backends.conformance import strings_ordered
 from backends.rml import RmlBackend
 from backends.rml.reader.deviations import touching
-from backends.rml.writer import translation
+from backends.rml import writer
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft.api import loads
@@ -53,7 +53,7 @@ def test_random_trees(name: str, tmp_path: Path) -> None:
 def test_vot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, counted: bool) -> None:
     """Small votes as they are, and counted like large ones."""
     if counted:
-        monkeypatch.setattr(translation, "_SMALL", 0)
+        monkeypatch.setattr(writer, "SMALL", 0)
     leaves = "abcdef"
     alone = [f"top {k}of{n} {' '.join(leaves[:n])};" for n in (3, 4, 6) for k in range(1, n)]
     within = [f"top {whole}; n {k}of3 a b c;" for k in (1, 2) for whole in VOT_WITHIN]

@@ -5,7 +5,7 @@ from random import Random
 import pytest
 
 from backends.rml.reader.monitor import read
-from backends.rml.reader.observations import observed
+from backends.rml.reader.event_types import observed
 from cross_check.letters import VARIABLES, answers, letters
 from rvaft.backend import Observed
 from rvaft.errors import LanguageError, TooLarge

@@ -6,7 +6,7 @@ from time import process_time
 import pytest
 
 from backends.rml import RmlBackend
-from backends.rml.writer import translation
+from backends.rml import writer
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft.analysis.branches import restrict
@@ -30,7 +30,7 @@ VARIABLES = Shape(variables=1, guards=0.4, max_nodes=6)
 def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Small votes as they are, and counted like large ones."""
     if request.param:
-        monkeypatch.setattr(translation, "_SMALL", 0)
+        monkeypatch.setattr(writer, "SMALL", 0)
 
 
 def compare(tree: RVAFT, semantics: Semantics, random: Random, traces: int) -> None:

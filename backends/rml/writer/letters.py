@@ -1,0 +1,146 @@
+"""What each occurrence looks for in an event, and which variables have to be remembered from one event to another.
+
+A variable is remembered where two occurrences share it or a guard compares it with one of another occurrence: a *register* of the RML
+text keeps its value. Any other variable belongs to one event and is called after its *place* there, `0#move` for the first parameter
+of `move`, so that equal observations are equal values.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Set
+from typing import NamedTuple, TypeAlias
+
+from backends.rml.writer.event_types import NEVER, Call, Inexpressible, RmlTypes, is_register, when_true
+from backends.rml.writer.terms import Written, named
+from rvaft.errors import NotExpressible
+from rvaft.model.guards import Guard, conjuncts, renamed
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.nodes import Argument, On
+from rvaft.model.patterns import Anything, Pattern, Variable, substitute, variables
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+
+Where: TypeAlias = tuple[str, int]
+"""An event type and the position of a parameter."""
+
+
+def own_variables(on: On | None) -> tuple[str, ...]:
+    """The variables among the arguments of an event."""
+    return tuple(a.name for a in on.arguments if isinstance(a, Variable)) if on else ()
+
+
+def closed(on: On, when: Guard | None) -> tuple[Call, Guard | None]:
+    """An event type applied to arguments, for any values of its variables, and a guard where it speaks of no others."""
+    used = set(guard_variables(when)) if when is not None else set[str]()
+    if when is None or not used <= set(own_variables(on)):
+        return Call(on.event, _template(on, set())), None
+    return Call(on.event, _template(on, used)), renamed(when, _places(on))
+
+
+def _places(on: On | None) -> Mapping[str, str]:
+    """The first place of each variable."""
+    found: dict[str, str] = {}
+    for position, argument in enumerate(on.arguments if on else ()):
+        if isinstance(argument, Variable):
+            found.setdefault(argument.name, f"{position}#{on.event}")  # type: ignore[union-attr]
+    return found
+
+
+def _template(on: On | None, used: Set[str], remembered: Set[str] = frozenset()) -> tuple[Argument, ...]:
+    """The arguments with places for variables that are not remembered, where their values matter at all."""
+    arguments = on.arguments if on else ()
+    counts, places = Counter(arguments), _places(on)
+
+    def argument(given: Argument) -> Argument:
+        if not isinstance(given, Variable) or given.name in remembered:
+            return given
+        return Variable(places[given.name]) if counts[given] > 1 or given.name in used else Anything()
+
+    return tuple(map(argument, arguments))
+
+
+class RmlLetter(NamedTuple):
+    """What one event has to be for a partial match to go on: it matches the call and fulfils the guards."""
+
+    call: Call
+    guards: frozenset[Guard] = frozenset()
+
+
+class RmlLetters:
+    """The letters of the occurrences of a tree, by position in `tree.occurrences`; each is called after the node that first needed it."""
+
+    def __init__(self, tree: RVAFT, types: RmlTypes, semantics: Semantics) -> None:
+        self.tree = tree
+        self.types = types
+        self._semantics = semantics
+        self._ons = [tree.nodes[name].on for name in tree.occurrences]
+        self.variables = [frozenset(own_variables(on)) for on in self._ons]
+        having: dict[str, set[int]] = {}
+        for index, names in enumerate(self.variables):
+            for name in names:
+                having.setdefault(name, set()).add(index)
+        remembered = {name for name, places in having.items() if len(places) > 1}
+        used = [set[str]() for _ in self._ons]
+        for names in {frozenset(guard_variables(node.when)) for node in tree.top_down() if node.when} - {frozenset()}:
+            knowing = set.intersection(*(having.get(name, set()) for name in names))
+            remembered.update(() if knowing else names)
+            for index in knowing:
+                used[index].update(names)
+        self.remembered = frozenset(remembered)
+        self._templates = [_template(on, names, remembered) for on, names in zip(self._ons, used, strict=True)]
+        self._rank = {name: position for position, name in enumerate(tree.order)}
+        self._nodes: dict[Call, str] = {}
+        self._guards: dict[Guard, tuple[str, tuple[Guard, ...]]] = {}
+        self._texts: dict[RmlLetter, tuple[str, ...]] = {}
+
+    def asked(self, index: int) -> list[tuple[Where, str]]:
+        """The remembered variables of an occurrence, with where they stand."""
+        on = self._ons[index]
+        return [((on.event, i), a.name) for i, a in enumerate(self._templates[index]) if on and is_register(a)]
+
+    def loose(self, index: int) -> Pattern:
+        """The pattern of an occurrence for any values."""
+        pattern = self.tree.pattern(self.tree.occurrences[index])
+        assert pattern is not None
+        return substitute(pattern, {name: Anything() for name in variables(pattern)})
+
+    def condition(self, guard: Guard, node: str) -> Guard:
+        """When the guard of a node is true; raises `NotExpressible`."""
+        try:
+            return when_true(guard)
+        except Inexpressible as error:
+            raise NotExpressible(str(error), backend="rml", semantics=self._semantics, nodes=[node]) from None
+
+    def letter(self, index: int, registers: Mapping[str, str], guards: Iterable[str]) -> RmlLetter | None:
+        """The letter of an occurrence with the guards of some nodes, or None where no event can fulfil it.
+
+        `registers` names one for every remembered variable.
+        """
+        name, on, template = self.tree.occurrences[index], self._ons[index], self._templates[index]
+        call = Call(None, (), self.tree.origins.get(name, name))
+        if on is not None:
+            call = Call(on.event, tuple(Variable(registers[a.name]) if is_register(a) else a for a in template))
+        self._nodes.setdefault(call, name)
+        instances: set[Guard] = set()
+        for node in guards:
+            when = self.tree.nodes[node].when
+            assert when is not None
+            guard = renamed(when, {**_places(on), **registers})
+            if guard not in self._guards:
+                self._guards[guard] = (node, conjuncts(self.condition(guard, node)))
+            conditions = self._guards[guard][1]
+            if NEVER in conditions:
+                return None
+            instances.update((guard,) if conditions else ())
+        return RmlLetter(call, frozenset(instances))
+
+    def texts(self, letter: RmlLetter) -> tuple[str, ...]:
+        """The event types, applied, that an event has to match all at once; the first one binds."""
+        if letter not in self._texts:
+            guards = sorted((self._guards[g] for g in letter.guards), key=lambda g: (self._rank[g[0]], repr(g[1])))
+            conditions = [(condition, name) for name, found in guards for condition in found]
+            self._texts[letter] = tuple(self.types.observed(letter.call, conditions, self._nodes[letter.call]))
+        return self._texts[letter]
+
+    def all_texts(self, letters: Iterable[RmlLetter]) -> list[Written]:
+        """Those of several letters, each once."""
+        return [named(text) for text in dict.fromkeys(text for letter in letters for text in self.texts(letter))]

@@ -16,7 +16,7 @@ from backends.automaton.letters import FeasibleLetters
 from backends.automaton.structure import Structure
 from rvaft.errors import TooLarge
 from rvaft.export.dot import html, html_lines, table, title
-from rvaft.export.line_breaks import wrapped_code
+from rvaft.export.layout import wrapped_code
 from rvaft.model.expressions import guard_text, name_text, on_text
 from rvaft.model.guards import variables
 from rvaft.model.patterns import rigid_variables

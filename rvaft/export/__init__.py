@@ -6,8 +6,7 @@ from pathlib import PurePath
 from typing import Final
 
 from rvaft.export.dot import dot_text, picture
-from rvaft.export.galileo import galileo_text, losses
-from rvaft.export.json_form import json_text
+from rvaft.export.interchange import galileo_text, json_text, losses
 from rvaft.export.layout import PLAIN, TERMINAL, Look, looking, marks
 from rvaft.export.text import tree_text
 from rvaft.export.tikz import tikz_text
@@ -15,37 +14,6 @@ from rvaft.language.printer import dumps
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitors import Explanation
-
-_WIDTH = 26
-"""Columns of text in a box: values of events are longer than labels, and such a picture is for a screen."""
-
-
-def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], *, colour: bool = False) -> str:
-    """A detection for the terminal: the nodes of its scenario after a dot, matched ones with their event; branch and variables below.
-
-    `events` holds matched events by number, from 1; of one that is not there only the number is shown. With `colour` the text has
-    ANSI escapes: marked lines are bold, those of faults yellow and of attacks red, the others faint.
-
-    >>> import rvaft
-    >>> tree = rvaft.loads("top and a b;")
-    >>> monitor, log = rvaft.monitor(tree), [{"event": "b"}, {"event": "a"}]
-    >>> verdicts = list(monitor.run(log))
-    >>> print(fired_text(tree, monitor.explanation, dict(enumerate(log, 1))), end="")
-    ● top AND
-    ● ├─ a  event 2
-    ● └─ b  event 1
-    <BLANKLINE>
-    branch 1
-    """
-    whole = tree if tree.part_of is None else tree.part_of.tree
-    return tree_text(whole, Look(events=True, marks=marks(whole, explanation, events)), colour=colour)
-
-
-def fired_dot(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> str:
-    """In the DOT language: marked nodes and edges bold, the others grey; branch and variables below the tree."""
-    whole = tree if tree.part_of is None else tree.part_of.tree
-    return dot_text(whole, Look(events=True, wrap=_WIDTH, marks=marks(whole, explanation, events)))
-
 
 __all__ = [
     "SUFFIXES",
@@ -78,7 +46,7 @@ class Format(StrEnum):
     @property
     def drawing(self) -> bool:
         """Whether the format draws a tree, rather than writing all that is in it."""
-        return self in _DRAWN or self in _PICTURES
+        return self not in _WRITTEN
 
     @property
     def binary(self) -> bool:
@@ -124,3 +92,31 @@ def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
 def format_of(file: str) -> Format | None:
     """The format that the suffix of a file name suggests, if any."""
     return SUFFIXES.get(PurePath(file).suffix.lower())
+
+
+def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], *, colour: bool = False) -> str:
+    """A detection for the terminal: the nodes of its scenario after a dot, matched ones with their event; branch and variables below.
+
+    `events` holds matched events by number, from 1; of one that is not there only the number is shown. With `colour` the text has
+    ANSI escapes: marked lines are bold, those of faults yellow and of attacks red, the others faint.
+
+    >>> import rvaft
+    >>> tree = rvaft.loads("top and a b;")
+    >>> monitor, log = rvaft.monitor(tree), [{"event": "b"}, {"event": "a"}]
+    >>> verdicts = list(monitor.run(log))
+    >>> print(fired_text(tree, monitor.explanation, dict(enumerate(log, 1))), end="")
+    ● top AND
+    ● ├─ a  event 2
+    ● └─ b  event 1
+    <BLANKLINE>
+    branch 1
+    """
+    whole = tree if tree.part_of is None else tree.part_of.tree
+    return tree_text(whole, Look(events=True, marks=marks(whole, explanation, events)), colour=colour)
+
+
+def fired_dot(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> str:
+    """In the DOT language: marked nodes and edges bold, the others grey; branch and variables below the tree."""
+    whole = tree if tree.part_of is None else tree.part_of.tree
+    wide = 26  # values of events are longer than labels, and such a picture is for a screen
+    return dot_text(whole, Look(events=True, wrap=wide, marks=marks(whole, explanation, events)))

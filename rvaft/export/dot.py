@@ -8,28 +8,26 @@ name or label can leave its place. In an SVG every box has the name of its node 
 import re
 import shutil
 import subprocess
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from html import escape
-from typing import Final, assert_never
+from typing import Final
 from urllib.parse import quote
 
 from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.export.layout import (
     PLAIN,
-    BoxRow,
-    LegendEntry,
     Look,
     Role,
     Sign,
     View,
-    entries,
     gate_text,
     is_condition,
+    legend,
     rows,
     said,
     view,
+    wrapped,
 )
-from rvaft.export.line_breaks import wrapped
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
@@ -38,7 +36,37 @@ _SPECIAL: Final = str.maketrans({"\\": "\\\\", "]": "&#93;"})
 """Beside what is special in HTML: Graphviz replaces escapes, and holds back a text of nothing but `]` until it is misplaced."""
 _TITLE: Final = str.maketrans({"&": "&amp;", "\\": "&#92;", '"': "&quot;"})
 """In titles and tooltips of an SVG, Graphviz takes entities as such, and shows an escape as it is written."""
-_SPACE = "&#160;"
+_SPACE: Final = "&#160;"
+_CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
+"""When a PDF was made: `dot` has no option that leaves it out."""
+
+SIZE: Final = 10
+"""Points of all text: one size, so that a picture stays readable as long as any of it does."""
+_FILL: Final = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
+_CODE: Final = {Role.EVENT: "#17406d", Role.GUARD: "#6d2a17"}
+_GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"
+_FOLDED: Final = "shape=triangle, margin=0, fixedsize=true, {}height=0.44"
+"""The transfer symbol of fault trees."""
+_BOLD: Final = "penwidth=2.5"
+"""The frame or line of what is marked."""
+_OUTLINES: Final[Mapping[Gate, str]] = {
+    Gate.OR: "shape=house, height=0.34",
+    Gate.AND: 'shape=box, style="filled,rounded", height=0.28',
+    Gate.SAND: "shape=house, orientation=270, height=0.22",
+    Gate.SAND_RL: "shape=house, orientation=90, height=0.22",
+    Gate.VOT: "shape=hexagon, height=0.28",
+}
+"""A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, the hexagon of a vote."""
+_SAMPLES: Final[Mapping[Sign | Gate, str]] = {
+    Sign.FAULT: f'fillcolor="{_FILL[Kind.FAULT]}"',
+    Sign.ATTACK: f'fillcolor="{_FILL[Kind.ATTACK]}"',
+    Sign.CONDITION: 'style="filled,dashed", fillcolor="#ffffff"',
+    **dict.fromkeys([Sign.FOLDED, Sign.FOLDED_SHARED], f'{_FOLDED.format("")}, fillcolor="{_GATE}"'),
+    Sign.ORDER: "shape=plaintext, style=solid",
+    Sign.MARKED: f'fillcolor="#ffffff", {_BOLD}',
+    **{gate: f'{outline}, fillcolor="{_GATE}", margin="0.06,0.01"' for gate, outline in _OUTLINES.items()},
+}
+assert set(_OUTLINES) == set(Gate), "every gate has an outline"
 
 
 def html(text: str, width: int) -> str:
@@ -62,14 +90,11 @@ def title(text: str) -> str:
     return f'"{visible(text).translate(_TITLE)}"'
 
 
-TIMEOUT = 300.0
-"""Seconds after which a layout is given up."""
-_CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
-"""When a PDF was made: `dot` has no option that leaves it out."""
+def picture(dot: str, form: str, *, timeout: float = 300.0) -> bytes:
+    """A graph in the DOT language as `svg`, `pdf` or `png`, the same bytes every time, within so many seconds.
 
-
-def picture(dot: str, form: str, *, timeout: float = TIMEOUT) -> bytes:
-    """A graph in the DOT language as `svg`, `pdf` or `png`, the same bytes every time; raises `ToolMissing`, `ToolFailed`."""
+    Raises `ToolMissing`, `ToolFailed`.
+    """
     program = shutil.which("dot")
     if program is None:
         remedy = "install Graphviz (apt-get install graphviz), or write a .dot file, which needs none"
@@ -88,54 +113,31 @@ def picture(dot: str, form: str, *, timeout: float = TIMEOUT) -> bytes:
     return _CREATED.sub(b"/CreationDate (D:19700101000000", done.stdout) if form == "pdf" else done.stdout
 
 
-SIZE = 10
-"""Points of all text: one size, so that a picture stays readable as long as any of it does."""
-
-_FILL = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
-_CODE = {Role.EVENT: "#17406d", Role.GUARD: "#6d2a17"}
-_GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"
-_FOLDED = "shape=triangle, margin=0, fixedsize=true, width=0.6, height=0.44"
-"""The transfer symbol of fault trees."""
-_BOLD = "penwidth=2.5"
-"""The frame or line of what is marked."""
-_SAMPLES = {
-    Sign.FAULT: f'fillcolor="{_FILL[Kind.FAULT]}"',
-    Sign.ATTACK: f'fillcolor="{_FILL[Kind.ATTACK]}"',
-    Sign.CONDITION: 'style="filled,dashed", fillcolor="#ffffff"',
-    Sign.FOLDED: f'shape=triangle, margin=0, fixedsize=true, height=0.44, fillcolor="{_GATE}"',
-    Sign.ORDER: "shape=plaintext, style=solid",
-    Sign.MARKED: f'fillcolor="#ffffff", {_BOLD}',
-}
-
-
 def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
     """The tree in the DOT language; node identifiers are `n` and `g` with the number of the node in top-down order.
 
     With marks, what is marked is bold and the rest grey. Raises `OptionError` for a look that the tree cannot have.
     """
-    return "\n".join(_graph(tree, look, view(tree, look)))
-
-
-def _graph(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
+    part = view(tree, look)
     number = {name: index for index, name in enumerate(tree.order)}
-    yield f"digraph {title(tree.root)} {{"
-    yield '  graph [margin=0, ordering=out, ranksep=0.25, nodesep=0.1, charset="UTF-8"];'
-    yield f'  node [fontname="Helvetica", fontsize={SIZE}, shape=box, style=filled, margin="0.05,0.06", height=0.25, width=0.4];'
-    yield f'  edge [dir=none, color="#444444", fontname="Helvetica", fontsize={SIZE}];'
+    lines = [
+        'graph [margin=0, ordering=out, ranksep=0.25, nodesep=0.1, charset="UTF-8"];',
+        f'node [fontname="Helvetica", fontsize={SIZE}, shape=box, style=filled, margin="0.05,0.06", height=0.25, width=0.4];',
+        f'edge [dir=none, color="#444444", fontname="Helvetica", fontsize={SIZE}];',
+    ]
     for node in part.nodes:
-        yield from (f"  {line}" for line in _box(node, tree, look, part, number))
+        lines += _box(node, tree, look, part, number)
     if look.legend:
-        yield from (f"  {line}" for line in _legend(look, part, number))
+        lines += _legend(look, part, number)
     if look.marks is not None and look.marks.below:
-        cells = [
-            f'<tr><td align="left" balign="left">{html(line, 3 * look.wrap)}</td></tr>' for line in look.marks.below
-        ]
-        yield f'  label=<<table border="0" cellborder="0" cellspacing="3" cellpadding="1">{"".join(cells)}</table>>;'
-        yield f'  labelloc=b; labeljust=l; fontname="Helvetica"; fontsize={SIZE};'
-    yield from ("}", "")
+        below = table(
+            (html(line, 3 * look.wrap) for line in look.marks.below), space=3, cell='align="left" balign="left"'
+        )
+        lines += [f"label=<{below}>;", f'labelloc=b; labeljust=l; fontname="Helvetica"; fontsize={SIZE};']
+    return "\n".join([f"digraph {title(tree.root)} {{", *(f"  {line}" for line in lines), "}", ""])
 
 
-def _box(node: Node, tree: RVAFT, look: Look, part: View, number: dict[str, int]) -> Iterator[str]:
+def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, int]) -> Iterator[str]:
     """A node, its gate, and the lines from it."""
     own, marks = number[node.name], look.marks
     faint = marks is not None and node.name not in marks.kept
@@ -146,27 +148,25 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: dict[str, int]
             return ""
         return f'{_BOLD}, color="{_BLACK}"' if marked else f'color="{_GREY}"'
 
-    style = "filled,dashed" if is_condition(node) else "filled"
-    label = table(_set(row, node.kind, faint=faint) for row in rows(node, look))
-    kinds = [node.kind.value] if node.kind else []
-    kinds += ["condition"] if is_condition(node) else []
     name = quote(node.name, safe="")
-    kind = f'class="{" ".join(kinds)}", ' if kinds else ""
+    label = table(_set(*row, node.kind, faint=faint) for row in rows(node, look))
+    kinds = " ".join(filter(None, [node.kind and node.kind.value, "condition" * is_condition(node)]))
+    kind = f'class="{kinds}", ' if kinds else ""
     known = f'id="node-{name}", {kind}tooltip={title(f"{node.name}  {said(node)}".rstrip())}'
-    fill = _PALE if faint else _FILL[node.kind]
+    fill, style = _PALE if faint else _FILL[node.kind], "filled,dashed" if is_condition(node) else "filled"
     yield f'n{own} [label=<{label}>, fillcolor="{fill}", style="{style}"{bold}, {known}];'
     if node.gate is None:
         return
-    fill = _PALE if faint else _GATE
-    known = f'id="gate-{name}", class="{node.gate.value}"'
+    fill, known = _PALE if faint else _GATE, f'id="gate-{name}", class="{node.gate.value}"'
     stem = ", ".join(filter(None, ["weight=8", line(marked=not faint)]))
     hidden = part.folded.get(node.name)
     if hidden is not None:
-        yield f't{own} [label=<{f"+{hidden}" if hidden else "…"}>, {_FOLDED}, fillcolor="{fill}"{bold}, {known}];'
+        outline = f'{_FOLDED.format("width=0.6, ")}, fillcolor="{fill}"'
+        yield f"t{own} [label=<{f'+{hidden}' if hidden else '…'}>, {outline}{bold}, {known}];"
         yield f"n{own} -> t{own} [{stem}];"
         return
-    gate = html(gate_text(node), look.wrap)
-    yield f'g{own} [label=<{gate}>, {_outline(node.gate)}, fillcolor="{fill}", margin="0.06,0.01"{bold}, {known}];'
+    outline = f'{_OUTLINES[node.gate]}, fillcolor="{fill}", margin="0.06,0.01"'
+    yield f"g{own} [label=<{html(gate_text(node), look.wrap)}>, {outline}{bold}, {known}];"
     yield f"n{own} -> g{own} [{stem}];"
     for place, child in enumerate(node.children):
         turn = place + 1 if node.gate is Gate.SAND else len(node.children) - place
@@ -179,18 +179,16 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: dict[str, int]
         yield f"g{own} -> n{number[child]}{f' [{shown}]' if shown else ''};"
 
 
-def _set(row: BoxRow, kind: Kind | None, *, faint: bool) -> str:
+def _set(role: Role, lines: list[str], kind: Kind | None, *, faint: bool) -> str:
     """A row of a box: a bold name where a label stands below it, events and guards in colour where the box has none."""
-    text = html_lines(row.lines)
-    if row.role is Role.PLAIN:
-        return text
-    if row.role is Role.BOLD:
-        return f"<b>{text}</b>"
-    color = _GREY if faint else _CODE[row.role] if kind is None else _BLACK
-    return f'<font color="{color}"><i>{text}</i></font>'
+    text = html_lines(lines)
+    if role in _CODE:
+        color = _GREY if faint else _CODE[role] if kind is None else _BLACK
+        return f'<font color="{color}"><i>{text}</i></font>'
+    return f"<b>{text}</b>" if role is Role.BOLD else text
 
 
-def _legend(look: Look, part: View, number: dict[str, int]) -> Iterator[str]:
+def _legend(look: Look, part: View, number: Mapping[str, int]) -> Iterator[str]:
     """Samples and meanings, one pair below the other, under what stands deepest in the tree, towards its middle."""
     places = {part.nodes[0].name: (0, 0.0, 1.0)}  # the level, and the part of the width that is a node's
     for node in part.nodes:
@@ -203,35 +201,11 @@ def _legend(look: Look, part: View, number: dict[str, int]) -> Iterator[str]:
     deepest = max(part.nodes, key=lambda node: places[node.name][0] + (node.name in part.folded))
     _, left, width = places[deepest.name]
     above = f"{'t' if deepest.name in part.folded else 'n'}{number[deepest.name]}"
-    first = "l0" if left + width / 2 < 0.5 else "e0"
     yield "e0 [shape=point, style=invis, width=0];"
-    yield f"{above} -> {first} [style=invis, weight=0];"
-    for place, entry in enumerate(entries(part, look.marks, graph=True)):
-        yield f"l{place} [label=<{html(entry.sample, 2 * SIZE)}>, {_sample(entry)}, width=1.05];"
-        yield f"m{place} [label=<{html(entry.meaning, 3 * look.wrap)}>, shape=plain, style=solid];"
+    yield f"{above} -> {'l0' if left + width / 2 < 0.5 else 'e0'} [style=invis, weight=0];"
+    for place, (sign, sample, meaning) in enumerate(legend(part, look.marks, graph=True)):
+        yield f"l{place} [label=<{html(sample, 2 * SIZE)}>, {_SAMPLES[sign]}, width=1.05];"
+        yield f"m{place} [label=<{html(meaning, 3 * look.wrap)}>, shape=plain, style=solid];"
         yield f"{{ rank=same; l{place} -> m{place}{'' if place else ' -> e0'} [style=invis]; }}"
         if place:
             yield f"l{place - 1} -> l{place} [style=invis, weight=9];"
-
-
-def _sample(entry: LegendEntry) -> str:
-    if entry.gate is None:
-        return _SAMPLES[entry.sign]
-    return f'{_outline(entry.gate)}, fillcolor="{_GATE}", margin="0.06,0.01"'
-
-
-def _outline(gate: Gate) -> str:
-    """A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, the hexagon of a vote."""
-    match gate:
-        case Gate.OR:
-            return "shape=house, height=0.34"
-        case Gate.AND:
-            return 'shape=box, style="filled,rounded", height=0.28'
-        case Gate.SAND:
-            return "shape=house, orientation=270, height=0.22"
-        case Gate.SAND_RL:
-            return "shape=house, orientation=90, height=0.22"
-        case Gate.VOT:
-            return "shape=hexagon, height=0.28"
-        case _:
-            assert_never(gate)

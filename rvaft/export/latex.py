@@ -60,26 +60,23 @@ def _symbol(character: str) -> str:
     return character if letter and not command.startswith((r"\ensuremath", r"\text")) else command
 
 
-def identifier(text: str) -> bool:
-    """Whether a name is of Latin letters, digits and `_` only, and starts with a letter."""
-    return _IDENTIFIER.fullmatch(text) is not None
-
-
-def numbered(text: str) -> tuple[str, str]:
-    """An identifier without the number that it ends with behind a letter, and that number, or an empty string."""
+def stem_and_index(text: str) -> tuple[str, str] | None:
+    """An identifier without the number that it ends with behind a letter, and that number; None for what is no identifier."""
+    if not _IDENTIFIER.fullmatch(text):
+        return None
     found = _NUMBERED.fullmatch(text)
     return (found[1], found[2]) if found else (text, "")
 
 
 def name(text: str) -> str:
     r"""A name in mathematics, slanted as one word: `ev1` is `\mathit{ev}_{1}`; what is no identifier is text in quotes."""
-    if not identifier(text):
+    parts = stem_and_index(text)
+    if parts is None:
         return rf"\textit{{``{escaped(text)}''}}"
-    stem, index = numbered(text)
-    return rf"\mathit{{{escaped(stem)}}}" + (f"_{{{index}}}" if index else "")
+    return rf"\mathit{{{escaped(parts[0])}}}" + (f"_{{{parts[1]}}}" if parts[1] else "")
 
 
-def constant(value: Scalar) -> str:
+def _constant(value: Scalar) -> str:
     """A literal in mathematics, no digit lost; strings in quotes."""
     if isinstance(value, str):
         return rf"\text{{``{escaped(value)}''}}"
@@ -87,20 +84,12 @@ def constant(value: Scalar) -> str:
     if value is None or isinstance(value, bool):
         return rf"\mathrm{{{text}}}"
     scientific = _EXPONENT.fullmatch(text)
-    if scientific is None:
-        return text
-    mantissa, sign, exponent = scientific.groups()
-    return rf"{mantissa} \times 10^{{{sign.strip('+')}{exponent}}}"
+    return text if scientific is None else rf"{scientific[1]} \times 10^{{{scientific[2].strip('+')}{scientific[3]}}}"
 
 
 def event(on: On) -> str:
     """An event type applied to arguments, in mathematics."""
     return on_text(on, _STYLE)
-
-
-def _fraction(above: str, below: str) -> str | None:
-    """A fraction; one of fractions would have several bars and is written with a slash."""
-    return None if r"\frac" in above + below else rf"\frac{{{above}}}{{{below}}}"
 
 
 def guard(condition: Guard) -> str:
@@ -111,7 +100,7 @@ def guard(condition: Guard) -> str:
 _STYLE: Final = Style(
     name,
     name,
-    constant,
+    _constant,
     r"\_",
     {operator: facts.sign for operator, facts in OPERATORS.items()}
     | {
@@ -125,40 +114,29 @@ _STYLE: Final = Style(
         Operator.OR: r"\vee",
     },
     brackets=(r"\left(", r"\right)"),
-    fraction=_fraction,
+    # one of fractions would have several bars and is written with a slash
+    fraction=lambda above, below: None if r"\frac" in above + below else rf"\frac{{{above}}}{{{below}}}",
     minus_level=SUM_LEVEL,
     not_operand=SIGNED_LEVEL,
 )
-
-# A specification as a listing in LaTeX, for the package `listings`.
-#
-# The text stands there as it is, so that what is printed can be copied and run. Only what `listings` cannot read, which is all beyond
-# ASCII, and what would end the listing early are escaped to LaTeX.
 
 _OPEN: Final = "(*@"
 _CLOSE: Final = "@*)"
 _HARD: Final = re.compile(r"[^\n\t -~]|\\(?=end\{lstlisting\})|" + re.escape(_OPEN[0]) + f"(?={re.escape(_OPEN[1:])})")
 _OPTIONS: Final = (
-    r"basicstyle=\scriptsize\ttfamily",
-    r"columns=fullflexible",
-    r"keepspaces=true",
-    r"showstringspaces=false",
-    r"upquote=true",
-    r"breaklines=true",
-    r"breakatwhitespace=true",
-    rf"escapeinside={{{_OPEN}}}{{{_CLOSE}}}",
+    r"basicstyle=\scriptsize\ttfamily, columns=fullflexible, keepspaces=true, showstringspaces=false, upquote=true, breaklines=true, "
+    rf"breakatwhitespace=true, escapeinside={{{_OPEN}}}{{{_CLOSE}}}"
 )
 
 
 def listing(text: str, highlighting: Highlighting | None) -> str:
     r"""The text in an `lstlisting` behind the definition of its language, which may move to the preamble.
 
-    Needs the packages `listings` and `textcomp`.
+    It stands there as it is, so that what is printed can be copied and run. Only what the package `listings` cannot read, which is all
+    beyond ASCII, and what would end the listing early are escaped to LaTeX. Needs the packages `listings` and `textcomp`.
     """
     lines = [r"% Needs \usepackage{listings} and \usepackage{textcomp}."]
-    options: tuple[str, ...] = _OPTIONS
-    if highlighting is not None:
-        lines += highlighting.definition.strip().splitlines()
-        options = (*_OPTIONS, f"language={highlighting.name}")  # the last word is the language's
+    lines += [] if highlighting is None else highlighting.definition.strip().splitlines()
+    language = "" if highlighting is None else f", language={highlighting.name}"  # the last word is the language's
     body = _HARD.sub(lambda found: f"{_OPEN}{escaped(found[0])}{_CLOSE}", text.rstrip("\n"))
-    return "\n".join([*lines, f"\\begin{{lstlisting}}[{', '.join(options)}]", body, r"\end{lstlisting}", ""])
+    return "\n".join([*lines, f"\\begin{{lstlisting}}[{_OPTIONS}{language}]", body, r"\end{lstlisting}", ""])

@@ -4,19 +4,20 @@ The renderers `text`, `dot` and `tikz` make it their own; no text here is escape
 """
 
 import json
+import re
+import unicodedata
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from enum import Enum, auto
+from enum import Enum
 from functools import cached_property
-from typing import Final, NamedTuple, assert_never
+from typing import Final, NamedTuple
 
 import networkx as nx
 
-from rvaft.analysis.branches import branch
+from rvaft.analysis.branches import branch as branch_of
 from rvaft.errors import OptionError
-from rvaft.export.line_breaks import wrapped, wrapped_code
 from rvaft.model.expressions import guard_text, on_text
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT
@@ -30,6 +31,16 @@ WIDTH: Final = 14
 """Columns of text in a box: so narrow that a tree of the size that papers print is still readable in one column."""
 NARROWEST: Final = 4
 """Columns of text that a box has at least."""
+
+_GATES: Final[Mapping[Gate, tuple[str, str]]] = {
+    Gate.OR: ("OR", "one of them"),
+    Gate.AND: ("AND", "all, in any order"),
+    Gate.SAND: ("SAND →", "all, from left to right"),
+    Gate.SAND_RL: ("SAND ←", "all, from right to left"),
+    Gate.VOT: ("VOT k/n", "at least k of the n"),
+}
+"""The short form of a gate, and what it means."""
+assert set(_GATES) == set(Gate), "every gate has a text"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +74,7 @@ def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> 
 
 def branch_marks(tree: RVAFT, number: int) -> Marks:
     """The marks of the branch of that number; raises `TreeError` where there is none."""
-    found = branch(tree, number)
+    found = branch_of(tree, number)
     kept = {name: frozenset(found.children(name)) for name in found.nodes}
     return Marks(kept, {}, (_title(number, found.kinds),), f"branch {number}")
 
@@ -79,7 +90,7 @@ def _note(number: int, event: Json) -> Iterator[str]:
 
 def _title(number: int | None, kinds: Collection[Kind]) -> str:
     words = ("" if number is None else f"branch {number}", ", ".join(sorted(kind.value for kind in kinds)))
-    return ": ".join(word for word in words if word)
+    return ": ".join(filter(None, words))
 
 
 def _written(value: Json) -> str:
@@ -119,22 +130,21 @@ TERMINAL: Final = Look(events=True)
 def looking(
     tree: RVAFT,
     *,
-    events: bool = False,
-    names: bool = True,
     wrap: int | None = None,
     depth: int | None = None,
     collapse: Iterable[str] = (),
     branch: int | None = None,
-    legend: bool = False,
-    stagger: bool = False,
+    **shown: bool,
 ) -> Look:
-    """The look at a tree with a branch marked; raises `OptionError`, and `TreeError` where there is no such branch."""
+    """The look at a tree with a branch marked; `shown` are `events`, `names`, `legend` and `stagger`.
+
+    Raises `OptionError`, and `TreeError` where there is no such branch.
+    """
     if wrap is not None and wrap < NARROWEST:
         raise OptionError(f"a box has at least {NARROWEST} columns of text, not {wrap}")
-    if isinstance(collapse, str):
-        collapse = (collapse,)
-    marks = None if branch is None else branch_marks(tree, branch)
-    return Look(events, names, WIDTH if wrap is None else wrap, depth, tuple(collapse), marks, legend, stagger)
+    collapsed = (collapse,) if isinstance(collapse, str) else tuple(collapse)
+    marked = None if branch is None else branch_marks(tree, branch)
+    return Look(wrap=WIDTH if wrap is None else wrap, depth=depth, collapse=collapsed, marks=marked, **shown)
 
 
 @dataclass(frozen=True)
@@ -164,13 +174,11 @@ class View:
         What is below them and shared may have to stand elsewhere, as other parents want it.
         """
         loose = set(self.shared)  # shared, or above something that is
-        found: set[str] = set()
         for node in reversed(self.nodes):
             if not loose.isdisjoint(self.children(node)):
                 loose.add(node.name)
-                if node.gate is not None and node.gate.ordered:
-                    found.add(node.name)
-        return frozenset(found)
+        above = [node for node in self.nodes if not loose.isdisjoint(self.children(node))]
+        return frozenset(node.name for node in above if node.gate is not None and node.gate.ordered)
 
 
 def view(tree: RVAFT, look: Look) -> View:
@@ -179,7 +187,11 @@ def view(tree: RVAFT, look: Look) -> View:
     A node is as deep as its shortest path from the root. At the last level a node is folded if a child of it is left out.
     """
     for name in look.collapse:
-        _check_known(tree, name)
+        if name not in tree.order:
+            reason = "the root does not lead to it" if name in tree.nodes else "the tree has no such node"
+            close = [] if name in tree.nodes else get_close_matches(name, tree.order, n=1, cutoff=0.4)
+            hint = f"; did you mean {visible(close[0])}?" if close else ""
+            raise OptionError(f"cannot collapse {visible(name)}: {reason}{hint}")
     if look.depth is not None and look.depth < 0:
         raise OptionError(f"the depth of a drawing is 0 or more, not {look.depth}")
     drawn, level, reached = {tree.root}, [tree.root], 0
@@ -194,31 +206,11 @@ def view(tree: RVAFT, look: Look) -> View:
     return View(nodes, {name: len(nx.descendants(tree.graph, name) - drawn) for name in cut})
 
 
-def _check_known(tree: RVAFT, name: str) -> None:
-    if name in tree.order:
-        return
-    if name in tree.nodes:
-        raise OptionError(f"cannot collapse {visible(name)}: the root does not lead to it")
-    close = get_close_matches(name, tree.order, n=1, cutoff=0.4)
-    hint = f"; did you mean {visible(close[0])}?" if close else ""
-    raise OptionError(f"cannot collapse {visible(name)}: the tree has no such node{hint}")
-
-
 def gate_text(node: Node) -> str:
     """The short form of a gate, with the direction of a SAND and the k/n of a VOT; nothing for a leaf."""
-    match node.gate:
-        case None:
-            return ""
-        case Gate.SAND:
-            return "SAND →"
-        case Gate.SAND_RL:
-            return "SAND ←"
-        case Gate.VOT:
-            return f"VOT {node.threshold}/{len(node.children)}"
-        case Gate.AND | Gate.OR:
-            return node.gate.value.upper()
-        case _:
-            assert_never(node.gate)
+    if node.gate is None:
+        return ""
+    return _GATES[node.gate][0].replace("k/n", f"{node.threshold}/{len(node.children)}")
 
 
 def is_condition(node: Node) -> bool:
@@ -226,39 +218,25 @@ def is_condition(node: Node) -> bool:
     return node.leaf and node.on is None and node.when is not None
 
 
-class Role(Enum):
-    """What a row of a box is there for."""
-
-    PLAIN = auto()
-    BOLD = auto()
-    EVENT = auto()
-    GUARD = auto()
+Role = Enum("Role", "PLAIN BOLD EVENT GUARD")
+"""What a row of a box is there for."""
 
 
-class BoxRow(NamedTuple):
-    """The lines of a row."""
-
-    role: Role
-    lines: list[str]
-
-
-def rows(node: Node, look: Look) -> Iterator[BoxRow]:
-    """What stands in the box of a node: name, label, event, guard and notes, as far as the look has them; the first tells which node it is."""
+def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
+    """The rows in the box of a node: name, label, event, guard and notes, as far as the look has them; the first tells which node it is."""
     width = look.wrap
     code_width = width + width // 4  # events and guards do not break as well as words
-    if not node.label:
-        yield BoxRow(Role.PLAIN, wrapped(node.name, width))
-    elif look.names:
-        yield BoxRow(Role.BOLD, wrapped(node.name, width))
+    if look.names or not node.label:
+        yield Role.BOLD if node.label else Role.PLAIN, wrapped(node.name, width)
     if node.label:
-        yield BoxRow(Role.PLAIN, wrapped(node.label, width))
+        yield Role.PLAIN, wrapped(node.label, width)
     if look.events and node.has_event:
         event = on_text(node.on) if node.on else f"event: {json.dumps(node.name, ensure_ascii=False)}"
-        yield BoxRow(Role.EVENT, wrapped_code(event, code_width))
+        yield Role.EVENT, wrapped_code(event, code_width)
     if look.events and node.when is not None:
-        yield BoxRow(Role.GUARD, wrapped_code(f"when {guard_text(node.when)}", code_width))
+        yield Role.GUARD, wrapped_code(f"when {guard_text(node.when)}", code_width)
     for place, part in enumerate(look.marks.notes.get(node.name, ()) if look.marks else ()):
-        yield BoxRow(Role.PLAIN if place else Role.BOLD, wrapped(part, width))
+        yield Role.PLAIN if place else Role.BOLD, wrapped(part, width)
 
 
 def said(node: Node, *, events: bool = True) -> str:
@@ -270,71 +248,168 @@ def said(node: Node, *, events: bool = True) -> str:
         f"when {guard_text(node.when)}" if node.when is not None and events else "",
         json.dumps(node.label, ensure_ascii=False) if node.label else "",
     ]
-    return visible("  ".join(part for part in parts if part))
+    return visible("  ".join(filter(None, parts)))
 
 
 class Sign(Enum):
-    """How the sample of an entry of the legend is drawn."""
+    """What an entry of the legend shows, beside gates: its sample, and what it means."""
 
-    FAULT = "fault"
-    ATTACK = "attack"
-    CONDITION = "condition"
-    GATE = "gate"
-    FOLDED = "folded"
-    AGAIN = "again"
-    ORDER = "order"
-    MARKED = "marked"
-
-
-class LegendEntry(NamedTuple):
-    """A sample and what it means; the sample of a gate has that gate's outline."""
-
-    sign: Sign
-    sample: str
-    meaning: str
-    gate: Gate | None = None
+    FAULT = "fault", "caused by a fault"
+    ATTACK = "attack", "caused by an attack"
+    CONDITION = "condition", "holds, without an event"
+    FOLDED = "+n", "n nodes not drawn"
+    FOLDED_SHARED = "…", "nodes drawn elsewhere"
+    AGAIN = "name", "drawn in full elsewhere"
+    ORDER = "1, 2", "the order under a SAND"
+    MARKED = "bold", ""
 
 
-def _meaning(gate: Gate) -> str:
-    match gate:
-        case Gate.OR:
-            return "one of them"
-        case Gate.AND:
-            return "all, in any order"
-        case Gate.SAND:
-            return "all, from left to right"
-        case Gate.SAND_RL:
-            return "all, from right to left"
-        case Gate.VOT:
-            return "at least k of the n"
-        case _:
-            assert_never(gate)
-
-
-def entries(view: View, marks: Marks | None, *, graph: bool) -> Iterator[LegendEntry]:
-    """The entries for what a drawing has, in a fixed order.
+def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Sign | Gate, str, str]]:
+    """Signs with their samples and meanings, for what a drawing has, in a fixed order.
 
     A `graph` has a shared node once and numbers children that may stand out of order, other formats draw a tree and refer.
     """
     kinds = {node.kind for node in view.nodes}
-    if Kind.FAULT in kinds:
-        yield LegendEntry(Sign.FAULT, "fault", "caused by a fault")
-    if Kind.ATTACK in kinds:
-        yield LegendEntry(Sign.ATTACK, "attack", "caused by an attack")
-    if any(is_condition(node) for node in view.nodes):
-        yield LegendEntry(Sign.CONDITION, "condition", "holds, without an event")
-    gates = {node.gate: node for node in view.nodes if view.children(node)}
-    for gate in Gate:
-        if gate in gates:
-            sample = "VOT k/n" if gate is Gate.VOT else gate_text(gates[gate])
-            yield LegendEntry(Sign.GATE, sample, _meaning(gate), gate)
-    if any(view.folded.values()):
-        yield LegendEntry(Sign.FOLDED, "+n", "n nodes not drawn")
-    if not all(view.folded.values()):
-        yield LegendEntry(Sign.FOLDED, "…", "nodes drawn elsewhere")
-    if view.shared and not graph:
-        yield LegendEntry(Sign.AGAIN, "name", "drawn in full elsewhere")
-    if graph and view.numbered:
-        yield LegendEntry(Sign.ORDER, "1, 2", "the order under a SAND")
-    if marks is not None:
-        yield LegendEntry(Sign.MARKED, "bold", marks.meaning)
+    gates = {node.gate for node in view.nodes if view.children(node)}
+    there: dict[Sign | Gate, bool] = {
+        Sign.FAULT: Kind.FAULT in kinds,
+        Sign.ATTACK: Kind.ATTACK in kinds,
+        Sign.CONDITION: any(map(is_condition, view.nodes)),
+        **{gate: gate in gates for gate in Gate},
+        Sign.FOLDED: any(view.folded.values()),
+        Sign.FOLDED_SHARED: not all(view.folded.values()),
+        Sign.AGAIN: bool(view.shared) and not graph,
+        Sign.ORDER: bool(view.numbered) and graph,
+        Sign.MARKED: marks is not None,
+    }
+    for sign in (one for one, shown in there.items() if shown):
+        sample, meaning = _GATES[sign] if isinstance(sign, Gate) else sign.value
+        yield sign, sample, marks.meaning if marks is not None and sign is Sign.MARKED else meaning
+
+
+# Texts as lines of some width: labels between words, events and guards where their parts end.
+
+_WORD: Final = re.compile(r"(\s*)(\S+)")
+_PART: Final = re.compile(r"[^/_.:,;\s-]*[/_.:,;\s-]+|[^/_.:,;\s-]+")
+_TOKEN: Final = re.compile(r"""(\s*)(?=\S)(\[?not\s+\(+|(?:"(?:[^"\\]|\\.)*"?|[^\s"(]+)?[^\s"(]*\(*)""")
+_STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"?')
+_COMPARISONS: Final = frozenset({"==", "!=", "<", "<=", ">", ">="})
+_INSIDE: Final = 3
+"""The first kind of place that is inside of a comparison or another term."""
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """The lines of a text of at most `width` columns; line ends in the text are kept, other control codes shown.
+
+    A word that is a little wider, by half at most, is not broken.
+
+    >>> wrapped("to the decontamination waypoint", 12)
+    ['to the', 'decontamination', 'waypoint']
+    """
+
+    def lay(line: str, lines: "_LineFiller") -> None:
+        for blank, word in _WORD.findall(line):
+            lines.add(blank, word, room=width + width // 2)
+
+    return _filled(text, width, lay)
+
+
+def wrapped_code(text: str, width: int) -> list[str]:
+    """The lines of an event or a guard of at most `width` columns, not one blank of a string lost.
+
+    Broken is what stands in the fewest brackets, and there at `;`, `and` and `or`, then at commas, then behind `when`, then before
+    comparisons; a comparison that is a little wider, by half at most, is not broken.
+
+    >>> wrapped_code("when A >= 1 and (B < 2 or C > 3)", 24)
+    ['when A >= 1', 'and (B < 2 or C > 3)']
+    """
+    return _filled(text, width, lambda line, lines: _lay(list(_tokens(line)), lines))
+
+
+def _filled(text: str, width: int, lay: Callable[[str, "_LineFiller"], object]) -> list[str]:
+    found: list[str] = []
+    for line in text.splitlines():
+        lines = _LineFiller(width)
+        lay(visible(line.replace("\t", " ")).rstrip(), lines)
+        found += map("".join, lines.pieces)
+    return found
+
+
+def _columns(text: str) -> int:
+    """The columns of a text: two for what is as wide as it is high, none for marks upon other characters."""
+    if text.isascii():
+        return len(text)
+    return sum(1 + (unicodedata.east_asian_width(one) in "WF") for one in text if not unicodedata.combining(one))
+
+
+class _LineFiller:
+    """Takes pieces of text, as many on a line as it has room for; the blanks before a piece do not begin a line."""
+
+    def __init__(self, width: int) -> None:
+        self.width = width
+        self.pieces: list[list[str]] = [[]]
+        self._used = 0
+
+    def add(self, blank: str, text: str, *, room: int) -> None:
+        """A piece; what is wider than `room` may be broken behind blanks and signs such as `/`, or anywhere where these are too far."""
+        whole = _columns(text) <= room
+        for part in [text] if whole else [cut for piece in _PART.findall(text) for cut in self._cut(piece)]:
+            columns = _columns(part)
+            if self.pieces[-1] and self._used + len(blank) + columns > self.width:
+                self.pieces.append([])
+                self._used = 0
+            kept = blank if self.pieces[-1] else ""
+            self.pieces[-1] += [kept, part]
+            self._used += len(kept) + columns
+            blank = ""
+
+    def _cut(self, text: str) -> Iterator[str]:
+        start = used = 0
+        for place, character in enumerate(text):
+            columns = _columns(character)
+            if used + columns > self.width and place > start:
+                yield text[start:place]
+                start, used = place, 0
+            used += columns
+        yield text[start:]
+
+
+class _CodeToken(NamedTuple):
+    """What is not parted, the blanks before it, and how late a line is broken there: the brackets around, then the kind of place."""
+
+    blank: str
+    text: str
+    rank: tuple[int, int]
+
+
+def _tokens(text: str) -> Iterator[_CodeToken]:
+    depth, before = 0, ""
+    for blank, word in _TOKEN.findall(text):
+        if before.endswith(";") or word in ("and", "or"):
+            kind = 0
+        elif before.endswith(",") or before == "when":
+            kind = 1 if before.endswith(",") else 2
+        elif not blank or before == "not":
+            kind = 5
+        else:
+            kind = _INSIDE if word in _COMPARISONS else 4
+        yield _CodeToken(blank, word, (depth, kind))
+        signs = _STRING.sub("", word)
+        depth += sum(signs.count(sign) for sign in "([{") - sum(signs.count(sign) for sign in ")]}")
+        before = word
+
+
+def _lay(tokens: Sequence[_CodeToken], lines: _LineFiller) -> None:
+    """Add tokens as one piece where a line has room for them, and otherwise in the parts that the earliest breaks make."""
+    if not tokens:
+        return
+    blank = tokens[0].blank
+    text = "".join(token.blank + token.text for token in tokens).removeprefix(blank)
+    first = min((token.rank for token in tokens[1:]), default=(0, 0))
+    room = lines.width + (lines.width // 2 if first[1] >= _INSIDE else 0)
+    if len(tokens) == 1 or _columns(text) <= room:
+        lines.add(blank, text, room=room)
+        return
+    breaks = [place for place, token in enumerate(tokens) if place and token.rank == first]
+    for start, end in zip([0, *breaks], [*breaks, len(tokens)], strict=True):
+        _lay(tokens[start:end], lines)

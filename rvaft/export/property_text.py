@@ -15,6 +15,7 @@ and a condition stands in square brackets where its node stands. For display onl
 several parents share stands wherever it is used.
 """
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import Final
 
@@ -32,18 +33,16 @@ _SUBSCRIPTS: Final = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉
 _MINUS: Final = "−"
 
 
-def name_unicode(name: str) -> str:
+def _name(name: str) -> str:
     """A name, with the number at its end as an index: `T₁`; in quotes what is no identifier."""
-    if not latex.identifier(name):
-        return quoted(name)
-    stem, index = latex.numbered(name)
-    return stem + index.translate(_SUBSCRIPTS)
+    parts = latex.stem_and_index(name)
+    return quoted(name) if parts is None else parts[0] + parts[1].translate(_SUBSCRIPTS)
 
 
-def constant_unicode(value: Scalar) -> str:
+def _constant(value: Scalar) -> str:
     """A literal; a negative number with the sign of mathematics."""
     text = literal_text(value)
-    return text if isinstance(value, str) or not text.startswith("-") else f"{_MINUS}{text[1:]}"
+    return text if isinstance(value, str) else re.sub("^-", _MINUS, text)
 
 
 def guard_unicode(guard: Guard) -> str:
@@ -52,9 +51,9 @@ def guard_unicode(guard: Guard) -> str:
 
 
 _STYLE: Final = Style(
-    name_unicode,
-    name_unicode,
-    constant_unicode,
+    _name,
+    _name,
+    _constant,
     "_",
     {operator: facts.sign for operator, facts in OPERATORS.items()}
     | {
@@ -79,14 +78,14 @@ def _condition_latex(node: Node) -> str:
     return rf"\left[{guard}\right]" if r"\frac" in guard else f"[{guard}]" if guard else ""
 
 
-UNICODE: Final = Notation(
-    lambda node: name_unicode(node.name) if node.on is None else on_text(node.on, _STYLE),
+_UNICODE: Final = Notation(
+    lambda node: _name(node.name) if node.on is None else on_text(node.on, _STYLE),
     lambda node: "" if node.when is None else f"[{guard_unicode(node.when)}]",
     {Join.SEQUENCE: " · ", Join.ANY_ORDER: " ∧ ", Join.AT_LEAST: ", ", Join.CHOICE: " ∨ "},
     "VOT {}/{}".format,
     whole=frozenset(Join),
 )
-LATEX: Final = Notation(
+_LATEX: Final = Notation(
     lambda node: latex.name(node.name) if node.on is None else latex.event(node.on),
     _condition_latex,
     {Join.SEQUENCE: r" \cdot ", Join.ANY_ORDER: r" \wedge ", Join.AT_LEAST: ", ", Join.CHOICE: r" \vee "},
@@ -100,9 +99,7 @@ _INDENT: Final = 3
 
 
 def _formula(part: RVAFT | Branch) -> Formula:
-    if isinstance(part, Branch):
-        return formula(part.tree, part.choices)
-    return formula(part)
+    return formula(part.tree, part.choices) if isinstance(part, Branch) else formula(part)
 
 
 def property_text(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
@@ -111,25 +108,21 @@ def property_text(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
 
 
 def property_unicode(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
-    """The property in Unicode, on one line: `move(Waypoint, _) · inspect(Waypoint) · [T₂ ≥ T₁ + 10]`.
-
-    The signs are those of the table above; raises `TooLarge` beyond `limit` pieces.
-    """
-    return visible(write(_formula(part), UNICODE, limit=limit))
+    """The property on one line of Unicode: `move(Waypoint, _) · [T₂ ≥ T₁ + 10]`; raises `TooLarge` beyond `limit` pieces."""
+    return visible(write(_formula(part), _UNICODE, limit=limit))
 
 
 def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int = DEFAULT_LIMIT) -> str:
     r"""The property in LaTeX's mathematics, without dollar signs or an environment; needs the package `amsmath`.
 
-    The signs are those of the table above. With a `width`, in characters, a longer formula is broken for an environment in which
-    `&` stands before it, such as `align*`: a line ends with `\\`, and the next starts with `&\quad` and a sign. The branches
-    of a tree are those of the paper's section 4.2. Raises `TooLarge` beyond `limit` pieces.
+    With a `width`, in characters, a longer formula is broken for an environment in which `&` stands before it, such as `align*`: a
+    line ends with `\\`, and the next starts with `&\quad` and a sign. Raises `TooLarge` beyond `limit` pieces.
     """
     term = _formula(part)
     if width is None:
-        return write(term, LATEX, limit=limit)
+        return write(term, _LATEX, limit=limit)
     lines, used = [""], 0
-    for text, shown in zip(breakable(term, LATEX, limit=limit), breakable(term, UNICODE, limit=limit), strict=True):
+    for text, shown in zip(breakable(term, _LATEX, limit=limit), breakable(term, _UNICODE, limit=limit), strict=True):
         if lines[-1] and used + len(shown) > width:  # how wide a part is, its Unicode tells
             lines[-1] = f"{lines[-1].rstrip()} "
             lines.append(" ")
@@ -152,15 +145,12 @@ def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -
     yield r"% Needs \usepackage{amsmath} and \usepackage{textcomp}."
     yield r"\begingroup\allowdisplaybreaks"
     yield r"\begin{align*}"
-    before: str | None = None
+    row = ""
     for part in parts:
-        if before is not None:
-            yield f"{before} \\\\"
-        kinds = ", ".join(sorted(kind.value for kind in kinds_of(part))) or "no kind"
-        yield f"% {property_sign(part)}: {kinds}"
-        before = equation_latex(part, width=width)
-    if before is not None:
-        yield before
+        yield from [f"{row} \\\\"] if row else []
+        yield f"% {property_sign(part)}: {', '.join(sorted(kind.value for kind in kinds_of(part))) or 'no kind'}"
+        row = equation_latex(part, width=width)
+    yield from [row] if row else []
     yield r"\end{align*}"
     yield r"\endgroup"
 

@@ -6,7 +6,7 @@ its own further down, so a chain of thousands of gates stays readable and linear
 
 from collections import deque
 from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import Final
 
 from rvaft.export.layout import TERMINAL, Look, View, said, view
 from rvaft.model.expressions import name_text
@@ -22,15 +22,6 @@ _COLOURS: Final = {Kind.FAULT: "1;33", Kind.ATTACK: "1;31", None: "1"}
 _FAINT: Final = "2"
 
 
-class TextLine(NamedTuple):
-    """One line about a node; a line that refers to another one has the parent from which it does. `noted` is whether an event is named here."""
-
-    name: str
-    text: str
-    noted: bool = True
-    parent: str | None = None
-
-
 def tree_text(tree: RVAFT, look: Look = TERMINAL, *, colour: bool = False) -> str:
     """The whole drawing; with marks, marked nodes stand out, and with `colour` they have ANSI escapes too.
 
@@ -44,58 +35,49 @@ def tree_text(tree: RVAFT, look: Look = TERMINAL, *, colour: bool = False) -> st
     """
     marks = look.marks
     lines: list[str] = []
-    for line in _lines(tree, look, view(tree, look)):
-        if line is None or marks is None:
-            lines.append(line.text if line else "")
+    for name, line, parent, noted in _lines(tree, look, view(tree, look)):
+        if marks is None or not line:
+            lines.append(line)
             continue
-        marked = line.name in marks.kept if line.parent is None else marks.edge(line.parent, line.name)
-        note = visible(", ".join(marks.notes.get(line.name, ()))) if line.noted else ""
-        text = f"{MARK if marked else ' ' * len(MARK)}{line.text}{f'  {note}' if note else ''}".rstrip()
-        code = _COLOURS[tree.nodes[line.name].kind] if marked else _FAINT
+        marked = name in marks.kept if parent is None else marks.edge(parent, name)
+        notes = visible(", ".join(marks.notes.get(name, ()))) if noted else ""
+        text = f"{MARK if marked else ' ' * len(MARK)}{line}{f'  {notes}' if notes else ''}".rstrip()
+        code = _COLOURS[tree.nodes[name].kind] if marked else _FAINT
         lines.append(f"\x1b[{code}m{text}\x1b[0m" if colour else text)
     if marks is not None and marks.below:
         lines += ["", *map(visible, marks.below)]
     return "\n".join(lines) + "\n"
 
 
-def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[TextLine | None]:
-    """The lines of all sections, None between two sections."""
+def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[tuple[str, str, str | None, bool]]:
+    """Each line with its node, the parent from which it refers to one drawn elsewhere, and whether an event is named here."""
     sections = deque([tree.root])
     drawn: set[str] = set()
     while sections:
+        if drawn:
+            yield "", "", None, False
         agenda: list[tuple[str, str | None, str, str, int]] = [(sections.popleft(), None, "", "", 0)]
         while agenda:
             name, parent, indent, turn, level = agenda.pop()
             shown = f"{indent}{turn}{visible(name_text(name))}"
             if name in drawn and level > 0:
-                where = "below" if name in sections else "above"
-                yield TextLine(name, f"{shown} (see {where})", noted=False, parent=parent)
+                yield name, f"{shown} (see {'below' if name in sections else 'above'})", parent, False
                 continue
             drawn.add(name)
             node = tree.nodes[name]
-            words = said(node, events=look.events)
-            text = f"{shown}{'  ' if words and not node.gate else ' ' * bool(words)}{words}"
             children = part.children(node)
+            if words := said(node, events=look.events):
+                shown += f"{' ' if node.gate else '  '}{words}"
             if level == MAX_LEVELS and children:
                 sections.append(name)
-                yield TextLine(name, f"{text}  (continued below)", noted=False)
+                yield name, f"{shown}  (continued below)", None, False
                 continue
-            yield TextLine(name, text + _left_out(part.folded.get(name)))
+            if hidden := part.folded.get(name):
+                shown += f"  (… {hidden} node{'s' * (hidden != 1)})"
+            elif hidden == 0:
+                shown += "  (…)"
+            yield name, shown, None, True
             below = indent + {"": "", "├─ ": "│  ", "└─ ": "   "}[turn]
-            last = len(children) - 1
-            agenda.extend(
-                (child, name, below, "└─ " if index == last else "├─ ", level + 1)
-                for index, child in reversed(tuple(enumerate(children)))
-            )
-        if sections:
-            yield None
-
-
-def _left_out(hidden: int | None) -> str:
-    match hidden:
-        case None:
-            return ""
-        case 0:
-            return "  (…)"
-        case _:
-            return f"  (… {hidden} node{'s' * (hidden != 1)})"
+            turns = ["├─ "] * (len(children) - 1) + ["└─ "]
+            entries = zip(children, turns, strict=False)
+            agenda += [(child, name, below, turn, level + 1) for child, turn in entries][::-1]

@@ -3,50 +3,43 @@
 `forest` draws trees: a shared node is drawn once in full, and as a small grey box with round corners after that.
 """
 
-from collections.abc import Iterator
-from typing import assert_never
+from collections.abc import Iterator, Mapping
+from typing import Final
 
 from rvaft.export import latex
-from rvaft.export.layout import (
-    PLAIN,
-    BoxRow,
-    Look,
-    Role,
-    Sign,
-    View,
-    entries,
-    gate_text,
-    is_condition,
-    rows,
-    view,
-)
+from rvaft.export.layout import PLAIN, Look, Role, Sign, View, gate_text, is_condition, legend, rows, view
 from rvaft.model.nodes import Gate, Kind
 from rvaft.model.tree import RVAFT
 
 _OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}"})
 """What means something to `forest`, or behind the end of a line."""
-_FILL = {Kind.FAULT: "fault", Kind.ATTACK: "attack", None: ""}
-
-
-def _outline(gate: Gate) -> str:
-    match gate:
-        case Gate.OR:
-            return "signal, signal to=north, signal pointer angle=130"
-        case Gate.AND:
-            return "rounded corners=4pt"
-        case Gate.SAND:
-            return "signal, signal to=east"
-        case Gate.SAND_RL:
-            return "signal, signal to=west"
-        case Gate.VOT:
-            return "signal, signal to=east and west"
-        case _:
-            assert_never(gate)
-
-
-_GATE = {gate: f"{gate.replace('_', ' ')} gate" for gate in Gate}
-_GATE_STYLES = "\n".join(f"  {_GATE[gate]}/.style={{gate, {_outline(gate)}}}," for gate in Gate)
-_HEAD = (
+_BREAK: Final = r"\\"
+_FORMS: Final = {
+    Role.PLAIN: "{}",
+    Role.BOLD: r"\textbf{{{}}}",
+    Role.EVENT: r"\textit{{{}}}",
+    Role.GUARD: r"\textit{{{}}}",
+}
+_FILL: Final = {Kind.FAULT: ", fault", Kind.ATTACK: ", attack", None: ""}
+_OUTLINES: Final[Mapping[Gate, str]] = {
+    Gate.OR: "signal, signal to=north, signal pointer angle=130",
+    Gate.AND: "rounded corners=4pt",
+    Gate.SAND: "signal, signal to=east",
+    Gate.SAND_RL: "signal, signal to=west",
+    Gate.VOT: "signal, signal to=east and west",
+}
+assert set(_OUTLINES) == set(Gate), "every gate has an outline"
+_STYLES: Final[Mapping[Sign | Gate, str]] = {
+    Sign.FAULT: "box, fault",
+    Sign.ATTACK: "box, attack",
+    Sign.CONDITION: "box, condition",
+    Sign.FOLDED: "folded",
+    Sign.FOLDED_SHARED: "folded",
+    Sign.AGAIN: "again",
+    Sign.MARKED: "box, marked",
+    **{gate: f"{gate.replace('_', ' ')} gate" for gate in Gate},
+}
+_HEAD: Final = (
     r"""\documentclass[tikz,border=4pt]{standalone}
 % Other scripts than Latin need LuaLaTeX or XeLaTeX and a font that has them: \setsansfont{...}[Ligatures=TeXOff].
 \usepackage{iftex}
@@ -59,7 +52,7 @@ _HEAD = (
   box/.style={draw, align=center, font=\footnotesize\sffamily, inner sep=3pt},
   gate/.style={draw, font=\scriptsize\sffamily, inner sep=2pt, fill=blue!8},
 """
-    + _GATE_STYLES
+    + "\n".join(f"  {_STYLES[gate]}/.style={{gate, {outline}}}," for gate, outline in _OUTLINES.items())
     + r"""
   folded/.style={gate, isosceles triangle, shape border rotate=90, isosceles triangle apex angle=90, inner sep=1pt},
   fault/.style={fill=orange!60},
@@ -74,20 +67,11 @@ _HEAD = (
   for tree={anchor=north, parent anchor=south, child anchor=north, l sep=11pt, s sep=6pt},
 """
 )
-_TAIL = r"""\end{forest}
+_TAIL: Final = r"""\end{forest}
 \end{document}
 """
-_UNDER = r"at ([yshift=-6pt]current bounding box.south west)"
+_UNDER: Final = r"at ([yshift=-6pt]current bounding box.south west)"
 """Where the next line below the tree goes: under everything that is there."""
-_SAMPLES = {
-    Sign.FAULT: "box, fault",
-    Sign.ATTACK: "box, attack",
-    Sign.CONDITION: "box, condition",
-    Sign.FOLDED: "folded",
-    Sign.AGAIN: "again",
-    Sign.ORDER: "",
-    Sign.MARKED: "box, marked",
-}
 
 
 def tikz_text(tree: RVAFT, look: Look = PLAIN) -> str:
@@ -116,13 +100,13 @@ def _brackets(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
         led = marks is not None and marks.edge(parent, name)
         if name in drawn:
             faint = ", unmarked" if marks is not None and not led else ""
-            yield f"[{{{_set(next(rows(node, look)))}}}, again{faint}{edge(marked=led)}]"
+            yield f"[{{{_set(*next(rows(node, look)))}}}, again{faint}{edge(marked=led)}]"
             continue
         drawn.add(name)
         kept = marks is not None and name in marks.kept
         mark = "" if marks is None else ", marked" if kept else ", unmarked"
-        styles = ", ".join(filter(None, ["box", _FILL[node.kind], "condition" if is_condition(node) else ""]))
-        box = f"[{{{BREAK.join(_set(row) for row in rows(node, look))}}}, {styles}{mark}{edge(marked=led)}"
+        styles = f"box{_FILL[node.kind]}{', condition' if is_condition(node) else ''}{mark}{edge(marked=led)}"
+        box = f"[{{{_BREAK.join(_set(*row) for row in rows(node, look))}}}, {styles}"
         if node.gate is None:
             yield f"{box}]"
             continue
@@ -132,7 +116,7 @@ def _brackets(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
             count = f"+{hidden}" if hidden else r"\ldots"
             yield f"[{{{count}}}, folded{mark}{edge(marked=kept)}]]"
             continue
-        yield f"[{{{_flat(gate_text(node))}}}, {_GATE[node.gate]}{mark}{edge(marked=kept)}"
+        yield f"[{{{_flat(gate_text(node))}}}, {_STYLES[node.gate]}{mark}{edge(marked=kept)}"
         agenda.append(None)
         agenda.extend((name, child) for child in reversed(node.children))
 
@@ -141,12 +125,11 @@ def _below(look: Look, part: View) -> Iterator[str]:
     """What the marks say, and the legend, line by line under the tree."""
     for text in look.marks.below if look.marks is not None else ():
         yield rf"\node[anchor=north west, font=\footnotesize\sffamily] {_UNDER} {{{_flat(text)}}};"
-    if look.legend and (legend := list(entries(part, look.marks, graph=False))):
+    if look.legend and (signs := list(legend(part, look.marks, graph=False))):
         yield rf"\matrix[anchor=north west, row sep=2pt, column sep=2pt, ampersand replacement=\&] {_UNDER} {{"
-        for entry in legend:
-            style = _SAMPLES[entry.sign] if entry.gate is None else _GATE[entry.gate]
-            sample = rf"\node[{style}, anchor=base] {{{_flat(entry.sample)}}};"
-            yield rf"{sample} \& \node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(entry.meaning)}}}; \\"
+        for sign, sample, meaning in signs:
+            said = rf"\node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(meaning)}}};"
+            yield rf"\node[{_STYLES[sign]}, anchor=base] {{{_flat(sample)}}}; \& {said} \\"
         yield "};"
 
 
@@ -155,13 +138,8 @@ def escaped(text: str) -> str:
     return latex.escaped(text).translate(_OURS)
 
 
-BREAK = r"\\"
-_FORMS = {Role.PLAIN: "{}", Role.BOLD: r"\textbf{{{}}}", Role.EVENT: r"\textit{{{}}}", Role.GUARD: r"\textit{{{}}}"}
-
-
-def _set(row: BoxRow) -> str:
-    """The lines of a row."""
-    return BREAK.join(_FORMS[row.role].format(escaped(line) or "~") for line in row.lines) or "~"
+def _set(role: Role, lines: list[str]) -> str:
+    return _BREAK.join(_FORMS[role].format(escaped(line) or "~") for line in lines) or "~"
 
 
 def _flat(text: str) -> str:

@@ -14,8 +14,7 @@ import pytest
 
 from rvaft import RVAFT, Gate, Node, OptionError, ToolFailed, ToolMissing, loads
 from rvaft.export import Format, draw, format_of, losses, picture
-from rvaft.export.layout import WIDTH
-from rvaft.export.line_breaks import wrapped
+from rvaft.export.layout import WIDTH, wrapped
 from rvaft.export.text import MAX_LEVELS
 from rvaft.export.tikz import escaped
 from tests.export.trees import AWKWARD, awkward, chain, every_part

@@ -9,8 +9,7 @@ import pytest
 
 from rvaft import RVAFT, Gate, Node, OptionError, TreeError, load, loads
 from rvaft.export import Format, Look, draw, picture
-from rvaft.export.layout import looking
-from rvaft.export.line_breaks import wrapped, wrapped_code
+from rvaft.export.layout import looking, wrapped, wrapped_code
 from tests.export.geometry import measured, overlaps, pdf_width
 from tests.export.trees import AWKWARD, awkward, chain, every_part
 from tests.tables import rows

@@ -6,13 +6,13 @@ from functools import partial
 from time import perf_counter
 from typing import ClassVar
 
-from backends.automaton.configurations import Moves
-from backends.automaton.determinise import HOPELESS, Automaton, determinised
+from backends.automaton.configurations import Plan
+from backends.automaton.determinise import HOPELESS, Automaton, determinised, minimised
 from backends.automaton.diagram import BEFORE, READABLE, diagram
+from backends.automaton.hoa_reader import HoaMonitor, program
 from backends.automaton.hoa_writer import title_of, write
 from backends.automaton.letters import FeasibleLetters, Relevance
-from backends.automaton.minimise import minimised
-from backends.automaton.structure import Structure, Work, decided, plan, structure
+from backends.automaton.structure import Structure, Work, decided, structure
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Pattern
@@ -64,15 +64,11 @@ class AutomatonBackend(Backend):
         With a proposition `alive` the text is read as an encoding of finite words, whatever its acceptance; without, as a finite
         automaton that accepts in its accepting states. Raises `LanguageError`, `ToolMissing` without Spot, `TooLarge`.
         """
-        from backends.automaton.monitor import monitor  # noqa: PLC0415 -- only reading needs Spot
-
-        return monitor(text, {} if atoms is None else atoms)
+        return HoaMonitor(program(text, atoms))
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...]:
         """What the propositions of a HOA text ask of events; raises as `read` does."""
-        from backends.automaton.monitor import observed  # noqa: PLC0415 -- only reading needs Spot
-
-        return observed(text, {} if atoms is None else atoms)
+        return tuple(dict.fromkeys(program(text, atoms).questions()))
 
 
 def _relevance(tree: RVAFT, semantics: Semantics) -> Relevance | None:
@@ -88,10 +84,9 @@ def _built(tree: RVAFT, semantics: Semantics, work: Work) -> tuple[Automaton, St
     parts = structure(tree)
     scattered = semantics is Semantics.SCATTERED
     letters = FeasibleLetters(parts.patterns, _relevance(tree, semantics))
-    if parts.root is None:
-        automaton = Automaton(HOPELESS)
-    else:
-        graphs = decided(parts, parts.root, at_least=not scattered, work=work)
-        plans = [plan(parts, graph, at_least=not scattered, work=work) for graph in graphs]
-        automaton = determinised(Moves(plans, work), letters, work, scattered=scattered)
+    automaton = Automaton(HOPELESS)
+    if parts.form.feasible:  # constant guards may leave no scenario
+        graphs = decided(parts.form, at_least=not scattered, work=work)
+        plans = [Plan(parts, graph, number, at_least=not scattered, work=work) for number, graph in enumerate(graphs)]
+        automaton = determinised(plans, letters, work, scattered=scattered)
     return minimised(automaton, letters, looping=scattered), parts, letters

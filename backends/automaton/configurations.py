@@ -3,13 +3,18 @@
 A configuration is what remains of a set of scenarios after some events have been matched. It forgets everything that cannot
 matter any more, so equal configurations have equal futures. Choices are taken when an event decides them, or when something
 that comes after them happens and they can be made without an event.
+
+A graph whose choices can all wait is laid out as tables of bit sets (`Plan`), and a step of the construction is a handful of operations
+on integers. Guards (the bits of their propositions), choices and events have one numbering, in this order.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations, product
-from typing import Final, NamedTuple
+from math import comb
+from typing import Final, NamedTuple, assert_never
 
-from backends.automaton.structure import Plan, Work, smallest
+from backends.automaton.structure import Structure, Work
+from rvaft.analysis.normal_form import NormalForm, Op, Part
 from rvaft.support.bits import bits, mask_of, union
 
 _WIDE: Final = 1 << 61
@@ -43,29 +48,89 @@ class Move(NamedTuple):
     target: Remainder
 
 
-class Moves:
-    """The moves of the configurations of some plans; computed once for each configuration."""
+class Alternative(NamedTuple):
+    """One child of a choice. `up` is the alternative that contains the choice, if any.
 
-    def __init__(self, plans: Sequence[Plan], work: Work) -> None:
-        self._plans = plans
+    `mandatory` comes with choosing it, `whole` is all that may; `first` are the events it can begin with, `silent` the
+    smallest sets of guards with which it is complete without an event.
+    """
+
+    choice: int
+    up: int | None
+    mandatory: int
+    whole: int
+    first: int
+    silent: tuple[int, ...]
+
+
+class Choice(NamedTuple):
+    """A choice: its alternatives, those of them that can be complete without an event, how many at least, and whether more may be taken."""
+
+    mask: int
+    silent: int
+    least: int
+    more: bool
+
+
+class Moment(NamedTuple):
+    """One occurrence: its atom, the guards on its variables, the alternative it is below, what comes before it and what after."""
+
+    atom: int
+    bound: int
+    alternative: int | None
+    before: int
+    after: int
+
+
+class Plan:
+    """The tables of one graph, and the moves of its configurations; `TooLarge` when a choice has too many ways to be made silently."""
+
+    def __init__(self, structure: Structure, form: NormalForm, number: int, *, at_least: bool, work: Work) -> None:
         self._work = work
         self._moves: dict[Remainder, tuple[Move, ...]] = {}
+        graph: dict[int, Part] = {part: form.parts[part] for part in reversed(form.kept())}
+        propositions = len(structure.patterns) + len(structure.guards)
+        choosing = [part for part, this in graph.items() if this.chooses]
+        happening = [part for part, this in graph.items() if this.op is Op.EVENT]
+        bit = {part: index for index, part in enumerate(choosing + happening, propositions)}
+        whole, mandatory, first, silent = _extents(graph, bit, structure, work)
+        above: dict[int, int | None] = dict.fromkeys(graph)  # the alternative that a part is below
+        self.alternatives: list[Alternative] = []
+        self.choices: dict[int, Choice] = {}
+        for part, this in graph.items():
+            start, up = len(self.alternatives), above[part]
+            for child in this.parts:
+                above[child] = len(self.alternatives) if this.chooses else up
+                if this.chooses:
+                    known = (mandatory[child], whole[child], first[child], silent[child])
+                    self.alternatives.append(Alternative(bit[part], up, *known))
+            if this.chooses:
+                mask = mask_of(range(start, len(self.alternatives)))
+                quiet = mask_of(one for one in bits(mask) if self.alternatives[one].silent)
+                self.choices[bit[part]] = Choice(mask, quiet, this.need, at_least and this.op is Op.AT_LEAST)
+        before, after = _around(graph, whole, backwards=False), _around(graph, whole, backwards=True)
+        self.moments: dict[int, Moment] = {}
+        for part in happening:
+            atom = structure.atoms[graph[part].node]
+            self.moments[bit[part]] = Moment(atom, structure.bound[atom], above[part], before[part], after[part])
+        self._guards = mask_of(structure.guard_bits.values())
+        self._choosing = mask_of(self.choices)
+        self._events = mask_of(self.moments)
+        self._binders = {
+            guard: mask_of(event for event, moment in self.moments.items() if moment.bound >> guard & 1)
+            for guard in bits(self._guards)
+        }
+        self.width = self._events.bit_length()
+        """How many bits its sets may have: what steps cost grows with it."""
+        self.start = self._tidy(Remainder(number, mandatory[form.root]))
+        """The configuration before any event."""
 
-    def start(self) -> Iterator[Remainder]:
-        """The configurations before any event."""
-        for number, plan in enumerate(self._plans):
-            yield self._tidy(Remainder(number, plan.start))
-
-    def of(self, configuration: Remainder) -> tuple[Move, ...]:
-        """The moves of a configuration, in a stable order."""
+    def moves(self, configuration: Remainder) -> tuple[Move, ...]:
+        """The moves of a configuration, in a stable order; found once."""
         if configuration not in self._moves:
             self._moves[configuration] = found = tuple(dict.fromkeys(self._find(configuration)))
-            self._work.step(len(found) * (20 + self.width(configuration) // 10))
+            self._work.step(len(found) * (20 + self.width // 10))
         return self._moves[configuration]
-
-    def width(self, configuration: Remainder) -> int:
-        """How many bits its sets may have: what steps cost grows with it."""
-        return self._plans[configuration.plan].events.bit_length()
 
     def breaking(self, move: Move, holding: int) -> Remainder:
         """Where a move leads when of the guards it notes only these hold."""
@@ -74,29 +139,24 @@ class Moves:
 
     def is_complete(self, configuration: Remainder) -> bool:
         """Whether nothing more needs to happen."""
-        plan = self._plans[configuration.plan]
-        if configuration.open & plan.events:
+        if configuration.open & self._events:
             return False
-        return all(self._silently(configuration, choice) for choice in bits(configuration.open & plan.choosing))
+        return all(self._silently(configuration, choice) for choice in bits(configuration.open & self._choosing))
 
     def dominates(self, one: Remainder, other: Remainder) -> bool:
         """Whether `one` completes on every word on which `other` does, when events may be left out."""
         if one.plan != other.plan or one.open & ~other.open or one.broken & ~other.broken:
             return False
         behind = other.taken & ~one.taken
-        if not behind:
-            return True
-        plan = self._plans[one.plan]
-        return not any(plan.choices[choice].mask & behind for choice in bits(one.open & plan.choosing))
+        return not behind or not any(self.choices[choice].mask & behind for choice in bits(one.open & self._choosing))
 
     def _find(self, configuration: Remainder) -> Iterator[Move]:
-        plan = self._plans[configuration.plan]
         for event in self._candidates(configuration):
-            moment = plan.moments[event]
+            moment = self.moments[event]
             entered = self._enter(configuration, event)
-            if entered is None or moment.before & entered.open & plan.events:
+            if entered is None or moment.before & entered.open & self._events:
                 continue
-            for settled in self._settle(entered, moment.before & entered.open & plan.choosing):
+            for settled in self._settle(entered, moment.before & entered.open & self._choosing):
                 target = settled._replace(open=settled.open & ~(1 << event))
                 needed = moment.bound & settled.open
                 noted = moment.bound & ~needed
@@ -105,173 +165,151 @@ class Moves:
 
     def _candidates(self, configuration: Remainder) -> Iterator[int]:
         """Events that may be next: nothing that waits is known to come before them."""
-        plan = self._plans[configuration.plan]
-        waiting = configuration.open & plan.events
+        waiting = configuration.open & self._events
         while waiting:
             event = (waiting & -waiting).bit_length() - 1
             yield event
-            waiting &= ~(1 << event | plan.moments[event].after)
-        untaken = self._untaken(configuration)
-        yield from bits(union(plan.alternatives[number].first for number in untaken))
+            waiting &= ~(1 << event | self.moments[event].after)
+        yield from bits(union(self.alternatives[number].first for number in bits(self._untaken(configuration))))
 
-    def _untaken(self, configuration: Remainder) -> Iterator[int]:
+    def _untaken(self, configuration: Remainder) -> int:
         """The alternatives of undecided choices that are not taken."""
-        plan = self._plans[configuration.plan]
-        for choice in bits(configuration.open & plan.choosing):
-            yield from bits(plan.choices[choice].mask & ~configuration.taken)
+        masks = (self.choices[choice].mask for choice in bits(configuration.open & self._choosing))
+        return union(masks) & ~configuration.taken
 
     def _possible(self, configuration: Remainder) -> int:
         """All that a choice may still bring in."""
-        alternatives = self._plans[configuration.plan].alternatives
-        return union(alternatives[number].whole for number in self._untaken(configuration))
+        return union(self.alternatives[number].whole for number in bits(self._untaken(configuration)))
 
     def _enter(self, configuration: Remainder, event: int) -> Remainder | None:
         """Take the alternatives that an event is below, or None where that is no longer possible."""
         if configuration.open >> event & 1:
             return configuration
-        plan = self._plans[configuration.plan]
         path: list[int] = []
-        number = plan.moments[event].alternative
-        while number is not None:
-            path.append(number)
-            if configuration.open >> plan.alternatives[number].choice & 1:
+        above = self.moments[event].alternative
+        while above is not None:
+            path.append(above)
+            if configuration.open >> self.alternatives[above].choice & 1:
                 break
-            number = plan.alternatives[number].up
+            above = self.alternatives[above].up
         else:
             return None
-        entered: Remainder | None = configuration
-        while path and entered is not None:
-            entered = self._take(entered, path.pop())
-        return entered
-
-    def _take(self, configuration: Remainder, number: int) -> Remainder | None:
-        plan = self._plans[configuration.plan]
-        alternative = plan.alternatives[number]
-        if configuration.taken >> number & 1 or alternative.mandatory & configuration.broken:
-            return None
-        choice = plan.choices[alternative.choice]
-        taken = configuration.taken & choice.mask | 1 << number
-        decided = taken == choice.mask or (not choice.more and taken.bit_count() == choice.least)
-        return configuration._replace(
-            open=configuration.open & ~(decided << alternative.choice) | alternative.mandatory,
-            taken=configuration.taken & ~choice.mask if decided else configuration.taken | taken,
-        )
+        self._work.step(len(path) * (10 + self.width // 50))
+        still, taken = configuration.open, configuration.taken
+        for number in reversed(path):
+            alternative = self.alternatives[number]
+            if taken >> number & 1 or alternative.mandatory & configuration.broken:
+                return None
+            choice = self.choices[alternative.choice]
+            chosen = taken & choice.mask | 1 << number
+            if chosen == choice.mask or (not choice.more and chosen.bit_count() == choice.least):
+                still &= ~(1 << alternative.choice)
+                taken &= ~choice.mask
+            else:
+                taken |= chosen
+            still |= alternative.mandatory
+        return configuration._replace(open=still, taken=taken)
 
     def _settle(self, configuration: Remainder, choices: int) -> Iterator[Remainder]:
         """Decide these choices without an event, in every way that is not worse than another."""
         if not choices:
             yield configuration
             return
-        plan = self._plans[configuration.plan]
         ways = [self._silently(configuration, choice) for choice in bits(choices)]
-        taken = configuration.taken & ~union(plan.choices[choice].mask for choice in bits(choices))
-        for guards in smallest(union(chosen) for chosen in product(*ways)):
+        taken = configuration.taken & ~union(self.choices[choice].mask for choice in bits(choices))
+        for guards in _smallest(union(chosen) for chosen in product(*ways)):
             yield configuration._replace(open=configuration.open & ~choices | guards, taken=taken)
 
     def _silently(self, configuration: Remainder, number: int) -> tuple[int, ...]:
         """The smallest sets of guards with which a choice is decided without an event."""
-        plan = self._plans[configuration.plan]
-        choice = plan.choices[number]
+        choice = self.choices[number]
         missing = choice.least - (configuration.taken & choice.mask).bit_count()
         if missing <= 0:
             return (0,)
-        untaken = (plan.alternatives[one].silent for one in bits(choice.silent & ~configuration.taken))
+        untaken = (self.alternatives[one].silent for one in bits(choice.silent & ~configuration.taken))
         able = [ways for silent in untaken if (ways := [one for one in silent if not one & configuration.broken])]
-        return smallest(union(one) for some in combinations(able, missing) for one in product(*some))
+        return _smallest(union(one) for some in combinations(able, missing) for one in product(*some))
 
     def _tidy(self, configuration: Remainder) -> Remainder:
         """Forget guards that no event and no choice to come can touch."""
-        plan = self._plans[configuration.plan]
-        required = configuration.open & plan.guards
+        required = configuration.open & self._guards
         if not (required or configuration.broken):
             return configuration
         possible = self._possible(configuration)
         coming = configuration.open | possible
-        idle = mask_of(guard for guard in bits(required) if not plan.binders[guard] & coming)
+        idle = mask_of(guard for guard in bits(required) if not self._binders[guard] & coming)
         return configuration._replace(open=configuration.open & ~idle, broken=configuration.broken & possible)
 
 
-class Successors:
-    """Where the letters of one state lead: the configurations of each atom found once, then put together as bit sets.
+def _extents(
+    graph: dict[int, Part], bit: Mapping[int, int], structure: Structure, work: Work
+) -> tuple[dict[int, int], dict[int, int], dict[int, int], dict[int, tuple[int, ...]]]:
+    """Of each part all that may happen for it, what must, what may be first, and the guards with which it is complete silently."""
+    whole: dict[int, int] = {}
+    mandatory: dict[int, int] = {}
+    first: dict[int, int] = {}
+    silent: dict[int, tuple[int, ...]] = {}
+    for part, this in reversed(graph.items()):
+        own = 1 << bit[part] if part in bit else 0
+        match this.op:
+            case Op.EVENT:
+                whole[part] = mandatory[part] = first[part] = own
+                silent[part] = ()
+            case Op.CONDITION:
+                assert this.guard is not None
+                whole[part] = mandatory[part] = guard = 1 << structure.guard_bits[this.guard]
+                first[part], silent[part] = 0, (guard,)
+            case Op.ALL | Op.SEQUENCE | Op.ONE | Op.AT_LEAST:
+                whole[part] = own | union(whole[child] for child in this.parts)
+                mandatory[part] = own or union(mandatory[child] for child in this.parts)
+                silent[part] = _silent([silent[child] for child in this.parts], this, work)
+                first[part] = 0
+                for child in this.parts:
+                    first[part] |= first[child]
+                    if this.op is Op.SEQUENCE and not silent[child]:
+                        break
+            case _:
+                assert_never(this.op)
+    return whole, mandatory, first, silent
 
-    Where a state has many overlapping atoms there are exponentially many letters, so what concerns a pair of configurations
-    is looked at once for the state. `kept` are configurations that stay whatever happens, none of which dominates another one; under
-    `scattered`, where events may be left out, they are those of the state, and a configuration that another one dominates is dropped.
+
+def _silent(ways: list[tuple[int, ...]], part: Part, work: Work) -> tuple[int, ...]:
+    """The smallest sets of guards with which a part is complete without an event, given those of its parts."""
+    able = [way for way in ways if way]
+    need = part.need if part.chooses else len(ways)
+    if part.chooses and need > 1:
+        work.check(comb(len(able), need), "ways to decide choices by guards alone")
+    found: set[int] = set()
+    for chosen in combinations(able, need):
+        together: tuple[int, ...] = (0,)
+        for way in chosen:
+            if way != (0,):
+                together = _smallest(one | other for one in together for other in way)
+            work.check(len(together), "ways to decide choices by guards alone")
+        found.update(together)
+    return _smallest(found)
+
+
+def _around(graph: Mapping[int, Part], whole: Mapping[int, int], *, backwards: bool) -> dict[int, int]:
+    """What sequences put before each part, or after it."""
+    around = dict.fromkeys(graph, 0)
+    for number, part in graph.items():
+        outside = around[number]
+        for child in reversed(part.parts) if backwards else part.parts:
+            around[child] |= outside
+            if part.op is Op.SEQUENCE:
+                outside |= whole[child]
+    return around
+
+
+def _smallest(sets: Iterable[int]) -> tuple[int, ...]:
+    """The sets that contain no other of them, in a stable order.
+
+    >>> _smallest([0b110, 0b011, 0b010, 0b101])
+    (2, 5)
     """
-
-    def __init__(self, moves: Moves, state: Sequence[Remainder], *, scattered: bool, work: Work) -> None:
-        self._moves = moves
-        self._by_atom: dict[int, list[Move]] = {}
-        for configuration in state:
-            for move in moves.of(configuration):
-                self._by_atom.setdefault(move.atom, []).append(move)
-        self.sees = mask_of(self._by_atom)
-        self._guards = {atom: union(one.needed | one.noted for one in own) for atom, own in self._by_atom.items()}
-        self._scattered = scattered
-        self._kept = state if scattered else ()
-        self._work = work
-        self._found = list(self._kept)
-        self._bit: dict[Remainder, int] = {}
-        self._worse = [0] * len(self._found)  # for each configuration found, those that it dominates
-        self._reached: dict[tuple[int, int], int | None] = {}
-        self._best: dict[int, frozenset[Remainder]] = {}
-
-    def asked(self, atoms: int) -> int:
-        """The guards that matter when these atoms are true."""
-        return union(self._guards[atom] for atom in bits(atoms))
-
-    def of(self, atoms: int, holding: int) -> frozenset[Remainder] | None:
-        """The configurations after a letter, or None where one of them is complete."""
-        together = (1 << len(self._kept)) - 1
-        for atom in bits(atoms):
-            case = atom, holding & self._guards[atom]
-            if case not in self._reached:
-                self._reached[case] = self._lead(*case)
-            reached = self._reached[case]
-            if reached is None:
-                return None
-            together |= reached
-        self._work.step(1)
-        if together not in self._best:
-            best = together & ~union(self._worse[index] for index in bits(together))
-            self._best[together] = frozenset(self._found[index] for index in bits(best))
-        return self._best[together]
-
-    def _lead(self, atom: int, holding: int) -> int | None:
-        """What the moves of one atom lead to, or None where one of them is complete."""
-        moves = self._by_atom[atom]
-        self._work.step(len(moves))
-        moved = [self._moves.breaking(move, holding) for move in moves if not move.needed & ~holding]
-        if any(self._moves.is_complete(configuration) for configuration in moved):
-            return None
-        for configuration in moved:
-            if configuration not in self._bit:
-                self._bit[configuration] = self._new(configuration)
-        return union(self._bit[configuration] for configuration in moved)
-
-    def _new(self, configuration: Remainder) -> int:
-        """The bit of a configuration; none where one that is kept dominates it."""
-        dominates = self._moves.dominates
-        bit, worse = 1 << len(self._found), 0
-        if self._scattered:
-            self._work.step(len(self._found) * (10 + self._moves.width(configuration) // 50))
-            if any(dominates(other, configuration) for other in self._kept):
-                return 0
-            for index, other in enumerate(self._found):
-                if dominates(other, configuration):
-                    self._worse[index] |= bit
-                elif dominates(configuration, other):
-                    worse |= 1 << index
-        self._found.append(configuration)
-        self._worse.append(worse)
-        return bit
-
-
-def undominated(configurations: Iterable[Remainder], moves: Moves, work: Work) -> list[Remainder]:
-    """The configurations without those that another one dominates."""
-    best: list[Remainder] = []
-    for one in sorted(configurations):
-        work.step(len(best))
-        if not any(moves.dominates(other, one) for other in best):
-            best = [*(other for other in best if not moves.dominates(one, other)), one]
-    return best
+    kept: list[int] = []
+    for one in sorted(set(sets), key=lambda mask: (mask.bit_count(), mask)):
+        if not any(other & ~one == 0 for other in kept):
+            kept.append(one)
+    return tuple(kept)

@@ -1,21 +1,24 @@
-"""The deterministic automaton: a state is the set of configurations that a prefix may have led to.
+"""The deterministic automaton, and its minimal one: a state is the set of configurations that a prefix may have led to.
 
 Under `strict` every event must be a move; under `projected` every relevant one; under `scattered` an event may also be
 left out, and a configuration that another one dominates is dropped. Apart from loops the graph has no cycle: every move leaves less
 to happen.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from backends.automaton.configurations import Moves, Remainder, Successors, undominated
+from backends.automaton.configurations import Move, Plan, Remainder
 from backends.automaton.letters import FeasibleLetters
 from backends.automaton.structure import Work
+from rvaft.support.bits import bits, mask_of, union
 
 DETECTED: Final = 0
 HOPELESS: Final = 1
 """The two states that every automaton has."""
+EDGES: Final = 10
+"""How many edges the limit allows for each state it allows."""
 
 
 class StateRow(NamedTuple):
@@ -32,6 +35,10 @@ class StateRow(NamedTuple):
         """Where a letter over more propositions leads, or None where no event makes it true."""
         seen = letter & self.sees
         return self.targets.get(seen | letter & self.asks.get(seen, 0))
+
+    def redirected(self, new: dict[int, int]) -> "StateRow":
+        """The row with other targets."""
+        return self._replace(targets={letter: new.get(target, target) for letter, target in self.targets.items()})
 
 
 @dataclass(slots=True)
@@ -55,8 +62,8 @@ class Automaton:
         return order
 
 
-def determinised(moves: Moves, letters: FeasibleLetters, work: Work, *, scattered: bool) -> Automaton:
-    """The automaton of the configurations that `moves` starts with; raises `TooLarge`."""
+def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, *, scattered: bool) -> Automaton:
+    """The automaton of the configurations that the plans start with; raises `TooLarge`."""
     number: dict[frozenset[Remainder], int] = {}
     waiting: list[frozenset[Remainder]] = []
 
@@ -66,30 +73,112 @@ def determinised(moves: Moves, letters: FeasibleLetters, work: Work, *, scattere
         if state not in number:
             number[state] = len(number) + 2
             waiting.append(state)
-            work.states(len(number))
+            work.check(len(number), "states of the automaton")
         return number[state]
 
-    start = frozenset(moves.start())
-    if any(moves.is_complete(configuration) for configuration in start):
+    start = sorted({plan.start for plan in plans})
+    if any(plan.is_complete(plan.start) for plan in plans):
         return Automaton(DETECTED)
-    automaton = Automaton(numbered(frozenset(undominated(start, moves, work)) if scattered else start))
+    if scattered:
+        best: list[Remainder] = []
+        for one in start:
+            work.step(len(best))
+            if not any(plans[other.plan].dominates(other, one) for other in best):
+                best = [*(other for other in best if not plans[one.plan].dominates(one, other)), one]
+        start = best
+    automaton = Automaton(numbered(frozenset(start)))
+    edges = 0
     for state in waiting:
-        successors = Successors(moves, sorted(state), scattered=scattered, work=work)
-        row = StateRow(successors.sees, {}, {})
+        successors = _Successors(plans, sorted(state), scattered=scattered, work=work)
+        row = StateRow(mask_of(successors.by_atom), {}, {})
         for atoms in letters.over(row.sees):
-            row.asks[atoms] = successors.asked(atoms)
-            for holding in subsets(row.asks[atoms]):
+            row.asks[atoms] = union(successors.guards[atom] for atom in bits(atoms))
+            for holding in _subsets(row.asks[atoms]):
                 after = successors.of(atoms, holding)
                 row.targets[atoms | holding] = DETECTED if after is None else numbered(after)
-                work.edge()
+                edges += 1
+                work.check(edges, f"edges of the automaton, {EDGES} allowed for each state", EDGES)
         automaton.rows.append(row)
     return automaton
 
 
-def subsets(mask: int) -> Iterator[int]:
+class _Successors:
+    """Where the letters of one state lead: the configurations of each atom found once, then put together as bit sets.
+
+    Where a state has many overlapping atoms there are exponentially many letters, so what concerns a pair of configurations
+    is looked at once for the state. `kept` are configurations that stay whatever happens, none of which dominates another one; under
+    `scattered`, where events may be left out, they are those of the state, and a configuration that another one dominates is dropped.
+    """
+
+    def __init__(self, plans: Sequence[Plan], state: Sequence[Remainder], *, scattered: bool, work: Work) -> None:
+        self._plans = plans
+        self._work = work
+        self._scattered = scattered
+        self.by_atom: dict[int, list[Move]] = {}
+        for configuration in state:
+            for move in plans[configuration.plan].moves(configuration):
+                self.by_atom.setdefault(move.atom, []).append(move)
+        self.guards = {atom: union(one.needed | one.noted for one in own) for atom, own in self.by_atom.items()}
+        """The guards that matter when an atom is true."""
+        self._kept = state if scattered else ()
+        self._found = list(self._kept)
+        self._bit: dict[Remainder, int] = {}
+        self._worse = [0] * len(self._found)  # for each configuration found, those that it dominates
+        self._reached: dict[tuple[int, int], int | None] = {}
+        self._best: dict[int, frozenset[Remainder]] = {}
+
+    def of(self, atoms: int, holding: int) -> frozenset[Remainder] | None:
+        """The configurations after a letter, or None where one of them is complete."""
+        together = (1 << len(self._kept)) - 1
+        for atom in bits(atoms):
+            case = atom, holding & self.guards[atom]
+            if case not in self._reached:
+                self._reached[case] = self._lead(*case)
+            reached = self._reached[case]
+            if reached is None:
+                return None
+            together |= reached
+        self._work.step(1)
+        if together not in self._best:
+            best = together & ~union(self._worse[index] for index in bits(together))
+            self._best[together] = frozenset(self._found[index] for index in bits(best))
+        return self._best[together]
+
+    def _lead(self, atom: int, holding: int) -> int | None:
+        """What the moves of one atom lead to, or None where one of them is complete."""
+        moves = self.by_atom[atom]
+        self._work.step(len(moves))
+        possible = (move for move in moves if not move.needed & ~holding)
+        moved = [self._plans[move.target.plan].breaking(move, holding) for move in possible]
+        if any(self._plans[configuration.plan].is_complete(configuration) for configuration in moved):
+            return None
+        for configuration in moved:
+            if configuration not in self._bit:
+                self._bit[configuration] = self._new(configuration)
+        return union(self._bit[configuration] for configuration in moved)
+
+    def _new(self, configuration: Remainder) -> int:
+        """The bit of a configuration; none where one that is kept dominates it."""
+        plan = self._plans[configuration.plan]
+        bit, worse = 1 << len(self._found), 0
+        if self._scattered:
+            self._work.step(len(self._found) * (10 + plan.width // 50))
+            if any(plan.dominates(other, configuration) for other in self._kept):
+                return 0
+            for index, other in enumerate(self._found):
+                if plan.dominates(other, configuration):
+                    self._worse[index] |= bit
+                elif plan.dominates(configuration, other):
+                    worse |= 1 << index
+        self._found.append(configuration)
+        self._worse.append(worse)
+        return bit
+
+
+def _subsets(mask: int) -> Iterator[int]:
     """All subsets, the whole first.
 
-    >>> list(subsets(0b101))
+    >>> list(_subsets(0b101))
     [5, 4, 1, 0]
     """
     subset = mask
@@ -98,3 +187,80 @@ def subsets(mask: int) -> Iterator[int]:
         if not subset:
             return
         subset = (subset - 1) & mask
+
+
+# The minimal automaton. There are no cycles but loops, so one pass from the end suffices: when a state is looked at, the classes of its other
+# successors are known, and it either equals one of those, or a class with the same edges, or is a class of its own.
+# Two states may see different atoms; they are compared on the letters over both.
+
+_SELF: Final = -1
+"""Stands for the class of the state that an edge leaves."""
+
+
+def minimised(automaton: Automaton, letters: FeasibleLetters, *, looping: bool) -> Automaton:
+    """The minimal automaton over the feasible letters, its states in breadth-first order.
+
+    `looping` says where an event leads that a state does not see: back to it, or to the state without hope.
+    """
+    default = _SELF if looping else HOPELESS
+    rows = automaton.rows[:2]  # of each class the row of its first state, with classes as targets
+    by_signature: dict[frozenset[tuple[int, int]], list[int]] = {frozenset(): [DETECTED, HOPELESS]}
+    class_of = {DETECTED: DETECTED, HOPELESS: HOPELESS}
+
+    def same(one: StateRow, other: StateRow) -> bool:
+        if one.sees == other.sees and one.targets == other.targets:
+            return True
+        if set(one.targets.values()) != set(other.targets.values()):
+            return False
+        for atoms in letters.over(one.sees | other.sees):
+            asked = one.asks.get(atoms & one.sees, 0) | other.asks.get(atoms & other.sees, 0)
+            if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(asked)):
+                return False
+        return True
+
+    def equals(row: StateRow, successor: int) -> bool:
+        """Whether a row is that of a class which its state leads to."""
+        theirs, either = rows[successor], {_SELF, successor}
+        if set(row.targets.values()) | either != set(theirs.targets.values()) | either:
+            return False
+        return same(*(one.redirected({successor: _SELF}) for one in (row, theirs)))
+
+    def class_for(row: StateRow) -> int:
+        for successor in dict.fromkeys(row.targets.values()):
+            if successor not in (_SELF, DETECTED) and equals(row, successor):
+                return successor
+        # Where the least letter of each atom leads, where that is not what a state does with an event it does not see.
+        atoms = union(letters.implying(atom) for atom in bits(row.sees))
+        leading = ((atom, row.target((letters.closure(1 << atom) or 0) | letters.guards)) for atom in bits(atoms))
+        signature = frozenset((atom, to) for atom, to in leading if to is not None and to != default)
+        known = by_signature.setdefault(signature, [])
+        for one in known:
+            if same(row, rows[one]):
+                return one
+        known.append(len(rows))
+        rows.append(row)
+        return known[-1]
+
+    for state in _from_the_end(automaton):
+        class_of[state] = _SELF
+        class_of[state] = class_for(automaton.rows[state].redirected(class_of))
+    start = class_of[automaton.start]
+    rows = [row.redirected({_SELF: number}) for number, row in enumerate(rows)]
+    new = {
+        one: index for index, one in enumerate(dict.fromkeys([DETECTED, HOPELESS, *Automaton(start, rows).in_order()]))
+    }
+    return Automaton(new[start], [rows[one].redirected(new) for one in new])
+
+
+def _from_the_end(automaton: Automaton) -> Iterator[int]:
+    """The reachable states but the first two, each after all that it leads to."""
+    begun: set[int] = {DETECTED, HOPELESS}
+    todo = [(automaton.start, False)]
+    while todo:
+        state, left = todo.pop()
+        if left:
+            yield state
+        elif state not in begun:
+            begun.add(state)
+            todo.append((state, True))
+            todo.extend((to, False) for to in automaton.rows[state].targets.values() if to not in begun)

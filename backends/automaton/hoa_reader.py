@@ -1,158 +1,53 @@
-"""A HOA text as a deterministic table over finite words, made with Spot, and what its header says of its propositions.
+"""Runs a HOA text on events, in slices (`backends.slices`), and says what the text asks of events.
 
-The verdict of a state is that of the automaton alone, over all letters: ⊤ when the word and every extension are accepted, ⊥ when
-neither the word nor any extension is. Two readings say when a word is accepted. With a proposition `alive` (the encoding of Spot's
-`from_ltlf`) it is when it goes on for ever without `alive` and without any other proposition. Without `alive` the automaton is one over
-finite words: it accepts where its run may end in an accepting state or, if acceptance is on the edges, with an accepting edge, its marks
-being seen for ever.
+Spot reads the text, which becomes a deterministic table over finite words. The verdict of a state is that of the automaton alone, over
+all letters: ⊤ when the word and every extension are accepted, ⊥ when neither the word nor any extension is. Two readings say when a word
+is accepted. With a proposition `alive` (the encoding of Spot's `from_ltlf`) it is when it goes on for ever without `alive` and without
+any other proposition. Without `alive` the automaton is one over finite words: it accepts where its run may end in an accepting state or,
+if acceptance is on the edges, with an accepting edge, its marks being seen for ever.
 """
 
 import re
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from functools import cache, lru_cache
 from importlib import import_module
-from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias
 
+from backends import slices
 from backends.automaton.hoa_writer import ALIVE
+from backends.automaton.letters import apart
+from rvaft.backend import Observed
 from rvaft.errors import LanguageError, TooLarge, ToolMissing
 from rvaft.language.parser import parse_guard, parse_pattern
-from rvaft.model.guards import Guard, holds, variables
-from rvaft.model.patterns import Anything, ObjectPattern, Pattern, match
+from rvaft.model.guards import Guard, holds, renamed
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.patterns import (
+    Anything,
+    Binding,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    match,
+    rigid,
+    rigid_variables,
+    variables,
+)
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
+from rvaft.monitors import Monitor
+from rvaft.support.bits import bits, mask_of
 
-T = TypeVar("T")
-
-# The lower-case header lines, as `hoa_writer` writes them.
-
-_TOKEN: Final = re.compile(
-    r'(?P<string>"(?:\\.|[^"\\])*")|(?P<comment>/\*.*?\*/)|(?P<name>[A-Za-z_][\w-]*:)|(?P<end>--BODY--)|(?P<word>[^\s"]+)',
-    re.DOTALL,
-)
-
-
-class Fit(NamedTuple):
-    """A pattern and a guard on it, which an event fits or not for some values of the variables."""
-
-    pattern: Pattern
-    guard: Guard | None
-
-    def fits(self, event: Json) -> bool:
-        """Whether the event matches and the guard, if any, holds."""
-        bound = match(self.pattern, event, {})
-        if bound is None or self.guard is None:
-            return bound is not None
-        return bound.keys() >= set(variables(self.guard)) and holds(self.guard, bound)  # else it has no value
-
-
-@dataclass(frozen=True, slots=True)
-class Meaning:
-    """What the header says: by number of a proposition its event or guard, and what makes an event relevant."""
-
-    events: dict[int, Pattern] = field(default_factory=dict)
-    guards: dict[int, Guard] = field(default_factory=dict)
-    relevant: set[int] = field(default_factory=set)
-    alphabet: list[Fit] = field(default_factory=list)
-    ignored: list[Fit] = field(default_factory=list)
-
-    def is_relevant(self, event: Json) -> bool:
-        """Whether an event fits a line of the alphabet and none to ignore."""
-        return any(fit.fits(event) for fit in self.alphabet) and not any(fit.fits(event) for fit in self.ignored)
-
-
-def meaning(text: str) -> Meaning:
-    """The meaning that a text gives to its propositions; raises `LanguageError`.
-
-    >>> meaning('HOA: v1 AP: 1 "a" event: 0 "{ a: 1 }" --BODY-- --END--').events
-    {0: ObjectPattern(fields=(('a', Literal(value=1)),))}
-    """
-    found = Meaning()
-    for line in _header(text):
-        match line.name:
-            case "event:":
-                line.expect(2, "a number and a pattern in quotes")
-                found.events.update({line.number(): line.pattern(1)})
-            case "guard:":
-                line.expect(2, "a number and a guard in quotes")
-                found.guards.update({line.number(): line.guard()})
-            case "relevant:":
-                line.expect(1, "a number")
-                found.relevant.add(line.number())
-            case "alphabet:" | "ignore:":
-                if len(line.values) != 1:
-                    line.expect(2, "a pattern in quotes, and a guard in quotes where there is one")
-                fit = Fit(line.pattern(0), line.guard() if len(line.values) == 2 else None)
-                (found.alphabet if line.name == "alphabet:" else found.ignored).append(fit)
-            case _:  # a line of the format itself, or of somebody else
-                pass
-    return found
-
-
-def _header(text: str) -> "Iterator[_HeaderLine]":
-    """The header lines, comments left out."""
-    line = None
-    for token in _TOKEN.finditer(text):
-        if token.lastgroup == "end":
-            break
-        if token.lastgroup == "name":
-            if line is not None:
-                yield line
-            line = _HeaderLine(text, token.group(), token.start(), [])
-        elif token.lastgroup != "comment" and line is not None:
-            line.values.append(token.group())
-    if line is not None:
-        yield line
-
-
-class _HeaderLine(NamedTuple):
-    """A line of a text: its name, where it stands, its values."""
-
-    text: str
-    name: str
-    position: int
-    values: list[str]
-
-    def error(self, message: str) -> LanguageError:
-        return error_at(self.text, self.position, message)
-
-    def expect(self, many: int, what: str) -> None:
-        if len(self.values) != many:
-            raise self.error(f"{self.name} expects {what}")
-
-    def number(self) -> int:
-        value = self.values[0]
-        if not (value.isascii() and value.isdigit()):
-            raise self.error(f"{self.name} expects the number of a proposition, not {value}")
-        return int(value)
-
-    def pattern(self, place: int) -> Pattern:
-        pattern = self._parsed(parse_pattern, place)
-        if not isinstance(pattern, ObjectPattern | Anything):
-            raise self.error("an event is an object: expected a pattern such as { field: 1 }, or _")
-        return pattern
-
-    def guard(self) -> Guard:
-        return self._parsed(parse_guard, 1)
-
-    def _parsed(self, parse: Callable[[str], T], place: int) -> T:
-        value = self.values[place]
-        if not value.startswith('"'):
-            raise self.error(f"{self.name} expects quotes around {value}")
-        try:
-            return parse(re.sub(r"\\(.)", r"\1", value[1:-1], flags=re.DOTALL))
-        except LanguageError as error:
-            raise self.error(error.message) from None
+LIMIT: Final = 100_000
+"""The most states that a nondeterministic text may turn into."""
 
 
 def error_at(text: str, position: int, message: str) -> LanguageError:
     """The error for a place in a HOA text."""
     before = text[:position]
     number = before.count("\n") + 1
-    column = position - (before.rfind("\n") + 1) + 1
     source = text.split("\n")[number - 1].rstrip("\r")
-    return LanguageError(message, file="<hoa>", line=number, column=column, source=source)
+    return LanguageError(message, file="<hoa>", line=number, column=position - before.rfind("\n"), source=source)
 
 
 # The table: what Spot has read, determinised.
@@ -160,87 +55,95 @@ def error_at(text: str, position: int, message: str) -> LanguageError:
 Edges: TypeAlias = list[list[tuple[Any, int]]]
 """For each state the edges that leave it: label (a diagram of BuDDy) and target."""
 
-LIMIT: Final = 100_000
-"""The most states that a nondeterministic text may turn into."""
-
 _PLACE: Final = re.compile(r"^<hoa>:(\d+)\.(\d+)[-.\d]*: (.*)$", re.MULTILINE)
-
 _STATE: Final = re.compile(
     r'"(?:\\.|[^"\\])*"|/\*.*?\*/|State:\s*(?:\[[^\]]*\]\s*)?(?P<state>\d+)\s*(?:"(?:\\.|[^"\\])*"\s*)?(?:\{(?P<marks>[^}]*)\})?',
     re.DOTALL,
 )
 
 
-@dataclass
 class HoaTable:
-    """Deterministic and complete, the start being state 0; `names` are the propositions by number, `alive` left out of letters."""
+    """A text made deterministic and complete, the start being state 0; `names` are the propositions by number."""
 
-    names: tuple[str, ...]
-    verdicts: list[Verdict]
-    _edges: Edges
-    _variables: tuple[int, ...]
-    _buddy: Any
-    _seen: dict[int, tuple[int, ...]] = field(default_factory=dict)
-    _next: dict[tuple[int, tuple[bool, ...]], int] = field(default_factory=dict)
+    def __init__(self, text: str) -> None:
+        """Raises `LanguageError`, `ToolMissing`, `TooLarge`."""
+        spot, self._buddy = _tools()
+        automaton = _parsed(spot, text)
+        if not automaton.is_existential():
+            automaton = spot.remove_alternation(automaton)
+        self.names = tuple(str(proposition.ap_name()) for proposition in automaton.ap())
+        self._variables = tuple(automaton.register_ap(name) for name in self.names)
+        alive = self._buddy.bddtrue
+        if ALIVE in self.names:
+            alive = self._buddy.bdd_ithvar(self._variables[self.names.index(ALIVE)])
+            moves, accepting = _labelled(automaton), self._accepting_silence(spot, automaton)
+        else:
+            moves, accepting = _over_finite_words(spot, automaton, text)
+        subsets, self._edges = _determinised(self._buddy, alive, moves, automaton.get_init_state_number())
+        ends = self._ahead([1 if any(accepting[state] for state in subset) else 2 for subset in subsets])
+        self.verdicts = [(Verdict.TRUE, Verdict.FALSE, Verdict.UNKNOWN)[some - 1] for some in ends]
+        self.seen = cache(self._seen)
+        self.next = cache(self._next)
+        self.asked = cache(self._asked)
 
-    @cached_property
-    def ahead(self) -> list[frozenset[int]]:
-        """For each state the numbers of the propositions on which it or a state that can follow depends."""
-        found = [frozenset(self.seen(state)) for state in range(len(self._edges))]
-        before = _backwards(self._edges)
+    def _accepting_silence(self, spot: Any, automaton: Any) -> list[bool]:
+        """For each state whether the word that goes on with no proposition at all is accepted from there."""
+        silence = always = self._buddy.bddtrue
+        for variable in self._variables:
+            silence &= self._buddy.bdd_nithvar(variable)
+        after = spot.make_twa_graph(automaton.get_dict())
+        after.copy_acceptance_of(automaton)
+        states = automaton.num_states()
+        after.new_states(states + 1)
+        after.set_init_state(states)
+        for state in range(states):
+            after.new_edge(states, state, always)
+            for edge in automaton.out(state):
+                if edge.cond & silence != self._buddy.bddfalse:
+                    after.new_edge(state, edge.dst, always, edge.acc)
+        components = spot.scc_info_with_options(after, spot.scc_info_options_ALL)
+        components.determine_unknown_acceptance()
+        return [bool(components.is_useful_scc(components.scc_of(state))) for state in range(states)]
+
+    def _asked(self) -> list[int]:
+        """For each state the propositions, as bits, on which it or a state that can follow depends."""
+        return self._ahead([mask_of(self.seen(state)) for state in range(len(self._edges))])
+
+    def _ahead(self, own: Sequence[int]) -> list[int]:
+        """For each state the union of its own bit set and those of all states that can follow."""
+        before: list[list[int]] = [[] for _ in self._edges]
+        for state, leaving in enumerate(self._edges):
+            for _, to in leaving:
+                before[to].append(state)
+        found = list(own)
         changed = list(range(len(found)))
         while changed:
             state = changed.pop()
             for earlier in before[state]:
-                if not found[state] <= found[earlier]:
+                if found[state] & ~found[earlier]:
                     found[earlier] |= found[state]
                     changed.append(earlier)
         return found
 
-    def seen(self, state: int) -> tuple[int, ...]:
+    def _seen(self, state: int) -> tuple[int, ...]:
         """The numbers of the propositions on which the next state depends."""
-        if state not in self._seen:
-            constants = {self._buddy.bddtrue, self._buddy.bddfalse}
-            found = set()
-            for label, _ in self._edges[state]:
-                support = self._buddy.bdd_support(label)
-                while support not in constants:
-                    found.add(self._variables.index(self._buddy.bdd_var(support)))
-                    support = self._buddy.bdd_high(support)
-            self._seen[state] = tuple(sorted(found))
-        return self._seen[state]
+        constants = {self._buddy.bddtrue, self._buddy.bddfalse}
+        found = set()
+        for label, _ in self._edges[state]:
+            support = self._buddy.bdd_support(label)
+            while support not in constants:
+                found.add(self._variables.index(self._buddy.bdd_var(support)))
+                support = self._buddy.bdd_high(support)
+        return tuple(sorted(found))
 
-    def next(self, state: int, letter: tuple[bool, ...]) -> int:
+    def _next(self, state: int, letter: tuple[bool, ...]) -> int:
         """The state after a letter, given as the values of the propositions `seen`."""
-        if (state, letter) not in self._next:
-            buddy = self._buddy
-            values = buddy.bddtrue
-            for number, true in zip(self.seen(state), letter, strict=True):
-                variable = self._variables[number]
-                values &= buddy.bdd_ithvar(variable) if true else buddy.bdd_nithvar(variable)
-            targets = (to for label, to in self._edges[state] if label & values != buddy.bddfalse)
-            self._next[state, letter] = next(targets)  # there is one, as the table is complete
-        return self._next[state, letter]
-
-
-def table(text: str) -> HoaTable:
-    """The table of a text; raises `LanguageError`, `ToolMissing`, `TooLarge`."""
-    spot, buddy = _tools()
-    automaton = _parsed(spot, text)
-    if not automaton.is_existential():
-        automaton = spot.remove_alternation(automaton)
-    names = tuple(str(proposition.ap_name()) for proposition in automaton.ap())
-    variables = tuple(automaton.register_ap(name) for name in names)
-    alive = buddy.bddtrue
-    if ALIVE in names:
-        alive = buddy.bdd_ithvar(variables[names.index(ALIVE)])
-        moves = [[(edge.cond, edge.dst) for edge in automaton.out(state)] for state in range(automaton.num_states())]
-        accepting = _after_the_end(spot, buddy, automaton, variables)
-    else:
-        moves, accepting = _over_finite_words(spot, automaton, text)
-    subsets, edges = _determinised(buddy, alive, moves, automaton.get_init_state_number())
-    accepted = [any(accepting[state] for state in subset) for subset in subsets]
-    return HoaTable(names, _verdicts(edges, accepted), edges, variables, buddy)
+        values = self._buddy.bddtrue
+        for number, true in zip(self.seen(state), letter, strict=True):
+            variable = self._variables[number]
+            values &= self._buddy.bdd_ithvar(variable) if true else self._buddy.bdd_nithvar(variable)
+        targets = (to for label, to in self._edges[state] if label & values != self._buddy.bddfalse)
+        return next(targets)  # there is one, as the table is complete
 
 
 def _tools() -> tuple[Any, Any]:
@@ -273,7 +176,12 @@ def _parsed(spot: Any, text: str) -> Any:
         first = parser.parse(spot._bdd_dict)  # noqa: SLF001 -- the dictionary that Spot's own functions share
         second = parser.parse(spot._bdd_dict)  # noqa: SLF001
     except (SyntaxError, RuntimeError) as error:
-        raise _complaint(text, str(error)) from None
+        place = _PLACE.search(str(error))
+        if place is None:
+            raise LanguageError(" ".join(str(error).split()) or "not a HOA text", file="<hoa>") from None
+        line, column, what = int(place[1]), int(place[2]), place[3].removeprefix("syntax error, ")
+        source = [*text.split("\n"), ""][line - 1].rstrip("\r")
+        raise LanguageError(what, file="<hoa>", line=line, column=column, source=source) from None
     if first.aut is None or first.aborted:
         raise error_at(text, position, "the text has no complete automaton")
     if second.aut is not None:
@@ -281,34 +189,8 @@ def _parsed(spot: Any, text: str) -> Any:
     return first.aut
 
 
-def _complaint(text: str, message: str) -> LanguageError:
-    place = _PLACE.search(message)
-    if place is None:
-        return LanguageError(" ".join(message.split()) or "not a HOA text", file="<hoa>")
-    line, column, what = int(place[1]), int(place[2]), place[3]
-    lines = text.split("\n")
-    source = lines[line - 1].rstrip("\r") if line <= len(lines) else ""
-    return LanguageError(what.removeprefix("syntax error, "), file="<hoa>", line=line, column=column, source=source)
-
-
-def _after_the_end(spot: Any, buddy: Any, automaton: Any, variables: Sequence[int]) -> list[bool]:
-    """For each state whether the word that goes on with no proposition at all is accepted from there."""
-    silence = buddy.bddtrue
-    for variable in variables:
-        silence &= buddy.bdd_nithvar(variable)
-    after = spot.make_twa_graph(automaton.get_dict())
-    after.copy_acceptance_of(automaton)
-    states = automaton.num_states()
-    after.new_states(states + 1)
-    after.set_init_state(states)
-    for state in range(states):
-        after.new_edge(states, state, buddy.bddtrue)
-        for edge in automaton.out(state):
-            if edge.cond & silence != buddy.bddfalse:
-                after.new_edge(state, edge.dst, buddy.bddtrue, edge.acc)
-    components = spot.scc_info_with_options(after, spot.scc_info_options_ALL)
-    components.determine_unknown_acceptance()
-    return [bool(components.is_useful_scc(components.scc_of(state))) for state in range(states)]
+def _labelled(automaton: Any) -> Edges:
+    return [[(edge.cond, edge.dst) for edge in automaton.out(state)] for state in range(automaton.num_states())]
 
 
 def _over_finite_words(spot: Any, automaton: Any, text: str) -> tuple[Edges, list[bool]]:
@@ -317,9 +199,11 @@ def _over_finite_words(spot: Any, automaton: Any, text: str) -> tuple[Edges, lis
     Where edges have marks, a state is split by the marks of the last edge.
     """
     states, acceptance = range(automaton.num_states()), automaton.acc()
-    if (marks := _state_marks(text)) is not None:
+    found = [one for one in _STATE.finditer(text.partition("--BODY--")[2]) if one["state"] is not None]
+    if any(one["marks"] is not None for one in found):  # the text puts them on states
+        marks = {int(one["state"]): [int(mark) for mark in (one["marks"] or "").split()] for one in found}
         ends = [bool(acceptance.accepting(spot.mark_t(marks.get(state, [])))) for state in states]
-        return [[(edge.cond, edge.dst) for edge in automaton.out(state)] for state in states], ends
+        return _labelled(automaton), ends
     splits: dict[tuple[int, str], int] = {}
     ends = [False] * len(states)
     for edge in automaton.edges():
@@ -328,15 +212,6 @@ def _over_finite_words(spot: Any, automaton: Any, text: str) -> tuple[Edges, lis
             ends.append(bool(acceptance.accepting(edge.acc)))
     edges = [[(edge.cond, splits[edge.dst, str(edge.acc)]) for edge in automaton.out(state)] for state in states]
     return [*edges, *(edges[state] for state, _ in splits)], ends
-
-
-def _state_marks(text: str) -> dict[int, list[int]] | None:
-    """The marks that a text puts on states, or None where it puts them on edges."""
-    body = text.partition("--BODY--")[2]
-    found = [token for token in _STATE.finditer(body) if token["state"] is not None]
-    if not any(token["marks"] is not None for token in found):
-        return None
-    return {int(token["state"]): [int(mark) for mark in (token["marks"] or "").split()] for token in found}
 
 
 def _determinised(buddy: Any, when: Any, moves: Edges, start: int) -> tuple[list[tuple[int, ...]], Edges]:
@@ -367,29 +242,169 @@ def _determinised(buddy: Any, when: Any, moves: Edges, start: int) -> tuple[list
     return order, edges
 
 
-def _backwards(edges: Edges) -> list[list[int]]:
-    """For each state those with an edge to it."""
-    before: list[list[int]] = [[] for _ in edges]
-    for state, leaving in enumerate(edges):
-        for _, to in leaving:
-            before[to].append(state)
-    return before
+# The program: the table, and what the lower-case header lines say, as `hoa_writer` writes them.
+
+_HEADER: Final = re.compile(
+    r'(?P<string>"(?:\\.|[^"\\])*")|(?P<comment>/\*.*?\*/)|(?P<name>[A-Za-z_][\w-]*:)|(?P<end>--BODY--)|(?P<word>[^\s"]+)',
+    re.DOTALL,
+)
+_EXPECTED: Final = {
+    "event:": ((2,), "a number and a pattern in quotes"),
+    "guard:": ((2,), "a number and a guard in quotes"),
+    "relevant:": ((1,), "a number"),
+    "alphabet:": ((1, 2), "a pattern in quotes, and a guard in quotes where there is one"),
+    "ignore:": ((1, 2), "a pattern in quotes, and a guard in quotes where there is one"),
+}
+"""Of each line how many values it has, and which."""
 
 
-def _verdicts(edges: Edges, accepted: list[bool]) -> list[Verdict]:
-    before = _backwards(edges)
+class HoaProgram:
+    """A text made ready to run; monitors share it.
 
-    def can_come_to(accepting: bool) -> set[int]:
-        todo = [state for state, accepts in enumerate(accepted) if accepts is accepting]
-        reached = set(todo)
-        while todo:
-            new = [state for state in before[todo.pop()] if state not in reached]
-            reached.update(new)
-            todo += new
-        return reached
+    Of its propositions `events` has the patterns with the variables that they share with others, `guards` the guards, `relevant`
+    those that `alphabet` and `ignored` define. `atoms` gives the events of those that the text does not define.
+    """
 
-    hopeful, doubtful = can_come_to(accepting=True), can_come_to(accepting=False)
-    return [
-        Verdict.FALSE if state not in hopeful else Verdict.TRUE if state not in doubtful else Verdict.UNKNOWN
-        for state in range(len(edges))
-    ]
+    def __init__(self, text: str, atoms: Mapping[str, Pattern]) -> None:
+        """Raises `LanguageError`, `ToolMissing`, `TooLarge`."""
+        self.guards: dict[int, Guard] = {}
+        self.relevant: set[int] = set()
+        self._patterns: dict[int, Pattern] = {}
+        self._alphabet: list[Observed] = []
+        self._ignored: list[Observed] = []
+        lines: list[tuple[re.Match[str], list[str]]] = []
+        for token in _HEADER.finditer(text):
+            if token.lastgroup == "end":
+                break
+            if token.lastgroup == "name":
+                lines.append((token, []))
+            elif token.lastgroup != "comment" and lines:
+                lines[-1][1].append(token.group())
+        for start, values in lines:
+            if start.group() in _EXPECTED:  # any other is a line of the format itself, or of somebody else
+                try:
+                    self._take(start.group(), values)
+                except LanguageError as error:
+                    raise error_at(text, start.start(), error.message) from None
+        self.table = HoaTable(text)
+        explained = dict.fromkeys((*self._patterns, *self.guards, *self.relevant))
+        for number in explained:
+            if number >= len(self.table.names):
+                raise error_at(text, 0, f"the text has no proposition {number}, but says what it means")
+        for number, name in enumerate(self.table.names):
+            if number not in explained and name != ALIVE:
+                self._patterns[number] = atoms.get(name, ObjectPattern((("event", Literal(name)),)))
+        self.events = {
+            number: (pattern, frozenset(rigid_variables(pattern))) for number, pattern in self._patterns.items()
+        }
+        self.matter = cache(self._matter)
+
+    def _take(self, name: str, values: list[str]) -> None:
+        many, what = _EXPECTED[name]
+        if len(values) not in many:
+            raise LanguageError(f"{name} expects {what}")
+        numbers = [] if name in ("alphabet:", "ignore:") else values[:1]
+        for value in numbers:
+            if not (value.isascii() and value.isdigit()):
+                raise LanguageError(f"{name} expects the number of a proposition, not {value}")
+        quoted = values[len(numbers) :]
+        for value in quoted:
+            if not value.startswith('"'):
+                raise LanguageError(f"{name} expects quotes around {value}")
+        texts = [re.sub(r"\\(.)", r"\1", value[1:-1], flags=re.DOTALL) for value in quoted]
+        if name == "relevant:":
+            self.relevant.add(int(values[0]))
+            return
+        if name == "guard:":
+            self.guards[int(values[0])] = parse_guard(texts[0])
+            return
+        pattern = parse_pattern(texts[0])
+        if not isinstance(pattern, ObjectPattern | Anything):
+            raise LanguageError("an event is an object: expected a pattern such as { field: 1 }, or _")
+        if name == "event:":
+            self._patterns[int(values[0])] = pattern
+        else:
+            fit = Observed(pattern, parse_guard(texts[1]) if len(texts) == 2 else None)
+            (self._alphabet if name == "alphabet:" else self._ignored).append(fit)
+
+    def is_relevant(self, event: Json) -> bool:
+        """Whether an event fits a line of the alphabet and none to ignore, for some values of their variables."""
+
+        def fits(line: Observed) -> bool:
+            bound = match(line.pattern, event, {})
+            if bound is None or line.when is None:
+                return bound is not None
+            return bound.keys() >= set(guard_variables(line.when)) and holds(line.when, bound)  # else it has no value
+
+        return any(map(fits, self._alphabet)) and not any(map(fits, self._ignored))
+
+    def _matter(self, state: int) -> frozenset[str]:
+        """The variables that the text may still ask for from a state on."""
+        asked = [*bits(self.table.asked()[state])]
+        shared = [self.events[number][1] for number in asked if number in self.events]
+        guards = [self.guards[number] for number in asked if number in self.guards]
+        return frozenset().union(*shared, *map(guard_variables, guards))
+
+    def questions(self) -> Iterator[Observed]:
+        """What the text asks of events: that they match its propositions, and what says whether they are relevant."""
+        for pattern, shared in self.events.values():
+            yield Observed(pattern)
+            for guard in self.guards.values():  # a proposition of its own, about values that an event gives
+                if not shared.isdisjoint(guard_variables(guard)):
+                    yield Observed(pattern, guard)
+        for fit in (*self._alphabet, *self._ignored) if self.relevant else ():
+            # With variables of its own: some values will do.
+            own = {name: f"_{name}" for name in variables(fit.pattern) if not name.startswith("_")}
+            yield Observed(apart(fit.pattern), None if fit.when is None else renamed(fit.when, own))
+
+
+@lru_cache(maxsize=8)
+def _program(text: str, atoms: tuple[tuple[str, Pattern], ...]) -> HoaProgram:
+    return HoaProgram(text, dict(atoms))
+
+
+def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
+    """The program of a text, kept for its other monitors; raises `LanguageError`, `ToolMissing`, `TooLarge`."""
+    return _program(text, tuple((atoms or {}).items()))
+
+
+class HoaMonitor(Monitor):
+    """Runs one program in slices; `TooLarge` beyond `limit` of them."""
+
+    def __init__(self, program: HoaProgram, *, limit: int = slices.LIMIT) -> None:
+        super().__init__()
+        self._program = program
+        self._limit = limit
+        self._slices = slices.start(0)
+
+    @property
+    def state(self) -> Hashable:
+        """The slices; after a final verdict only that."""
+        return self._verdict if self._verdict.final else frozenset(self._slices)
+
+    def _advance(self, event: Json) -> Verdict:
+        program, run, events = self._program, self._program.table, self._program.events
+        relevant = bool(program.relevant) and program.is_relevant(event)
+
+        def extensions(state: int, bound: Binding) -> Iterator[Binding]:
+            for number in run.seen(state):
+                if number in events and not events[number][1] <= bound.keys():
+                    found = match(events[number][0], event, bound)
+                    if found is not None:
+                        yield rigid(found)
+
+        def is_true(number: int, bound: Binding) -> bool:
+            if number in events:
+                pattern, shared = events[number]
+                return shared <= bound.keys() and match(pattern, event, bound) is not None
+            return slices.passes(program.guards[number], bound) if number in program.guards else relevant
+
+        def step(state: int, bound: Binding) -> tuple[Verdict, int]:
+            to = run.next(state, tuple([is_true(number, bound) for number in run.seen(state)]))
+            return run.verdicts[to], to
+
+        after = slices.advance(self._slices, extensions, step, matter=program.matter, limit=self._limit)
+        if after is None:
+            return Verdict.TRUE
+        self._slices = after
+        return Verdict.UNKNOWN if after else Verdict.FALSE

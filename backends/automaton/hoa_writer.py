@@ -12,7 +12,7 @@ propositions mean:
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow
@@ -22,12 +22,13 @@ from rvaft.backend import Metrics
 from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.support.bits import bits, union
+from rvaft.support.bits import bits, in_at_least, union
 
 ALIVE: Final = "alive"
 RELEVANT: Final = "relevant"
 
 _TAKEN: Final = re.compile(r"alive|relevant|guard_\d+|true|false|and|or|xor|not|last|first|[FGXUWRMV]", re.IGNORECASE)
+_TOKEN: Final = re.compile(r"State:|@?\w+|[^\s\w]")
 
 
 def atom_name(node: str) -> str:
@@ -69,26 +70,16 @@ def cubes(row: StateRow) -> dict[int, list[Cube]]:
 
     A letter needs to say `not` only of the propositions by which letters with another target differ.
     """
-    elsewhere = _elsewhere(row)
-    found: dict[int, list[Cube]] = {}
-    for letter, target in row.targets.items():
-        seen = row.sees | row.asks[letter & row.sees]
-        found.setdefault(target, []).append(Cube(letter, elsewhere[target] & seen & ~letter))
-    return {target: _needed(those) for target, those in found.items()}
-
-
-def _elsewhere(row: StateRow) -> dict[int, int]:
-    """For each target the propositions in letters that lead to another one."""
     own: dict[int, int] = {}
     for letter, target in row.targets.items():
         own[target] = own.get(target, 0) | letter
-    elsewhere = dict.fromkeys(own, 0)
-    for order in (list(own), list(own)[::-1]):
-        before = 0
-        for target in order:
-            elsewhere[target] |= before
-            before |= own[target]
-    return elsewhere
+    everywhere, repeated = union(own.values()), in_at_least(2, own.values())
+    found: dict[int, list[Cube]] = {}
+    for letter, target in row.targets.items():
+        elsewhere = everywhere & ~own[target] | repeated
+        seen = row.sees | row.asks[letter & row.sees]
+        found.setdefault(target, []).append(Cube(letter, elsewhere & seen & ~letter))
+    return {target: _needed(those) for target, those in found.items()}
 
 
 def _needed(those: list[Cube]) -> list[Cube]:
@@ -101,9 +92,6 @@ def _needed(those: list[Cube]) -> list[Cube]:
             kept.setdefault(one.yes & -one.yes, []).append(one)
             ordered.append(one)
     return ordered
-
-
-_TOKEN: Final = re.compile(r"State:|@?\w+|[^\s\w]")
 
 
 def write(
@@ -122,91 +110,62 @@ def write(
     """
     order = automaton.in_order()
     number = {state: index for index, state in enumerate(order)}
-    edges = [{state: [Cube(0, 0)]} if state in _FINAL else cubes(automaton.rows[state]) for state in order]
-    labels = _Labels(edges, letters, len(structure.patterns), work, relevant=relevance is not None)
+    edges = {state: cubes(automaton.rows[state]) for state in order if state not in (DETECTED, HOPELESS)}
+    used = [cube for leaving in edges.values() for those in leaving.values() for cube in those]
+    always = ["0"] if relevance is None else ["0", "1"]  # what holds on all these edges
+    said = union(cube.yes | cube.no for cube in used)
+    numbers = {proposition: index for index, proposition in enumerate(bits(said), len(always))}
+    atoms = (1 << len(structure.patterns)) - 1
+    rivals: dict[int, int] = {}  # for each atom those that never hold with it and that some letter with it excludes
+    for cube in used:
+        excluded = cube.no & atoms
+        for atom in bits(cube.yes & atoms):
+            if apart := excluded & ~letters.together(atom, excluded):
+                rivals[atom] = rivals.get(atom, 0) | apart
+
+    def words(propositions: int, sign: str = "") -> list[str]:
+        work.step(propositions.bit_count())
+        return [f"{sign}{numbers[proposition]}" for proposition in bits(propositions)]
+
+    def label(cube: Cube) -> str:
+        positive = list(bits(cube.yes & atoms))
+        aliased = [atom for atom in positive if atom in rivals]
+        excluded = cube.no & atoms & ~union(rivals[atom] for atom in aliased)
+        said = [f"@{numbers[atom]}" if atom in rivals else f"{numbers[atom]}" for atom in positive]
+        guards = [*words(cube.yes & ~atoms), *words(cube.no & ~atoms, "!")]
+        return "&".join([*(() if aliased else always), *said, *words(excluded, "!"), *guards])
+
     body = []
-    for state, leaving in zip(order, edges, strict=True):
+    for state in order:
         body.append(f"State: {number[state]}")
-        if state in _FINAL:
-            body.append(f"[0] {number[state]}")
-        else:
-            written = {target: [labels.of(cube) for cube in those] for target, those in leaving.items()}
-            if relevance is not None:
-                written[state] = ["0&!1", *written.get(state, [])]
-            body += [f"[{' | '.join(those)}] {number[target]}" for target, those in written.items()]
+        written = {target: [label(cube) for cube in those] for target, those in edges.get(state, {}).items()}
+        if state not in edges:
+            written = {state: ["0"]}
+        elif relevance is not None:
+            written[state] = ["0&!1", *written.get(state, [])]
+        body += [f"[{' | '.join(those)}] {number[target]}" for target, those in written.items()]
         if state == DETECTED:
             body.append(f"[!0] {len(order)}")
-    states = len(order) + (DETECTED in number)
     if DETECTED in number:
         body += [f"State: {len(order)} {{0}}", f"[!0] {len(order)}"]
+    states = len(order) + (DETECTED in number)
     header = [
         "HOA: v1",
         f"name: {_quoted(name)}",
         'tool: "rvaft"',
         f"States: {states}",
         "Start: 0",
-        *_propositions(structure, labels.numbers, relevance),
+        *_propositions(structure, numbers, relevance),
         "acc-name: Buchi",
         "Acceptance: 1 Inf(0)",
         "properties: trans-labels explicit-labels state-acc deterministic",
-        *labels.aliases(),
     ]
+    for atom, excluded in sorted(rivals.items()):
+        alias = [*always, str(numbers[atom]), *words(excluded, "!")]
+        header.append(f"Alias: @{numbers[atom]} {'&'.join(alias)}")
     text = "\n".join([*header, "--BODY--", *body, "--END--", ""])
     symbols = sum(len(_TOKEN.findall(line)) for line in body)
     return text, Metrics(symbols, states=states, edges=sum(line.startswith("[") for line in body))
-
-
-_FINAL: Final = (DETECTED, HOPELESS)
-
-
-class _Labels:
-    """Writes cubes over the numbers that the used propositions have in the text; what `always` says holds on all these edges."""
-
-    def __init__(
-        self,
-        edges: Sequence[Mapping[int, list[Cube]]],
-        letters: FeasibleLetters,
-        atoms: int,
-        work: Work,
-        *,
-        relevant: bool,
-    ) -> None:
-        self.always = ["0", "1"] if relevant else ["0"]
-        used = [cube for leaving in edges for those in leaving.values() for cube in those]
-        self.numbers = {
-            proposition: index
-            for index, proposition in enumerate(bits(union(cube.yes | cube.no for cube in used)), len(self.always))
-        }
-        self._atoms = (1 << atoms) - 1
-        self._work = work
-        self._rivals: dict[
-            int, int
-        ] = {}  # for each atom those that never hold with it and that some letter with it excludes
-        for cube in used:
-            excluded = cube.no & self._atoms
-            for atom in bits(cube.yes & self._atoms):
-                if apart := excluded & ~letters.together(atom, excluded):
-                    self._rivals[atom] = self._rivals.get(atom, 0) | apart
-
-    def aliases(self) -> Iterator[str]:
-        """The definitions that labels refer to."""
-        for atom, excluded in sorted(self._rivals.items()):
-            number = self.numbers[atom]
-            yield f"Alias: @{number} " + "&".join([*self.always, str(number), *self._words(excluded, "!")])
-
-    def of(self, cube: Cube) -> str:
-        """One cube."""
-        aliased = [atom for atom in bits(cube.yes & self._atoms) if atom in self._rivals]
-        said = union(self._rivals[atom] for atom in aliased)
-        words = [] if aliased else [*self.always]
-        words += [f"{'@' * (atom in self._rivals)}{self.numbers[atom]}" for atom in bits(cube.yes & self._atoms)]
-        words += self._words(cube.no & self._atoms & ~said, "!")
-        words += [*self._words(cube.yes & ~self._atoms), *self._words(cube.no & ~self._atoms, "!")]
-        return "&".join(words)
-
-    def _words(self, propositions: int, sign: str = "") -> list[str]:
-        self._work.step(propositions.bit_count())
-        return [f"{sign}{self.numbers[proposition]}" for proposition in bits(propositions)]
 
 
 def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: Relevance | None) -> Iterator[str]:

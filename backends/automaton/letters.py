@@ -7,6 +7,7 @@ declarations share nothing with anybody. Guards are taken as independent of all 
 """
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 from itertools import chain
 from typing import NamedTuple, TypeAlias
 
@@ -53,21 +54,23 @@ class FeasibleLetters:
         """Added to a letter, says that every guard holds."""
         overlaps = Overlaps(self._decisive)
         self._near = [overlaps.compatible(index) for index in range(len(self._decisive))]
-        self._closures: dict[int, int | None] = {}
-        self._relevant: dict[int, tuple[dict[int, None], Iterator[int]]] = {}
+        self._relevant: dict[int, tuple[set[int], Iterator[int]]] = {}
         self._together: dict[int, tuple[int, int]] = {}
-        self._implying: dict[int, int] = {}
-        self._hidden: dict[int, bool] = {}
+        self.closure = cache(self._closure)
+        self.implying = cache(self._implying)
 
-    def closure(self, atoms: int) -> int | None:
+    def _closure(self, atoms: int) -> int | None:
         """All atoms that hold wherever these hold, or None where they never hold together."""
-        if atoms not in self._closures:
-            event = least(self._patterns[atom] for atom in bits(atoms))
-            near = self._all
-            for atom in bits(atoms):
-                near &= self._near[atom]
-            self._closures[atoms] = None if event is None else self._satisfied(event, near)
-        return self._closures[atoms]
+        event = least(self._patterns[atom] for atom in bits(atoms))
+        near = self._all
+        for atom in bits(atoms):
+            near &= self._near[atom]
+        return None if event is None else self._satisfied(event, near)
+
+    def _implying(self, atom: int) -> int:
+        """The atoms, itself included, at whose every event this one holds."""
+        candidates = bits(self._all & self._near[atom])
+        return mask_of(one for one in candidates if (self.closure(1 << one) or 0) >> atom & 1)
 
     def together(self, atom: int, others: int) -> int:
         """Those of the other atoms that can hold at an event where this one does."""
@@ -77,13 +80,6 @@ class FeasibleLetters:
                 found |= 1 << other
         self._together[atom] = (known | others, found)
         return found & others
-
-    def implying(self, atom: int) -> int:
-        """The atoms, itself included, at whose every event this one holds."""
-        if atom not in self._implying:
-            candidates = bits(self._all & self._near[atom])
-            self._implying[atom] = mask_of(one for one in candidates if (self.closure(1 << one) or 0) >> atom & 1)
-        return self._implying[atom]
 
     def over(self, some: int) -> Iterator[int]:
         """The feasible letters as far as these atoms see them, the empty one first where it is feasible."""
@@ -105,13 +101,11 @@ class FeasibleLetters:
 
     def _can_be_relevant(self, letter: int, some: int) -> bool:
         """Whether some relevant event makes exactly this letter true, as far as `some` atoms see it."""
-        if letter not in self._relevant:
-            self._relevant[letter] = ({}, self._find_relevant(letter))
-        found, more = self._relevant[letter]
+        found, more = self._relevant.setdefault(letter, (set(), self._find_relevant(letter)))
         if any(atoms & some == letter for atoms in found):
             return True
         for atoms in more:
-            found[atoms] = None
+            found.add(atoms)
             if atoms & some == letter:
                 return True
         return False
@@ -121,22 +115,18 @@ class FeasibleLetters:
 
         An atom whose every event is ignored keeps its letters: a partial match that waits for it is none the less a partial match.
         """
-        if not self._entries or any(self._is_always_ignored(atom) for atom in bits(letter)):
-            yield letter
         own = [self._patterns[atom] for atom in bits(letter)]
+        if not self._entries or any(self._is_ignored(least([pattern])) for pattern in own):
+            yield letter
         likely = [self._entries[entry] for pattern in own if (entry := apart(pattern)) in self._entries]
         for index in chain(likely, self._entries.values()):
-            if letter & ~self._near[index]:
-                continue
-            event = least([*own, self._decisive[index]])
-            if event is not None and not any(event.satisfies(ignored) for ignored in self._ignored):
-                yield self._satisfied(event, self._all & self._near[index])
+            if not letter & ~self._near[index]:
+                event = least([*own, self._decisive[index]])
+                if event is not None and not self._is_ignored(event):
+                    yield self._satisfied(event, self._all & self._near[index])
 
-    def _is_always_ignored(self, atom: int) -> bool:
-        if atom not in self._hidden:
-            event = least([self._patterns[atom]])
-            self._hidden[atom] = event is not None and any(event.satisfies(ignored) for ignored in self._ignored)
-        return self._hidden[atom]
+    def _is_ignored(self, event: LeastEvent | None) -> bool:
+        return event is not None and any(event.satisfies(ignored) for ignored in self._ignored)
 
     def _satisfied(self, event: LeastEvent, among: int) -> int:
         return mask_of(atom for atom in bits(among) if event.satisfies(self._patterns[atom]))

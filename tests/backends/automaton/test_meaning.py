@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from backends.automaton import AutomatonBackend
-from backends.automaton.monitor import HoaMonitor, HoaProgram
+from backends.automaton.hoa_reader import HoaMonitor, HoaProgram
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft.analysis.branches import restrict

@@ -87,7 +87,7 @@ def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, *,
                 best = [*(other for other in best if not plans[one.plan].dominates(one, other)), one]
         start = best
     automaton = Automaton(numbered(frozenset(start)))
-    edges = 0
+    edges, cost = 0, 1 + max(plan.width for plan in plans) // 20
     for state in waiting:
         successors = _Successors(plans, sorted(state), scattered=scattered, work=work)
         row = StateRow(mask_of(successors.by_atom), {}, {})
@@ -97,6 +97,7 @@ def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, *,
                 after = successors.of(atoms, holding)
                 row.targets[atoms | holding] = DETECTED if after is None else numbered(after)
                 edges += 1
+                work.step(cost)
                 work.check(edges, f"edges of the automaton, {EDGES} allowed for each state", EDGES)
         automaton.rows.append(row)
     return automaton
@@ -138,7 +139,6 @@ class _Successors:
             if reached is None:
                 return None
             together |= reached
-        self._work.step(1)
         if together not in self._best:
             best = together & ~union(self._worse[index] for index in bits(together))
             self._best[together] = frozenset(self._found[index] for index in bits(best))

@@ -1,39 +1,49 @@
-"""The measurement of a cell: sizes, seconds and events per second, taken in processes that are forked for it.
+"""What is compared, trees × semantics × languages, and the measurement of a cell: sizes, seconds and events per second.
 
-Every process starts from this one, with everything imported, so that no cell gains from what another left in memory; one that takes
-too long or too much is ended, and costs no other. Times are those of the processor: what others do while this one waits is not counted.
+Everything is measured in processes that are forked for it. Each starts from this one, with everything imported, so that no cell gains from
+what another left in memory; one that takes too long or too much is ended, and costs no other. Times are those of the processor: what
+others do while this one waits is not counted.
 """
 
 import gc
+import hashlib
+import math
 import multiprocessing
 import resource
 import signal
 import sys
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache
+from functools import cache, cached_property, partial
 from importlib.metadata import version
 from multiprocessing.connection import Connection
+from random import Random
 from statistics import median
 from time import process_time, thread_time
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, TypeAlias
 
 import msgspec
 from msgspec.structs import replace
 
-from cross_check.benchmark.workload import Cell, Walk, walks
+from cross_check.generate.traces import fitting, interesting_values
 from rvaft.api import loads
-from rvaft.backend import Metrics, backend
-from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
-from rvaft.model.nodes import Gate
-from rvaft.model.verdict import Semantics
+from rvaft.backend import Metrics, Specification, all_backends, backend
+from rvaft.engine import Engine, engine
+from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
+from rvaft.language.printer import dumps
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.patterns import Anything, Literal, substitute
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.processes import Killed, in_processes
 
-Result = TypeVar("Result")
-
+MAX_ARITY: Final = 12
+"""The most children of a gate, unless more are asked for."""
 ROUNDS: Final = 5
 """How often whatever is timed is done, at most."""
 PATIENCE: Final = 0.4
@@ -48,8 +58,80 @@ GRACE: Final = 5.0
 """Seconds by the clock that a process may take beside."""
 _FORK: Final = 0.01
 """Seconds that a reader in a process of its own takes beside reading, about."""
-_DIGITS: Final = 4
-"""Significant digits of times; more would only look exact."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A tree with the name that reports call it by; `gate` and `threshold` are those of a gate over leaves, None for any other tree."""
+
+    name: str
+    tree: RVAFT
+    gate: Gate | None = None
+    threshold: int | None = None
+
+    @cached_property
+    def digest(self) -> str:
+        """Some digits of a hash of the tree's canonical text, by which the tree is known again."""
+        return hashlib.sha256(dumps(self.tree).encode(errors="surrogateescape")).hexdigest()[:12]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One thing to measure: a tree under a semantics in a language."""
+
+    subject: Subject
+    semantics: Semantics
+    language: str
+
+
+def gate_subjects(gates: Iterable[Gate] = Gate, max_arity: int = MAX_ARITY) -> Iterator[Subject]:
+    """Each gate over 1 to `max_arity` leaves with default events, no event of two of them; VOT with every threshold.
+
+    >>> [subject.name for subject in gate_subjects([Gate.AND, Gate.VOT], 2)]
+    ['and 1', 'and 2', 'vot 1/1', 'vot 1/2', 'vot 2/2']
+    """
+    for gate in gates:
+        for children in range(1, max_arity + 1):
+            leaves = [Node(f"e{number}") for number in range(1, children + 1)]
+            for threshold in range(1, children + 1) if gate is Gate.VOT else (None,):
+                root = Node("top", gate, tuple(leaf.name for leaf in leaves), threshold)
+                size = f"{children}" if threshold is None else f"{threshold}/{children}"
+                yield Subject(f"{gate} {size}", RVAFT("top", [root, *leaves]), gate, threshold)
+
+
+def default_languages() -> tuple[str, ...]:
+    """All backends but those whose texts are another backend's texts in another form; the unfaithful ones come last."""
+    faithful: dict[str, bool] = {}
+    for name in all_backends():
+        faithful[name] = False  # a backend that cannot be loaded is in nobody's way, and its rows say why it cannot run
+        with suppress(ToolFailed):
+            if (found := backend(name)).form_of is None:
+                faithful[name] = found.faithful
+            else:
+                del faithful[name]
+    return tuple(sorted(faithful, key=lambda name: (not faithful[name], name)))
+
+
+def cells_of(subjects: Iterable[Subject], semantics: Iterable[Semantics], languages: Iterable[str]) -> tuple[Cell, ...]:
+    """Every tree under every semantics in every language, in this order.
+
+    Raises `OptionError` for a comparison of nothing, and for two trees that reports would call the same.
+    """
+    subjects, semantics, languages = tuple(subjects), tuple(semantics), tuple(languages)
+    for name, count in Counter(subject.name for subject in subjects).items():
+        if count > 1:
+            raise OptionError(
+                f"{count} trees are called {name}: rename a file, or write its path in another way, as ./{name}"
+            )
+    cells = tuple(
+        Cell(subject, choice, language) for subject in subjects for choice in semantics for language in languages
+    )
+    if not cells:
+        raise OptionError("nothing to compare: name at least one tree or gate, one semantics and one language")
+    return cells
+
+
+# What is known of a cell.
 
 
 class Outcome(StrEnum):
@@ -151,7 +233,7 @@ def unmeasured(cell: Cell, settings: Settings) -> Measurement:
     return Measurement(
         subject.name,
         subject.gate,
-        subject.children,
+        None if subject.gate is None else len(subject.tree.nodes[subject.tree.root].children),
         subject.threshold,
         cell.semantics,
         cell.language,
@@ -164,32 +246,7 @@ def unmeasured(cell: Cell, settings: Settings) -> Measurement:
     )
 
 
-class Failure(NamedTuple):
-    """How the work of a process ended where it has no result, and why, in one line."""
-
-    outcome: Outcome
-    reason: str
-
-
-def failure(error: Exception, settings: Settings) -> Failure:
-    """What an error of a backend means.
-
-    >>> failure(TooLarge("states", limit=5), Settings())
-    Failure(outcome=<Outcome.TOO_LARGE: 'too large'>, reason='states (limit 5)')
-    """
-    match error:
-        case MemoryError():
-            return Failure(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})")
-        case NotExpressible():
-            return Failure(Outcome.NOT_EXPRESSIBLE, " ".join(error.reason.split()))
-        case TooLarge():
-            return Failure(Outcome.TOO_LARGE, f"{error.what} (limit {error.limit})")
-        case ToolMissing():
-            return Failure(Outcome.TOOL_MISSING, str(error))
-        case RvaftError():
-            return Failure(Outcome.FAILED, str(error).splitlines()[0])
-        case _:
-            return Failure(Outcome.FAILED, " ".join(f"{type(error).__name__}: {error}".split()))
+# The measurement.
 
 
 def measured(
@@ -205,7 +262,12 @@ def measured(
     if jobs == 1:
         yield from ((cell, laboratory.measure(cell)) for cell in cells)
         return
-    with closing(in_processes(laboratory.measure_below, cells, jobs=jobs)) as running:
+
+    def measure(cell: Cell) -> Measurement:
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # told to stop, it ends its own processes first
+        return laboratory.measure(cell)
+
+    with closing(in_processes(measure, cells, jobs=jobs)) as running:
         for cell, found in running:
             if isinstance(found, Killed):
                 reason = "the process that measured it was killed"
@@ -214,24 +276,12 @@ def measured(
                 yield cell, found
 
 
-class _Sizes(NamedTuple):
-    """What a translation gave, and the seconds it took."""
+class _Unmeasurable(Exception):
+    """How the work of a process ended where it has no result, and why, in one line."""
 
-    text: str
-    metrics: Metrics
-    seconds: float
-
-
-class _Ran(NamedTuple):
-    """One reading of a text and one run of some walks: the events and seconds of each walk up to its final verdict."""
-
-    reading: float
-    runs: tuple[tuple[int, float], ...]
-    differing: int
-
-    @property
-    def seconds(self) -> float:
-        return sum(seconds for _, seconds in self.runs)
+    def __init__(self, outcome: Outcome, reason: str) -> None:
+        super().__init__(outcome, reason)
+        self.outcome, self.reason = outcome, reason
 
 
 class _Laboratory:
@@ -239,90 +289,66 @@ class _Laboratory:
 
     def __init__(self, settings: Settings, jobs: int) -> None:
         self._settings = settings
-        self._slack = SLACK * jobs
+        self._clock = SLACK * jobs * settings.timeout + GRACE
         self._walks_of: tuple[object, ...] = ()
         self._walks: tuple[Walk, ...] = ()
         self._left = 0.0
 
-    def measure_below(self, cell: Cell) -> Measurement:
-        """The same in a process that may be told to stop: it ends its own processes first."""
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-        return self.measure(cell)
-
     def measure(self, cell: Cell) -> Measurement:
         """Translate, then read and run the text; whatever a backend does of it is part of the record."""
         record = unmeasured(cell, self._settings)
-        trodden = self._trodden(cell)
+        if self._walks_of != (asked := (cell.subject.digest, cell.semantics)):  # all languages of a tree run the same
+            self._walks_of, self._left, self._walks = asked, 2 * WALKING, ()
+            with suppress(_Unmeasurable):
+                tree, seed = cell.subject.tree, self._settings.seed
+                self._walks = self._isolated(partial(walks, tree, cell.semantics, seed, seconds=WALKING))
         self._left = self._settings.timeout
-        made = self._isolated(lambda: self._translated(cell))
-        if isinstance(made, Failure):
-            return replace(record, result=made.outcome, reason=made.reason)
+        try:
+            text, sizes, seconds = self._isolated(partial(_translated, cell, self._settings.limit))
+        except _Unmeasurable as end:
+            return replace(record, result=end.outcome, reason=end.reason)
         record = replace(
             record,
             result=Outcome.OK,
-            symbols=made.metrics.symbols,
-            subformulas=made.metrics.subformulas,
-            states=made.metrics.states,
-            edges=made.metrics.edges,
-            characters=len(made.text),
-            seconds=_rounded(made.seconds),
+            symbols=sizes.symbols,
+            subformulas=sizes.subformulas,
+            states=sizes.states,
+            edges=sizes.edges,
+            characters=len(text),
+            seconds=_rounded(seconds),
+            run=Outcome.OK,
         )
         if not backend(cell.language).readable:
-            return replace(record, run=Outcome.OK, run_reason="only emitted: nothing here runs its texts")
-        known = self._isolated(lambda: _ran_again(cell, made.text, trodden))
-        if isinstance(known, Failure):
-            return replace(record, run=known.outcome, run_reason=known.reason)
-        first, later = known
-        events = sum(events for events, _ in first.runs)
-        record = replace(
-            record,
-            run=Outcome.OK,
-            run_reason="" if trodden else "no events: the tree is too much for the engine, which is to find them",
-            read_seconds=_rounded(first.reading),
-            events=events,
-            first_events=0,
-            again_per_second=_speed(events, later),
-            walks=len(trodden),
-            differing=first.differing,
-        )
-        readers = min(READERS, len(trodden), 1 + int(PATIENCE / (first.reading + _FORK)))
-        fresh = list(first.runs[:1])  # what that reader has run before anything else
-        for walk in trodden[-(-len(trodden) // readers) :: -(-len(trodden) // readers)] if readers else ():
-            ran = self._isolated(lambda walk=walk: _ran(cell, made.text, [walk]))  # type: ignore[misc]
-            if isinstance(ran, Failure):
-                return replace(record, run=ran.outcome, run_reason=ran.reason)
-            fresh += ran.runs
+            return replace(record, run_reason="only emitted: nothing here runs its texts")
+        try:
+            (reading, runs, differing), again = self._isolated(partial(_ran_again, cell, text, self._walks))
+            events = sum(events for events, _ in runs)
+            record = replace(
+                record,
+                run_reason="" if runs else "no events: the tree is too much for the engine, which is to find them",
+                read_seconds=_rounded(reading),
+                events=events,
+                first_events=0,
+                again_per_second=_speed(events, again),
+                walks=len(runs),
+                differing=differing,
+            )
+            readers = min(READERS, len(runs), 1 + int(PATIENCE / (reading + _FORK)))
+            fresh = list(runs[:1])  # what that reader has run before anything else
+            step = -(-len(runs) // readers) if readers else 1
+            for walk in self._walks[step::step]:
+                fresh += self._isolated(partial(_ran, cell, text, [walk]))[1]
+        except _Unmeasurable as end:
+            return replace(record, run=end.outcome, run_reason=end.reason)
         events = sum(events for events, _ in fresh)
         speed = _speed(events, sum(seconds for _, seconds in fresh))
         return replace(record, first_events=events, events_per_second=speed)
 
-    def _trodden(self, cell: Cell) -> tuple[Walk, ...]:
-        """The walks of the tree, which all of its languages run; none where the engine cannot find them."""
-        if self._walks_of != (asked := (cell.subject.digest, cell.semantics)):
-            self._walks_of, self._left = asked, 2 * WALKING
-            tree, seed = cell.subject.tree, self._settings.seed
-            found = self._isolated(lambda: walks(tree, cell.semantics, seed, seconds=WALKING))
-            self._walks = () if isinstance(found, Failure) else found
-        return self._walks
-
-    def _translated(self, cell: Cell) -> _Sizes:
-        language = backend(cell.language)
-
-        def translate() -> tuple[float, Any]:
-            tree = copy(cell.subject.tree)  # a fresh one: nothing that a tree remembers of itself saves time
-            start = thread_time()
-            made = language.translate(tree, cell.semantics, limit=self._settings.limit)
-            return thread_time() - start, made
-
-        first, made = translate()
-        return _Sizes(made.text, made.metrics, median(_repeated(first, lambda: translate()[0])))
-
-    def _isolated(self, work: Callable[[], Result]) -> Result | Failure:
-        """What the work gives in a process of its own, which may use the time that is left to the cell."""
-        clock = self._slack * self._settings.timeout + GRACE
+    def _isolated(self, work: Callable[[], Any]) -> Any:
+        """What the work gives in a process of its own, which may use the time that is left to the cell; raises `_Unmeasurable`."""
         context = multiprocessing.get_context("fork")
         heard, said = context.Pipe(duplex=False)
-        process = context.Process(target=_work, args=(work, said, self._left, clock, self._settings), daemon=True)
+        process = context.Process(target=_work, args=(work, said, self._left, self._clock, self._settings), daemon=True)
         # An interrupt between the fork and `try` would leave the process running on its own.
         open_signals = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
         process.start()
@@ -333,22 +359,20 @@ class _Laboratory:
                 result, used = heard.recv()
         except EOFError:
             process.join()
-            return self._ended(process.exitcode or 0, clock)
+            code = process.exitcode or 0
+            if code == -signal.SIGPROF:
+                raise _Unmeasurable(Outcome.TIMEOUT, f"not within {self._settings.timeout:g} s") from None
+            if code == -signal.SIGALRM:
+                raise _Unmeasurable(Outcome.TIMEOUT, f"not within {self._clock:g} s by the clock") from None
+            how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
+            raise _Unmeasurable(Outcome.FAILED, f"the process that measured it was killed ({how})") from None
         finally:
             process.kill()
             process.join()
         self._left = max(self._left - used, 0.001)
-        found: Result | Failure = result
-        return found
-
-    def _ended(self, code: int, clock: float) -> Failure:
-        """How a process ended that has said nothing."""
-        if code == -signal.SIGPROF:
-            return Failure(Outcome.TIMEOUT, f"not within {self._settings.timeout:g} s")
-        if code == -signal.SIGALRM:
-            return Failure(Outcome.TIMEOUT, f"not within {clock:g} s by the clock")
-        how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
-        return Failure(Outcome.FAILED, f"the process that measured it was killed ({how})")
+        if isinstance(result, _Unmeasurable):
+            raise result
+        return result
 
 
 def _work(work: Callable[[], object], said: Connection, seconds: float, clock: float, settings: Settings) -> None:
@@ -366,11 +390,28 @@ def _work(work: Callable[[], object], said: Connection, seconds: float, clock: f
         result = work()
     except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; the other cells still count)
         resource.setrlimit(resource.RLIMIT_AS, (most, most))  # to have room for telling that it was met
-        result = failure(error, settings)
+        result = _unmeasurable(error, settings)
     if process_time() > seconds:  # the system looks at its clock only now and then
         signal.raise_signal(signal.SIGPROF)
     with suppress(OSError):  # nobody listens any more
         said.send((result, process_time()))
+
+
+def _unmeasurable(error: Exception, settings: Settings) -> _Unmeasurable:
+    """What an error of a backend means."""
+    match error:
+        case MemoryError():
+            return _Unmeasurable(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})")
+        case NotExpressible():
+            return _Unmeasurable(Outcome.NOT_EXPRESSIBLE, " ".join(error.reason.split()))
+        case TooLarge():
+            return _Unmeasurable(Outcome.TOO_LARGE, f"{error.what} (limit {error.limit})")
+        case ToolMissing():
+            return _Unmeasurable(Outcome.TOOL_MISSING, str(error))
+        case RvaftError():
+            return _Unmeasurable(Outcome.FAILED, str(error).splitlines()[0])
+        case _:
+            return _Unmeasurable(Outcome.FAILED, " ".join(f"{type(error).__name__}: {error}".split()))
 
 
 def _warm_up(language: str, semantics: Semantics) -> None:
@@ -392,14 +433,23 @@ def _other_text(language: str, semantics: Semantics) -> str:
     return backend(language).translate(tree, semantics).text
 
 
-def _ran_again(cell: Cell, text: str, trodden: Sequence[Walk]) -> tuple[_Ran, float]:
-    """The first run of all walks by one reader, and the median seconds of the later ones."""
-    first = _ran(cell, text, trodden)
-    again = _repeated(first.seconds, lambda: _ran(cell, text, trodden, warm=False).seconds, least=2)
-    return first, median(again[1:])
+def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float]:
+    """The text, its sizes, and the median seconds of a translation."""
+    language, made, times = backend(cell.language), list[Specification](), list[float]()
+    while not times or (len(times) < ROUNDS and sum(times) < PATIENCE):
+        tree = copy(cell.subject.tree)  # a fresh one: nothing that a tree remembers of itself saves time
+        start = thread_time()
+        made.append(language.translate(tree, cell.semantics, limit=limit))
+        times.append(thread_time() - start)
+        del made[1:]
+    return made[0].text, made[0].metrics, median(times)
 
 
-def _ran(cell: Cell, text: str, trodden: Sequence[Walk], *, warm: bool = True) -> _Ran:
+_Ran: TypeAlias = tuple[float, list[tuple[int, float]], int]
+"""The seconds to read a text, the events and seconds of each walk up to its final verdict, and how many walks got other verdicts."""
+
+
+def _ran(cell: Cell, text: str, trodden: Sequence["Walk"], *, warm: bool = True) -> _Ran:
     """Read the text and run the walks, each from the start; what a reader remembers of one helps it in the next."""
     if warm:
         _warm_up(cell.language, cell.semantics)
@@ -416,7 +466,16 @@ def _ran(cell: Cell, text: str, trodden: Sequence[Walk], *, warm: bool = True) -
                     break
             runs.append((len(got), thread_time() - start))
         differing += tuple(got) != walk.verdicts
-    return _Ran(reading, tuple(runs), differing)
+    return reading, runs, differing
+
+
+def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[_Ran, float]:
+    """The first run of all walks by one reader, and the median seconds of the later ones."""
+    first = _ran(cell, text, trodden)
+    times = [sum(seconds for _, seconds in first[1])]
+    while len(times) < 2 or (len(times) < ROUNDS and sum(times) < PATIENCE):
+        times.append(sum(seconds for _, seconds in _ran(cell, text, trodden, warm=False)[1]))
+    return first, median(times[1:])
 
 
 @contextmanager
@@ -429,16 +488,102 @@ def no_collection() -> Iterator[None]:
         gc.enable()
 
 
-def _repeated(first: float, again: Callable[[], float], *, least: int = 1) -> list[float]:
-    times = [first]
-    while len(times) < least or (len(times) < ROUNDS and sum(times) < PATIENCE):
-        times.append(again())
-    return times
-
-
 def _speed(events: int, seconds: float) -> float | None:
     return _rounded(events / seconds) if events and seconds else None
 
 
 def _rounded(number: float) -> float:
-    return float(f"{number:.{_DIGITS}g}")
+    """Four significant digits; more would only look exact."""
+    return float(f"{number:.4g}")
+
+
+# The events. A random trace alone would soon be hopeless in most trees, and then no monitor has anything to do. So each event is one that the
+# engine waits for, with values under which hope remains if some are found; one in ten fits nothing, where that does no harm. One
+# walk in four is led on purpose, somewhere on its way, to where no hope is left, if the tree has such a place: a text has to say
+# that, too.
+
+EVENTS: Final = 240
+"""Events of all walks together; the last walk ends with them."""
+LONGEST: Final = 60
+"""Events after which a walk ends without a verdict."""
+_NOISE: Final = 0.1
+_DOOMED: Final = 4
+_TRIES: Final = 16
+"""How many events to try for one that leaves hope, or none."""
+_FOREIGN: Final = "none of the tree's"
+_SCALARS: Final = (str, int, float, bool, type(None))
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """A trace that is led through the tree, and the verdict after each of its events."""
+
+    events: tuple[Json, ...]
+    verdicts: tuple[Verdict, ...]
+
+
+def walks(
+    tree: RVAFT, semantics: Semantics, seed: int, *, events: int = EVENTS, seconds: float = math.inf
+) -> tuple[Walk, ...]:
+    """So many events in traces that each end with a final verdict or when they are long; fewer where the engine gives up or takes longer."""
+    until = process_time() + seconds
+    guide, start = _Guide(tree, semantics, Random(f"{seed} {semantics}")), engine(tree, semantics)  # noqa: S311 (no secret)
+    found: list[Walk] = []
+    while events > 0 and process_time() < until:
+        doomed = semantics is not Semantics.SCATTERED and len(found) % _DOOMED == _DOOMED - 1  # there hope never ends
+        doom = guide.random.randrange(len(found[-1].events)) if doomed else LONGEST
+        monitor, taken, verdicts = start.fork(), list[Json](), list[Verdict]()
+        with suppress(RvaftError):  # more partial matches than the engine follows; what there is will do
+            while len(taken) < min(events, LONGEST) and not monitor.verdict.final and process_time() < until:
+                event = guide.hopeless(monitor) if len(taken) >= doom else None
+                if event is None:
+                    noise = semantics is not Semantics.STRICT and guide.random.random() < _NOISE
+                    event = {_FOREIGN: len(taken)} if noise else guide.hopeful(monitor)
+                verdicts.append(monitor.step(event))
+                taken.append(event)
+        if not taken:
+            break
+        found.append(Walk(tuple(taken), tuple(verdicts)))
+        events -= len(taken)
+    return tuple(found)
+
+
+class _Guide:
+    """Leads walks through a tree with the help of the engine."""
+
+    def __init__(self, tree: RVAFT, semantics: Semantics, random: Random) -> None:
+        self.random = random
+        self._tree = tree
+        self._hope_ends = semantics is not Semantics.SCATTERED
+        self._values = [value for value in interesting_values(tree) if isinstance(value, _SCALARS)]
+
+    def _fitting(self, node: str, variables: Mapping[str, Json]) -> Json:
+        bound = {name: Literal(value) for name, value in variables.items() if isinstance(value, _SCALARS)}
+        return fitting(self.random, substitute(self._tree.pattern(node) or Anything(), bound), self._values)
+
+    def _some_nodes(self) -> list[str]:
+        return self.random.sample(self._tree.occurrences, min(len(self._tree.occurrences), _TRIES))
+
+    def hopeless(self, monitor: Engine) -> Json | None:
+        """An event that leaves no hope, if one is found: most often one of the tree's own."""
+        tried = [self._fitting(node, {}) for node in self._some_nodes()]
+        tried.insert(self.random.randrange(len(tried) + 1), {_FOREIGN: 0})
+        return next((event for event in tried if monitor.fork().step(event) is Verdict.FALSE), None)
+
+    def hopeful(self, monitor: Engine) -> Json:
+        """An event that is waited for, and, if one is found, leaves hope."""
+        event: Json = {}
+        for node, variables in self._candidates(monitor):
+            event = self._fitting(node, variables)
+            if monitor.fork().step(event) is not Verdict.FALSE:
+                break
+        return event
+
+    def _candidates(self, monitor: Engine) -> Iterator[tuple[str, Mapping[str, Json]]]:
+        """Nodes whose events to try, with values that are bound; what is waited for is only asked where trying is no cheaper."""
+        if self._hope_ends and not self._tree.variables:  # a wrong guess shows at once
+            yield from ((node, {}) for node in self._some_nodes())
+        awaited: Sequence[tuple[str, Mapping[str, Json]]] = [
+            (one.node, record.variables) for record in monitor.pending(limit=1) for one in record.awaited
+        ]
+        yield from (self.random.choice(awaited) for _ in range(_TRIES if awaited else 0))

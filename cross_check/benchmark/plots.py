@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from types import ModuleType
@@ -12,7 +12,6 @@ from cross_check.benchmark.measurement import Measurement, Outcome
 from cross_check.benchmark.tables import Width
 from rvaft.backend import all_backends
 from rvaft.errors import ToolMissing
-from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 from rvaft.support.terminal import visible
 
@@ -35,7 +34,7 @@ _STYLES: Final[tuple[Mapping[str, Any], ...]] = tuple(
 """How languages are told apart, in grey and by the colour-blind too; every other marker is open and larger, so that the one below shows."""
 _OWN: Final = ("automaton", "ltlf", "rml", "rml-paper", "rml-prolog")
 """Languages whose look is theirs whatever else is installed."""
-LETTERS: Final = {
+_LETTERS: Final = {
     Outcome.NOT_EXPRESSIBLE: "N",
     Outcome.TOO_LARGE: "L",
     Outcome.TIMEOUT: "T",
@@ -43,13 +42,8 @@ LETTERS: Final = {
     Outcome.FAILED: "*",
 }
 """What stands above a panel for each way to end without a value."""
-_RING: Final[Mapping[str, Any]] = {
-    "color": "black",
-    "marker": "o",
-    "linestyle": "none",
-    "fillstyle": "none",
-    "markersize": 8.0,
-}
+_BARE: Final[Mapping[str, Any]] = {"linestyle": "none"}
+_RING: Final[Mapping[str, Any]] = {**_BARE, "color": "black", "marker": "o", "fillstyle": "none", "markersize": 8.0}
 """Drawn around a value of a text that gives other verdicts than the tree."""
 _SETTINGS: Final = {
     "font.family": "DejaVu Sans",
@@ -101,33 +95,36 @@ class Plot:
         """The measurements of all panels."""
         return [row for panel in self.panels for _, row in panel.points]
 
+    def lost(self, row: Measurement) -> str:
+        """The letter for why there is no value; empty where there is one, and where the language has no such thing."""
+        return "" if self.value(row) is not None or row.ended in (Outcome.OK, None) else _LETTERS[row.ended]
+
 
 def figures(rows: Sequence[Measurement]) -> Iterator[Plot]:
     """For each measure a figure of the gates under each semantics, and one of all other trees; those without any value are left out."""
+    gates = {
+        semantics: tuple(_gates([row for row in rows if row.gate is not None and row.semantics is semantics]))
+        for semantics in dict.fromkeys(row.semantics for row in rows)
+    }
+    trees = tuple(_trees([row for row in rows if row.gate is None]))
     for name, (label, value) in MEASURES.items():
-        found = []
-        for semantics in dict.fromkeys(row.semantics for row in rows):
-            panels = _gates([row for row in rows if row.gate is not None and row.semantics is semantics])
-            found.append(Plot(f"gates-{name}-{semantics}", f"{label}, {semantics}", tuple(panels), value))
-        found.append(Plot(f"trees-{name}", label, tuple(_trees([row for row in rows if row.gate is None])), value))
+        found = [Plot(f"gates-{name}-{one}", f"{label}, {one}", panels, value) for one, panels in gates.items()]
+        found.append(Plot(f"trees-{name}", label, trees, value))
         yield from (plot for plot in found if any(value(row) is not None for row in plot.rows))
 
 
 def _gates(rows: Sequence[Measurement]) -> Iterator[Panel]:
     """A panel per gate over the number of children; one with thresholds has one for half of them, and one for all of the most children."""
     for gate in dict.fromkeys(row.gate for row in rows):
+        title = str(gate).upper().replace("_RL", ", right to left")
         chosen = [(row.children or 0, row) for row in rows if row.gate is gate]
         voting = any(row.threshold for _, row in chosen)
         half = tuple((n, row) for n, row in chosen if row.threshold in (None, (n + 1) // 2))
-        yield Panel(_title(gate) + " ⌈n/2⌉ of n" * voting, "children n", half)
+        yield Panel(title + " ⌈n/2⌉ of n" * voting, "children n", half)
         if voting:
             most = max(n for n, _ in chosen)
             whole = tuple((row.threshold or 0, row) for n, row in chosen if n == most)
-            yield Panel(f"{_title(gate)} k of {most}", "threshold k", whole)
-
-
-def _title(gate: Gate | None) -> str:
-    return str(gate).upper().replace("_RL", ", right to left")
+            yield Panel(f"{title} k of {most}", "threshold k", whole)
 
 
 def _trees(rows: Sequence[Measurement]) -> Iterator[Panel]:
@@ -151,10 +148,8 @@ def library() -> ModuleType:
 def plots(rows: Sequence[Measurement], width: Width = Width.PAGE) -> Iterator[tuple[str, bytes]]:
     """Each figure as a PDF and as a PNG, with its file name; raises `ToolMissing`."""
     matplotlib = library()
-    size = 8 if width is Width.PAGE else 7
-    sizes = dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize"), size)
-    sizes |= {"ytick.labelsize": size, "legend.fontsize": size}
-    across = 3 if width is Width.PAGE else 2
+    size, across = (8, 3) if width is Width.PAGE else (7, 2)
+    sized = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
     for figure in figures(rows):
         parts = range(0, len(figure.panels), across * _ROWS)
         for number, start in enumerate(parts, 1):
@@ -162,7 +157,7 @@ def plots(rows: Sequence[Measurement], width: Width = Width.PAGE) -> Iterator[tu
             page = replace(figure, name=name, panels=figure.panels[start : start + across * _ROWS])
             with matplotlib.rc_context():
                 matplotlib.rcdefaults()  # not the user's own: the same picture everywhere
-                matplotlib.rcParams.update({**_SETTINGS, **sizes})
+                matplotlib.rcParams.update({**_SETTINGS, **dict.fromkeys(sized, size)})
                 drawing = _drawn(page, width, across)
                 for form, silent in _SILENT.items():
                     stream = io.BytesIO()
@@ -181,47 +176,58 @@ def write_plots(rows: Sequence[Measurement], folder: Path, width: Width = Width.
 
 
 def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
-    """The figure, under whatever settings Matplotlib has."""
+    """The figure, under whatever settings Matplotlib has, with a legend of the languages and of what rings and letters mean."""
     from matplotlib.figure import Figure  # noqa: PLC0415 (an extra)
+    from matplotlib.lines import Line2D  # noqa: PLC0415 (an extra)
 
     across = min(across, len(plot.panels))
     down = math.ceil(len(plot.panels) / across)
     languages = sorted({row.language for row in plot.rows})
-    lost = [name for name in languages if any(_lost(row, plot.value) for row in plot.rows if row.language == name)]
-    centimetres = 17.4 if width is Width.PAGE else 8.5
-    height = ((4.8 if width is Width.PAGE else 3.7) + 0.3 * len(lost)) * down + 1.1
+    lost = [name for name in languages if any(plot.lost(row) for row in plot.rows if row.language == name)]
+    centimetres, each = (17.4, 4.8) if width is Width.PAGE else (8.5, 3.7)
+    height = (each + 0.3 * len(lost)) * down + 1.1
     drawing = Figure(figsize=(centimetres / _INCH, height / _INCH), layout="constrained")
     places = drawing.subplots(down, across, sharey=True, squeeze=False).flat
     for axes, panel in zip(places, plot.panels, strict=False):
-        _draw_panel(axes, panel, plot.value, languages, lost)
+        _draw_panel(axes, panel, plot, languages, lost)
     for axes in places[len(plot.panels) :]:
         axes.set_visible(False)
     _scale(places[0], [value for row in plot.rows if (value := plot.value(row))])
     drawing.supylabel(plot.label, fontsize="medium")
-    drawing.legend(handles=_legend(plot, languages), loc="outside lower center", ncols=across * 2, frameon=False)
+    handles = [Line2D([], [], label=_drawable(language), **_look(language)) for language in languages]
+    if any(row.differing for row in plot.rows):
+        handles.append(Line2D([], [], label="other verdicts", **_RING))
+    met = {plot.lost(row) for row in plot.rows}
+    for outcome, letter in _LETTERS.items():
+        if letter in met:
+            sign = rf"$\mathrm{{{letter}}}$" if letter.isalpha() else letter
+            handles.append(Line2D([], [], label=str(outcome), color="0.3", marker=sign, **_BARE))
+    drawing.legend(handles=handles, loc="outside lower center", ncols=across * 2, frameon=False)
     return drawing
 
 
-def _draw_panel(axes: "Axes", panel: Panel, value: Value, languages: Sequence[str], lost: Sequence[str]) -> None:
+def _draw_panel(axes: "Axes", panel: Panel, plot: Plot, languages: Sequence[str], lost: Sequence[str]) -> None:
     from matplotlib.ticker import MaxNLocator  # noqa: PLC0415 (an extra)
 
+    value = plot.value
     for number, language in enumerate(languages):
         shift = (number - (len(languages) - 1) / 2) * 0.12 if panel.ticks else 0.0
         points = sorted((x + shift, row) for x, row in panel.points if row.language == language)
-        line = {"linestyle": "none"} if panel.ticks else {}
         known = [value(row) or math.nan for _, row in points]  # a line ends where a value is missing
-        axes.plot([x for x, _ in points], known, **{**_look(language), **line})
+        axes.plot([x for x, _ in points], known, **{**_look(language), **(_BARE if panel.ticks else {})})
         ringed = [(x, value(row) or math.nan) for x, row in points if row.differing]
         axes.plot([x for x, _ in ringed], [y for _, y in ringed], **_RING)
         for x, row in points:
-            if letter := _lost(row, value):
-                height = 1.5 + 8.5 * lost.index(language)
-                where: dict[str, Any] = {
-                    "xycoords": ("data", "axes fraction"),
-                    "textcoords": "offset points",
-                    "ha": "center",
-                }
-                axes.annotate(letter, (x - shift, 1), (0, height), color=_look(language)["color"], **where)
+            if letter := plot.lost(row):
+                axes.annotate(
+                    letter,
+                    (x - shift, 1),
+                    (0, 1.5 + 8.5 * lost.index(language)),
+                    color=_look(language)["color"],
+                    xycoords=("data", "axes fraction"),
+                    textcoords="offset points",
+                    ha="center",
+                )
     axes.set_title(_drawable(panel.title), pad=4 + 8.5 * len(lost), parse_math=False)
     axes.set_xlabel(panel.label)
     places = range(len(panel.ticks)) if panel.ticks else [x for x, _ in panel.points]
@@ -233,46 +239,22 @@ def _draw_panel(axes: "Axes", panel: Panel, value: Value, languages: Sequence[st
     axes.grid(visible=True, axis="y", linewidth=0.3, color="0.8")
 
 
-def _scale(axes: "Axes", values: Iterable[float]) -> None:
+def _scale(axes: "Axes", values: Sequence[float]) -> None:
     """A logarithmic axis with whole powers of ten around all values; within a single one there are numbers between them."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: PLC0415 (an extra)
 
-    logarithms = [math.log10(value) for value in values]
-    low = math.floor(min(logarithms))
-    high = max(math.ceil(max(logarithms)), low + 1)
+    low = math.floor(math.log10(min(values)))
+    high = max(math.ceil(math.log10(max(values))), low + 1)
     room = 0.06 * (high - low)  # no marker is cut in half
+
+    def written(number: float, _place: object) -> str:
+        return rf"$10^{{{round(math.log10(number))}}}$" if high - low > 6 else f"{number:,.9g}"
+
     axes.set_yscale("log")
     axes.set_ylim(10 ** (low - room), 10 ** (high + room))
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high - low == 1 else (1,), numticks=9))
-    axes.yaxis.set_major_formatter(FuncFormatter(_power if high - low > 6 else lambda number, _: f"{number:,.9g}"))
+    axes.yaxis.set_major_formatter(FuncFormatter(written))
     axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _power(number: float, _place: object) -> str:
-    return rf"$10^{{{round(math.log10(number))}}}$"
-
-
-def _legend(plot: Plot, languages: Sequence[str]) -> list[Any]:
-    """The languages, then what rings and letters mean."""
-    from matplotlib.lines import Line2D  # noqa: PLC0415 (an extra)
-
-    handles = [Line2D([], [], label=_drawable(language), **_look(language)) for language in languages]
-    if any(row.differing for row in plot.rows):
-        handles.append(Line2D([], [], label="other verdicts", **_RING))
-    met = {_lost(row, plot.value) for row in plot.rows}
-    for outcome, letter in LETTERS.items():
-        if letter in met:
-            sign: dict[str, Any] = {
-                "marker": rf"$\mathrm{{{letter}}}$" if letter.isalpha() else letter,
-                "linestyle": "none",
-            }
-            handles.append(Line2D([], [], label=str(outcome), color="0.3", **sign))
-    return handles
-
-
-def _lost(row: Measurement, value: Value) -> str:
-    """The letter for why there is no value; empty where there is one, and where the language has no such thing."""
-    return "" if value(row) is not None or row.ended in (Outcome.OK, None) else LETTERS[row.ended]
 
 
 def _look(language: str) -> dict[str, Any]:

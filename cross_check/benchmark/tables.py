@@ -13,7 +13,6 @@ import msgspec
 from cross_check.benchmark.measurement import Measurement, Outcome
 from rvaft.errors import LanguageError, ToolMissing
 from rvaft.export.latex import escaped
-from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole
 from rvaft.support.terminal import columns, visible
 
@@ -65,59 +64,65 @@ class KeptMeasurements:
         self._file = file
         path = None if file in (None, "-") else Path(file or "")
         self._path = path if path is not None and (path.is_file() or not path.exists()) else None
-        self._before: list[Measurement] = []
+        self._before: dict[tuple[object, ...], Measurement] = {}
         if self._path is not None:
             text = self._path.read_text("utf-8", "surrogateescape") if self._path.exists() else ""
-            found = list(read_rows(text, str(self._path)))
-            self._before = found if resume else []
-            write_whole(self._path, _encoded(self._before))  # without a last line that was only begun
-        self._by_key = {row.key: row for row in self._before}
+            found = {row.key: row for row in read_rows(text, str(self._path))}
+            self._before = found if resume else {}
+            write_whole(self._path, _encoded(self._before.values()))  # without a last line that was only begun
 
     def known(self, wanted: Measurement) -> Measurement | None:
         """The measurement from before that answers for one."""
-        found = self._by_key.get(wanted.key)
+        found = self._before.get(wanted.key)
         return found if found is not None and found.serves(wanted) else None
 
     def add(self, row: Measurement) -> None:
         """Keep a measurement, whatever happens next."""
         if self._path is not None:
-            with self._path.open("a", encoding="utf-8", errors="surrogateescape", newline="") as stream:
-                stream.write(csv_text([row], heading=False))
+            with self._path.open("ab") as stream:
+                stream.write(_encoded([row], heading=False))
 
     def finish(self, rows: Sequence[Measurement]) -> None:
         """Write these measurements in this order, and behind them those from before that no other stands for."""
-        fresh = {row.key for row in rows}
         if self._path is not None:
-            write_whole(self._path, _encoded([*rows, *(row for row in self._before if row.key not in fresh)]))
+            fresh = {row.key for row in rows}
+            write_whole(self._path, _encoded([*rows, *(row for key, row in self._before.items() if key not in fresh)]))
         elif self._file is not None:
             deliver(_encoded(rows), self._file)
 
 
-def _encoded(rows: Iterable[Measurement]) -> bytes:
-    return csv_text(rows).encode(errors="surrogateescape")  # names of files need not be UTF-8
+def _encoded(rows: Iterable[Measurement], *, heading: bool = True) -> bytes:
+    return csv_text(rows, heading=heading).encode(errors="surrogateescape")  # names of files need not be UTF-8
 
 
 # -- for people ---------------------------------------------------------------------------------------------------------
 
-_NUMBERS: Final = ("SYMBOLS", "SUBFORMULAS", "STATES", "EDGES", "MS", "EVENTS/S", "AGAIN/S")
+_HEADING: Final = (
+    "TREE",
+    "SEMANTICS",
+    "LANGUAGE",
+    "SYMBOLS",
+    "SUBFORMULAS",
+    "STATES",
+    "EDGES",
+    "MS",
+    "EVENTS/S",
+    "AGAIN/S",
+)
 _OTHER: Final = "with other verdicts"
 
 
 def text_lines(rows: Sequence[Measurement]) -> list[str]:
     """A line for each measurement: numbers to the right, how it ended last."""
-    numbers = [_NUMBERS, *(_numbers(row) for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*numbers, strict=True)]
-    aligned = [[cell.rjust(width) for cell, width in zip(line, widths, strict=True)] for line in numbers]
-    named = [("TREE", "SEMANTICS", "LANGUAGE"), *((visible(row.tree), row.semantics, row.language) for row in rows)]
-    said = ["RESULT", *(ended(row) for row in rows)]
-    return columns([*name, *line, end] for name, line, end in zip(named, aligned, said, strict=True))
-
-
-def _numbers(row: Measurement) -> tuple[str, ...]:
-    sizes = ("" if size is None else str(size) for size in (row.symbols, row.subformulas, row.states, row.edges))
-    time = "" if row.seconds is None else milliseconds(row.seconds)
-    speeds = ("" if speed is None else f"{speed:.0f}" for speed in (row.events_per_second, row.again_per_second))
-    return (*sizes, time, *speeds)
+    lines: list[tuple[str, ...]] = [_HEADING]
+    for row in rows:
+        sizes = ("" if size is None else str(size) for size in (row.symbols, row.subformulas, row.states, row.edges))
+        time = "" if row.seconds is None else milliseconds(row.seconds)
+        speeds = ("" if speed is None else f"{speed:.0f}" for speed in (row.events_per_second, row.again_per_second))
+        lines.append((visible(row.tree), row.semantics, row.language, *sizes, time, *speeds))
+    widths = [0, 0, 0, *(max(map(len, column)) for column in list(zip(*lines, strict=True))[3:])]
+    aligned = ([cell.rjust(width) for cell, width in zip(line, widths, strict=True)] for line in lines)
+    return columns([*line, end] for line, end in zip(aligned, ["RESULT", *map(_ended, rows)], strict=True))
 
 
 def milliseconds(seconds: float) -> str:
@@ -129,7 +134,7 @@ def milliseconds(seconds: float) -> str:
     return f"{1000 * seconds:.3g}" if seconds < 0.9995 else f"{1000 * seconds:.0f}"
 
 
-def ended(row: Measurement) -> str:
+def _ended(row: Measurement) -> str:
     """How a cell ended, in a few words."""
     if row.result is not Outcome.OK:
         return f"{row.result}: {row.reason}" if row.reason else f"{row.result}"
@@ -159,7 +164,7 @@ class Width(StrEnum):
 
 _DAGGER: Final = r"\textdagger{}"
 """What stands before the symbols of a text that says something else than the tree."""
-_HEADINGS: Final = {
+_MEANINGS: Final = {
     "symb.": "symbols of the property",
     "subf.": "distinct subformulas",
     "states": "states, in RML equations",
@@ -191,50 +196,38 @@ def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
 
     Languages that do not fit side by side and trees that do not fit a page stand in further tables. Raises `ToolMissing`.
     """
+    data = pandas()
     tables = ["% Needs \\usepackage[T1]{fontenc} and \\usepackage{booktabs,multirow,textcomp}.\n"]
     for semantics in dict.fromkeys(row.semantics for row in rows):
         chosen = [row for row in rows if row.semantics is semantics]
-        tables += _tables(semantics, chosen, width)
-    return "\n".join(tables)
-
-
-def _tables(semantics: Semantics, rows: Sequence[Measurement], width: Width) -> Iterator[str]:
-    data = pandas()
-    trees = {(row.tree, row.digest): escaped(_shortened(visible(row.tree))) for row in rows}
-    by_language: dict[str, Any] = {}
-    for language in dict.fromkeys(row.language for row in rows):
-        own = {(row.tree, row.digest): _latex_cells(row) for row in rows if row.language == language}
-        frame = data.DataFrame([dict.fromkeys(_HEADINGS, "") | own.get(tree, {}) for tree in trees])
-        by_language[escaped(language)] = frame.loc[:, (frame != "").any()]
-    for number, group in enumerate(_side_by_side(by_language, _BROAD[width]), 1):
-        table = data.concat({language: by_language[language] for language in group}, axis=1)
-        table.index = list(trees.values())
-        for start in range(0, len(table), _LONG):
-            name = f"tab:languages-{semantics}-{number}-{start // _LONG + 1}"
+        trees = {(row.tree, row.digest): escaped(_shortened(visible(row.tree))) for row in chosen}
+        groups: list[dict[str, Any]] = [{}]  # the languages that stand side by side
+        for language in dict.fromkeys(row.language for row in chosen):
+            own = {(row.tree, row.digest): _latex_cells(row) for row in chosen if row.language == language}
+            frame = data.DataFrame([dict.fromkeys(_MEANINGS, "") | own.get(tree, {}) for tree in trees])
+            frame = frame.loc[:, (frame != "").any()]
+            if groups[-1] and sum(one.shape[1] for one in groups[-1].values()) + frame.shape[1] > _BROAD[width]:
+                groups.append({})
+            groups[-1][escaped(language)] = frame
+        for number, group in enumerate(groups, 1):
+            table = data.concat(group, axis=1)
+            table.index = list(trees.values())
             shown = {heading for _, heading in table.columns}
-            meanings = "; ".join(f"{heading} {text}" for heading, text in _HEADINGS.items() if heading in shown)
-            part = table.iloc[start : start + _LONG].style
-            yield part.to_latex(
-                environment="table*" if width is Width.PAGE else "table",
-                position="htbp",
-                position_float="centering",
-                hrules=True,
-                column_format="l" + "r" * table.shape[1],
-                multicol_align="c",
-                caption=f"Languages under the semantics {semantics}: {meanings}.",
-                label=name,
-            ).replace(r"\begin{tabular}", "\\scriptsize\\setlength{\\tabcolsep}{2.2pt}\n\\begin{tabular}")
-
-
-def _side_by_side(by_language: dict[str, Any], room: int) -> Iterator[list[str]]:
-    """The languages in groups of at most so many columns."""
-    group: list[str] = []
-    for language, frame in by_language.items():
-        if group and sum(by_language[one].shape[1] for one in group) + frame.shape[1] > room:
-            yield group
-            group = []
-        group.append(language)
-    yield group
+            meanings = "; ".join(f"{heading} {text}" for heading, text in _MEANINGS.items() if heading in shown)
+            for start in range(0, len(table), _LONG):
+                written = table.iloc[start : start + _LONG].style.to_latex(
+                    environment="table*" if width is Width.PAGE else "table",
+                    position="htbp",
+                    position_float="centering",
+                    hrules=True,
+                    column_format="l" + "r" * table.shape[1],
+                    multicol_align="c",
+                    caption=f"Languages under the semantics {semantics}: {meanings}.",
+                    label=f"tab:languages-{semantics}-{number}-{start // _LONG + 1}",
+                )
+                small = "\\scriptsize\\setlength{\\tabcolsep}{2.2pt}\n\\begin{tabular}"
+                tables.append(written.replace(r"\begin{tabular}", small))
+    return "\n".join(tables)
 
 
 def _latex_cells(row: Measurement) -> dict[str, str]:

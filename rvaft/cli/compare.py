@@ -8,10 +8,20 @@ from pathlib import Path
 
 import click
 
-from cross_check.benchmark.measurement import Measurement, Settings, measured, unmeasured
+from cross_check.benchmark.measurement import (
+    MAX_ARITY,
+    Cell,
+    Measurement,
+    Settings,
+    Subject,
+    cells_of,
+    default_languages,
+    gate_subjects,
+    measured,
+    unmeasured,
+)
 from cross_check.benchmark.plots import figures, library, write_plots
 from cross_check.benchmark.tables import KeptMeasurements, Width, headline, latex_text, pandas, text_lines
-from cross_check.benchmark.workload import MAX_ARITY, Cell, Subject, cells_of, default_languages, gate_subjects
 from rvaft.api import load, narrowed
 from rvaft.backend import backend
 from rvaft.cli import FAILED, FOUND, INTERRUPTED, Stopped, options, report
@@ -87,53 +97,48 @@ def compare_command(
 
     Without a TREE all gates are compared, each with 1 to N children.
     """
-    context = click.get_current_context()
     if resume and csv in (None, "-"):
-        raise click.UsageError("--resume goes on with a file: name it with --csv", context)
+        raise click.UsageError("--resume goes on with a file: name it with --csv")
     if width is not None and latex is None and plots is None:
-        raise click.UsageError("--width is that of tables and figures: ask for some with --latex or --plots", context)
+        raise click.UsageError("--width is that of tables and figures: ask for some with --latex or --plots")
     failures = Failures()
     subjects = list(failures.collect(_subject, dict.fromkeys(trees)))
-    chosen = gates if gates is not None else () if trees else tuple(Gate)
-    subjects += gate_subjects(chosen, max_arity)
+    subjects += gate_subjects(gates if gates is not None else () if trees else tuple(Gate), max_arity)
     if failures.met and not subjects:
         return FAILED
     try:
         _check_outputs(trees, csv, latex, plots)
         spoken = options.some_backends(languages)
-        cells = cells_of(
-            subjects, semantics or (Semantics.PROJECTED,), default_languages() if spoken is None else spoken
-        )
+        spoken = default_languages() if spoken is None else spoken
+        cells = cells_of(subjects, semantics or (Semantics.PROJECTED,), spoken)
     except OptionError as error:
-        raise click.UsageError(str(error), context) from error
-    settings = Settings(limit, timeout, seed, memory)
-    rows = _measured(cells, settings, KeptMeasurements(csv, resume=resume), jobs)
+        raise click.UsageError(str(error)) from error
+    rows = _measured(cells, Settings(limit, timeout, seed, memory), KeptMeasurements(csv, resume=resume), jobs)
     if "-" not in (csv, latex):
         click.echo("\n".join([*text_lines(rows), headline(rows)]))
     if len(rows) < len(cells):
         again = "" if csv is None else "; go on with --resume"
         click.echo(f"interrupted after {len(rows)} of {len(cells)} measurements{again}", err=True)
         raise Stopped(INTERRUPTED)
+    chosen = Width(width or Width.PAGE)
     if latex is not None:
-        deliver(latex_text(rows, Width(width or Width.PAGE)).encode(errors="backslashreplace"), latex)
-    if plots is not None:
-        failures.met |= not _drawn(rows, Path(plots), Width(width or Width.PAGE))
-    return FAILED if failures.met else _status(rows)
+        deliver(latex_text(rows, chosen).encode(errors="backslashreplace"), latex)
+    if plots is not None and any(figures(rows)):
+        write_plots(rows, Path(plots), chosen)
+    elif plots is not None:
+        report(click.ClickException("no figures: nothing that was compared has a size or a speed"))
+        failures.met = True
+    if failures.met or any(one is not None and one.broken for row in rows for one in (row.result, row.run)):
+        return FAILED
+    return (
+        FOUND if any(backend(language).faithful for language in {row.language for row in rows if row.differing}) else 0
+    )
 
 
 def _subject(path: str) -> Subject:
     tree = load(path)
     narrowed(tree)  # refuses what breaks a rule
     return Subject(click.format_filename(path), tree)
-
-
-def _drawn(rows: Sequence[Measurement], folder: Path, width: Width) -> bool:
-    """Draw the figures; False, and a line that says so, where there are none."""
-    if any(True for _ in figures(rows)):
-        write_plots(rows, folder, width)
-        return True
-    report(click.ClickException("no figures: nothing that was compared has a size or a speed"))
-    return False
 
 
 def _measured(cells: Sequence[Cell], settings: Settings, kept: KeptMeasurements, jobs: int) -> list[Measurement]:
@@ -153,28 +158,17 @@ def _measured(cells: Sequence[Cell], settings: Settings, kept: KeptMeasurements,
     return found
 
 
-def _status(rows: Sequence[Measurement]) -> int:
-    if any(outcome is not None and outcome.broken for row in rows for outcome in (row.result, row.run)):
-        return FAILED
-    differing = {row.language for row in rows if row.differing}
-    return FOUND if any(backend(language).faithful for language in differing) else 0
-
-
 def _check_outputs(trees: Iterable[str], csv: str | None, latex: str | None, plots: str | None) -> None:
     """Refuse what cannot be written at the end, or would cost what is there, before anything runs.
 
     Raises `OptionError` for two reports in one place or one over a tree, `OSError` for what cannot be written, `ToolMissing`.
     """
     taken = {Path(tree).resolve() for tree in trees}
-    files = [file for file in (csv, latex) if file is not None and file != "-"]
-    if (
-        csv is not None
-        and latex is not None
-        and (csv == latex or len({Path(file).resolve() for file in files}) < len(files))
-    ):
+    places = {file: Path(file).resolve() for file in (csv, latex) if file is not None and file != "-"}
+    if csv is not None and latex is not None and (csv == latex or len({*places.values()}) < len(places)):
         raise OptionError("two reports go to one file")
-    for file in files:
-        if (place := Path(file).resolve()) in taken:
+    for file, place in places.items():
+        if place in taken:
             raise OptionError(f"{file} would be written over, but it is one of the trees: name another file")
         if place.is_dir():
             raise IsADirectoryError(EISDIR, "cannot write: it is a folder; name a file", file)

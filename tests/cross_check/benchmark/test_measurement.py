@@ -9,9 +9,8 @@ import pytest
 
 import rvaft
 from backends.rml.reader.monitor import RmlMonitor, rules
-from cross_check.benchmark import Cell, Measurement, Outcome, Settings, Subject, measured, measurement
-from cross_check.benchmark.measurement import READERS
-from cross_check.benchmark.workload import EVENTS, gate_subject, walks
+from cross_check.benchmark import Cell, Measurement, Outcome, Settings, Subject, gate_subjects, measured, measurement
+from cross_check.benchmark.measurement import EVENTS, READERS, walks
 from rvaft.backend import backend
 from rvaft.model.nodes import Gate
 from rvaft.model.values import Json
@@ -29,6 +28,8 @@ from tests.cross_check.benchmark.backends_of_others import (
     waiting,
 )
 
+SUBJECTS = {subject.name: subject for subject in gate_subjects(max_arity=8)}
+
 
 def one(cell: Cell, settings: Settings | None = None) -> Measurement:
     ((_, row),) = measured([cell], settings or Settings())
@@ -36,17 +37,17 @@ def one(cell: Cell, settings: Settings | None = None) -> Measurement:
 
 
 def odd_cell(semantics: Semantics = Semantics.STRICT) -> Cell:
-    return Cell(gate_subject(Gate.AND, 2), semantics, "odd")
+    return Cell(SUBJECTS["and 2"], semantics, "odd")
 
 
 def test_what_a_language_cannot_say() -> None:
-    row = one(Cell(gate_subject(Gate.AND, 2), Semantics.SCATTERED, "rml-paper"))
+    row = one(Cell(SUBJECTS["and 2"], Semantics.SCATTERED, "rml-paper"))
     assert (row.result, row.reason, row.run) == (Outcome.NOT_EXPRESSIBLE, "the paper does not say how", None)
     assert row.symbols is row.seconds is row.events is None
 
 
 def test_what_is_larger_than_the_limit() -> None:
-    row = one(Cell(gate_subject(Gate.AND, 8), Semantics.STRICT, "automaton"), Settings(limit=20))
+    row = one(Cell(SUBJECTS["and 8"], Semantics.STRICT, "automaton"), Settings(limit=20))
     assert row.result is Outcome.TOO_LARGE
     assert "(limit 20)" in row.reason
     assert row.limit == 20
@@ -101,14 +102,14 @@ def test_events_are_not_found_at_the_expense_of_a_language(monkeypatch: pytest.M
         return walks(*arguments, **options)
 
     monkeypatch.setattr(measurement, "walks", slow)
-    row = one(Cell(gate_subject(Gate.AND, 1), Semantics.STRICT, "rml"), Settings(timeout=0.5))
+    row = one(Cell(SUBJECTS["and 1"], Semantics.STRICT, "rml"), Settings(timeout=0.5))
     assert (row.run, row.events) == (Outcome.OK, 240)
 
 
 def test_a_tree_that_is_too_much_for_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measurement, "walks", lambda *_arguments, **_options: endless())
     monkeypatch.setattr(measurement, "WALKING", 0.05)
-    row = one(Cell(gate_subject(Gate.AND, 1), Semantics.STRICT, "rml"))
+    row = one(Cell(SUBJECTS["and 1"], Semantics.STRICT, "rml"))
     assert (row.run, row.walks, row.events, row.events_per_second) == (Outcome.OK, 0, 0, None)
     assert row.run_reason.startswith("no events: ")
 
@@ -134,7 +135,7 @@ def test_a_backend_that_is_not_there() -> None:
 
 def test_several_at_a_time_hinder_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     plant(monkeypatch, Odd(translating=endless))
-    cells = [odd_cell(), *(Cell(gate_subject(Gate.AND, n), Semantics.STRICT, "rml") for n in range(1, 6))]
+    cells = [odd_cell(), *(Cell(SUBJECTS[f"and {n}"], Semantics.STRICT, "rml") for n in range(1, 6))]
     rows = dict(measured(cells, Settings(timeout=1.5), jobs=2))
     assert set(rows) == set(cells)
     assert [rows[cell].result for cell in cells] == [Outcome.TIMEOUT, *[Outcome.OK] * 5]
@@ -142,7 +143,7 @@ def test_several_at_a_time_hinder_nobody(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_nothing_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     plant(monkeypatch, Odd(translating=endless))
-    cells = [Cell(gate_subject(Gate.AND, 1), Semantics.STRICT, "rml"), odd_cell(), odd_cell(Semantics.PROJECTED)]
+    cells = [Cell(SUBJECTS["and 1"], Semantics.STRICT, "rml"), odd_cell(), odd_cell(Semantics.PROJECTED)]
     with closing(measured(cells, Settings(), jobs=3)) as found:
         next(found)
         assert multiprocessing.active_children()
@@ -153,7 +154,7 @@ def test_nothing_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("language", ["automaton", "ltlf", "rml", "rml-paper"])
 def test_a_whole_measurement(language: str) -> None:
     pytest.importorskip("spot") if language in ("automaton", "ltlf") else None
-    last = one(Cell(gate_subject(Gate.VOT, 3, 2), Semantics.PROJECTED, language), Settings(seed=3))
+    last = one(Cell(SUBJECTS["vot 2/3"], Semantics.PROJECTED, language), Settings(seed=3))
     assert (last.result, last.run) == (Outcome.OK, Outcome.OK)
     assert (last.tree, last.gate, last.children, last.threshold) == ("vot 2/3", Gate.VOT, 3, 2)
     assert (last.events, last.differing, last.seed) == (EVENTS, 0, 3)
@@ -204,7 +205,7 @@ class Deaf(RmlMonitor):
 def test_the_first_time_is_that_of_readers_that_have_met_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under OR each trace is one event, nearly always one of five: one reader for all of them would have met it."""
     plant(monkeypatch, Odd(reader=lambda _text: Slow()))
-    row = one(Cell(gate_subject(Gate.OR, 5), Semantics.STRICT, "odd"))
+    row = one(Cell(SUBJECTS["or 5"], Semantics.STRICT, "odd"))
     assert row.first_events == READERS
     assert row.events_per_second is not None
     assert row.again_per_second is not None
@@ -216,7 +217,7 @@ def test_the_first_time_is_that_of_readers_that_have_met_nothing(monkeypatch: py
 def test_a_text_that_never_says_that_hope_is_lost_is_found(
     monkeypatch: pytest.MonkeyPatch, semantics: Semantics
 ) -> None:
-    subject = gate_subject(Gate.SAND, 4)
+    subject = SUBJECTS["sand 4"]
     text = backend("rml").translate(subject.tree, semantics).text
     plant(monkeypatch, Odd(reader=lambda _text: Deaf(rules(text))))
     row = one(Cell(subject, semantics, "odd"))

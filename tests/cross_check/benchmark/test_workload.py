@@ -6,7 +6,7 @@ import pytest
 
 import rvaft
 from cross_check.benchmark import Subject, cells_of, default_languages, gate_subjects
-from cross_check.benchmark.workload import EVENTS, LONGEST, gate_subject, walks
+from cross_check.benchmark.measurement import EVENTS, LONGEST, walks
 from rvaft.engine import engine
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Gate
@@ -14,12 +14,14 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.rules import require_valid
 from tests.cli.runs import PRUNED
 
+SUBJECTS = {subject.name: subject for subject in gate_subjects(max_arity=8)}
+
 
 def test_every_gate_with_every_number_of_children_and_every_threshold() -> None:
     subjects = list(gate_subjects(max_arity=12))
     counts = Counter(subject.gate for subject in subjects)
     assert counts == {gate: 78 if gate is Gate.VOT else 12 for gate in Gate}
-    votes = [(subject.threshold, subject.children) for subject in subjects if subject.gate is Gate.VOT]
+    votes = [(subject.threshold, len(subject.tree.occurrences)) for subject in subjects if subject.gate is Gate.VOT]
     assert votes == [(k, n) for n in range(1, 13) for k in range(1, n + 1)]
     assert len({subject.name for subject in subjects}) == len({subject.digest for subject in subjects}) == len(subjects)
     for subject in subjects:
@@ -40,8 +42,8 @@ def test_cells_are_in_order() -> None:
     ("subjects", "semantics", "languages"),
     [
         ([], [Semantics.STRICT], ["rml"]),
-        ([gate_subject(Gate.OR, 1)], [], ["rml"]),
-        ([gate_subject(Gate.OR, 1)], [Semantics.STRICT], []),
+        ([SUBJECTS["or 1"]], [], ["rml"]),
+        ([SUBJECTS["or 1"]], [Semantics.STRICT], []),
     ],
 )
 def test_a_comparison_of_nothing_is_refused(subjects: list, semantics: list, languages: list) -> None:  # type: ignore[type-arg]
@@ -50,7 +52,7 @@ def test_a_comparison_of_nothing_is_refused(subjects: list, semantics: list, lan
 
 
 def test_trees_that_would_be_called_the_same_are_refused() -> None:
-    gate = gate_subject(Gate.AND, 2)
+    gate = SUBJECTS["and 2"]
     with pytest.raises(OptionError, match=r"2 trees are called and 2: .* as \./and 2"):
         cells_of([gate, Subject("and 2", gate.tree)], [Semantics.STRICT], ["rml"])
 
@@ -78,7 +80,7 @@ def test_walks(semantics: Semantics) -> None:
 @pytest.mark.parametrize("gate", Gate)
 @pytest.mark.parametrize("semantics", Semantics)
 def test_walks_through_gates_detect_or_lose_all_hope(gate: Gate, semantics: Semantics) -> None:
-    tree = gate_subject(gate, 5, 3 if gate is Gate.VOT else None).tree
+    tree = SUBJECTS["vot 3/5" if gate is Gate.VOT else f"{gate} 5"].tree
     ends = Counter(walk.verdicts[-1] for walk in walks(tree, semantics, 0))
     assert ends[Verdict.UNKNOWN] <= 1  # the last, which ends where the events do
     hopeless = semantics is Semantics.STRICT or (semantics is Semantics.PROJECTED and gate is not Gate.OR)
@@ -87,6 +89,6 @@ def test_walks_through_gates_detect_or_lose_all_hope(gate: Gate, semantics: Sema
 
 
 def test_walks_end_in_time() -> None:
-    tree = gate_subject(Gate.AND, 5).tree
+    tree = SUBJECTS["and 5"].tree
     assert walks(tree, Semantics.STRICT, 0, seconds=0) == ()
     assert 0 < len(walks(tree, Semantics.STRICT, 0, seconds=0.002)) < len(walks(tree, Semantics.STRICT, 0))

@@ -1,11 +1,11 @@
 """Random trees to compare, reproducible from a seed."""
 
 from collections.abc import Generator, Iterable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import product
 from random import Random
-from typing import Final, TypeAlias
+from typing import Final
 
 from cross_check.comparison import Comparison, Roster, raised
 from cross_check.generate.trees import Shape, random_tree
@@ -67,7 +67,11 @@ def catalogue() -> Iterator[Entry]:
     yield from _single(1, 2)
     for name, text in _WRITTEN.items():
         yield _entry(name, text)
-    yield from _parts()
+    tree = loads("r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
+    for number, _ in enumerate(branches(tree), 1):  # events of other branches stay relevant
+        yield Entry("branches", tree, branch=number)
+    for kind in Kind:
+        yield Entry("branches", tree, kind=kind)
     for gate in gates(3):
         yield _entry(f"{gate}, two children with one event", f'r {gate} a b c; a on seen("e"); b on seen("e");')
     for gate in gates(2):
@@ -81,9 +85,10 @@ def catalogue() -> Iterator[Entry]:
         above, upper = ("2of3", "a s e") if outer is Gate.VOT else (outer, "a s")
         yield _entry(f"{above} over {middle} over and", f"r {above} {upper}; s {middle} g d; g and b c;")
     yield _entry("1of2 with two to follow", "r sand v y z; v 1of2 a b;")
-    yield from _guarded()
-    vote = "r sand v z; v 2of4 ab cd ef g; ab sand a b; cd sand c d; ef sand e f;"
-    yield _entry("2of4 over sequences", vote)  # more orders than anybody writes out one by one
+    for (name, guard), gate in product(GUARDS.items(), (Gate.SAND, Gate.AND)):
+        yield _entry(f"{gate}, a guard with {name}", f"r {gate} a b; a on at(P, S); b on at(Q, T) when {guard};")
+    for name, text in _WRITTEN_LATE.items():
+        yield _entry(name, text)
     for outer, inner in product(Gate, repeat=2):
         above, upper = ("2of3", "a g d") if outer is Gate.VOT else (outer, "g a")
         below, lower = ("2of3", "b c e") if inner is Gate.VOT else (inner, "b c")
@@ -105,6 +110,12 @@ _WRITTEN: Final = {
         q sand v w; v on at(P, S); w on at(P, T);
     """,
 }
+_WRITTEN_LATE: Final = {
+    "a guard on a gate": "r sand a b c when T > S + 2; a on at(P, S); b on at(Q, T);",
+    "guards on choices": "r sand a o; a on at(P, S); o or p q; p and h c; q and l d; h when S >= 3; l when S < 3;",
+    # more orders than anybody writes out one by one
+    "2of4 over sequences": "r sand v z; v 2of4 ab cd ef g; ab sand a b; cd sand c d; ef sand e f;",
+}
 
 
 def _entry(name: str, text: str) -> Entry:
@@ -125,26 +136,6 @@ def _single(*counts: int) -> Iterator[Entry]:
                 yield _entry(f"{name} with its own event, {causality}", text)
 
 
-def _parts() -> Iterator[Entry]:
-    """Branches and kinds: events of other branches stay relevant."""
-    tree = loads("r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
-    for number, _ in enumerate(branches(tree), 1):
-        yield Entry("branches", tree, branch=number)
-    for kind in Kind:
-        yield Entry("branches", tree, kind=kind)
-
-
-def _guarded() -> Iterator[Entry]:
-    """Guards over two events: at their binder, on a gate, on a choice."""
-    for name, guard in GUARDS.items():
-        for gate in (Gate.SAND, Gate.AND):
-            yield _entry(f"{gate}, a guard with {name}", f"r {gate} a b; a on at(P, S); b on at(Q, T) when {guard};")
-    late = "r sand a b c when T > S + 2; a on at(P, S); b on at(Q, T);"
-    yield _entry("a guard on a gate", late)
-    choice = "r sand a o; a on at(P, S); o or p q; p and h c; q and l d; h when S >= 3; l when S < 3;"
-    yield _entry("guards on choices", choice)
-
-
 MAX_NODES: Final = 9
 _PARTS: Final = 0.2
 """How often one branch of a tree is compared instead of the whole."""
@@ -152,25 +143,18 @@ _PARTS: Final = 0.2
 
 def campaign(number: int, seed: int, max_nodes: int = MAX_NODES) -> Iterator[Entry]:
     """So many trees of every shape; the i-th depends on the seed, the size and i alone."""
-    shape = Shape(max_nodes=max_nodes)
     for index in range(1, number + 1):
         random = Random(f"{seed} {max_nodes} {index}")  # noqa: S311 (no secret)
-        tree = random_tree(random, shape)
-        branch = _feasible_branch(random, tree) if random.random() < _PARTS else None
+        tree, branch = random_tree(random, Shape(max_nodes=max_nodes)), None
+        if random.random() < _PARTS:
+            drawn = random.randint(1, sum(1 for _ in branches(tree)))
+            with suppress(TreeError):  # a branch that cannot be monitored by itself
+                require_valid(restrict(tree, branch=drawn))
+                branch = drawn
         yield Entry(f"random {index} of seed {seed}", tree, branch)
 
 
-def _feasible_branch(random: Random, tree: RVAFT) -> int | None:
-    """The number of some branch that can be monitored by itself."""
-    number = random.randint(1, sum(1 for _ in branches(tree)))
-    try:
-        require_valid(restrict(tree, branch=number))
-    except TreeError:
-        return None
-    return number
-
-
-# Many comparisons, one after the other or in several processes, always reported in the order they were given.
+# -- many comparisons, one after the other or in several processes, always reported in the order they were given --------
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,11 +174,7 @@ class Task:
             return [Result(self.job, "tree", Status.COULD_NOT_RUN, why=str(raised(error)))]
 
 
-Done: TypeAlias = tuple[Task, list[Result]]
-"""A comparison and what it has found."""
-
-
-def run(tasks: Iterable[Task], *, jobs: int = 1) -> Generator[Done, None, None]:
+def run(tasks: Iterable[Task], *, jobs: int = 1) -> Generator[tuple[Task, list[Result]], None, None]:
     """The results of each comparison, in order; close the iterator to stop early."""
     if jobs == 1:
         yield from ((task, task.run()) for task in tasks)

@@ -4,14 +4,13 @@ What can be proved is proved, on all traces; then everybody, proved or not, also
 prefix is compared with that of the first participant: the reference, or where that is absent the next one.
 """
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Final, TypeAlias
+from typing import Final, TypeAlias, TypeVar
 
 from cross_check.letters import VARIABLES
 from cross_check.participants import (
@@ -19,6 +18,7 @@ from cross_check.participants import (
     MONA,
     REFERENCE,
     Absent,
+    Answer,
     Enlisted,
     Handwritten,
     Outside,
@@ -29,14 +29,13 @@ from cross_check.participants import (
     reference_of,
     translated,
 )
-from cross_check.product import explore
+from cross_check.product import Exploration
 from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import Difference, Job, Result, Status
-from cross_check.traces import Effort, Trace, Trials, proof_letters
+from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.analysis.branches import restrict
 from rvaft.api import narrowed
-from rvaft.backend import Observed
 from rvaft.errors import NotExpressible, RvaftError, TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
@@ -44,11 +43,11 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.budget import Expired, within
 
+T = TypeVar("T")
 Enlist: TypeAlias = Callable[[], Enlisted]
 
 PATIENCE: Final = 60.0
 """Seconds for all traces of one comparison."""
-_EXPIRED: Final = "no result within the time limit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,21 +126,22 @@ def cross_check(
 
 
 @dataclass(slots=True)
-class _Standing:
+class _Row:
     """What is known of one participant so far."""
 
     name: str
-    seconds: float
+    patience: float | None
     participant: Participant | None = None
     outside: Outside | None = None
+    seconds: float = 0.0
     status: Status | None = None
     why: str = ""
     verdicts: int = 0
-    difference: tuple[tuple[Json, ...], tuple[Verdict, ...]] | None = None
-    masks: Counter[str] = field(default_factory=Counter)
-    masked: int = 0
-    runs: int = 0
+    traces: int = 0
     longest: int = 0
+    difference: tuple[tuple[Json, ...], tuple[Verdict, ...]] | None = None
+    masks: dict[str, None] = field(default_factory=dict)
+    masked: int = 0
 
     def end(self, status: Status, why: str = "") -> None:
         """Nothing more is asked of it, for that reason."""
@@ -152,8 +152,46 @@ class _Standing:
         known = raised(error)
         self.end(Status.of(known), _reason(known))
 
+    def attempt(self, step: Callable[[], T], seconds: float | None) -> T | None:
+        """What a step of it comes to, or None where it fails or takes too long."""
+        try:
+            with within(seconds):
+                return step()
+        except Expired:
+            self.end(Status.TIMEOUT, "no result within the time limit")
+        except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; that is no agreement)
+            self.fail(error)
+        return None
+
+    def said(self, trace: Trace) -> tuple[Verdict, ...]:
+        """What it says after every prefix."""
+        assert self.participant is not None
+        return tuple(self.participant.start().run(trace))
+
+    def answers(self, traces: Sequence[Trace]) -> Sequence[Answer] | None:
+        """What it says of every trace, or None where it fails; a program of others counts its seconds itself."""
+        if self.outside is not None:
+            return self.attempt(partial(self.outside.answers, traces), None)
+        return self.attempt(lambda: [Answer(self.said(trace)) for trace in traces], self.patience)
+
+    def judge(self, traces: Sequence[Trace], expected: Sequence[Answer], answers: Sequence[Answer]) -> None:
+        """Look at what it says of the traces; where a program is known to deviate, that is only counted."""
+        for trace, wanted, answer in zip(traces, expected, answers, strict=True):
+            if answer.verdicts != wanted.verdicts and answer.deviations and not answer.expired:
+                self.masks.update(dict.fromkeys(answer.deviations))
+                self.masked += 1
+            elif answer.verdicts is None:
+                return self.end(Status.TIMEOUT if answer.expired else Status.COULD_NOT_RUN, answer.error)
+            else:
+                self.traces, self.longest = self.traces + 1, max(self.longest, len(trace))
+                self.verdicts += len(trace)
+                self.compare(trace, wanted.verdicts or (), answer.verdicts)
+        if self.masked and not self.traces:
+            self.end(Status.COULD_NOT_RUN, f"all traces are masked: {', '.join(self.masks)}")
+        return None
+
     def compare(self, trace: Trace, wanted: Sequence[Verdict], got: Sequence[Verdict]) -> None:
-        """Look at what it says of a trace; the shortest trace on which it says something else is kept."""
+        """The shortest trace on which it says something else is kept."""
         for length, (one, other) in enumerate(zip(wanted, got, strict=True), 1):
             if one is not other:
                 self.status = Status.DIFFERS
@@ -161,43 +199,42 @@ class _Standing:
                     self.difference = tuple(trace[:length]), tuple(got[:length])
                 return
 
-    def said(self, trace: Trace) -> list[Verdict]:
-        """What it says after every prefix."""
-        assert self.participant is not None
-        return list(self.participant.start().run(trace))
-
-    def runs_of(self, traces: Sequence[Trace], seconds: float | None) -> list[list[Verdict]] | None:
-        """The verdicts after every prefix of every trace, or None where it fails."""
-        try:
-            with within(seconds):
-                found = [self.said(trace) for trace in traces]
-        except Expired:
-            self.end(Status.TIMEOUT, _EXPIRED)
-            return None
-        except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; that is no agreement)
-            self.fail(error)
-            return None
-        self.runs, self.longest = len(traces), max(map(len, traces), default=0)
-        self.verdicts += sum(map(len, traces))
-        return found
+    def shorten(self, baseline: "_Row") -> None:
+        """Leave out the events of a difference that it does not need."""
+        position = 0
+        with suppress(Exception, Expired), within(self.patience):
+            while self.difference is not None and position < len(trace := self.difference[0]):
+                fewer = trace[:position] + trace[position + 1 :]
+                self.compare(fewer, baseline.said(fewer), self.said(fewer))
+                position += len(self.difference[0]) == len(trace)
 
 
 @dataclass(slots=True)
 class Comparison:
-    """The steps of one comparison; `run` takes them all."""
+    """One comparison, in steps; `run` takes them all."""
 
     tree: RVAFT
     job: Job
     effort: Effort
-    rows: list[_Standing] = field(default_factory=list)
+    rows: list[_Row] = field(default_factory=list)
 
     def run(self, candidates: Iterable[tuple[str, Enlist]]) -> list[Result]:
         """Compare; `candidates` are named before they are made, since making one can take too long."""
         for name, enlist in candidates:
-            self.rows.append(self._enlisted(name, enlist))
+            started = perf_counter()
+            row = _Row(name, self.effort.seconds)
+            match row.attempt(enlist, self.effort.seconds):
+                case Absent(error):
+                    row.fail(error)
+                case Outside() as outside:
+                    row.outside, row.why = outside, "its states are not known"
+                case participant:
+                    row.participant = participant
+            row.seconds = perf_counter() - started
+            self.rows.append(row)
         if len(self._present) > 1:
             self._prove()
-        while len(self._present) + any(row.status is None for row in self._outside) > 1 and not self._test():
+        while len(self._present) + len(self._outside) > 1 and not self._test():
             pass
         met = any(row.status is Status.DIFFERS or (row.status and row.status.agrees) for row in self.rows)
         baseline = self._present[0] if met and self._present else None
@@ -205,64 +242,43 @@ class Comparison:
             baseline.end(Status.BASELINE)
         return [self._result(row, baseline) for row in self.rows]
 
-    def _enlisted(self, name: str, enlist: Enlist) -> _Standing:
-        started = perf_counter()
-        row = _Standing(name, 0)
-        try:
-            with within(self.effort.seconds):
-                match enlist():
-                    case Absent(error=error):
-                        row.fail(error)
-                    case Outside() as outside:
-                        row.outside = outside
-                    case Participant() as participant:
-                        row.participant = participant
-        except Expired:
-            row.end(Status.TIMEOUT, _EXPIRED)
-        except Exception as error:  # noqa: BLE001 (see above)
-            row.fail(error)
-        row.seconds = perf_counter() - started
-        return row
-
     @property
-    def _present(self) -> list[_Standing]:
+    def _present(self) -> list[_Row]:
         """Those that can be compared; the others are compared with the first."""
         return [row for row in self.rows if row.participant is not None and row.status in (None, Status.PROVED)]
 
     @property
-    def _outside(self) -> list[_Standing]:
-        return [row for row in self.rows if row.outside is not None]
-
-    # -- proof --------------------------------------------------------------------------------------------------
+    def _outside(self) -> list[_Row]:
+        return [row for row in self.rows if row.outside is not None and row.status is None]
 
     def _prove(self) -> None:
         """Prove what can be proved; the rest gets the reason why it is only tested."""
         present = self._present
-        if not self.effort.states:
-            for row in present:
-                row.why = "no proof was asked for"
-            return
-        try:
-            with within(self.effort.seconds):
-                gaps = _gaps([row.participant.observed for row in present if row.participant is not None])
-        except Expired:
-            gaps = ["no letters within the time limit"] * len(present)
-        except TooLarge as error:
-            gaps = [f"no letters: {_reason(error)}"] * len(present)
+        gaps = ["no proof was asked for"] * len(present)
+        if self.effort.states:
+            known = [row.participant.observed for row in present if row.participant is not None]
+            unknown = "what it observes is not known"
+            try:
+                with within(self.effort.seconds):
+                    every = letters_of((one for one in known if one is not None), proof=True).gap == ""
+                    gaps = ["" if every else letters_of([one or ()], proof=True).gap for one in known]
+                gaps = [unknown if one is None else gap for one, gap in zip(known, gaps, strict=True)]
+            except Expired:
+                gaps = ["no letters within the time limit"] * len(present)
+            except TooLarge as error:
+                gaps = [f"no letters: {_reason(error)}"] * len(present)
         for row, gap in zip(present, gaps, strict=True):
-            # whatever the others are, there is nothing to prove them against where the first has a gap
-            row.why = gap or gaps[0]
+            row.why = gap or gaps[0]  # whatever the others are, there is nothing to prove where the first has a gap
         able = [row for row in present if not row.why]
         if len(able) > 1:
             self._explore(able)
 
-    def _explore(self, able: list[_Standing]) -> None:
+    def _explore(self, able: list[_Row]) -> None:
         participants = [row.participant for row in able if row.participant is not None]
         try:
             with within(self.effort.seconds):
-                found = explore(
-                    participants, proof_letters(one.observed or () for one in participants), limit=self.effort.states
-                )
+                letters = letters_of((one.observed or () for one in participants), proof=True)
+                found = Exploration(participants, letters, limit=self.effort.states)
         except (Expired, TooLarge) as stopped:
             late = isinstance(stopped, Expired)
             for row in able:
@@ -276,84 +292,42 @@ class Comparison:
                 row.why = VARIABLES
             elif number in found.differ:
                 trace = found.differ[number]
-                row.status, row.difference = Status.DIFFERS, (trace, tuple(row.said(trace)))
+                row.status, row.difference = Status.DIFFERS, (trace, row.said(trace))
             elif number and found.complete:
                 row.status = Status.PROVED
             elif number:
                 row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {self.effort.states} reached"
 
-    # -- tests --------------------------------------------------------------------------------------------------
-
     def _test(self) -> bool:
         """Run the traces; False where the one that the others are compared with fails."""
         baseline, *others = self._present
         rest = [*others, *self._outside]
-        unproved = any(row.status is None for row in others) or bool(self._outside)
+        unproved = any(row.status is None for row in rest)
         traces: list[Trace] = []
         if unproved or self.effort.recheck:
             part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
             participants = [row.participant for row in self._present if row.participant is not None]
-            traces = list(Trials(part, self.job, self.effort, participants).traces(words=unproved))
-        expected = baseline.runs_of(traces, self.effort.seconds)
+            traces = list(trials(part, self.job, self.effort, participants, words=unproved))
+        expected = baseline.answers(traces)
         if expected is None:
             return False
-        if traces and not any(Verdict.TRUE in wanted for wanted in expected):
+        baseline.judge(traces, expected, expected)
+        if traces and not any(Verdict.TRUE in (wanted.verdicts or ()) for wanted in expected):
             for row in rest:
                 row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
-        if not traces and any(row.status is None for row in rest):
-            for row in rest:
-                if row.status is not Status.PROVED:
-                    row.end(row.status or Status.COULD_NOT_RUN, "there was no trace to try")
-            return True
-        for row in others:
-            for trace, wanted, got in zip(
-                traces, expected, row.runs_of(traces, self.effort.seconds) or [], strict=False
-            ):
-                row.compare(trace, wanted, got)
-            self._shorten(row, baseline)
-            row.status = row.status or Status.TESTED
-        for row in self._outside:
-            self._ask(row, traces, expected)
+        for row in rest:
+            if traces:
+                answers = row.answers(traces)
+                if answers is not None:
+                    row.judge(traces, expected, answers)
+                if row.participant is not None:
+                    row.shorten(baseline)
+            elif row.status is None:
+                row.end(Status.COULD_NOT_RUN, "there was no trace to try")
             row.status = row.status or Status.TESTED
         return True
 
-    def _shorten(self, row: _Standing, baseline: _Standing) -> None:
-        """Leave out the events of a difference that it does not need."""
-        position = 0
-        with suppress(Exception, Expired), within(self.effort.seconds):
-            while row.difference is not None and position < len(trace := row.difference[0]):
-                fewer = trace[:position] + trace[position + 1 :]
-                row.compare(fewer, baseline.said(fewer), row.said(fewer))
-                position += len(row.difference[0]) == len(trace)
-
-    @staticmethod
-    def _ask(row: _Standing, traces: Sequence[Trace], expected: Sequence[list[Verdict]]) -> None:
-        """Compare what a program of others answers; where it is known to deviate, that is only counted."""
-        assert row.outside is not None
-        try:
-            answers = row.outside.answers(traces)
-        except RvaftError as error:
-            row.fail(error)
-            return
-        row.why = "its states are not known"
-        for trace, wanted, answer in zip(traces, expected, answers, strict=True):
-            got = None if answer.verdicts is None else list(answer.verdicts)
-            if got != wanted and answer.deviations and not answer.expired:
-                row.masks.update(answer.deviations)
-                row.masked += 1
-            elif got is None:
-                row.end(Status.TIMEOUT if answer.expired else Status.COULD_NOT_RUN, answer.error)
-                return
-            else:
-                row.compare(trace, wanted, got)
-                row.runs, row.longest = row.runs + 1, max(row.longest, len(trace))
-                row.verdicts += len(got)
-        if not row.runs:
-            row.end(Status.COULD_NOT_RUN, f"all traces are masked: {', '.join(row.masks)}")
-
-    # -- results ------------------------------------------------------------------------------------------------
-
-    def _result(self, row: _Standing, baseline: _Standing | None) -> Result:
+    def _result(self, row: _Row, baseline: _Row | None) -> Result:
         source = row.participant or row.outside
         metrics = None if source is None or source.specification is None else source.specification.metrics
         if row.status is None:
@@ -362,30 +336,22 @@ class Comparison:
         difference = None
         if row.difference is not None and baseline is not None:
             trace, got = row.difference
-            difference = Difference(trace, baseline.name, tuple(baseline.said(trace)), got)
+            difference = Difference(trace, baseline.name, baseline.said(trace), got)
         return Result(
             self.job,
             row.name,
             row.status,
-            seconds=row.seconds,
-            symbols=None if metrics is None else metrics.symbols,
-            states=None if metrics is None else metrics.states,
-            verdicts=row.verdicts,
-            traces=row.runs,
-            longest=row.longest,
-            why=row.why,
-            difference=difference,
-            masked=row.masked,
-            masks=tuple(sorted(row.masks)),
+            row.seconds,
+            None if metrics is None else metrics.symbols,
+            None if metrics is None else metrics.states,
+            row.verdicts,
+            row.traces,
+            row.longest,
+            row.why,
+            difference,
+            row.masked,
+            tuple(sorted(row.masks)),
         )
-
-
-def _gaps(observed: Sequence[tuple[Observed, ...] | None]) -> list[str]:
-    """For each participant why nothing can be proved about it; empty where something can."""
-    unknown = "what it observes is not known"
-    if not proof_letters(one for one in observed if one is not None).gap:
-        return ["" if one is not None else unknown for one in observed]
-    return [unknown if one is None else proof_letters([one]).gap for one in observed]
 
 
 def raised(error: Exception) -> RvaftError:

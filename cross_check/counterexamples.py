@@ -8,7 +8,9 @@ import json
 import os
 import re
 import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from itertools import count
@@ -20,7 +22,7 @@ import msgspec
 
 from cross_check.campaign import Task
 from cross_check.comparison import Roster
-from cross_check.participants import REFERENCE, Absent, Handwritten, verdicts_of
+from cross_check.participants import REFERENCE, Absent, Enlisted, Handwritten, verdicts_of
 from cross_check.results import Difference, Job, Result, Status
 from cross_check.shrink import shrink
 from rvaft.api import load as load_tree
@@ -40,6 +42,7 @@ Verdicts: TypeAlias = tuple[Verdict, ...]
 TREE: Final = "tree.rvaft"
 TRACE: Final = "trace.jsonl"
 CASE: Final = "case.json"
+_WHAT: Final = f"a case is a folder with {TREE}, {TRACE} and {CASE}"
 _LONGEST_NAME: Final = 60
 _LONGEST_MESSAGE: Final = 200
 
@@ -61,7 +64,7 @@ class SpecificationFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class CaseRecord(msgspec.Struct, forbid_unknown_fields=True):
-    """What `case.json` says; `branch`, `kind` and `specifications` may be left out."""
+    """What `case.json` says; all but `semantics` and `verdicts` may be left out."""
 
     semantics: Semantics
     verdicts: dict[str, Verdicts]
@@ -115,17 +118,21 @@ def save(case: Case, folder: StrPath) -> Path:
     A folder that holds this very case already is returned as it is; where another case has the name, a number follows it. Raises
     `CaseError` where the folder cannot be written, or the case would not read back as it is.
     """
-    home, stem, files = Path(folder), _slug(case.name), _files(case)
+    home, stem = Path(folder), _slug(case.name)
     temporary = home / f".{stem}.{token_hex(4)}"
+    try:
+        files = _files(case)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise CaseError(f"the case cannot be written: {_reason(error)}", file=case.name) from error
     try:
         temporary.mkdir(parents=True)
         for name, data in files.items():
             (temporary / name).write_bytes(data)
         _check_reads_back(case, temporary)
         return _settled(temporary, home / stem, files)
+    except RvaftError:
+        raise
     except (OSError, ValueError) as error:
-        if isinstance(error, RvaftError):
-            raise
         raise CaseError(f"the case cannot be written: {_reason(error)}", file=str(home)) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -133,28 +140,19 @@ def save(case: Case, folder: StrPath) -> Path:
 
 def _files(case: Case) -> dict[str, bytes]:
     """The files of a case by name."""
-    texts: dict[str, str] = {TREE: "", TRACE: "", CASE: ""}
-    specifications: dict[str, SpecificationFile] = {}
+    texts = {TREE: dumps(case.tree), CASE: ""}
+    texts[TRACE] = "".join(json.dumps(event, ensure_ascii=False) + "\n" for event in case.trace)
+    specifications: dict[str, Json] = {}
     for participant, (language, text) in case.specifications.items():
         stem, suffix = _slug(participant), _slug(language)
         numbered = (f"{stem}{'' if number == 1 else f'-{number}'}.{suffix}" for number in count(1))
         file = next(name for name in numbered if name not in texts)
         texts[file] = text
-        specifications[participant] = SpecificationFile(language, file)
-    record = {
-        "semantics": case.semantics,
-        "branch": case.branch,
-        "kind": case.kind,
-        "verdicts": case.verdicts,
-        "specifications": msgspec.to_builtins(specifications),
-    }
-    try:
-        texts[TREE] = dumps(case.tree)
-        texts[TRACE] = "".join(json.dumps(event, ensure_ascii=False) + "\n" for event in case.trace)
-        texts[CASE] = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
-        return {name: text.encode() for name, text in texts.items()}
-    except (TypeError, ValueError, RecursionError) as error:
-        raise CaseError(f"the case cannot be written: {_reason(error)}", file=case.name) from error
+        specifications[participant] = {"language": language, "file": file}
+    names = ("semantics", "branch", "kind", "verdicts")
+    record = {**{name: getattr(case, name) for name in names}, "specifications": specifications}
+    texts[CASE] = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
+    return {name: text.encode() for name, text in texts.items()}
 
 
 def _slug(text: str) -> str:
@@ -183,11 +181,9 @@ def _settled(temporary: Path, wanted: Path, files: Mapping[str, bytes]) -> Path:
             except OSError:
                 if not os.path.lexists(place):
                     raise
-        try:
+        with suppress(OSError):
             if all((place / name).read_bytes() == data for name, data in files.items()):
                 return place
-        except OSError:
-            continue
     raise AssertionError("there is always a further number")
 
 
@@ -220,9 +216,6 @@ def load(path: StrPath) -> Case:
         raise CaseError(error.message, file=str(folder / CASE)) from None
 
 
-_WHAT: Final = f"a case is a folder with {TREE}, {TRACE} and {CASE}"
-
-
 def _text(file: Path) -> str:
     try:
         return file.read_bytes().decode("utf-8-sig" if file.name == CASE else "utf-8")
@@ -231,9 +224,14 @@ def _text(file: Path) -> str:
 
 
 def _record(text: str, file: str) -> CaseRecord:
-    """The record that a text is; raises `CaseError`."""
+    def unrepeated(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        for key, number in Counter(key for key, _ in pairs).items():
+            if number > 1:
+                raise ValueError(f"the key {json.dumps(key)} is repeated")
+        return dict(pairs)
+
     try:
-        return msgspec.convert(json.loads(text, object_pairs_hook=_unrepeated), CaseRecord)
+        return msgspec.convert(json.loads(text, object_pairs_hook=unrepeated), CaseRecord)
     except json.JSONDecodeError as error:
         raise CaseError(f"not JSON: {error.msg} (line {error.lineno}, column {error.colno})", file=file) from None
     except RecursionError:
@@ -242,15 +240,6 @@ def _record(text: str, file: str) -> CaseRecord:
         known = {"semantics": Semantics, "kind": Kind}.get(str(error).rpartition(".")[2].strip("`"), Verdict)
         more = f"; known: {', '.join(known)}" if "enum" in str(error) else ""
         raise CaseError(f"not a case: {visible(str(error))[:_LONGEST_MESSAGE]}{more}", file=file) from None
-
-
-def _unrepeated(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise ValueError(f"the key {json.dumps(key)} is repeated")
-        found[key] = value
-    return found
 
 
 def _reason(error: Exception) -> str:
@@ -286,33 +275,29 @@ def shrunk(task: Task, result: Result) -> Case:
     job, roster = task.job, task.roster
     names = result.difference.baseline, result.participant
 
+    def made(tree: RVAFT) -> dict[str, Enlisted]:
+        return {name: enlist() for name, enlist in roster.candidates(tree, job) if name in names}
+
     def disagrees(tree: RVAFT, trace: Sequence[Json]) -> bool:
         if roster.against and tree is not task.tree:
             return False
-        found = verdicts(roster, tree, job, trace, names)
+        found = _verdicts(made(tree), trace)
         return len(found) == len(names) and len(set(found.values())) > 1
 
     tree, trace = shrink(task.tree, list(result.difference.trace), disagrees)
-    made = [(name, enlist()) for name, enlist in roster.candidates(tree, job) if name in names]
+    enlisted = made(tree)
     texts = {text.path: (text.language, text.text) for text in roster.against if text.path in names}
-    for name, one in made:
+    for name, one in enlisted.items():
         if not isinstance(one, Absent) and one.specification is not None:
             texts[name] = one.specification.language, one.specification.text
-    return Case(
-        case_name(tree, trace, job.semantics, branch=job.branch, kind=job.kind),
-        tree,
-        tuple(trace),
-        job.semantics,
-        job.branch,
-        job.kind,
-        {name: said for name, one in made if isinstance(said := verdicts_of(one, trace), tuple)},
-        texts,
-    )
+    name = case_name(tree, trace, job.semantics, branch=job.branch, kind=job.kind)
+    said = _verdicts(enlisted, trace)
+    return Case(name, tree, tuple(trace), job.semantics, job.branch, job.kind, said, texts)
 
 
-def verdicts(roster: Roster, tree: RVAFT, job: Job, trace: Sequence[Json], names: Sequence[str]) -> dict[str, Verdicts]:
-    """What each of these participants says after every prefix; those that cannot take part are left out."""
-    asked = ((name, verdicts_of(enlist(), trace)) for name, enlist in roster.candidates(tree, job) if name in names)
+def _verdicts(enlisted: Mapping[str, Enlisted], trace: Sequence[Json]) -> dict[str, Verdicts]:
+    """What each of them says after every prefix; those that cannot say anything are left out."""
+    asked = ((name, verdicts_of(one, trace)) for name, one in enlisted.items())
     return {name: said for name, said in asked if isinstance(said, tuple)}
 
 
@@ -330,9 +315,9 @@ class Replay:
 
 def replay(case: Case, roster: Roster) -> Iterator[Replay]:
     """What the participants say on the trace of a case: those of the roster, and those that took part when it was saved."""
-    named = tuple(name for name in case.verdicts if name in all_backends())
-    kept = (Handwritten(name, *text) for name, text in case.specifications.items() if name not in all_backends())
-    against = tuple(kept)
+    known = all_backends()
+    named = tuple(name for name in case.verdicts if name in known)
+    against = tuple(Handwritten(name, *text) for name, text in case.specifications.items() if name not in known)
     if roster.backends is None and (named or against):
         roster = replace(roster, backends=named)
     roster = replace(roster, against=(*roster.against, *against))

@@ -4,9 +4,10 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
 from itertools import chain
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
 from cross_check.letters import ties, untied
 from cross_check.results import Status
@@ -32,6 +33,9 @@ REFERENCE: Final = "reference"
 ENGINE: Final = "engine"
 MONA: Final = "ltlf-mona"
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 
 @dataclass(frozen=True, slots=True)
 class Participant:
@@ -55,18 +59,17 @@ class Participant:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a program of others says of one trace.
+    """What somebody says of one trace.
 
-    `verdicts` has one verdict for each event; it is None where the program could not run, which `error` then explains.
-    `deviations` names the known deviations of the program that can show on this trace: where there are any and it says something
-    else, that says nothing about the text.
+    `verdicts` has one verdict for each event; it is None where a program of others could not run, which `error` then explains, or where
+    the time was too short (`expired`). `deviations` names the known deviations of the program that can show on this trace: where there
+    are any and it says something else, that says nothing about the text.
     """
 
     verdicts: tuple[Verdict, ...] | None = None
     error: str = ""
     deviations: tuple[str, ...] = ()
     expired: bool = False
-    """Whether the time was too short for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +85,6 @@ class Outside:
 class Absent:
     """Somebody who cannot take part, and why; never counted as agreement."""
 
-    name: str
     error: RvaftError
 
     @property
@@ -94,17 +96,30 @@ class Absent:
 Enlisted: TypeAlias = Participant | Outside | Absent
 
 
+def absent_on_error(enlist: Callable[P, T]) -> Callable[P, T | Absent]:
+    """The function, which returns an `Absent` instead of raising an `RvaftError`."""
+
+    @wraps(enlist)
+    def enlisted(*args: P.args, **options: P.kwargs) -> T | Absent:
+        try:
+            return enlist(*args, **options)
+        except RvaftError as error:
+            return Absent(error)
+
+    return enlisted
+
+
 def faithful_backends() -> tuple[str, ...]:
     """The backends whose texts should mean the tree, each in one form, and that somebody here reads."""
-    return tuple(name for name in all_backends() if _compared(name))
 
+    def is_compared(name: str) -> bool:
+        try:
+            found = backend(name)
+        except ToolFailed:
+            return True  # absent, and said to be
+        return found.faithful and found.readable and found.form_of is None
 
-def _compared(name: str) -> bool:
-    try:
-        found = backend(name)
-    except ToolFailed:
-        return True  # absent, and said to be
-    return found.faithful and found.readable and found.form_of is None
+    return tuple(filter(is_compared, all_backends()))
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
@@ -135,54 +150,46 @@ def literals(question: Observed) -> Iterator[Json]:
     return (part.value for part in (*walk(question.pattern), *guard) if isinstance(part, Literal))
 
 
-# -- the participants ---------------------------------------------------------------------------------------------
+# -- the participants -----------------------------------------------------------------------------------------------
 
 
-def engine_of(part: RVAFT, semantics: Semantics) -> Participant | Absent:
+@absent_on_error
+def engine_of(part: RVAFT, semantics: Semantics) -> Participant:
     """The monitor that people run."""
-    try:
-        first = engine(part, semantics)
-    except RvaftError as error:
-        return Absent(ENGINE, error)
-    return Participant(ENGINE, first.fork, observed=observed_by(part))
+    return Participant(ENGINE, engine(part, semantics).fork, observed=observed_by(part))
 
 
+@absent_on_error
 def reference_of(
     tree: RVAFT, semantics: Semantics, *, name: str = REFERENCE, branch: int | None = None, kind: Kind | None = None
-) -> Participant | Absent:
+) -> Participant:
     """The definition at work; absent where there are too many scenarios to try them all."""
     scenarios = most_scenarios(tree)
     if scenarios > SCENARIOS:
-        return Absent(name, TooLarge(f"about {scenarios:.0e} scenarios to try one by one", limit=SCENARIOS))
-    try:
-        first = Reference(tree, semantics, branch=branch, kind=kind)
-    except RvaftError as error:
-        return Absent(name, error)
+        raise TooLarge(f"about {scenarios:.0e} scenarios to try one by one", limit=SCENARIOS)
+    first = Reference(tree, semantics, branch=branch, kind=kind)
     return Participant(name, first.fork, observed=observed_by(restrict(tree, branch=branch, kind=kind)))
 
 
+@absent_on_error
 def translated(
     name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None, tool: str | None = None
-) -> Participant | Absent:
+) -> Participant:
     """The text of one backend, run by its own reader, or by a tool of others; `limit` is that of the translation, None the backend's own."""
+    language = backend(name)
+    if not language.readable:
+        raise OptionError(f"{name} is only emitted: nothing here runs its texts, so there is nothing to compare")
+    specification = language.translate(part, semantics, limit=limit)
+    first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
     called = name if tool is None else f"{name}-{tool}"
-    try:
-        language = backend(name)
-        if not language.readable:
-            raise OptionError(f"{name} is only emitted: nothing here runs its texts, so there is nothing to compare")
-        specification = language.translate(part, semantics, limit=limit)
-        first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
-        observed = language.observed(specification.text)
-    except RvaftError as error:
-        return Absent(called, error)
-    return Participant(called, first.fork, specification, observed)
+    return Participant(called, first.fork, specification, language.observed(specification.text))
 
 
 def verdicts_of(participant: Enlisted, trace: Sequence[Json]) -> tuple[Verdict, ...] | RvaftError:
     """What one participant says after every prefix, or why it says nothing."""
     try:
         match participant:
-            case Absent(error=error):
+            case Absent(error):
                 return error
             case Outside(name=name):
                 (answer,) = participant.answers([trace])
@@ -214,7 +221,9 @@ class Handwritten:
             found = reference_of(other, semantics, name=self.path)
             return found if isinstance(found, Absent) else replace(found, tree=other)
         reader = backend(self.language)
-        atoms = _NodeEvents(self.path, tree)
+        patterns = ((name, tree.pattern(name)) for name in tree.occurrences)
+        atoms = _NodeEvents((name, pattern) for name, pattern in patterns if pattern is not None)
+        atoms.path = self.path
         first = reader.read(self.text, atoms=atoms)
         return Participant(self.path, first.fork, observed=reader.observed(self.text, atoms=atoms))
 
@@ -222,16 +231,12 @@ class Handwritten:
 class _NodeEvents(dict[str, Pattern]):
     """The events of a tree's nodes; an atom of another name is an error and not the default event."""
 
-    def __init__(self, path: str, tree: RVAFT) -> None:
-        self._path = path
-        patterns = ((name, tree.pattern(name)) for name in tree.occurrences)
-        super().__init__((name, pattern) for name, pattern in patterns if pattern is not None)
+    path = ""
 
     def get(self, name: str, default: Any = None) -> Any:  # noqa: ARG002 (as in every mapping)
-        """The event of a node; raises `LanguageError`."""
         if name not in self:
             reason = f"the atom {name} is no node with a runtime event, and the text does not say which event it is"
-            raise LanguageError(reason, file=self._path)
+            raise LanguageError(reason, file=self.path)
         return self[name]
 
 
@@ -261,8 +266,7 @@ def handwritten(named: str) -> Handwritten:
 
 def is_specification(path: str) -> bool:
     """Whether the name of a file says that it is a specification and no tree."""
-    suffix = Path(path).suffix.removeprefix(".")
-    return suffix != TREE and bool(suffix) and _language(suffix) is not None
+    return _language(Path(path).suffix.removeprefix(".")) not in (None, TREE)
 
 
 def _split(named: str) -> tuple[str, str]:
@@ -274,7 +278,7 @@ def _split(named: str) -> tuple[str, str]:
     if colon and path and before.isidentifier() and not Path(named).exists():
         raise OptionError(f"{named}: unknown language {before}; known: {known}")
     suffix = Path(named).suffix
-    if suffix and (language := _language(suffix.removeprefix("."))) is not None:
+    if (language := _language(suffix.removeprefix("."))) is not None:
         return language, named
     reason = f"the suffix {suffix} tells no language" if suffix else "without a suffix nobody can tell its language"
     raise OptionError(f"{named}: {reason}; write LANG:{Path(named).name} with LANG one of {known}")

@@ -8,9 +8,7 @@ Where a participant may tie values of several events together, a letter is two e
 state after either, wherever it is, has forgotten which value it was, and whatever other value it had been would be forgotten as well.
 """
 
-from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Hashable, Sequence
 
 from cross_check.letters import Letters
 from cross_check.participants import Participant
@@ -22,38 +20,16 @@ GONE = -1
 """Stands for the state of a participant that is compared no more."""
 
 
-@dataclass(slots=True)
-class Exploration:
-    """What the product has shown, each participant against the first one; `verdicts` counts the prefixes compared for each.
-
-    `differ` gives a shortest distinguishing trace by the place of the participant, `failed` what a monitor raised, `tied` who remembers
-    values. `complete` says that no combination of states was left out; then the others agree on all traces over the letters.
-    """
-
-    combinations: int = 0
-    verdicts: int = 0
-    longest: int = 0
-    complete: bool = False
-    differ: dict[int, tuple[Json, ...]] = field(default_factory=dict)
-    failed: dict[int, Exception] = field(default_factory=dict)
-    tied: set[int] = field(default_factory=set)
-
-
 class _Machine:
     """The reachable states of one participant, numbered as they are met; every step is taken once."""
 
     def __init__(self, participant: Participant, letters: Sequence[Json]) -> None:
+        self.ties = participant.ties
+        self.verdicts: list[Verdict] = []
         self._letters = letters
         self._numbers: dict[Hashable, int] = {}
         self._monitors: list[Monitor] = []
-        self.verdicts: list[Verdict] = []
         self._steps: list[list[int | None]] = []
-        self._participant = participant
-        self.ties = participant.ties
-
-    def start(self) -> int:
-        """The number of the state before any event."""
-        return self._number(self._participant.start())
 
     def step(self, state: int, letter: int) -> int:
         """The number of the state after one more event."""
@@ -61,10 +37,11 @@ class _Machine:
         if after is None:
             monitor = self._monitors[state].fork()
             monitor.step(self._letters[letter])
-            after = self._steps[state][letter] = self._number(monitor)
+            after = self._steps[state][letter] = self.number(monitor)
         return after
 
-    def _number(self, monitor: Monitor) -> int:
+    def number(self, monitor: Monitor) -> int:
+        """The number of the state that a monitor is in."""
         state = (monitor.verdict, monitor.state)
         number = self._numbers.setdefault(state, len(self._monitors))
         if number == len(self._monitors):
@@ -74,87 +51,78 @@ class _Machine:
         return number
 
 
-class _Explorer:
-    """The breadth-first search; traces are kept as back pointers."""
+class Exploration:
+    """What the product has shown, each participant against the first one; `verdicts` counts the prefixes compared for each.
 
-    def __init__(self, participants: Sequence[Participant], letters: Letters) -> None:
-        self.letters = letters.events
-        self.twins = letters.twins
-        self.machines = [_Machine(participant, self.letters) for participant in participants]
-        self.found = Exploration()
-        self._came: list[tuple[int, int]] = [(GONE, GONE)]
+    `differ` gives a shortest distinguishing trace by the place of the participant, `failed` what a monitor raised, `tied` who remembers
+    values. `complete` says that no combination of states was left out; then the others agree on all traces over the letters.
+    """
 
-    def run(self, limit: int) -> Exploration:
+    def __init__(self, participants: Sequence[Participant], letters: Letters, *, limit: int) -> None:
         """Explore until everything is seen, or `limit` combinations."""
-        start = self._compared(tuple(self._tried(n, machine.start) for n, machine in enumerate(self.machines)), ())
-        agenda, known, depth = [start], {start}, [0]
-        complete = start[0] != GONE
+        self.verdicts = 0
+        self.differ: dict[int, tuple[Json, ...]] = {}
+        self.failed: dict[int, Exception] = {}
+        self.tied: set[int] = set()
+        self._letters = letters
+        self._machines = [_Machine(participant, letters.events) for participant in participants]
+        self._came = [(GONE, GONE)]  # for each combination the one before it, and the letter between
+        start = self._start(participants)
+        agenda, known = [start], {start}
+        self.complete = start[0] != GONE
         for position, states in enumerate(agenda):
             if len(agenda) > limit:
-                complete = False
+                self.complete = False
                 break
             if states[0] == GONE or all(state == GONE for state in states[1:]):
                 continue  # nobody is left to compare
-            for letter in range(len(self.letters)):
+            for letter in range(len(letters.events)):
                 after = self._after(position, states, letter)
                 if after not in known:
                     known.add(after)
                     agenda.append(after)
                     self._came.append((position, letter))
-                    depth.append(depth[position] + 1)
-        self.found.combinations, self.found.longest = len(known), max(depth)
-        self.found.complete = complete and 0 not in self.found.failed and 0 not in self.found.tied
-        return self.found
+        self.complete = self.complete and 0 not in self.failed and 0 not in self.tied
+
+    def _start(self, participants: Sequence[Participant]) -> tuple[int, ...]:
+        found = [GONE] * len(participants)
+        for number, (participant, machine) in enumerate(zip(participants, self._machines, strict=True)):
+            try:
+                found[number] = machine.number(participant.start())
+            except Exception as error:  # noqa: BLE001 (a monitor of somebody else may fail in any way; that is no agreement)
+                self.failed[number] = error
+        return self._agreeing(found, GONE, GONE)
 
     def _after(self, position: int, states: tuple[int, ...], letter: int) -> tuple[int, ...]:
         found: list[int] = []
-        for number, (machine, state) in enumerate(zip(self.machines, states, strict=True)):
+        twin = self._letters.twins[letter] if self._letters.twins else letter
+        for number, (machine, state) in enumerate(zip(self._machines, states, strict=True)):
             after = GONE
-            if state != GONE and not self._is_out(number):
-                after = self._tried(number, partial(machine.step, state, letter))
-                twin = self.twins[letter] if self.twins else letter
-                if machine.ties and twin < letter and after != GONE and machine.step(state, twin) != after:
-                    self.found.tied.add(number)
-                    after = GONE
+            if state != GONE and not (number in self.differ or number in self.failed or number in self.tied):
+                try:
+                    after = machine.step(state, letter)
+                    if twin < letter and machine.ties and machine.step(state, twin) != after:
+                        self.tied.add(number)
+                        after = GONE
+                except Exception as error:  # noqa: BLE001 (see above)
+                    self.failed[number] = error
             found.append(after)
-        verdicts = {m.verdicts[s] for m, s in zip(self.machines, found, strict=True) if s != GONE}
-        self.found.verdicts += 1
-        if len(verdicts) <= 1:
-            return tuple(found)
-        return self._compared(tuple(found), (*self._trace(position), self.letters[letter]))
+        self.verdicts += 1
+        return self._agreeing(found, position, letter)
 
-    def _is_out(self, number: int) -> bool:
-        return number in self.found.differ or number in self.found.failed or number in self.found.tied
+    def _agreeing(self, states: list[int], position: int, letter: int) -> tuple[int, ...]:
+        """The states after a letter, without those whose verdict is not that of the first."""
+        if states[0] != GONE:
+            expected = self._machines[0].verdicts[states[0]]
+            for number, state in enumerate(states):
+                if state != GONE and self._machines[number].verdicts[state] is not expected:
+                    states[number] = GONE
+                    self.differ.setdefault(number, self._trace(position, letter))
+        return tuple(states)
 
-    def _tried(self, number: int, step: Callable[[], int]) -> int:
-        """The state after a step; whoever fails is compared no more."""
-        try:
-            return step()
-        except Exception as error:  # noqa: BLE001 (a monitor of somebody else may fail in any way; that is no agreement)
-            self.found.failed[number] = error
-            return GONE
-
-    def _compared(self, states: tuple[int, ...], trace: tuple[Json, ...]) -> tuple[int, ...]:
-        """The states, without those participants whose verdict is not that of the first."""
-        if states[0] == GONE:
-            return states
-        expected = self.machines[0].verdicts[states[0]]
-        kept: list[int] = []
-        for number, (machine, state) in enumerate(zip(self.machines, states, strict=True)):
-            differs = state != GONE and machine.verdicts[state] is not expected
-            if differs:
-                self.found.differ.setdefault(number, trace)
-            kept.append(GONE if differs else state)
-        return tuple(kept)
-
-    def _trace(self, position: int) -> tuple[Json, ...]:
-        letters: list[Json] = []
-        while position:
+    def _trace(self, position: int, letter: int) -> tuple[Json, ...]:
+        events: list[Json] = []
+        while letter != GONE:
+            events.append(self._letters.events[letter])
             position, letter = self._came[position]
-            letters.append(self.letters[letter])
-        return tuple(reversed(letters))
-
-
-def explore(participants: Sequence[Participant], letters: Letters, *, limit: int) -> Exploration:
-    """Compare everybody with the first participant on all traces over the letters; see the module."""
-    return _Explorer(participants, letters).run(limit)
+        return tuple(reversed(events))

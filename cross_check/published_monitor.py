@@ -1,4 +1,4 @@
-"""Many traces through the published monitor in one process.
+"""The participant `rml-published`: the published monitor of RML, many traces in one process, from a checkout that the user names.
 
 Its own `monitor.pl` is not used: it drops into Prolog's toplevel at an exception and then exits with status 0, as if the trace had
 been accepted. `driver.pl` beside this module calls the monitor's transition predicate itself and catches every exception.
@@ -8,15 +8,15 @@ import json
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, Final
 
 from backends.rml.prolog import prolog
-from cross_check.participants import Absent, Answer, Outside
+from cross_check.participants import Answer, Outside, absent_on_error
 from rvaft.backend import backend
-from rvaft.errors import RvaftError, ToolFailed, ToolMissing
+from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -28,16 +28,13 @@ _SWIPL: Final = (
 )
 _CHECKOUT: Final = "clone https://github.com/RMLatDIBRIS/monitor and name that folder"
 _ERROR_LENGTH: Final = 300
-_TIMEOUT: Final = "timeout: "
 
 
-def published_of(part: RVAFT, semantics: Semantics, monitor: Path, *, timeout: float) -> Outside | Absent:
+@absent_on_error
+def published_of(part: RVAFT, semantics: Semantics, monitor: Path, *, timeout: float) -> Outside:
     """The published monitor with the RML text of a tree; absent where that cannot be said, or the folder is no checkout."""
-    try:
-        _swipl(monitor)
-        specification = backend("rml").translate(part, semantics)
-    except RvaftError as error:
-        return Absent(NAME, error)
+    _swipl(monitor)
+    specification = backend("rml").translate(part, semantics)
     return Outside(NAME, lambda traces: run(specification.text, traces, monitor, timeout=timeout), specification)
 
 
@@ -47,25 +44,17 @@ def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: 
     `timeout` is in seconds and for all traces together; those that are not reached have an error. Raises `LanguageError` for
     what is no RML, `ToolMissing` without SWI-Prolog or where the folder is no checkout, `ToolFailed` where the text cannot be loaded.
     """
-    masked = backend("rml").masked
-    deviations = [masked(text, trace) for trace in traces]
-    found = zip(_outcomes(prolog(text), traces, monitor, timeout), deviations, strict=True)
-    return [Answer(*outcome, deviations=known, expired=outcome[1].startswith(_TIMEOUT)) for outcome, known in found]
-
-
-def _outcomes(
-    text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout: float
-) -> Iterator[tuple[tuple[Verdict, ...] | None, str]]:
-    """Verdicts or an error for each trace."""
-    lines, ending = _answers(text, "".join(f"{json.dumps(list(trace))}\n" for trace in traces), monitor, timeout)
+    deviations = [backend("rml").masked(text, trace) for trace in traces]
+    lines, ending, expired = _answers(prolog(text), traces, monitor, timeout)
     loading, *answers = [_answer(line) for line in lines] or [{"error": ending}]
     if "error" in loading:
         raise ToolFailed(NAME, reason=f"it cannot load the specification: {_short(loading['error'])}")
-    for answer in answers:
-        verdicts = answer.get("verdicts")
-        yield (None, _short(answer["error"])) if verdicts is None else (tuple(map(Verdict, verdicts)), "")
-    for _ in traces[len(answers) :]:
-        yield None, ending
+    found = []
+    for answer, known in zip(answers, deviations, strict=False):
+        said = answer.get("verdicts")
+        wrong = _short(answer["error"]) if said is None else ""
+        found.append(Answer(None if said is None else tuple(map(Verdict, said)), wrong, known))
+    return [*found, *(Answer(None, ending, known, expired=expired) for known in deviations[len(answers) :])]
 
 
 def _answer(line: str) -> dict[str, Any]:
@@ -76,26 +65,16 @@ def _answer(line: str) -> dict[str, Any]:
     return found
 
 
-def _answers(text: str, given: str, monitor: Path, timeout: float) -> tuple[list[str], str]:
-    """The complete lines that came out, and why there are no more."""
+def _answers(text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout: float) -> tuple[list[str], str, bool]:
+    """The complete lines that came out, why there are no more, and whether the time was too short."""
     swipl = _swipl(monitor)
-    driver = files(__package__).joinpath("driver.pl")
-    with tempfile.TemporaryDirectory(prefix="rvaft-") as folder, as_file(driver) as script:
+    expired = False
+    with tempfile.TemporaryDirectory(prefix="rvaft-") as folder, as_file(files(__package__) / "driver.pl") as script:
         specification = Path(folder) / "specification.pl"
         specification.write_text(text, encoding="utf-8")
-        command = [
-            swipl,
-            "--stack-limit=256m",
-            "-O",
-            "-f",
-            "none",
-            str(script),
-            "--",
-            str(monitor.resolve()),
-            str(specification),
-        ]
+        options = ["--stack-limit=256m", "-O", "-f", "none", str(script), "--", str(monitor.resolve())]
         with subprocess.Popen(  # noqa: S603
-            command,
+            [swipl, *options, str(specification)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -103,14 +82,15 @@ def _answers(text: str, given: str, monitor: Path, timeout: float) -> tuple[list
             errors="replace",
         ) as process:
             try:
+                given = "".join(f"{json.dumps(list(trace))}\n" for trace in traces)
                 output, complaints = process.communicate(given, timeout=timeout)
                 said = complaints.strip().splitlines() or [f"exit status {process.returncode}"]
                 ending = f"the monitor ended early: {_short(said[0])}"
             except subprocess.TimeoutExpired:
                 process.kill()
                 output, _ = process.communicate()
-                ending = f"{_TIMEOUT}no answer within {timeout:g} s"
-    return output.split("\n")[:-1], ending
+                ending, expired = f"timeout: no answer within {timeout:g} s", True
+    return output.split("\n")[:-1], ending, expired
 
 
 def _swipl(monitor: Path) -> str:
@@ -128,8 +108,3 @@ def _short(message: str) -> str:
     """One line, not too long."""
     line = " ".join(message.split())
     return line if len(line) <= _ERROR_LENGTH else f"{line[:_ERROR_LENGTH]}…"
-
-
-# The participant `rml-published`: the published monitor of RML, run by SWI-Prolog from a checkout that the user names.
-
-__all__ = ["NAME", "published_of", "run"]

@@ -1,13 +1,25 @@
-"""What a comparison says of each participant. Its words are never blurred: proved is not tested, and neither is absence."""
+"""What a comparison says of each participant, and the same for people, spreadsheets and continuous integration.
 
+Its words are never blurred: proved is not tested, and neither is absence.
+"""
+
+import csv
+import io
+import json
+from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib.metadata import version
+from itertools import groupby
+from typing import Final
+from xml.etree import ElementTree as ET
 
 from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.support.terminal import columns
 
 
 class Status(StrEnum):
@@ -43,6 +55,10 @@ class Status(StrEnum):
     def agrees(self) -> bool:
         """Whether verdicts were compared and all were equal."""
         return self in (Status.PROVED, Status.TESTED)
+
+
+_RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
+_SKIPPED: Final = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +120,18 @@ class Result:
             case Status.TESTED:
                 because = f" ({self.why})" if self.why else ""
                 masked = f", {self.masked} masked ({', '.join(self.masks)})" if self.masked else ""
-                traces = "trace" if self.traces == 1 else "traces"
-                return f"tested: {self.traces} {traces} up to length {self.longest}{masked}{because}"
+                traces = f"{self.traces} {_plural('trace', self.traces)}"
+                return f"tested: {traces} up to length {self.longest}{masked}{because}"
             case Status.DIFFERS:
-                length = len(self.difference.trace) if self.difference is not None else 0
-                return f"differs after {length} event{'' if length == 1 else 's'}"
+                length = len(self.difference.trace) if self.difference else 0
+                return f"differs after {length} {_plural('event', length)}"
             case _:
                 return f"{self.status}: {self.why}" if self.why else str(self.status)
+
+    @property
+    def ending(self) -> str:
+        """How it ended, whatever the verdicts were: `ok` for everybody who gave verdicts to the end."""
+        return "ok" if self.status in _RAN else str(self.status)
 
 
 def exit_status(results: Iterable[Result], *, failing: Collection[Status] = ()) -> int:
@@ -124,3 +145,185 @@ def exit_status(results: Iterable[Result], *, failing: Collection[Status] = ()) 
     if any(result.status in failed or result.job not in compared for result in every):
         return 2
     return 1 if any(result.status is Status.DIFFERS for result in every) else 0
+
+
+class Totals:
+    """Counts over all results; `unable` are those that are neither proved nor tested, and do not differ."""
+
+    def __init__(self, results: Iterable[Result]) -> None:
+        every = list(results)
+        self.statuses: dict[tuple[str, Semantics], Counter[Status]] = {}
+        for result in every:
+            self.statuses.setdefault((result.participant, result.job.semantics), Counter())[result.status] += 1
+        self.differing = [result for result in every if result.status is Status.DIFFERS]
+        self.unable = [result for result in every if result.status not in _RAN]
+        self.counts = {
+            "tree": len({result.job.title for result in every}),
+            "comparison": len({result.job for result in every}),
+            "verdict": sum(result.verdicts for result in every),
+            "proof": sum(result.status is Status.PROVED for result in every),
+        }
+        self.masked = sum(result.masked for result in every)
+
+    @property
+    def table(self) -> list[list[str]]:
+        """How often what: a line for each participant, a column for each semantics, in the order they came."""
+        semantics = list(dict.fromkeys(one for _, one in self.statuses))
+        lines = [["participant", *semantics]]
+        for participant in dict.fromkeys(participant for participant, _ in self.statuses):
+            counts = [self.statuses.get((participant, one), Counter()) for one in semantics]
+            cells = (", ".join(f"{status} {one[status]}" for status in Status if one[status]) for one in counts)
+            lines.append([participant, *cells])
+        return lines
+
+    @property
+    def headline(self) -> str:
+        """All in one line."""
+        counted = {**self.counts, "masked trace": self.masked} if self.masked else self.counts
+        said = ", ".join(f"{number:,} {_plural(what, number)}" for what, number in counted.items())
+        if not self.counts["verdict"]:
+            return f"{said}; nothing was compared"
+        differ = len(self.differing)
+        return f"{said}; {f'{differ:,}' if differ else 'no'} {_plural('disagreement', differ or 1)}"
+
+
+def _plural(what: str, number: int) -> str:
+    return what if number == 1 else f"{what}s"
+
+
+# -- for a terminal -------------------------------------------------------------------------------------------------
+
+
+def result_lines(results: Iterable[Result]) -> list[str]:
+    """One line per participant and comparison."""
+    rows = [["TREE", "SEMANTICS", "PARTICIPANT", "SECONDS", "SYMBOLS", "STATES", "RESULT"]]
+    for result in results:
+        named = [result.job.title, result.job.semantics, result.participant, f"{result.seconds:.3f}"]
+        rows.append([*named, *_sizes(result), result.text])
+    return columns(rows)
+
+
+def _sizes(result: Result) -> list[str]:
+    return ["" if size is None else str(size) for size in (result.symbols, result.states)]
+
+
+def summary_lines(totals: Totals) -> list[str]:
+    """One line per participant, with how often what under each semantics."""
+    head, *lines = totals.table
+    return columns([[cell.upper() for cell in head], *lines])
+
+
+def difference_lines(result: Result) -> list[str]:
+    """The trace on which a participant differs, with both verdicts after every event."""
+    found = result.difference
+    if found is None:
+        return []
+    rows = [("EVENT", found.baseline, result.participant)]
+    for event, expected, got in zip(found.trace, found.expected, found.got, strict=True):
+        rows.append((json.dumps(event, ensure_ascii=False), expected.symbol, got.symbol))
+    return columns(rows) if found.trace else ["they differ before any event"]
+
+
+# -- files: each form takes the results and a note, which is what else there is to say -----------------------------------
+
+
+def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 (a table has no room for it)
+    """One row per participant and comparison; the columns are those of Spot's `ltlcross` where they mean the same."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    named = ["tree", "semantics", "participant", "exit_status", "seconds"]
+    writer.writerow([*named, "symbols", "states", "verdicts", "result"])
+    for result in results:
+        row = [result.job.title, result.job.semantics, result.participant, result.ending, f"{result.seconds:.6f}"]
+        writer.writerow([*row, *_sizes(result), result.verdicts, result.text])
+    return stream.getvalue()
+
+
+def json_text(results: Iterable[Result], note: str = "") -> str:
+    """The totals and every result, with the traces that show differences."""
+    every = list(results)
+    totals = Totals(every)
+    counts = {**{f"{what}s": number for what, number in totals.counts.items()}, "disagreements": len(totals.differing)}
+    found = {"version": version("rvaft"), "note": note, "totals": counts, "results": [_object(one) for one in every]}
+    return json.dumps(found, indent=1) + "\n"
+
+
+def _object(result: Result) -> dict[str, Json]:
+    found = result.difference
+    names = ["symbols", "states", "verdicts", "traces", "longest", "masked", "masks"]
+    return {
+        "tree": result.job.name,
+        "branch": result.job.branch,
+        "kind": result.job.kind,
+        "semantics": result.job.semantics,
+        "participant": result.participant,
+        "status": result.status,
+        "exit_status": result.ending,
+        "seconds": round(result.seconds, 6),
+        **{name: getattr(result, name) for name in names},
+        "result": result.text,
+        "difference": found and {name: getattr(found, name) for name in ("trace", "baseline", "expected", "got")},
+    }
+
+
+def junit_text(results: Iterable[Result], note: str = "") -> str:
+    """For continuous integration, as tests: one suite per tree and semantics, one test case per participant.
+
+    A disagreement is a failure, what could not run an error, and what a language cannot say or is too large is skipped.
+    """
+    root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
+    for job, group in groupby(results, key=lambda result: result.job):
+        cases = [(case, _junit_kind(case.status)) for case in group]
+        suite = ET.SubElement(root, "testsuite", name=_printable(f"{job.title} ({job.semantics})"))
+        suite.set("tests", str(len(cases)))
+        for name, kind in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+            suite.set(name, str(sum(one == kind for _, one in cases)))
+        suite.set("time", f"{sum(case.seconds for case, _ in cases):.3f}")
+        for case, kind in cases:
+            classname = _printable(f"{job.title}.{job.semantics}")
+            made = ET.SubElement(suite, "testcase", name=_printable(case.participant), classname=classname)
+            made.set("time", f"{case.seconds:.3f}")
+            if kind:
+                said = ET.SubElement(made, kind, message=_printable(case.text))
+                said.text = _printable("\n".join(difference_lines(case))) or None
+    ET.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+def _junit_kind(status: Status) -> str:
+    if status in _RAN:
+        return "failure" if status is Status.DIFFERS else ""
+    return "skipped" if status in _SKIPPED else "error"
+
+
+def _printable(text: str) -> str:
+    """The text without the control characters that XML cannot hold."""
+    return "".join(c if c in "\t\n" or (c.isprintable() or ord(c) > 0x9F) else "\ufffd" for c in text)
+
+
+def markdown_text(results: Iterable[Result], note: str = "") -> str:
+    """The totals as a table, then each disagreement with its trace, then what could not be compared."""
+    totals = Totals(results)
+    lines = ["## rvaft cross-check", "", f"{'; '.join(filter(None, [totals.headline, note]))}.", ""]
+    if not totals.statuses:
+        return "\n".join(lines)
+    head, *rows = totals.table
+    lines += [f"| {' | '.join(map(_cell, row))} |" for row in (head, ["---"] * len(head), *rows)]
+    for result in totals.differing:
+        lines += ["", f"### {_cell(_named(result))}", "", *(f"    {line}" for line in difference_lines(result))]
+    if totals.unable:
+        lines += ["", "### Not compared", ""]
+        lines += [f"- {_cell(f'{_named(result)}: {result.text}')}" for result in totals.unable]
+    return "\n".join(lines) + "\n"
+
+
+def _named(result: Result) -> str:
+    return f"{result.participant}: {result.job.title} ({result.job.semantics})"
+
+
+def _cell(text: str) -> str:
+    """The text in one line and without meaning in Markdown or HTML."""
+    plain = " ".join(text.split())
+    for sign in "\\|`*_<>[]":
+        plain = plain.replace(sign, f"\\{sign}")
+    return plain

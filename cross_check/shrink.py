@@ -2,7 +2,7 @@
 
 Greedy, to a fixpoint: of the candidates that the reductions offer, in a fixed order, the first that still disagrees is taken, and
 the reductions are asked again, until none of their candidates disagrees. Only a smaller pair is ever taken, by a measure of
-natural numbers compared from the left (`Pair.measure`), so this ends, and the same input gives the same result.
+natural numbers compared from the left (`_Pair.measure`), so this ends, and the same input gives the same result.
 The idea is delta debugging: A. Zeller, R. Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE TSE 28(2), 2002.
 
 A reduction changes one part of the tree. What served a node whose runtime event it changed may have to change as well, so every
@@ -11,17 +11,16 @@ smaller tree comes with several traces (`_followed`).
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
 from itertools import chain, count, islice
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from rvaft.errors import OptionError, RvaftError, TreeError
 from rvaft.model.guards import JUNCTIONS, Guard, Operation
-from rvaft.model.guards import substitute as substitute_guard
-from rvaft.model.nodes import Argument, Causality, EventType, Gate, Ignore, Node, On
+from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Node, On
 from rvaft.model.patterns import (
     Anything,
     ListPattern,
@@ -32,14 +31,10 @@ from rvaft.model.patterns import (
     match,
     substitute,
     variables,
-    walk,
 )
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, Scalar
 from rvaft.rules import require_valid
-
-Disagrees: TypeAlias = Callable[[RVAFT, list[Json]], bool]
-Path: TypeAlias = tuple[str | int, ...]
 
 DEFAULT_STEPS: Final = 2_000
 """How often a tree and a trace are tried."""
@@ -51,8 +46,12 @@ class NotReproduced(RvaftError, ValueError):
     """There is nothing to shrink: the tree and the trace that were given do not show a disagreement."""
 
 
+class _OutOfSteps(Exception):
+    """The disagreement was asked for as often as it may be."""
+
+
 def shrink(
-    tree: RVAFT, trace: Iterable[Json], disagrees: Disagrees, *, steps: int = DEFAULT_STEPS
+    tree: RVAFT, trace: Iterable[Json], disagrees: Callable[[RVAFT, list[Json]], bool], *, steps: int = DEFAULT_STEPS
 ) -> tuple[RVAFT, list[Json]]:
     """A smallest tree and trace on which `disagrees` is still true, no single reduction of which is left to make.
 
@@ -75,69 +74,48 @@ def shrink(
     if tree.restricted:
         raise OptionError("a part of a tree cannot be shrunk: shrink the whole tree, and take the part in each step")
     require_valid(tree)
-    search = _Reducing(Pair.of(tree, trace), disagrees, steps)
-    if not search.holds(search.pair):
-        raise NotReproduced("there is no disagreement on this tree and trace, so there is nothing to shrink")
-    search.run()
-    return search.pair.tree, list(search.pair.trace)
+    pair, left, tried = _Pair.of(tree, trace), steps, set[bytes]()
 
-
-class _OutOfSteps(Exception):
-    """`disagrees` was asked as often as it may be."""
-
-
-@dataclass(slots=True)
-class _Reducing:
-    """The smallest pair so far, and what has been tried."""
-
-    pair: "Pair"
-    disagrees: Disagrees
-    steps: int
-    failed: set[bytes] = field(default_factory=set)
-
-    def run(self) -> None:
-        """Reduce to a fixpoint, or until the steps are used up."""
-        before = None
-        try:
-            while before is not self.pair:
-                before = self.pair
-                for reduction in REDUCTIONS:
-                    self._exhaust(reduction)
-        except _OutOfSteps:
-            pass
-
-    def _exhaust(self, reduction: "Reduction") -> None:
-        """Take what one reduction offers. After a success go on where it was: what failed before will mostly fail again."""
-        tried = 0
-        candidates = reduction(self.pair)
-        while (candidate := next(candidates, None)) is not None:
-            if self._takes(candidate):
-                candidates = islice(reduction(self.pair), tried, None)
-            else:
-                tried += 1
-
-    def _takes(self, candidate: "Pair") -> bool:
-        if candidate.measure >= self.pair.measure or candidate.key in self.failed:
-            return False
-        if candidate.valid and self.holds(candidate):
-            self.pair = candidate
-            return True
-        self.failed.add(candidate.key)
-        return False
-
-    def holds(self, candidate: "Pair") -> bool:
-        """Whether the pair disagrees."""
-        if self.steps == 0:
+    def holds(candidate: _Pair) -> bool:
+        nonlocal left
+        if left == 0:
             raise _OutOfSteps
-        self.steps -= 1
+        left -= 1
         try:
-            return self.disagrees(candidate.tree, list(candidate.trace))
+            return disagrees(candidate.tree, list(candidate.trace))
         except RvaftError:
             return False
 
+    def takes(candidate: _Pair) -> bool:
+        nonlocal pair
+        if candidate.measure >= pair.measure or candidate.key in tried:
+            return False
+        tried.add(candidate.key)
+        if not candidate.valid or not holds(candidate):
+            return False
+        pair = candidate
+        return True
+
+    if not holds(pair):
+        raise NotReproduced("there is no disagreement on this tree and trace, so there is nothing to shrink")
+    before = None
+    try:
+        while before is not pair:
+            before = pair
+            for reduction in _REDUCTIONS:
+                failed, candidates = 0, reduction(pair)
+                while (candidate := next(candidates, None)) is not None:
+                    if takes(candidate):  # go on where it was: what failed before will mostly fail again
+                        candidates = islice(reduction(pair), failed, None)
+                    else:
+                        failed += 1
+    except _OutOfSteps:
+        pass
+    return pair.tree, list(pair.trace)
+
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class _Pair:
     """A tree taken apart, and a trace.
 
     `patterns` are the runtime events that nodes have of their own, with their arguments filled in. Those that the tree was given with
@@ -154,7 +132,7 @@ class Pair:
     whole: RVAFT | None = None
 
     @classmethod
-    def of(cls, tree: RVAFT, trace: Iterable[Json]) -> "Pair":
+    def of(cls, tree: RVAFT, trace: Iterable[Json]) -> "_Pair":
         """Take a whole tree apart."""
         calls = [node.on for node in tree.nodes.values()] + [ignore.on for ignore in tree.ignores]
         return cls(
@@ -182,7 +160,7 @@ class Pair:
         used: dict[str, EventType] = {}
 
         def call(pattern: Pattern) -> On:
-            on, event = self.calls.get(repr(pattern)) or _called(pattern, used, self.calls)
+            on, event = self.calls.get(repr(pattern)) or self._called(pattern, used)
             used[event.name] = event
             return on
 
@@ -190,6 +168,21 @@ class Pair:
         nodes = [replace(node, on=own.get(name)) for name, node in self.nodes.items()]
         ignores = [Ignore(call(pattern), when) for pattern, when in self.ignores]
         return RVAFT(self.root, nodes, used.values(), ignores=ignores, causality=self.causality)
+
+    def _called(self, pattern: Pattern, used: Mapping[str, EventType]) -> tuple[On, EventType]:
+        """A pattern as a call of an event type: one of those used that is like it, or a new one.
+
+        Its variables become parameters; a local one is a parameter that stands more than once, called with `_`.
+        """
+        names = variables(pattern)
+        parameters = tuple(f"p{number}" if len(names) > 1 else "p" for number, _ in enumerate(names, 1))
+        shape = substitute(pattern, dict(zip(names, map(Variable, parameters), strict=True)))
+        known = {*used, *(event.name for _, event in self.calls.values())}
+        fresh = next(name for number in count() if (name := f"e{number or ''}") not in known)
+        alike = (event for event in used.values() if (event.parameters, event.pattern) == (parameters, shape))
+        event = next(alike, EventType(fresh, parameters, shape))
+        arguments = (Anything() if name.startswith("_") else Variable(name) for name in names)
+        return On(event.name, tuple(arguments)), event
 
     @property
     def valid(self) -> bool:
@@ -213,11 +206,11 @@ class Pair:
         guards = [when for when in (*(node.when for node in nodes), *(when for _, when in self.ignores)) if when]
         gates = sum(1 + list(Gate).index(node.gate) + (node.threshold or 0) for node in nodes if node.gate)
         notes = sum((node.kind is not None) + (node.label is not None) + len(node.attributes) for node in nodes)
-        terms = sum(2 + sum(map(_part_size, walk(pattern))) for pattern in patterns) + sum(map(_guard_size, guards))
+        terms = 2 * len(patterns) + len(guards) + sum(map(_size, (*patterns, *guards)))
         return (
             len(self.nodes) + 2 * sum(number - 1 for number in parents.values()),
             len(self.trace),
-            gates + notes + terms + len(guards) + len(self.ignores) + list(Causality).index(self.causality),
+            gates + notes + terms + len(self.ignores) + list(Causality).index(self.causality),
             len(json.dumps(self.trace)),
         )
 
@@ -234,98 +227,79 @@ class Pair:
 
     def having(
         self, *nodes: Node, root: str | None = None, patterns: Mapping[str, Pattern | None] | None = None
-    ) -> "Pair":
+    ) -> "_Pair":
         """With these nodes in place of those of the same name, and another root, without what that does not reach."""
         every = {**self.nodes, **{node.name: node for node in nodes}}
-        root = root or self.root
-        reached = set(reachable(root, lambda name: every[name].children))
-        kept = {name: node for name, node in every.items() if name in reached}
-        own = {
-            name: p for name, p in {**self.patterns, **(patterns or {})}.items() if name in reached and p is not None
-        }
-        return replace(self, root=root, nodes=kept, patterns=own, whole=None)
+        reached = set(reachable(root or self.root, lambda name: every[name].children))
+        own = {**self.patterns, **(patterns or {})}
+        return replace(
+            self,
+            root=root or self.root,
+            nodes={name: node for name, node in every.items() if name in reached},
+            patterns={name: pattern for name, pattern in own.items() if name in reached and pattern is not None},
+            whole=None,
+        )
 
-    def ignoring(self, index: int, *ignores: tuple[Pattern, Guard | None]) -> "Pair":
-        """With these declarations in place of one of what is ignored."""
-        return replace(self, ignores=(*self.ignores[:index], *ignores, *self.ignores[index + 1 :]), whole=None)
-
-    def with_events_at(self, index: int, *events: Json) -> "Pair":
+    def with_events_at(self, index: int, *events: Json) -> "_Pair":
         """With these events in place of one of the trace."""
-        return replace(self, trace=(*self.trace[:index], *events, *self.trace[index + 1 :]))
+        return replace(self, trace=_spliced(self.trace, index, *events))
 
 
-def _called(
-    pattern: Pattern, used: Mapping[str, EventType], taken: Mapping[str, tuple[On, EventType]]
-) -> tuple[On, EventType]:
-    """A pattern as a call of an event type: one of those used that is like it, or a new one.
-
-    Its variables become parameters; a local one is a parameter that stands more than once, called with `_`.
-    """
-    names = variables(pattern)
-    parameters = tuple(f"p{number}" if len(names) > 1 else "p" for number, _ in enumerate(names, 1))
-    shape = substitute(pattern, dict(zip(names, map(Variable, parameters), strict=True)))
-    arguments: list[Argument] = [Anything() if name.startswith("_") else Variable(name) for name in names]
-    known = {*used, *(event.name for _, event in taken.values())}
-    fresh = next(name for number in count() if (name := f"e{number or ''}") not in known)
-    alike = (event for event in used.values() if (event.parameters, event.pattern) == (parameters, shape))
-    event = next(alike, EventType(fresh, parameters, shape))
-    return On(event.name, tuple(arguments)), event
+def _spliced(items: Sequence[Any], index: int, *new: Any) -> tuple[Any, ...]:
+    """The items with others in place of one."""
+    return (*items[:index], *new, *items[index + 1 :])
 
 
-# -- terms and values ---------------------------------------------------------------------------------------------
+# -- patterns, guards and events have parts, and so on inwards ----------------------------------------------------------
+
+_WEIGHTS: Final = {Anything: 1, Literal: 2, Variable: 3}
 
 
-def _part_size(part: Pattern) -> int:
-    """Fields and items count too, so a pattern is larger than any part of it."""
-    match part:
-        case Anything():
-            return 1
-        case Literal():
-            return 2
-        case Variable():
-            return 3
-        case ObjectPattern(parts) | ListPattern(parts):
-            return 1 + len(parts)
-
-
-def _guard_size(guard: Guard) -> int:
-    """Operators and operands; a variable counts more than a literal."""
-    return 1 + sum(map(_guard_size, guard.operands)) if isinstance(guard, Operation) else _part_size(guard) - 1
-
-
-def _smaller_guards(guard: Guard) -> Iterator[Guard]:
-    """`true` or `false`, an operand for an operation, a conjunction or disjunction without one operand; here or further in."""
-    yield Literal(True)
-    yield Literal(False)
-    if not isinstance(guard, Operation):
-        return
-    yield from guard.operands
-    for index, operand in enumerate(guard.operands):
-        before, after = guard.operands[:index], guard.operands[index + 1 :]
-        if guard.operator in JUNCTIONS and len(guard.operands) > 2:
-            yield replace(guard, operands=(*before, *after))
-        yield from (replace(guard, operands=(*before, part, *after)) for part in _smaller_guards(operand))
-
-
-def _smaller_patterns(pattern: Pattern, *, outermost: bool = True) -> Iterator[Pattern]:
-    """A pattern without a field or an item, with `_` or a literal for a part; the outermost stays an object."""
-    if not outermost:
-        yield Anything()
-    match pattern:
-        case Variable():
-            yield from map(Literal, PLAIN)
+def _opened(whole: Any) -> tuple[list[tuple[Any, Any]], Callable[[Iterable[tuple[Any, Any]]], Any]]:
+    """The parts of a pattern, a guard or an event by name or number, and what makes such a thing of parts."""
+    match whole:
+        case dict():
+            return list(whole.items()), dict
+        case list():
+            return list(enumerate(whole)), lambda parts: [part for _, part in parts]
         case ObjectPattern(fields):
-            for index, (name, inner) in enumerate(fields):
-                before, after = fields[:index], fields[index + 1 :]
-                yield ObjectPattern((*before, *after))
-                for part in _smaller_patterns(inner, outermost=False):
-                    yield ObjectPattern((*before, (name, part), *after))
+            return list(fields), lambda parts: ObjectPattern(tuple(parts))
         case ListPattern(items):
-            for index, inner in enumerate(items):
-                for parts in ((), *((part,) for part in _smaller_patterns(inner, outermost=False))):
-                    yield ListPattern((*items[:index], *parts, *items[index + 1 :]))
+            return list(enumerate(items)), lambda parts: ListPattern(tuple(part for _, part in parts))
+        case Operation(operator, operands):
+            return list(enumerate(operands)), lambda parts: Operation(operator, tuple(part for _, part in parts))
         case _:
-            pass
+            return [], lambda _: whole
+
+
+def _size(term: Any) -> int:
+    """Fields, items and operands count too, so a term is larger than any part of it."""
+    parts, _ = _opened(term)
+    return _WEIGHTS.get(type(term), 1 + len(parts)) + sum(_size(part) for _, part in parts)
+
+
+def _smaller(whole: Any, simpler: Callable[[Any], Iterable[Any]]) -> Iterator[Any]:
+    """Without one of its parts, if it can be, or with a simpler one in its place; here or further in."""
+    parts, made = _opened(whole)
+    shrinks = not isinstance(whole, Operation) or (whole.operator in JUNCTIONS and len(parts) > 2)
+    for index, (name, part) in enumerate(parts):
+        if shrinks:
+            yield made(_spliced(parts, index))
+        for other in chain(simpler(part), _smaller(part, simpler)):
+            yield made(_spliced(parts, index, (name, other)))
+
+
+def _smaller_patterns(pattern: Pattern) -> Iterator[Pattern]:
+    return _smaller(pattern, lambda part: [Anything(), *(map(Literal, PLAIN) if isinstance(part, Variable) else ())])
+
+
+def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
+    """No guard, `true` or `false`, an operand for an operation, a conjunction or disjunction without one operand."""
+
+    def simpler(part: Guard) -> list[Guard]:
+        return [Literal(True), Literal(False), *(part.operands if isinstance(part, Operation) else ())]
+
+    return iter(()) if guard is None else chain([None], simpler(guard), _smaller(guard, simpler))
 
 
 def _fitted(pattern: Pattern, binding: Mapping[str, Json], value: Json) -> Json:
@@ -338,39 +312,19 @@ def _fitted(pattern: Pattern, binding: Mapping[str, Json], value: Json) -> Json:
         case Anything():
             return value
         case ObjectPattern(fields):
-            there = value if isinstance(value, Mapping) else {}
+            there = value if isinstance(value, dict) else {}
             return {**there, **{name: _fitted(inner, binding, there.get(name, 0)) for name, inner in fields}}
         case ListPattern(items):
-            list_there = value if isinstance(value, list) else []
-            found = [*list_there, *[0] * len(items)]
-            return [_fitted(item, binding, inner) for item, inner in zip(items, found, strict=False)]
+            known = [*(value if isinstance(value, list) else ()), *[0] * len(items)]
+            return [_fitted(item, binding, inner) for item, inner in zip(items, known, strict=False)]
 
 
-def _places(event: Json) -> Iterator[Path]:
-    """The paths to every value inside an event, outer ones first."""
-    inner = event.items() if isinstance(event, dict) else enumerate(event) if isinstance(event, list) else ()
-    for step, value in inner:
-        yield (step,)
-        yield from ((step, *path) for path in _places(value))
+# -- reductions: candidates to go on with, in a fixed order; those that are not smaller, or no trees, are not tried -------
+
+Reduction: TypeAlias = Callable[[_Pair], Iterator[_Pair]]
 
 
-def _put(event: Json, path: Path, *values: Json) -> Json:
-    """A copy of an event with another value at a place, or without the field or item there."""
-    step, *below = path
-    new = [_put(event[step], tuple(below), *values)] if below else values
-    if isinstance(event, list):
-        return [*event[: int(step)], *new, *event[int(step) + 1 :]]
-    others = {name: value for name, value in event.items() if name != step}
-    return others if not new else {name: new[0] if name == step else value for name, value in event.items()}
-
-
-# -- reductions ---------------------------------------------------------------------------------------------------
-
-Reduction: TypeAlias = Callable[[Pair], Iterator[Pair]]
-"""Candidates to go on with instead of a pair, in a fixed order. Those that are not smaller, or no trees, are not tried."""
-
-
-def _followed(before: Pair, after: Pair) -> Iterator[Pair]:
+def _followed(before: _Pair, after: _Pair) -> Iterator[_Pair]:
     """A smaller tree with the trace as it is, and with events that follow what has become of the runtime events they matched.
 
     What matched a runtime event that is gone leaves, what matched one that is another now is changed to match it: all of it, then
@@ -381,25 +335,19 @@ def _followed(before: Pair, after: Pair) -> Iterator[Pair]:
     every: dict[int, tuple[Json, ...]] = {}
     for name in dict.fromkeys((*before.nodes, *after.nodes)):
         old, new = before.pattern(name), after.pattern(name)
-        if old == new:
-            continue
-        for index, event in enumerate(before.trace):
+        for index, event in enumerate(before.trace if old != new else ()):
             binding = {} if old is None else match(old, event, {})
             if binding is not None:
                 fitting = () if new is None else (_fitted(new, binding, {}), _fitted(new, binding, event))
                 single += [(index, (event,)) for event in fitting] or [(index, ())]
                 if old is not None:
-                    every[index] = fitting
-    for version in (0, 1):
-        changed = (every[i][version : version + 1] if i in every else (event,) for i, event in enumerate(before.trace))
-        yield replace(after, trace=tuple(chain.from_iterable(changed)))
-    kept = [pattern for name in after.nodes if (pattern := after.pattern(name)) is not None]
-    needed = {i for i in every if any(match(pattern, before.trace[i], {}) is not None for pattern in kept)}
-    yield replace(after, trace=tuple(e for i, e in enumerate(before.trace) if i not in every or i in needed))
+                    every[index] = fitting[1:]
+    changed = (every.get(index, (event,)) for index, event in enumerate(before.trace))
+    yield replace(after, trace=tuple(chain.from_iterable(changed)))
     yield from (after.with_events_at(index, *events) for index, events in single)
 
 
-def _shorter_trace(pair: Pair) -> Iterator[Pair]:
+def _shorter_trace(pair: _Pair) -> Iterator[_Pair]:
     """Without a run of events: half of them, then shorter and shorter runs down to single events, the last first."""
     size = length = len(pair.trace)
     while size:
@@ -408,7 +356,7 @@ def _shorter_trace(pair: Pair) -> Iterator[Pair]:
         size //= 2
 
 
-def _fewer_nodes(pair: Pair) -> Iterator[Pair]:
+def _fewer_nodes(pair: _Pair) -> Iterator[_Pair]:
     """Another root, a child in its gate's place, a leaf for a gate, a gate without one of its children (with K, and with one less)."""
     for name in pair.order:
         yield from _followed(pair, pair.having(root=name))
@@ -429,85 +377,57 @@ def _fewer_nodes(pair: Pair) -> Iterator[Pair]:
 
 def _instead(parent: Node, name: str, *children: str) -> Node:
     """The parent with these children for one of its children, each once."""
-    after = chain.from_iterable(children if old == name else (old,) for old in parent.children)
-    kept = tuple(dict.fromkeys(after))
+    kept = tuple(dict.fromkeys(_spliced(parent.children, parent.children.index(name), *children)))
     return replace(parent, children=kept, threshold=parent.threshold and min(parent.threshold, len(kept)))
 
 
-def _fewer_notes(pair: Pair) -> Iterator[Pair]:
-    """No label, attributes and kind, at all or at one node; causality as it is by default, with the trace as it is or turned round."""
+def _fewer_notes(pair: _Pair) -> Iterator[_Pair]:
+    """No label, attributes and kind, at all or at one node; causality as it is by default."""
     bare = [replace(node, kind=None, label=None, attributes=()) for node in pair.nodes.values()]
     yield pair.having(*bare)
     yield from map(pair.having, bare)
-    turned = replace(pair, causality=Causality.TOP_DOWN, whole=None)
-    yield turned
-    yield replace(turned, trace=turned.trace[::-1])
+    yield replace(pair, causality=Causality.TOP_DOWN, whole=None)
 
 
-def _simpler_gates(pair: Pair) -> Iterator[Pair]:
-    """A simpler gate for a gate, with its children as they are or turned round, or a smaller K."""
+def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
+    """No guard or a smaller one, no runtime event or a smaller one; the same of what is ignored, or none of that."""
+    for name in pair.order:
+        node, pattern = pair.nodes[name], pair.patterns.get(name)
+        for guard in _smaller_guards(node.when):
+            yield from _followed(pair, pair.having(replace(node, when=guard)))
+        if pattern is not None:
+            yield from _followed(pair, pair.having(patterns={name: None}))
+            for smaller in _smaller_patterns(pattern):
+                yield from _followed(pair, pair.having(patterns={name: smaller}))
+    for index, (pattern, when) in enumerate(pair.ignores):
+        guarded = ((pattern, guard) for guard in _smaller_guards(when))
+        for ignores in chain([()], zip(guarded), (((smaller, when),) for smaller in _smaller_patterns(pattern))):
+            yield replace(pair, ignores=_spliced(pair.ignores, index, *ignores), whole=None)
+
+
+def _simpler_gates(pair: _Pair) -> Iterator[_Pair]:
+    """A simpler gate for a gate, or a smaller K."""
     for name in pair.order:
         node = pair.nodes[name]
         for gate in list(Gate)[: list(Gate).index(node.gate)] if node.gate else ():
-            for children in (node.children, node.children[::-1]):
-                yield pair.having(replace(node, gate=gate, threshold=None, children=children))
+            yield pair.having(replace(node, gate=gate, threshold=None))
         for threshold in range(1, node.threshold or 1):
             yield pair.having(replace(node, threshold=threshold))
 
 
-def _smaller_terms(pair: Pair) -> Iterator[Pair]:
-    """No guard or a smaller one, no runtime event or a smaller one; the same of what is ignored, or none of that."""
-    for name in pair.order:
-        node, pattern = pair.nodes[name], pair.patterns.get(name)
-        guards = [] if node.when is None else [None, *_smaller_guards(node.when)]
-        for guard in guards:
-            yield from _followed(pair, pair.having(replace(node, when=guard)))
-        if pattern is not None:
-            yield from _followed(pair, pair.having(patterns={name: None}))
-            yield from _followed(pair, pair.having(replace(node, when=None), patterns={name: None}))
-            for smaller in _smaller_patterns(pattern):
-                yield from _followed(pair, pair.having(patterns={name: smaller}))
-    for index, (pattern, when) in enumerate(pair.ignores):
-        yield pair.ignoring(index)
-        yield from (
-            pair.ignoring(index, (pattern, g)) for g in ([] if when is None else [None, *_smaller_guards(when)])
-        )
-        yield from (pair.ignoring(index, (smaller, when)) for smaller in _smaller_patterns(pattern))
-
-
-def _constants(pair: Pair) -> Iterator[Pair]:
-    """A literal for a variable, wherever that stands: what the trace gives it, or a plain one."""
-    values: dict[str, list[Scalar]] = {}
-    for pattern in pair.patterns.values():
-        for name in variables(pattern):
-            found = (match(pattern, event, {}) for event in pair.trace)
-            given = [binding[name] for binding in found if binding is not None]
-            values.setdefault(name, []).extend(v for v in given if not isinstance(v, dict | list))
-    for name, known in values.items():
-        for value in {repr(value): value for value in (*known, *PLAIN)}.values():
-            by = {name: Literal(value)}
-            nodes = [replace(node, when=node.when and substitute_guard(node.when, by)) for node in pair.nodes.values()]
-            yield pair.having(*nodes, patterns={n: substitute(old, by) for n, old in pair.patterns.items()})
-
-
-def _smaller_events(pair: Pair) -> Iterator[Pair]:
-    """An event with nothing in it, without a field or item, or with a simpler value."""
+def _smaller_events(pair: _Pair) -> Iterator[_Pair]:
+    """An event without a field or item, or with a simpler value."""
     for index, event in enumerate(pair.trace):
-        yield pair.with_events_at(index, {})
-        for path in _places(event):
-            yield pair.with_events_at(index, _put(event, path))
-            for plain in PLAIN:
-                yield pair.with_events_at(index, _put(event, path, plain))
+        for smaller in _smaller(event, lambda _: PLAIN):
+            yield pair.with_events_at(index, smaller)
 
 
-REDUCTIONS: tuple[Reduction, ...] = (
+_REDUCTIONS: Final[tuple[Reduction, ...]] = (
     _shorter_trace,
     _fewer_nodes,
-    _shorter_trace,
     _fewer_notes,
     _smaller_terms,
     _simpler_gates,
-    _constants,
     _smaller_events,
 )
 """All of them, those first that take most away."""

@@ -1,13 +1,13 @@
 """The traces of a comparison: words over the letters, and random traces that are led through a scenario and then disturbed."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import chain, product
 from random import Random
 from typing import Final, TypeAlias
 
-from cross_check.generate import NoTraceFound, disturbed, guided, with_constant
+from cross_check.generate import WILD, NoTraceFound, disturbed, guided, with_constant
 from cross_check.generate.traces import random_trace
 from cross_check.letters import Letters, letters, with_twins
 from cross_check.participants import Participant, literals
@@ -45,75 +45,58 @@ class Effort:
     seed: str = "0"
 
 
-@dataclass(frozen=True, slots=True)
-class Trials:
-    """What to try on the part of a tree that is compared, for these participants; the same for the same seed."""
+def trials(
+    part: RVAFT, job: Job, effort: Effort, participants: Sequence[Participant], *, words: bool
+) -> Iterator[Trace]:
+    """What to try on the part of a tree that is compared; the same for the same seed.
 
-    part: RVAFT
-    job: Job
-    effort: Effort
-    participants: Sequence[Participant]
-
-    def traces(self, *, words: bool) -> Iterator[Trace]:
-        """All words up to some length over the letters, if they are wanted, and random traces."""
-        if words:
-            yield from self._words()
-        trees = [self.part, *(participant.tree for participant in self.participants if participant.tree is not None)]
-        seed = f"{self.effort.seed} {self.job.title} {self.job.semantics}"
-        random = Random(seed.encode(errors="surrogateescape"))  # noqa: S311 (no secret)
-        values, constants = self._values(trees)
-        for number in range(self.effort.traces):
-            tree = trees[number // 4 % len(trees)]
-            trace = None if number % 4 == 0 else self._guided(random, tree)
-            if trace is None:
-                yield random_trace(random, tree, max_length=min(self._longest, SHORTEST))
-            elif number % 4 == 1:
-                yield trace
-            elif number % 4 == 2:
-                yield disturbed(random, trace, tree, values)
-            else:
-                yield with_constant(random, trace, constants) or disturbed(random, trace, tree, values)
-
-    @property
-    def _longest(self) -> int:
-        return self.effort.length or max(SHORTEST, min(least_events(self.part) + 2, LONGEST))
-
-    def _words(self) -> Iterator[Trace]:
-        """All sequences of letters, shorter before longer, as long as there are not too many events in them."""
+    All words up to some length over the letters, if they are wanted, and random traces.
+    """
+    longest = effort.length or max(SHORTEST, min(least_events(part) + 2, LONGEST))
+    if words:
+        yield from _words(participants, effort.words, longest)
+    random = Random(f"{effort.seed} {job.title} {job.semantics}".encode(errors="surrogateescape"))  # noqa: S311 (no secret)
+    trees = [part, *(participant.tree for participant in participants if participant.tree is not None)]
+    questions = [question for participant in participants for question in participant.observed or ()]
+    guards = [node.when for tree in trees for node in tree.top_down() if node.when is not None]
+    guards += [question.when for question in questions if question.when is not None]
+    constants = [value for guard in guards for value in literals(Observed(Anything(), guard))]
+    values = [value for question in questions for value in literals(Observed(question.pattern))] + constants
+    manner = replace(WILD, longest=longest, attempts=5)
+    for number in range(effort.traces):
+        tree = trees[number // 4 % len(trees)]
         try:
-            alphabet = letters_of(participant.observed or () for participant in self.participants).events
-        except TooLarge:
-            return
-        length, many, longest = 0, 1, self._longest
-        while many * len(alphabet) * (length + 1) <= self.effort.words and length < longest:
-            length, many = length + 1, many * len(alphabet)
-        for size in range(length + 1 if length else 0):
-            yield from product(alphabet, repeat=size)
-
-    def _guided(self, random: Random, tree: RVAFT) -> list[Json] | None:
-        """A trace that is led through a scenario, where one is found."""
-        try:
-            return guided(random, tree, self.job.semantics, longest=self._longest, attempts=5)
+            trace = None if number % 4 == 0 else guided(random, tree, job.semantics, manner)
         except NoTraceFound:
-            return None
-
-    def _values(self, trees: Sequence[RVAFT]) -> tuple[list[Json], list[Json]]:
-        """What all participants compare with: everything, and the constants of guards alone."""
-        questions = [question for participant in self.participants for question in participant.observed or ()]
-        guards = [node.when for tree in trees for node in tree.top_down() if node.when is not None]
-        guards += [question.when for question in questions if question.when is not None]
-        constants = [value for guard in guards for value in literals(Observed(Anything(), guard))]
-        return [v for question in questions for v in literals(Observed(question.pattern))] + constants, constants
-
-
-def letters_of(observed: Iterable[Iterable[Observed]]) -> Letters:
-    """The letters of several participants together, as far as there are any; raises `TooLarge`."""
-    return _remembered(frozenset(chain.from_iterable(observed)), proof=False)
+            trace = None
+        if trace is None:
+            yield random_trace(random, tree, max_length=min(longest, SHORTEST))
+        elif number % 4 == 1:
+            yield trace
+        else:
+            edited = None if number % 4 == 2 else with_constant(random, trace, constants)
+            yield edited or disturbed(random, trace, tree, values)
 
 
-def proof_letters(observed: Iterable[Iterable[Observed]]) -> Letters:
-    """The letters of several participants together, each with its twin where a variable may tie events together; raises `TooLarge`."""
-    return _remembered(frozenset(chain.from_iterable(observed)), proof=True)
+def _words(participants: Iterable[Participant], events: int, longest: int) -> Iterator[Trace]:
+    """All sequences of letters, shorter before longer, as long as there are not too many events in them."""
+    try:
+        alphabet = letters_of(participant.observed or () for participant in participants).events
+    except TooLarge:
+        return
+    length, many = 0, 1
+    while many * len(alphabet) * (length + 1) <= events and length < longest:
+        length, many = length + 1, many * len(alphabet)
+    for size in range(length + 1 if length else 0):
+        yield from product(alphabet, repeat=size)
+
+
+def letters_of(observed: Iterable[Iterable[Observed]], *, proof: bool = False) -> Letters:
+    """The letters of several participants together, as far as there are any; raises `TooLarge`.
+
+    For a proof each comes with its twin, where a variable may tie events together.
+    """
+    return _remembered(frozenset(chain.from_iterable(observed)), proof=proof)
 
 
 @lru_cache(maxsize=16)

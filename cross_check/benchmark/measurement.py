@@ -29,7 +29,7 @@ from typing import Any, Final, TypeAlias
 import msgspec
 from msgspec.structs import replace
 
-from cross_check.generate.traces import fitting, interesting_values
+from cross_check.generate.values import fitting, interesting_values
 from rvaft.api import loads
 from rvaft.backend import Metrics, Specification, all_backends, backend
 from rvaft.engine import Engine, engine

@@ -1,51 +1,37 @@
-"""Random traces that have to do with a tree: events that fit its patterns, near misses, and noise."""
+"""Random traces: events that have to do with a tree, and traces in which it is detected.
 
-from collections.abc import Sequence
+The latter are an order of a random scenario, values that fit, and some noise where it does no harm.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from random import Random
+from typing import Final, TypeAlias
 
-from rvaft.model.guards import Guard
-from rvaft.model.guards import walk as guard_walk
-from rvaft.model.patterns import Anything, Binding, ListPattern, Literal, ObjectPattern, Pattern, Variable, walk
-from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, is_number
-
-COMMON: tuple[Json, ...] = (
-    0,
-    1,
-    1.0,
-    2,
-    3,
-    1.5,
-    -1,
-    "a",
-    "b",
-    "",
-    True,
-    False,
-    None,
-    [1],
-    [],
-    {"k": 1},
-    {"k": 1.0, "l": 2},
+from cross_check.generate.values import (
+    Demand,
+    LogValues,
+    Unmet,
+    ValueSearch,
+    fitting,
+    guard_demands,
+    interesting_values,
 )
+from rvaft.analysis.normal_form import Op, body, is_impossible
+from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, edges_along, fewest_events, precedence
+from rvaft.engine import engine
+from rvaft.errors import RvaftError
+from rvaft.model.guards import holds
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.nodes import Node
+from rvaft.model.patterns import Anything, Binding, Pattern, match, rigid_variables
+from rvaft.model.tree import RVAFT, find_cycle
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.rules.rule import listing
 
-
-def interesting_values(tree: RVAFT) -> list[Json]:
-    """Values that make a difference to a tree: its literals, values next to the constants of its guards, all types."""
-    found: list[Json] = []
-    for node in tree.top_down():
-        pattern = tree.pattern(node.name)
-        parts = walk(pattern) if pattern is not None else ()
-        found.extend(part.value for part in parts if isinstance(part, Literal))
-        found.extend(_constants(node.when))
-    for ignore in tree.ignores:
-        found.extend(_constants(ignore.when))
-    near = [v + d for v in found if is_number(v) for d in (-1, 1)]
-    return [*found, *near, *COMMON]
-
-
-def _constants(guard: Guard | None) -> list[Json]:
-    return [] if guard is None else [part.value for part in guard_walk(guard) if isinstance(part, Literal)]
+_NAMES: Final = ("heartbeat", "status", "log")
 
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
@@ -64,28 +50,331 @@ def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
     return event
 
 
-def fitting(random: Random, pattern: Pattern, values: Sequence[Json], binding: Binding | None = None) -> Json:
-    """A value that matches the pattern with these values for its variables, random ones for those without."""
-    chosen = dict(binding or {})
-
-    def build(part: Pattern) -> Json:
-        match part:
-            case Literal(value):
-                return value
-            case Variable(name):
-                return chosen[name] if name in chosen else chosen.setdefault(name, random.choice(values))
-            case Anything():
-                return random.choice(values)
-            case ObjectPattern(fields):
-                return {name: build(inner) for name, inner in fields}
-            case ListPattern(items):
-                return [build(item) for item in items]
-
-    return build(pattern)
-
-
 def random_trace(random: Random, tree: RVAFT, *, max_length: int = 8) -> list[Json]:
     """A trace of up to that many events over a handful of values, so that values repeat."""
     everything = interesting_values(tree)
     values = [random.choice(everything) for _ in range(3)]
     return [random_event(random, tree, values) for _ in range(random.randint(0, max_length))]
+
+
+def some_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
+    """An event that fits a random runtime event of the tree."""
+    event = fitting(random, random.choice(tree.alphabet).pattern, values)
+    return event if isinstance(event, dict) else {"event": event}
+
+
+def noise(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json | None:
+    """An event that is not relevant to the tree, or None where none was met."""
+    for _ in range(10):
+        event: Json = {"event": random.choice(_NAMES), "value": random.choice(values)}
+        if random.random() < 0.3:
+            event = some_event(random, tree, values)
+            event.pop(random.choice(sorted(event)), None) if event else None
+        if not is_relevant(tree, event):
+            return event
+    return None
+
+
+def is_relevant(tree: RVAFT, event: Json) -> bool:
+    """Whether the event fits a runtime event of the tree, whatever its guard says, and is not ignored."""
+    return any(match(entry.pattern, event, {}) is not None for entry in tree.alphabet) and not is_ignored(tree, event)
+
+
+def is_ignored(tree: RVAFT, event: Json) -> bool:
+    """Whether an `ignore` declaration takes the event."""
+    for ignore in tree.ignores:
+        found = match(tree.instantiate(ignore.on), event, {})
+        if found is not None and (
+            ignore.when is None or (set(guard_variables(ignore.when)) <= set(found) and holds(ignore.when, found))
+        ):
+            return True
+    return False
+
+
+# Random scenarios of a tree (semantics, section 2), drawn from the root down without enumerating them.
+#
+# What turns out to be impossible is banned for the draws that follow, so that the choices above it are made differently: a node
+# (its guard cannot hold) or a tree edge (it takes part in a cycle of the precedence). Every feasible scenario can be drawn as
+# long as nothing is banned.
+
+Ban: TypeAlias = str | Edge
+"""A node, or a tree edge (parent, child), that no scenario drawn may have."""
+
+_MORE_THAN_NEEDED: Final = 0.3
+"""How often a choice of at least K keeps more than K children."""
+_TRIED: Final = 20
+"""How many bans to try for one that leaves a scenario."""
+
+
+class Scenarios:
+    """The scenarios of a tree that have nothing banned."""
+
+    def __init__(self, tree: RVAFT) -> None:
+        self.tree = tree
+        self.bans: set[Ban] = set()
+        self._never = {node.name for node in tree.top_down() if is_impossible(node)}
+
+    def draw(self, random: Random, *, lean: bool = False) -> Kept | None:
+        """One scenario, or None where every one has something banned; `lean` takes the choices with the fewest events.
+
+        Its precedence may be cyclic; of the guards only those without variables hold for sure.
+        """
+        least = self._least()
+        if self.tree.root not in least:
+            return None
+        kept: dict[str, tuple[str, ...]] = {}
+        agenda = [self.tree.root]
+        while agenda:
+            name = agenda.pop()
+            if name not in kept:
+                kept[name] = self._choice(random, self.tree.nodes[name], least, lean=lean)
+                agenda.extend(kept[name])
+        return kept
+
+    def ban(self, random: Random, bans: Sequence[Ban]) -> None:
+        """Ban one of these, such that scenarios are left; where there is none such, start afresh with nothing banned."""
+        for ban in random.sample(bans, min(len(bans), _TRIED)):
+            if ban not in self.bans:
+                self.bans.add(ban)
+                if self.tree.root in self._least():
+                    return
+                self.bans.remove(ban)
+        self.bans.clear()
+
+    def _choice(self, random: Random, node: Node, least: Mapping[str, Fewest], *, lean: bool) -> tuple[str, ...]:
+        below = body(node)
+        if not below.chooses:
+            return node.children
+        possible = [child for child in node.children if child in least and (node.name, child) not in self.bans]
+        if lean:
+            random.shuffle(possible)
+            chosen = set(sorted(possible, key=lambda child: least[child].events)[: below.need])
+        else:
+            more = below.op is Op.AT_LEAST and random.random() < _MORE_THAN_NEEDED
+            chosen = set(random.sample(possible, random.randint(below.need, len(possible)) if more else below.need))
+        return tuple(child for child in node.children if child in chosen)
+
+    def _least(self) -> dict[str, Fewest]:
+        """For each node that a scenario can have the fewest events of its part."""
+        nodes = self._never | {ban for ban in self.bans if isinstance(ban, str)}
+        edges = {ban for ban in self.bans if not isinstance(ban, str)}
+        return fewest_events(self.tree.bottom_up(), without=nodes, without_edges=edges)
+
+
+class Cyclic(Exception):
+    """Some event has to come before itself; `edges` are the tree edges (parent, child) of one cycle."""
+
+    def __init__(self, edges: list[Edge]) -> None:
+        self.edges = edges
+        super().__init__(edges)
+
+
+def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
+    """The occurrences of a scenario, one after the other; raises `Cyclic` where no order keeps the precedence.
+
+    Every order that keeps it can come out: points of the precedence that are no event are passed at once.
+    """
+    graph = precedence(tree, kept)
+    waits: dict[Point, int] = dict(graph.in_degree())
+    ready: list[Point] = []
+    silent = [point for point, number in waits.items() if number == 0]
+    order: list[str] = []
+    while silent or ready:
+        if silent:
+            point = silent.pop()
+        else:
+            index = random.randrange(len(ready))
+            ready[index], ready[-1] = ready[-1], ready[index]
+            point = ready.pop()
+            order.append(point[1])
+        del waits[point]
+        for later in graph.successors(point):
+            waits[later] -= 1
+            if waits[later] == 0:
+                (ready if later[0] == "event" else silent).append(later)
+    if waits:
+        rest = graph.subgraph(waits)
+        raise Cyclic(edges_along(rest, find_cycle(rest), closed=True))
+    return order
+
+
+# -- traces that are led through a scenario -----------------------------------------------------------------------------
+
+_NOISE: Final = 3
+"""The most events of noise in one trace."""
+_BUILDS: Final = 40
+"""How many events to build for an occurrence so that one is not ignored; after the first quarter from all values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """What the events look like, beside what the tree demands (probabilities between 0 and 1), and how hard to look.
+
+    A `believable` trace has times that grow and values that their fields suggest; otherwise free values are taken from those that make
+    a difference to the tree, of all types. An `overlapping` event also has the fields of another runtime event of the tree.
+    `longest` bounds the events of a trace, `attempts` the scenarios that are drawn.
+    """
+
+    believable: bool = False
+    overlapping: float = 0.0
+    noise: float = 0.4
+    longest: int | None = None
+    attempts: int = 100
+
+
+WILD: Final = Manner(overlapping=0.1)
+"""For tests: whatever might go wrong."""
+
+PLAIN: Final = Manner(believable=True)
+"""For people: what a log might hold."""
+
+
+class NoTraceFound(RvaftError, LookupError):
+    """No detecting trace was found; `nodes` are those whose guards or events stood in the way. There may be one all the same."""
+
+    def __init__(self, why: str, *, attempts: int, nodes: Sequence[str] = ()) -> None:
+        self.why = why
+        self.attempts = attempts
+        self.nodes = tuple(nodes)
+        super().__init__(f"no detecting trace found in {attempts} attempt{'s' if attempts > 1 else ''}: {why}")
+
+
+def detecting(
+    random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
+) -> list[Json]:
+    """A trace after which, and not before, the monitor says ⊤.
+
+    The tree keeps the rules of `rvaft check`. Raises `NoTraceFound`, and what the monitor raises (`TooLarge`).
+    """
+    for used in (manner, replace(manner, believable=False)) if manner.believable else (manner,):
+        trace = guided(random, tree, semantics, used)
+        monitor = engine(tree, semantics)
+        for position, event in enumerate(trace, 1):
+            if monitor.step(event) is Verdict.TRUE:
+                return trace[:position]
+    # The trace is a match by its construction: passing it over would hide what a cross-check looks for.
+    raise AssertionError(f"the monitor does not detect {tree.root} under {semantics} in {trace}")
+
+
+def guided(
+    random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
+) -> list[Json]:
+    """A trace that holds a match of a random scenario, by its construction alone: no monitor is asked.
+
+    It may be detected before its end, where a part of it is a match too. Raises `NoTraceFound`.
+    """
+    making = _Making(random, tree, Semantics(semantics), manner)
+    scenarios = Scenarios(tree)
+    longest, attempts = manner.longest, manner.attempts
+    why, nodes, shortest = "", list[str](), None
+    for attempt in range(attempts):
+        kept = scenarios.draw(random, lean=longest is not None and attempt >= attempts // 2)
+        if kept is None:
+            why = "every scenario has a guard without variables that does not hold"
+            break
+        try:
+            order = random_order(random, tree, kept)
+            if longest is None or len(order) <= longest:
+                return making.noisy(making.trace(kept, order))
+            shortest = len(order) if shortest is None else min(shortest, len(order))
+        except Cyclic as cyclic:
+            scenarios.ban(random, cyclic.edges)
+            why = why or "every scenario met has an event that comes before itself"
+        except Unmet as unmet:
+            refusing = {demand.node for demand in unmet.refusing}
+            nodes = [name for name in tree.order if name in refusing]
+            scenarios.ban(random, nodes)
+            why = _objection(nodes, unmet.refusing)
+    if shortest is not None:
+        why = f"the shortest scenario met has {shortest} events" + (f"; {why}" if why else "")
+    raise NoTraceFound(why, attempts=attempts, nodes=nodes)
+
+
+class _Making:
+    """Events for the occurrences of one scenario after the other, for one tree under one semantics."""
+
+    def __init__(self, random: Random, tree: RVAFT, semantics: Semantics, manner: Manner) -> None:
+        self.random = random
+        self.tree = tree
+        self.semantics = semantics
+        self.manner = manner
+        self.others = interesting_values(tree)
+        self.values: Sequence[Json] = tuple(random.choice(self.others) for _ in range(4))
+        self.look = LogValues(random, tree) if manner.believable else None
+
+    def trace(self, kept: Kept, order: list[str]) -> list[Json]:
+        """An event for each occurrence, in this order; raises `Unmet`."""
+        events: dict[str, Json] = {}
+
+        def passes(name: str, binding: Binding) -> bool:
+            """Whether some event for an occurrence is not ignored; it is noted."""
+            for build in range(_BUILDS):
+                event = self._event(patterns[name], binding, self.values if build < _BUILDS // 4 else self.others)
+                if not is_ignored(self.tree, event):
+                    events[name] = event
+                    return True
+            return False
+
+        guards = ((name, self.tree.nodes[name].when) for name in kept)
+        demands = [demand for name, guard in guards if guard is not None for demand in guard_demands(name, guard)]
+        patterns = {name: self.tree.pattern(name) or Anything() for name in order}
+        if self.semantics is Semantics.PROJECTED and self.tree.ignores:
+            demands += [
+                Demand(name, rigid_variables(pattern), partial(passes, name)) for name, pattern in patterns.items()
+            ]
+        binding = self._binding(demands, list(patterns.values()))
+        return [events[name] if name in events else self._event(patterns[name], binding, self.values) for name in order]
+
+    def _binding(self, demands: list[Demand], patterns: list[Pattern]) -> dict[str, Json]:
+        names = list(dict.fromkeys(name for pattern in patterns for name in rigid_variables(pattern)))
+        if self.look is None:
+            return ValueSearch(self.random, lambda _: self.values, self.others).meeting(demands, names)
+        for growth in self.look.growing(patterns):  # times some steps apart, times that do not run backwards, any times
+            try:
+                search = ValueSearch(self.random, self.look.values, self.others, near=False)
+                return search.meeting([*demands, *growth], names)
+            except Unmet:
+                continue
+        return ValueSearch(self.random, self.look.values, self.others).meeting(demands, names)
+
+    def _event(self, pattern: Pattern, binding: Binding, values: Sequence[Json]) -> Json:
+        if self.look is not None:
+            return self.look.event(pattern, binding)
+        event = fitting(self.random, pattern, values, binding)
+        if self.random.random() < self.manner.overlapping:
+            event = {**some_event(self.random, self.tree, values), **event}
+        return event
+
+    def noisy(self, trace: list[Json]) -> list[Json]:
+        """The trace with events in between that take nothing from it; under `strict` there are none."""
+        result = list(trace)
+        if self.semantics is not Semantics.STRICT and self.random.random() < self.manner.noise:
+            longest = self.manner.longest
+            room = _NOISE if longest is None else min(_NOISE, longest - len(trace))
+            for _ in range(self.random.randint(0, max(room, 0))):
+                event = self._noise()
+                if event is not None:
+                    result.insert(self.random.randint(0, len(result)), event)
+        return result if self.look is None else self.look.timed(result)
+
+    def _noise(self) -> Json | None:
+        if self.look is not None:
+            event = self.look.noise()
+            return None if is_relevant(self.tree, event) else event
+        if self.semantics is Semantics.SCATTERED and self.random.random() < 0.5:
+            return some_event(self.random, self.tree, self.values)
+        return noise(self.random, self.tree, self.values)
+
+
+def _objection(nodes: Sequence[str], refusing: Sequence[Demand]) -> str:
+    """Why a scenario has no events: what the demands of these nodes were that refused."""
+    of_guards = {demand.node for demand in refusing if demand.guard is not None}
+    guarded = [name for name in nodes if name in of_guards]
+    dropped = [name for name in nodes if any(demand.node == name and demand.guard is None for demand in refusing)]
+    said = []
+    if guarded:
+        whose = f"the guards of {listing(guarded)} do" if len(guarded) > 1 else f"the guard of {guarded[0]} does"
+        said.append(f"{whose} not hold with any value that was tried")
+    if dropped:
+        said.append(f"`ignore` takes the events of {listing(dropped)} with any value that was tried")
+    return "; ".join(said)

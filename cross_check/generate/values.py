@@ -1,33 +1,173 @@
-"""Random values for variables under which some demands are met: the guards of a scenario, and that no event be ignored.
+"""Random values: those that make a difference to a tree, those under which guards hold, and those that a log might hold.
 
 Candidates for a variable are what its comparisons are about, solved for it as far as the other sides have values (`T2 >= T1 + 10`
 with T1 = 3 gives 12, 13 and 14), and a handful of values of the tree. Finding none proves nothing.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from random import Random
-from typing import Final
+from sys import float_info
+from typing import Final, TypeAlias, TypeVar, cast
 
 import networkx as nx
 
-from rvaft.model.guards import COMPARISONS, UNDEFINED, Guard, Operation, Operator, conjuncts, holds, value
+from rvaft.model.guards import ARITHMETIC, COMPARISONS, UNDEFINED, Guard, Operation, Operator, conjuncts, holds, value
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import Binding, Literal, Variable
+from rvaft.model.guards import walk as guard_walk
+from rvaft.model.patterns import Anything, Binding, ListPattern, Literal, ObjectPattern, Pattern, Variable, walk
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_number
+
+T = TypeVar("T")
+Path: TypeAlias = tuple[str | int, ...]
+"""The fields and list indices that lead to a value."""
+
+COMMON: Final[tuple[Json, ...]] = (
+    *(0, 1, 1.0, 2, 3, 1.5, -1, "a", "b", "", True, False, None),
+    *([1], [], {"k": 1}, {"k": 1.0, "l": 2}),
+)
+
+
+def interesting_values(tree: RVAFT) -> list[Json]:
+    """Values that make a difference to a tree: its literals, values next to the constants of its guards, all types."""
+    parts: list[Pattern | Guard] = []
+    for node in tree.top_down():
+        pattern = tree.pattern(node.name)
+        parts += walk(pattern) if pattern is not None else ()
+        parts += guard_walk(node.when) if node.when is not None else ()
+    for ignore in tree.ignores:
+        parts += guard_walk(ignore.when) if ignore.when is not None else ()
+    found: list[Json] = [part.value for part in parts if isinstance(part, Literal)]
+    near = [value + d for value in found if is_number(value) for d in (-1, 1)]
+    return [*found, *near, *COMMON]
+
+
+def built(pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Json:
+    """A value that matches the pattern with these values for its variables, and what is `free`, by its field, for all else."""
+    chosen = dict(binding)
+
+    def build(part: Pattern, field: str) -> Json:
+        match part:
+            case Literal(value):
+                return value
+            case Variable(name):
+                return chosen[name] if name in chosen else chosen.setdefault(name, free(field))
+            case Anything():
+                return free(field)
+            case ObjectPattern(fields):
+                return {name: build(inner, name) for name, inner in fields}
+            case ListPattern(items):
+                return [build(item, field) for item in items]
+
+    return build(pattern, "event")
+
+
+def fitting(random: Random, pattern: Pattern, values: Sequence[Json], binding: Binding | None = None) -> Json:
+    """A value that matches the pattern with these values for its variables, random ones for those without."""
+    return built(pattern, binding or {}, lambda _: random.choice(values))
+
+
+def around(bound: Json) -> list[Json]:
+    """A value and those next to it, as far as every JSON reader takes them: no integer beyond a double, no infinity."""
+    if is_number(bound):
+        near = [bound - 1, bound, bound + 1]
+        if isinstance(bound, float):
+            near += [math.nextafter(bound, -math.inf), math.nextafter(bound, math.inf)]
+        return [number for number in near if abs(number) <= float_info.max]
+    if isinstance(bound, str):
+        return [bound, f"{bound}a", bound[:-1]]
+    return [bound]
+
+
+# -- places in events, and the fields they belong to --------------------------------------------------------------------
+
+
+def places(whole: Json) -> list[tuple[Path, Json]]:
+    """All values inside a value with their paths, in order."""
+    found: list[tuple[Path, Json]] = []
+    todo: list[tuple[Path, Json]] = [((), whole)]
+    while todo:
+        path, part = todo.pop()
+        found.append((path, part))
+        inner = part.items() if isinstance(part, dict) else enumerate(part) if isinstance(part, list) else ()
+        todo += [((*path, step), below) for step, below in reversed(list(inner))]
+    return found[1:]
+
+
+def put(whole: T, path: Path, new: Json) -> T:
+    """The value with another one at a place; only what leads there is copied."""
+    owners: list[Json] = [whole]
+    for step in path[:-1]:
+        owners.append(owners[-1][step])
+    for owner, step in zip(reversed(owners), reversed(path), strict=True):
+        copy = owner.copy()
+        copy[step] = new
+        new = copy
+    return cast("T", new)
+
+
+def field_at(path: Path) -> str:
+    """The field that a value stands in, also within a list."""
+    return next((step for step in reversed(path) if isinstance(step, str)), "event")
+
+
+def leaves(pattern: Pattern, field: str = "event") -> Iterator[tuple[str, Pattern]]:
+    """The parts of a pattern that have no parts, each with the field it stands in."""
+    match pattern:
+        case ObjectPattern(fields):
+            for name, inner in fields:
+                yield from leaves(inner, name)
+        case ListPattern(items):
+            for item in items:
+                yield from leaves(item, field)
+        case _:
+            yield field, pattern
+
+
+class Fields:
+    """The fields of a tree's events: where variables stand, which literals there are, and what guards compare."""
+
+    def __init__(self, tree: RVAFT) -> None:
+        self.of: dict[str, str] = {}
+        """The field in which a variable stands."""
+        self.literals: dict[str, list[Json]] = defaultdict(list)
+        for field, leaf in (pair for entry in tree.alphabet for pair in leaves(entry.pattern)):
+            if isinstance(leaf, Literal):
+                self.literals[field].append(leaf.value)
+            elif isinstance(leaf, Variable):
+                self.of.setdefault(leaf.name, field)
+        guards = [node.when for node in tree.nodes.values() if node.when is not None]
+        guards += [ignore.when for ignore in tree.ignores if ignore.when is not None]
+        self.operations = [part for guard in guards for part in guard_walk(guard) if isinstance(part, Operation)]
+
+    def bounds(self, field: str, trace: Sequence[Json]) -> tuple[list[Json], list[Json]]:
+        """The numbers that values of a field are compared with: constants, and those in a trace in fields of the same comparisons."""
+        constants, fields = list(self.literals[field]), {field}
+        for part in self.operations:
+            compared = {self.of.get(name, "") for name in guard_variables(part)}
+            if part.operator in COMPARISONS and field in compared:
+                constants += [one.value for one in guard_walk(part) if isinstance(one, Literal)]
+                fields |= compared
+        numbers = [one for path, one in places(trace) if is_number(one) and field_at(path) in fields]
+        return [one for one in constants if is_number(one)], numbers
+
+
+# -- values under which some demands are met: the guards of a scenario, and that no event be ignored ---------------------
 
 TRIES: Final = 200
 """How many values to try for variables that hang together, and 20 more for each of them, before giving up."""
 _ANY_ORDER: Final = 0.3
 _INVERSE: Final = {
-    Operator.ADD: (Operator.SUB, Operator.SUB),
-    Operator.SUB: (Operator.ADD, Operator.SUB),
-    Operator.MUL: (Operator.DIV, Operator.DIV),
-    Operator.DIV: (Operator.MUL, Operator.DIV),
+    Operator.ADD: Operator.SUB,
+    Operator.SUB: Operator.ADD,
+    Operator.MUL: Operator.DIV,
+    Operator.DIV: Operator.MUL,
 }
-"""What solves `x ∘ a = g` for x (g applied to a), and `a ∘ x = g` (g and a, in the order that `_inverted` knows)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,88 +193,67 @@ def guard_demands(node: str, guard: Guard) -> list[Demand]:
     return [Demand(node, guard_variables(part), partial(holds, part), part) for part in conjuncts(guard)]
 
 
-def meeting(
-    random: Random,
-    demands: Sequence[Demand],
-    names: Iterable[str],
-    some: Callable[[str], Sequence[Json]],
-    others: Sequence[Json],
-    *,
-    near: bool = True,
-) -> dict[str, Json]:
-    """Values for these variables and those of the demands; `some`, by name, are tried rather than `others`. Raises `Unmet`.
+class ValueSearch:
+    """The search for values; `some`, by variable, are tried rather than `others`.
 
     Without `near`, strings next to those of guards are tried last, and variables get their values in their order.
     """
-    refused = [demand for demand in demands if not demand.needs and not demand.test({})]
-    if refused:
-        raise Unmet(refused)
-    graph = nx.Graph()
-    graph.add_nodes_from(names)
-    for demand in demands:
-        graph.add_nodes_from(demand.needs)
-        graph.add_edges_from((demand.needs[0], name) for name in demand.needs[1:])
-    touching: dict[str, list[Demand]] = {name: [] for name in graph}
-    for demand in demands:
-        for name in demand.needs:
-            touching[name].append(demand)
-    found: dict[str, Json] = {}
-    place = {name: index for index, name in enumerate(graph)}
-    for component in nx.connected_components(graph):
-        # Mostly in the order in which the trace binds them, so that times grow; what is hard from there may be easy from elsewhere.
-        start = min(component, key=place.__getitem__)
-        if near and random.random() < _ANY_ORDER:
-            start = random.choice(sorted(component))
-        order = [start, *(name for _, name in nx.bfs_edges(graph, start))]
-        found |= _ValueSearch(random, order, touching, some, others, near=near).solve()
-    return found
-
-
-class _ValueSearch:
-    """Variables that demands tie together, in the order in which they get values."""
 
     def __init__(
-        self,
-        random: Random,
-        order: list[str],
-        touching: dict[str, list[Demand]],
-        some: Callable[[str], Sequence[Json]],
-        others: Sequence[Json],
-        *,
-        near: bool,
+        self, random: Random, some: Callable[[str], Sequence[Json]], others: Sequence[Json], *, near: bool = True
     ) -> None:
         self.random = random
-        self.order = order
-        self.touching = touching
         self.some = some
         self.others = others
         self.near = near
-        self.rank = {name: index for index, name in enumerate(order)}
-        self.due = {name: [d for d in touching[name] if self._last(d) == name] for name in order}
+        self._touching: dict[str, list[Demand]] = {}
 
-    def _last(self, demand: Demand) -> str:
-        return max(demand.needs, key=self.rank.__getitem__)
+    def meeting(self, demands: Sequence[Demand], names: Iterable[str]) -> dict[str, Json]:
+        """Values for these variables and those of the demands; raises `Unmet`."""
+        refused = [demand for demand in demands if not demand.needs and not demand.test({})]
+        if refused:
+            raise Unmet(refused)
+        graph = nx.Graph()
+        graph.add_nodes_from(names)
+        for demand in demands:
+            graph.add_nodes_from(demand.needs)
+            graph.add_edges_from((demand.needs[0], name) for name in demand.needs[1:])
+        self._touching = {name: [] for name in graph}
+        for demand in demands:
+            for name in demand.needs:
+                self._touching[name].append(demand)
+        found: dict[str, Json] = {}
+        place = {name: index for index, name in enumerate(graph)}
+        for component in nx.connected_components(graph):
+            # Mostly in the order in which the trace binds them, so that times grow; what is hard from there may be easy from elsewhere.
+            start = min(component, key=place.__getitem__)
+            if self.near and self.random.random() < _ANY_ORDER:
+                start = self.random.choice(sorted(component))
+            found |= self._solve([start, *(name for _, name in nx.bfs_edges(graph, start))])
+        return found
 
-    def solve(self) -> dict[str, Json]:
-        """Depth first, and back to the last variable that has to do with a failure; raises `Unmet`."""
+    def _solve(self, order: list[str]) -> dict[str, Json]:
+        """Depth first, and back to the last variable that has to do with a failure."""
+        rank = {name: index for index, name in enumerate(order)}
+        due = {name: [d for d in self._touching[name] if max(d.needs, key=rank.__getitem__) == name] for name in order}
         binding: dict[str, Json] = {}
         levels: list[tuple[Iterator[Json], set[int]]] = []
         deepest, refused = -1, list[Demand]()
-        tries = TRIES + 20 * len(self.order)
-        while len(binding) < len(self.order):
+        tries = TRIES + 20 * len(order)
+        while len(binding) < len(order):
             if len(levels) == len(binding):
-                levels.append((self._candidates(self.order[len(levels)], binding), set()))
+                levels.append((self._candidates(order[len(levels)], binding), set()))
             depth = len(levels) - 1
-            name = self.order[depth]
+            name = order[depth]
             candidates, blamed = levels[-1]
             for candidate in candidates:
                 tries -= 1
                 binding[name] = candidate
-                against = next((demand for demand in self.due[name] if not demand.test(binding)), None)
+                against = next((demand for demand in due[name] if not demand.test(binding)), None)
                 if against is None:
                     break
                 del binding[name]
-                blamed.update(self.rank[other] for other in against.needs if other != name)
+                blamed.update(rank[other] for other in against.needs if other != name)
                 if depth > deepest:
                     deepest, refused = depth, []
                 if depth == deepest and against not in refused:
@@ -147,13 +266,13 @@ class _ValueSearch:
                 back = max(blamed)
                 levels[back][1].update(blamed - {back})
                 del levels[back + 1 :]
-                for other in self.order[back:depth]:
+                for other in order[back:depth]:
                     del binding[other]
         return binding
 
     def _candidates(self, name: str, binding: Binding) -> Iterator[Json]:
         """Values to try for a variable: the promising ones in random order, then all others."""
-        guards = [demand.guard for demand in self.touching[name] if demand.guard is not None]
+        guards = [demand.guard for demand in self._touching[name] if demand.guard is not None]
         bounds = [bound for guard in guards for bound in _bounds(guard, name, binding)]
         close = [value for bound in bounds for value in around(bound)]
         last = [] if self.near else [value for value in close if isinstance(value, str) and value not in bounds]
@@ -164,72 +283,164 @@ class _ValueSearch:
         yield from self.random.sample(self.others, len(self.others))
 
 
-def around(bound: Json) -> list[Json]:
-    """A value and those next to it."""
-    if is_number(bound):
-        near = [bound - 1, bound, bound + 1]
-        if isinstance(bound, float):
-            near += [math.nextafter(bound, -math.inf), math.nextafter(bound, math.inf)]
-        return [number for number in near if _writable(number)]
-    if isinstance(bound, str):
-        return [bound, f"{bound}a", bound[:-1]]
-    return [bound]
-
-
-def _writable(number: float) -> bool:
-    """Whether every JSON reader takes the number: no integer beyond a double, no infinity."""
-    try:
-        return math.isfinite(float(number))
-    except OverflowError:
-        return False
-
-
 def _bounds(guard: Guard, name: str, binding: Binding) -> Iterator[Json]:
     """The values at which a comparison in the guard changes its mind about a variable, as far as that is known now."""
     todo: list[Guard] = [guard]
     while todo:
         part = todo.pop()
-        if not isinstance(part, Operation):
-            continue
-        todo.extend(part.operands)
-        if part.operator in COMPARISONS:
-            left, right = part.operands
-            for side, other in ((left, right), (right, left)):
-                goal = _known(other, binding)
-                if goal is not UNDEFINED:
-                    yield from _solved(side, name, goal, binding)
+        if isinstance(part, Operation):
+            todo.extend(part.operands)
+            if part.operator in COMPARISONS:
+                left, right = part.operands
+                for side, other in ((left, right), (right, left)):
+                    yield from _solved(side, name, _known(other, binding), binding)
 
 
 def _solved(side: Guard, name: str, goal: Json, binding: Binding) -> Iterator[Json]:
     """The value of a variable with which a term has a value, where the variable stands in it once."""
-    while isinstance(side, Operation):
-        if side.operator is Operator.NEGATE:
-            (side,) = side.operands
-            goal = value(Operation(Operator.NEGATE, (Literal(goal),)), {})
-        elif side.operator in _INVERSE:
-            operator, (left, right) = side.operator, side.operands
-            if (other := _known(right, binding)) is not UNDEFINED:
-                side, goal = left, _inverted(operator, goal, other, unknown_left=True)
-            elif (other := _known(left, binding)) is not UNDEFINED:
-                side, goal = right, _inverted(operator, goal, other, unknown_left=False)
-            else:
-                return
+    while isinstance(side, Operation) and goal is not UNDEFINED:
+        operator, operands = side.operator, side.operands
+        if operator is Operator.NEGATE:
+            side, goal = operands[0], value(Operation(operator, (Literal(goal),)), {})
+        elif operator not in _INVERSE:
+            return
+        elif (other := _known(operands[1], binding)) is not UNDEFINED:
+            side, goal = operands[0], _calculated(_INVERSE[operator], goal, other)
+        elif (other := _known(operands[0], binding)) is not UNDEFINED:
+            turned = operator in (Operator.SUB, Operator.DIV)  # a - x = g where a - g = x
+            goal = _calculated(operator, other, goal) if turned else _calculated(_INVERSE[operator], goal, other)
+            side = operands[1]
         else:
             return
-        if goal is UNDEFINED:
-            return
-    if side == Variable(name):
+    if side == Variable(name) and goal is not UNDEFINED:
         yield goal
 
 
-def _inverted(operator: Operator, goal: Json, other: Json, *, unknown_left: bool) -> Json:
-    inverse = _INVERSE[operator][not unknown_left]
-    first, second = Literal(goal), Literal(other)
-    if not unknown_left and operator in (Operator.SUB, Operator.DIV):
-        first, second = second, first
-    found = value(Operation(inverse, (first, second)), {})
+def _calculated(operator: Operator, *operands: Json) -> Json:
+    found = value(Operation(operator, tuple(map(Literal, operands))), {})
     return int(found) if isinstance(found, float) and found.is_integer() and abs(found) < 2**53 else found
 
 
 def _known(guard: Guard, binding: Binding) -> Json:
     return value(guard, binding) if all(name in binding for name in guard_variables(guard)) else UNDEFINED
+
+
+# -- what a log might hold: times that grow, and for every field a value that its name suggests, where the tree leaves it open ---
+#
+# A field holds times where it is called so, or where guards look at differences of its values. Times that guards leave open are filled
+# in last, between those of the events before and after.
+
+TIMES: Final = frozenset(
+    {"t", "time", "times", "timestamp", "ts", "clock", "date", "datetime", "stamp", "when", "at_time", "epoch"}
+)
+NUMBERS: Final = frozenset(
+    {"value", "amount", "size", "count", "number", "port", "level", "speed", "length", "bytes", "id", "pid", "code"}
+)
+PEOPLE: Final = ("alice", "bob", "carol", "dave", "erin")
+NAMES: Final[Mapping[str, Sequence[str]]] = {
+    **dict.fromkeys(("user", "who", "name", "owner", "account", "from", "to", "person"), PEOPLE),
+    **dict.fromkeys(("src", "dst", "ip", "addr", "address"), tuple(f"10.0.0.{n}" for n in (4, 7, 12, 23, 31))),
+    **dict.fromkeys(("host", "machine", "server"), tuple(f"host-{n}" for n in range(1, 6))),
+    **dict.fromkeys(("file", "path"), tuple(f"/srv/data/{n}.txt" for n in ("plan", "report", "notes", "keys"))),
+}
+LOGGED: Final = ("heartbeat", "status", "log")
+STEPS: Final = 9
+"""The most seconds between two events whose times the tree leaves open."""
+LATER: Final = object()
+"""Stands for a time that is filled in when the whole trace is there."""
+
+
+class LogValues:
+    """What the fields of a tree's events look like."""
+
+    def __init__(self, random: Random, tree: RVAFT) -> None:
+        self.random = random
+        self._fields = fields = Fields(tree)
+        known = {field for entry in tree.alphabet for field, _ in leaves(entry.pattern)}
+        self._times = {field for field in known if field.lower() in TIMES}
+        self._numeric: set[str] = set()
+        for part in fields.operations:
+            names = {fields.of[name] for name in guard_variables(part) if name in fields.of}
+            if part.operator in COMPARISONS and len(guard_variables(part)) == 2:
+                inner = [one for one in guard_walk(part) if isinstance(one, Operation)]
+                if any(one.operator in (Operator.ADD, Operator.SUB) for one in inner):
+                    self._times |= names
+            constants = [one.value for one in part.operands if isinstance(one, Literal)]
+            if part.operator in ARITHMETIC or any(map(is_number, constants)):
+                self._numeric |= names
+
+    def growing(self, patterns: Sequence[Pattern]) -> Iterator[list[Demand]]:
+        """Demands that the times of these events, one after the other, grow: by some seconds each, or at least do not fall."""
+        times: dict[str, dict[str, None]] = defaultdict(dict)
+        for field, leaf in (pair for pattern in patterns for pair in leaves(pattern)):
+            if isinstance(leaf, Variable) and field in self._times and not leaf.name.startswith("_"):
+                times[field][leaf.name] = None
+        steps = [pair for column in times.values() for pair in pairwise(column)]
+        for most in (STEPS, 0) if steps else ():
+            found: list[Demand] = []
+            for earlier, later in steps:
+                least: Guard = Variable(earlier)
+                if most:
+                    least = Operation(Operator.ADD, (least, Literal(self.random.randint(1, most))))
+                found += guard_demands("", Operation(Operator.GE, (Variable(later), least)))
+            yield found
+
+    def values(self, variable: str) -> Sequence[Json]:
+        """What a variable may be, by the field it stands in."""
+        return self._of(self._fields.of.get(variable, variable.lower()))
+
+    def _of(self, field: str) -> Sequence[Json]:
+        known = self._fields.literals.get(field, [])
+        name = field.lower()
+        if field in self._times:
+            return [self.random.randint(1, 2 * STEPS) for _ in range(4)]
+        if field in self._numeric or any(map(is_number, known)):
+            return [*(value for value in known if is_number(value)), *self.random.sample(range(1, 10), 4)]
+        if name in NAMES:
+            return NAMES[name]
+        if len(name) == 1 or name in NUMBERS:
+            return self.random.sample(range(1, 10), 4)
+        return [*known, *(f"{name}-{number}" for number in range(1, 5))]
+
+    def event(self, pattern: Pattern, binding: Binding) -> Json:
+        """An event that matches, with these values for its variables; open times are left for later."""
+        return built(
+            pattern, binding, lambda field: LATER if field in self._times else self.random.choice(self._of(field))
+        )
+
+    def noise(self) -> Json:
+        """An event of a system that is up."""
+        times = {field: LATER for field in sorted(self._times) if field.lower() in TIMES}
+        return {"event": self.random.choice(LOGGED), **times}
+
+    def timed(self, trace: list[Json]) -> list[Json]:
+        """The trace with a time wherever one was left for later, not before those known, and not after."""
+        for field in sorted(self._times):
+            stands = [[(path, one) for path, one in places(event) if field_at(path) == field] for event in trace]
+            known = [[one for _, one in some if is_number(one)] for some in stands]
+            now: int | float = next((min(some) for some in known if some), self.random.randint(1, STEPS) + len(trace))
+            for index, some in enumerate(stands):
+                late = [path for path, one in some if one is LATER]
+                if known[index]:
+                    now = max(known[index])
+                elif late:
+                    latest = next((min(some) for some in known[index:] if some), None)
+                    if latest is None:
+                        now += self.random.randint(1, STEPS)
+                    elif any(known[:index]):
+                        now += max(0, int((latest - now) // 2))
+                    else:
+                        now = max(0, latest - 1) if latest >= 1 else latest
+                for path in late:
+                    trace[index] = put(trace[index], path, now)
+        return trace
+
+    def in_time(self, trace: list[Json]) -> list[Json]:
+        """The trace with no time before an earlier one, wherever events have changed places."""
+        for field in sorted(self._times):
+            latest = -math.inf
+            for path, one in places(trace):
+                if field_at(path) == field and is_number(one):
+                    latest = max(latest, one)
+                    trace = put(trace, path, latest)
+        return trace

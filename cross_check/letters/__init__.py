@@ -1,15 +1,214 @@
-"""Letters: the combinations of answers that an event can give to some questions, each with an event that gives them."""
+"""Letters: one event for every combination of answers that an event can give to some questions.
 
-from cross_check.letters.combinations import (
-    UNBOUND,
-    VARIABLES,
-    Answers,
-    Letters,
-    answers,
-    letters,
-    ties,
-    untied,
-    with_twins,
-)
+Why none is missing: the patterns that an event matches are those that their least event matches (`unification`), and all sets of patterns of
+this kind are enumerated (`closed_sets`). For guards, the equalities that they ask about are patterns of their own; then, for each
+set, values are chosen that show every combination of truths of the guards (`regions`).
+A letter is never invented: its answers are those that its event gives.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, combinations, islice
+from typing import Final, TypeAlias
+
+from cross_check.letters.regions import Asked, Choices, Guarded
+from cross_check.letters.unification import ROOT, Demands, Fresh, closed_sets, plain
+from rvaft.backend import Observed
+from rvaft.errors import TooLarge
+from rvaft.model.guards import holds, renamed
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.patterns import Literal, Pattern, Variable, match, rigid_variables, substitute, variables, walk
+from rvaft.model.values import Json, Scalar, is_number, key
 
 __all__ = ["UNBOUND", "VARIABLES", "Answers", "Letters", "answers", "letters", "ties", "untied", "with_twins"]
+
+Answers: TypeAlias = tuple[bool, ...]
+
+VARIABLES: Final = "variables tie events together"
+UNBOUND: Final = "a guard has a variable that its pattern does not have"
+
+_SETS: Final = 8
+"""So many closed sets for each letter allowed: the patterns added for guards tell more apart than the questions do."""
+_SAMPLED: Final = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Letters:
+    """Events, `{}` first: whatever it matches, every event matches.
+
+    `gap` is empty where every event there is gives the same answers as one of these; otherwise it says why that is not known.
+    `twins` has, for each event, the number of one before it that gives the same answers with other values, or its own.
+    """
+
+    events: tuple[Json, ...]
+    gap: str
+    twins: tuple[int, ...] = ()
+
+
+def letters(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
+    """The letters of some questions; raises `TooLarge` for more than `limit` of them.
+
+    >>> from rvaft.language.parser import parse_guard, parse_pattern
+    >>> letters([untied(Observed(parse_pattern("{v: V}"), parse_guard("V > 3")))]).events
+    ({}, {'v': 4})
+    """
+    questions = tuple(dict.fromkeys(observed))
+    shared = [question for question in questions if ties(question)]
+    found, gap = _complete([question for question in questions if not ties(question)], limit)
+    if not shared:
+        return Letters(found, gap)
+    more = {key(event): event for event in islice(_samples(shared), 64 * _SAMPLED)}
+    known = {key(event) for event in found}
+    new = [event for name, event in more.items() if name not in known]
+    return Letters((*found, *new[: min(_SAMPLED, limit)]), VARIABLES)
+
+
+def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
+    """The letters as if no variable tied events together, with a twin behind each in which whatever value can be another one is.
+
+    The values of a class are those that every guard judges alike; literals of patterns are alone. Whoever asks nothing but these questions
+    cannot tell a trace from one in which the values of a class have changed places. So if after every trace two values of a class lead
+    to one state, that state is the same under every such change, and all values of the class lead to it.
+    """
+    questions = tuple(dict.fromkeys(observed))
+    if not any(map(ties, questions)):
+        return letters(questions, limit=limit)
+    own = tuple(dict.fromkeys(map(untied, questions)))
+    guards = [question.when for question in own if question.when is not None]
+    if any(len(guard_variables(guard)) > 1 or Asked(guard).calculated for guard in guards):
+        return Letters(({},), VARIABLES)
+    found, gap = _complete(own, limit)
+    literals = [part.value for one in own for part in walk(one.pattern) if isinstance(part, Literal)]
+    constants = [one.value for guard in guards for some in Asked(guard).constants.values() for one in some]
+
+    def truths(value: Json) -> list[bool]:
+        return [holds(guard, dict.fromkeys(guard_variables(guard), value)) for guard in guards]
+
+    def others(event: Json) -> dict[object, Json]:
+        """For each value in an event another one of its class, by key, where the class has one."""
+        fixed = set(map(key, literals))
+        used = fixed | set(map(key, _scalars(event)))
+        # of every class that has two values, two are among these and those of the event
+        tried = [near for constant in (*constants, *_scalars(event), "", 0) for near in _near(constant)]
+        found: dict[object, Json] = {}
+        for value in _scalars(event):
+            if key(value) not in fixed and key(value) not in found:
+                alike = (near for near in tried if key(near) not in used and truths(near) == truths(value))
+                for near in islice(alike, 1):
+                    found[key(value)] = near
+                    used.add(key(near))
+        return found
+
+    events = tuple(chain.from_iterable((event, _exchanged(event, others(event))) for event in found))
+    return Letters(events, gap, tuple(number - number % 2 for number, _ in enumerate(events)))
+
+
+def answers(questions: Iterable[Observed], event: Json) -> Answers:
+    """The answers of an event to questions that share no variables with other events."""
+
+    def answer(question: Observed) -> bool:
+        binding = match(question.pattern, event, {})
+        if binding is None or question.when is None:
+            return binding is not None
+        return set(guard_variables(question.when)) <= binding.keys() and holds(question.when, binding)
+
+    return tuple(map(answer, questions))
+
+
+def ties(question: Observed) -> bool:
+    """Whether a variable of the question belongs to other events too."""
+    names = (*variables(question.pattern), *(() if question.when is None else guard_variables(question.when)))
+    return not all(name.startswith("_") for name in names)
+
+
+def untied(question: Observed, names: Sequence[str] | None = None) -> Observed:
+    """The same question with variables of its own, these or all of them: some value each, whatever they are elsewhere."""
+    guard = () if question.when is None else guard_variables(question.when)
+    every = (*rigid_variables(question.pattern), *guard) if names is None else names
+    own = {name: f"_{name}" for name in every if not name.startswith("_")}
+    pattern = substitute(question.pattern, {name: Variable(other) for name, other in own.items()})
+    return Observed(pattern, None if question.when is None else renamed(question.when, own))
+
+
+def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ...], str]:
+    """Letters that leave nothing out, or else why some may be missing."""
+    patterns: dict[Pattern, None] = {}
+    guarded: list[Guarded] = []
+    kept: list[Observed] = []
+    gap = ""
+    for question in questions:
+        names = () if question.when is None else guard_variables(question.when)
+        if not set(names) <= set(variables(question.pattern)):
+            gap = UNBOUND
+            continue
+        kept.append(question)
+        if question.when is not None and names:
+            guarded.append(Guarded(question.pattern, question.when, Asked(question.when)))
+            patterns.update(dict.fromkeys(guarded[-1].refined()))
+        elif question.when is None or holds(question.when, {}):
+            patterns[plain(question.pattern)] = None
+    every = tuple(patterns)
+    apart = any(isinstance(part, Variable) for pattern in every for part in walk(pattern))
+    fresh = Fresh((*every, *(one.pattern for one in guarded)), apart=apart)
+    choices = Choices(guarded, every, fresh) if guarded else None
+    found: dict[Answers | int, Json] = {}
+    for closed, least in closed_sets(every, fresh, limit=_SETS * limit):
+        for event in (least,) if choices is None else choices.events(closed, least):
+            found.setdefault(closed if choices is None else answers(kept, event), event)
+            if len(found) > limit:
+                raise TooLarge("letters, the combinations of answers that an event can give", limit=limit)
+    return tuple(found.values()), next((one.asked.gap for one in guarded if one.asked.gap), gap)
+
+
+def _near(value: Json) -> Iterator[Json]:
+    """A value and the next ones of its kind."""
+    yield value
+    if isinstance(value, str):
+        yield from (value + "'", value + "\0", value + "\0\0")
+    elif is_number(value):
+        yield from (value + 1, value - 1)
+        for towards in (math.inf, -math.inf):
+            step = math.nextafter(float(value), towards)
+            yield from (step, math.nextafter(step, towards))
+
+
+def _scalars(event: Json) -> Iterator[Scalar]:
+    inner = event.values() if isinstance(event, dict) else event if isinstance(event, list) else None
+    if inner is None:
+        yield event
+    else:
+        yield from chain.from_iterable(map(_scalars, inner))
+
+
+def _exchanged(event: Json, by: dict[object, Json]) -> Json:
+    if isinstance(event, dict):
+        return {name: _exchanged(value, by) for name, value in event.items()}
+    return [_exchanged(value, by) for value in event] if isinstance(event, list) else by.get(key(event), event)
+
+
+def _samples(questions: Sequence[Observed]) -> Iterator[Json]:
+    """Events that match one question or two at once, whose variables tie several events together; nothing is complete here.
+
+    Each round gives the variables other values: constants of guards with their neighbours, and some more.
+    """
+    tried: list[Scalar] = [1, 2, "a"]
+    for guard in (question.when for question in questions if question.when is not None):
+        for constant in (one.value for constants in Asked(guard).constants.values() for one in constants):
+            tried.append(constant)
+            if isinstance(constant, (int, float)) and is_number(constant):
+                tried += [constant - 1, constant + 1]
+    values = list({key(one): one for one in tried}.values())
+    names = list(dict.fromkeys(name for question in questions for name in variables(question.pattern)))
+    fresh = Fresh((question.pattern for question in questions), apart=False)
+    for rounds in (0, 1):  # all variables alike, then different
+        for first in range(len(values)):
+            by: dict[str, Pattern] = {
+                name: Literal(values[(first + rounds * number) % len(values)]) for number, name in enumerate(names)
+            }
+            for some in (*((question,) for question in questions), *combinations(questions, 2)):
+                demands = Demands(fresh)
+                fits = all(demands.demand(substitute(question.pattern, by)) is not None for question in some)
+                built = demands.values({}) if fits else None
+                if built is not None:
+                    yield built[ROOT]

@@ -3,10 +3,10 @@
 import math
 import struct
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, count, pairwise, product
 from math import prod
-from typing import Final, TypeAlias
+from typing import Final, TypeAlias, TypeVar
 
 from cross_check.letters.unification import ROOT, Demands, Fresh, Place, plain
 from rvaft.errors import TooLarge
@@ -41,70 +41,75 @@ _DOUBLE_BITS: Final = 1024 + _BITS
 """From two to this power on all integers are alike, but for as many bits more as steps with moderate constants can take back."""
 
 
-@dataclass(slots=True)
 class Asked:
-    """What a guard asks; `gap` says why that is not all."""
+    """What a guard asks of its variables; `gap` says why that is not all."""
 
-    constants: dict[str, dict[Literal, None]] = field(default_factory=dict)
-    pairs: set[tuple[str, str]] = field(default_factory=set)
-    ordered: bool = False
-    calculated: bool = False
-    gap: str = ""
+    def __init__(self, guard: Guard) -> None:
+        self.constants: dict[str, dict[Literal, None]] = {}
+        self.pairs: set[tuple[str, str]] = set()
+        self.ordered = False
+        self.calculated = False
+        self.gap = ""
+        self._condition(guard)
 
-    def constant(self, name: str, given: Scalar) -> None:
-        """A value of a variable at which something may change."""
-        self.constants.setdefault(name, {})[Literal(given)] = None
+    def _constant(self, name: str, *given: Scalar) -> None:
+        """Values of a variable at which something may change."""
+        self.constants.setdefault(name, {}).update(dict.fromkeys(map(Literal, given)))
 
+    def _condition(self, guard: Guard) -> None:
+        match guard:
+            case Variable(name):
+                self._constant(name, True, False)
+            case Operation(Operator.AND | Operator.OR | Operator.NOT, operands):
+                for operand in operands:
+                    self._condition(operand)
+            case Operation(operator, operands) if operator in COMPARISONS:
+                left, right = map(_folded, operands)
+                if left is not None and right is not None:  # else it is undefined whatever the variables are
+                    self.ordered |= operator in ORDERINGS
+                    self._comparison(left, right)
+            case Operation() if variables(guard):
+                self.gap = BEYOND
+            case _:
+                pass
 
-def asked(guard: Guard) -> Asked:
-    """What a guard asks of its variables."""
-    found = Asked()
-    _condition(guard, found)
-    return found
+    def _comparison(self, left: Guard, right: Guard) -> None:
+        match left, right:
+            case (Variable(one), Variable(other)):
+                if one != other:
+                    self.pairs.add((one, other))
+            case (Variable(name), Literal(constant)) | (Literal(constant), Variable(name)):
+                self._constant(name, constant)
+            case _:
+                operators = [side.operator for side in (left, right) if isinstance(side, Operation)]
+                if any(operator in ARITHMETIC for operator in operators):
+                    self._calculation(left, right)
+                if any(operator not in ARITHMETIC for operator in operators):  # the other side is a truth value then
+                    self._condition(left)
+                    self._condition(right)
 
+    def _calculation(self, left: Guard, right: Guard) -> None:
+        self.ordered = self.calculated = True
+        names = list(dict.fromkeys((*variables(left), *variables(right))))
+        constants = [part.value for part in (*walk(left), *walk(right)) if isinstance(part, Literal)]
+        for name in names:
+            self._constant(name, *filter(is_number, constants))
+        calculated, other = (left, right) if isinstance(left, Operation) else (right, left)
+        if len(names) > 1 or not (isinstance(other, Literal) and _is_monotone(calculated)):
+            self.gap = SEVERAL if len(names) > 1 else BEYOND
+            return
+        (name,), limit = names, other.value
 
-def _condition(guard: Guard, found: Asked) -> None:
-    match guard:
-        case Variable(name):
-            found.constant(name, given=True)
-            found.constant(name, given=False)
-        case Operation(Operator.AND | Operator.OR | Operator.NOT, operands):
-            for operand in operands:
-                _condition(operand, found)
-        case Operation(operator, (left, right)) if operator in COMPARISONS:
-            _comparison(operator, left, right, found)
-        case Operation() if variables(guard):
-            found.gap = BEYOND
-        case _:
-            pass
+        def side(given: Scalar) -> str:
+            result = value(calculated, {name: given})
+            if result is UNDEFINED:
+                return "undefined"
+            if not is_number(limit):
+                return "defined"
+            return "above" if result > limit else "below" if result < limit else "equal"
 
-
-def _comparison(operator: Operator, left: Guard, right: Guard, found: Asked) -> None:
-    folded = _folded(left), _folded(right)
-    if folded[0] is None or folded[1] is None:  # undefined whatever the variables are
-        return
-    left, right = folded[0], folded[1]
-    found.ordered |= operator in ORDERINGS
-    match left, right:
-        case (Variable(one), Variable(other)):
-            if one != other:
-                found.pairs.add((one, other))
-        case (Variable(name), Literal(constant)) | (Literal(constant), Variable(name)):
-            found.constant(name, constant)
-        case (Literal(), Literal()):
-            pass
-        case _:
-            _mixed(left, right, found)
-
-
-def _mixed(left: Guard, right: Guard, found: Asked) -> None:
-    """A comparison with conditions or calculations in it."""
-    sides = [side for side in (left, right) if isinstance(side, Operation)]
-    if any(side.operator in ARITHMETIC for side in sides):
-        _calculation(left, right, found)
-    if any(side.operator not in ARITHMETIC for side in sides):  # the other side is looked at as a truth value
-        for side in (left, right):
-            _condition(side, found)
+        last = 2 ** (_DOUBLE_BITS + _BITS * sum(isinstance(part, Operation) for part in walk(calculated)))
+        self._constant(name, *_changes(side, int, last), *_changes(side, _double, _LAST_DOUBLE))
 
 
 def _folded(guard: Guard) -> Guard | None:
@@ -115,35 +120,7 @@ def _folded(guard: Guard) -> Guard | None:
     return guard
 
 
-def _calculation(left: Guard, right: Guard, found: Asked) -> None:
-    found.ordered = found.calculated = True
-    names = list(dict.fromkeys((*variables(left), *variables(right))))
-    constants = [part.value for part in (*walk(left), *walk(right)) if isinstance(part, Literal)]
-    for called, constant in product(names, filter(is_number, constants)):
-        found.constant(called, constant)
-    if len(names) > 1:
-        found.gap = SEVERAL
-        return
-    name = names[0]
-    calculated, other = (left, right) if isinstance(left, Operation) else (right, left)
-    if not (isinstance(other, Literal) and _monotone(calculated)):
-        found.gap = BEYOND
-        return
-
-    def side(given: Scalar) -> str:
-        result = value(calculated, {name: given})
-        if result is UNDEFINED:
-            return "undefined"
-        if not is_number(other.value):
-            return "defined"
-        return "above" if result > other.value else "below" if result < other.value else "equal"
-
-    last = 2 ** (_DOUBLE_BITS + _BITS * sum(isinstance(part, Operation) for part in walk(calculated)))
-    for bound in (*_changes(side, int, last), *_changes(side, _double, _LAST_DOUBLE)):
-        found.constant(name, bound)
-
-
-def _monotone(guard: Guard) -> bool:
+def _is_monotone(guard: Guard) -> bool:
     """Whether a chain of steps leads from one variable here, each with a constant of moderate size."""
     while isinstance(guard, Operation):
         operands = [_folded(operand) for operand in guard.operands]
@@ -153,14 +130,11 @@ def _monotone(guard: Guard) -> bool:
             return False
         if guard.operator is Operator.DIV and isinstance(operands[0], Literal):
             return False
-        if not all(map(_moderate, constants)):
+        sizes = [abs(one) for one in constants if isinstance(one, (int, float)) and one]
+        if not all(1 / _MODERATE <= size <= _MODERATE for size in sizes):
             return False
         guard = others[0]
     return isinstance(guard, Variable)
-
-
-def _moderate(constant: Scalar) -> bool:
-    return not isinstance(constant, (int, float)) or not constant or 1 / _MODERATE <= abs(constant) <= _MODERATE
 
 
 def _double(rank: int) -> float:
@@ -190,6 +164,9 @@ def _changes(side: Callable[[Scalar], str], at: Callable[[int], Scalar], last: i
     return found
 
 
+# -- regions --------------------------------------------------------------------------------------------------------
+
+T = TypeVar("T")
 Number: TypeAlias = int | float
 
 _PARTS: Final = 16
@@ -197,26 +174,22 @@ _READABLE: Final = 8
 
 
 def regions(
-    constants: Iterable[Scalar], avoid: Iterable[Scalar], many: int, fresh: Fresh, *, ordered: bool, calculated: bool
-) -> tuple[list[tuple[Json, ...]], tuple[Scalar, ...]]:
-    """`many` values from every region between the constants and `many` without order, none of them among those to avoid.
+    constants: Iterable[Scalar], avoid: Iterable[Scalar], many: int, *, calculated: bool
+) -> list[tuple[Json, ...]]:
+    """`many` values from every region between the constants, none of them among those to avoid.
 
-    Without `ordered`, guards ask for equality alone, and values without order are all there is to try. With `calculated`, integers
-    and doubles of equal value are told apart. A region with fewer values is there with all that it has; the constants come second.
+    With `calculated`, integers and doubles of equal value are told apart. A region with fewer values is there with all that it has.
     """
-    opaque = tuple(fresh.opaque(number) for number in range(many))
-    if not ordered:
-        return [opaque], ()
-    points = {key(one): one for one in constants}
-    numbers = sorted(one for one in points.values() if isinstance(one, (int, float)) and is_number(one))
-    strings = sorted(one for one in points.values() if isinstance(one, str))
+    points = {key(one): one for one in constants}.values()
+    numbers = sorted(one for one in points if isinstance(one, (int, float)) and is_number(one))
+    strings = sorted(one for one in points if isinstance(one, str))
     avoided = {key(one) for one in avoid}
     found: list[tuple[Json, ...]] = []
     for low, high in pairwise((None, *numbers, None)):
         sorts = [_integers(low, high), _doubles(low, high)]
         found += [_taken(one, many, avoided) for one in (sorts if calculated else [chain(*sorts)])]
     found += [_taken(_strings(low, high), many, avoided) for low, high in pairwise((None, *strings, None))]
-    return [*filter(None, found), opaque], tuple(points.values())
+    return [*filter(None, found)]
 
 
 def _taken(values: Iterator[Json], many: int, avoided: set[Hashable]) -> tuple[Json, ...]:
@@ -232,26 +205,21 @@ def _taken(values: Iterator[Json], many: int, avoided: set[Hashable]) -> tuple[J
 
 def _integers(low: Number | None, high: Number | None) -> Iterator[int]:
     """The integers strictly between two numbers (None: no bound)."""
-    if low is not None:
-        first = math.floor(low) + 1
-        yield from count(first) if high is None else range(first, math.ceil(high))
-    elif high is not None:
-        yield from count(math.ceil(high) - 1, -1)
-    else:
-        yield from count()
+    if low is None:
+        return count() if high is None else count(math.ceil(high) - 1, -1)
+    first = math.floor(low) + 1
+    return count(first) if high is None else iter(range(first, math.ceil(high)))
 
 
 def _doubles(low: Number | None, high: Number | None) -> Iterator[float]:
     """The doubles strictly between two numbers, some round ones first."""
     if low is not None and high is not None:
         below, above = _at_most(low), -_at_most(-high)
-        for part in range(1, _PARTS):
-            middle = below / _PARTS * (_PARTS - part) + above / _PARTS * part
-            if low < middle < high:
-                yield middle
-    up = low is not None
+        middles = (below / _PARTS * (_PARTS - part) + above / _PARTS * part for part in range(1, _PARTS))
+        yield from (middle for middle in middles if low < middle < high)
+    towards = -math.inf if low is None else math.inf
     at = _at_most(low) if low is not None else 0.0 if high is None else -_at_most(-high)
-    while math.isfinite(at := math.nextafter(at, math.inf if up else -math.inf)) and (high is None or at < high):
+    while math.isfinite(at := math.nextafter(at, towards)) and (high is None or at < high):
         if low is None or at > low:
             yield at
 
@@ -270,9 +238,8 @@ def _strings(low: str | None, high: str | None) -> Iterator[str]:
     if low is None:
         yield ""
     low = low or ""
-    for number in range(1, _READABLE):
-        if high is None or low + "a" * number < high:
-            yield low + "a" * number
+    readable = (low + "a" * number for number in range(1, _READABLE))
+    yield from (one for one in readable if high is None or one < high)
     for number in count(1):
         if high is not None and low + "\0" * number >= high:
             return
@@ -310,29 +277,42 @@ class Guarded:
             yield plain(substitute(self.pattern, {other: Variable(one)}))
 
 
+Choice: TypeAlias = Mapping[Place, Json]
+Placed: TypeAlias = tuple[Guard, Mapping[str, Place]]
+"""A guard, and the places of its variables."""
+
+
 class Choices:
     """The values to choose from, for all guards together."""
 
     def __init__(self, guarded: Sequence[Guarded], patterns: Sequence[Pattern], fresh: Fresh) -> None:
-        self._guarded = guarded
+        self._guarded = [(one, patterns.index(plain(one.pattern))) for one in guarded]
         self._patterns = patterns
         self._fresh = fresh
-        self._number = {pattern: index for index, pattern in enumerate(patterns)}
-        self._at = [self._number[plain(one.pattern)] for one in guarded]
         self._calculated = any(one.asked.calculated for one in guarded)
-        asked_of = {plain(one.pattern) for one in guarded}
-        added = {pattern for one in guarded for pattern in one.refined()} - asked_of
-        self._linked = any(True for pattern in patterns if pattern not in added for _ in _parts(pattern, Variable))
-        """Whether a question asks for equality in its pattern."""
         self._many = sum(len(variables(one.guard)) for one in guarded)
-        self._literals = {key(literal.value) for pattern in patterns for _, literal in _literals(pattern)}
-        self._regions, self._points = self._all_regions()
-        self._crowded = self._linked and any(len(region) < self._many for region in self._regions)
         self._tried = 0
+        added = {pattern for one in guarded for pattern in one.refined()} - {plain(one.pattern) for one in guarded}
+        # whether a question asks for equality in its pattern
+        linked = any(True for pattern in patterns if pattern not in added for _ in _parts(pattern, Variable))
+        literals = [(path, part.value) for pattern in patterns for path, part in _parts(pattern, Literal)]
+        self._literals = {key(one) for _, one in literals}
+        self._regions = [tuple(fresh.opaque(number) for number in range(self._many))]
+        self._points: tuple[Scalar, ...] = ()
+        if any(one.asked.ordered for one in guarded):  # else they ask for equality alone
+            constants = [one.value for about in guarded for some in about.asked.constants.values() for one in some]
+            if any(one.asked.pairs for one in guarded):
+                # a variable is compared with what may be a literal elsewhere: at the same path, or where patterns link paths
+                paths = {path for one in guarded for path, _ in _parts(one.pattern, Variable)}
+                constants += [one for path, one in literals if linked or path in paths]
+            self._points = tuple({key(one): one for one in constants}.values())
+            avoid = [one for _, one in literals]
+            self._regions[:0] = regions(self._points, avoid, self._many, calculated=self._calculated)
+        self._crowded = linked and any(len(region) < self._many for region in self._regions)
 
     def events(self, closed: int, event: Json) -> Iterator[Json]:
         """The events of a closed set, `event` being its least."""
-        here = [one for one, at in zip(self._guarded, self._at, strict=True) if closed >> at & 1]
+        here = [one for one, at in self._guarded if closed >> at & 1]
         if not here:
             yield event
             return
@@ -340,59 +320,45 @@ class Choices:
         for index, pattern in enumerate(self._patterns):
             if closed >> index & 1:
                 demands.demand(pattern)
-        wheres = [demands.demand(one.pattern) or {} for one in here]
-        placed = [
-            _Placed(one.guard, {name: demands.place(where[name]) for name in variables(one.guard)})
-            for one, where in zip(here, wheres, strict=True)
+        wheres = [(one.guard, demands.demand(one.pattern) or {}) for one in here]
+        placed: list[Placed] = [
+            (guard, {name: demands.place(where[name]) for name in variables(guard)}) for guard, where in wheres
         ]
-        groups = _groups(placed, together=self._crowded)
-        for choice in product(*self._of_groups(groups, placed, demands)):
+        for choice in product(*self._of_groups(placed, demands)):
             values = demands.values(dict(chain.from_iterable(part.items() for part in choice)))
             assert values is not None
             yield values[ROOT]
 
-    def _of_groups(
-        self, groups: Sequence[Sequence[Place]], placed: Sequence["_Placed"], demands: Demands
-    ) -> Iterator[list[Mapping[Place, Json]]]:
+    def _of_groups(self, placed: Sequence[Placed], demands: Demands) -> Iterator[list[Choice]]:
+        """For each group of places the choices."""
         known = demands.values({})
         assert known is not None
         slot = 0
-        for group in groups:
-            free = [place for place in group if demands.free(place)]
-            mine = range(slot, slot + len(free))
-            slot += len(free)
-            values = {place: self._forms(demands.literal(place)) for place in group} | dict.fromkeys(
-                free, self._from(mine)
-            )
-            yield self._shown(
-                [one for one in placed if one.within(group)], known, {p: v for p, v in values.items() if v}
-            )
+        for group in _groups(placed, together=self._crowded):
+            free = [place for place in group if demands.is_free(place)]
+            mine = slice(slot, slot + len(free))
+            slot = mine.stop
+            # values of every region, not those of other groups where there are enough; then the constants between regions
+            parts = (region if len(region) < self._many else region[mine] for region in self._regions)
+            some = [*chain.from_iterable(parts), *self._points]
+            values = {place: some if place in free else self._forms(demands.literal(place)) for place in group}
+            within = [one for one in placed if not set(group).isdisjoint(one[1].values())]
+            yield self._shown(within, known, {place: some for place, some in values.items() if some})
 
-    def _from(self, slots: range) -> list[Json]:
-        """Values of every region, not those of other groups where there are enough; then the constants between regions."""
-        mine = slice(slots.start, slots.stop)
-        found = [region if len(region) < self._many else region[mine] for region in self._regions]
-        return [*chain.from_iterable(found), *self._points]
-
-    def _shown(
-        self, placed: Sequence["_Placed"], known: Mapping[Place, Json], values: Mapping[Place, Sequence[Json]]
-    ) -> list[Mapping[Place, Json]]:
-        """A choice for each combination of truths, and for each way in which values are equal."""
+    def _shown(self, placed: Sequence[Placed], known: Choice, values: Mapping[Place, Sequence[Json]]) -> list[Choice]:
+        """A choice for each combination of truths, and for each way in which values are equal, also to literals of patterns."""
         self._tried += prod(map(len, values.values()))
         if self._tried > TRIED:
             raise TooLarge("values to try for the variables of guards", limit=TRIED)
-        found: dict[object, Mapping[Place, Json]] = {}
+        found: dict[object, Choice] = {}
         for some in product(*values.values()):
             choice = dict(zip(values, some, strict=True))
             here = {**known, **choice}
-            truths = tuple(one.holds(here) for one in placed)
-            found.setdefault((truths, self._equalities(some)), choice)
+            truths = [holds(guard, {name: here[at] for name, at in where.items()}) for guard, where in placed]
+            keys = [key(value) for value in some]
+            equalities = [(keys.index(one), one if one in self._literals else None) for one in keys]
+            found.setdefault((*truths, *equalities), choice)
         return list(found.values())
-
-    def _equalities(self, values: Sequence[Json]) -> tuple[object, ...]:
-        """Which values are equal, and which are literals of patterns."""
-        keys = [key(value) for value in values]
-        return tuple((keys.index(one), one if one in self._literals else None) for one in keys)
 
     def _forms(self, literal: Literal | None) -> list[Json]:
         """A number as integer and as double, which may differ where guards calculate; nothing to choose elsewhere."""
@@ -405,50 +371,18 @@ class Choices:
             return [value]
         return [value, other] if other == value else [value]
 
-    def _all_regions(self) -> tuple[list[tuple[Json, ...]], tuple[Scalar, ...]]:
-        constants = [one.value for about in self._guarded for group in about.asked.constants.values() for one in group]
-        literals = [literal.value for pattern in self._patterns for _, literal in _literals(pattern)]
-        if any(one.asked.pairs for one in self._guarded):  # a variable is compared with what may be a literal elsewhere
-            constants += self._near()
-        ordered = any(one.asked.ordered for one in self._guarded)
-        return regions(constants, literals, self._many, self._fresh, ordered=ordered, calculated=self._calculated)
 
-    def _near(self) -> Iterator[Scalar]:
-        """The literals that can stand where a guard looks: at the same path, or anywhere if patterns link paths."""
-        paths = {path for one in self._guarded for path, _ in _parts(one.pattern, Variable)}
-        for pattern in self._patterns:
-            yield from (literal.value for path, literal in _literals(pattern) if self._linked or path in paths)
-
-
-@dataclass(frozen=True, slots=True)
-class _Placed:
-    """A guard, and the places of its variables."""
-
-    guard: Guard
-    where: Mapping[str, Place]
-
-    def holds(self, values: Mapping[Place, Json]) -> bool:
-        return holds(self.guard, {name: values[place] for name, place in self.where.items()})
-
-    def within(self, group: Sequence[Place]) -> bool:
-        return any(place in group for place in self.where.values())
-
-
-def _groups(placed: Iterable[_Placed], *, together: bool) -> list[list[Place]]:
+def _groups(placed: Iterable[Placed], *, together: bool) -> list[list[Place]]:
     """The places of guards, those together that are in one guard, or in guards with a common place."""
     groups: list[set[Place]] = []
-    for one in placed:
-        joined = set(one.where.values())
+    for _, where in placed:
+        joined = set(where.values())
         touched = groups if together else [group for group in groups if group & joined]
         groups = [*(group for group in groups if group not in touched), joined.union(*touched)]
     return [sorted(group) for group in groups]
 
 
-def _literals(pattern: Pattern) -> Iterator[tuple[tuple[str | int, ...], Literal]]:
-    return ((path, part) for path, part in _parts(pattern, Literal) if isinstance(part, Literal))
-
-
-def _parts(pattern: Pattern, kind: type) -> Iterator[tuple[tuple[str | int, ...], Pattern]]:
+def _parts(pattern: Pattern, kind: type[T]) -> Iterator[tuple[tuple[str | int, ...], T]]:
     """The parts of a kind with their paths."""
     todo: list[tuple[tuple[str | int, ...], Pattern]] = [((), pattern)]
     while todo:

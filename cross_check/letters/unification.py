@@ -6,6 +6,7 @@ have equal values there. A fresh value equals no literal and no other value, and
 apart that nothing makes equal, so the least event matches only what *every* event matches that matches the patterns.
 """
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, TypeAlias
 
@@ -22,6 +23,7 @@ from rvaft.model.patterns import (
     walk,
 )
 from rvaft.model.values import Json
+from rvaft.support.bits import bits
 
 Place: TypeAlias = int
 ROOT: Final[Place] = 0
@@ -32,19 +34,11 @@ class Fresh:
 
     def __init__(self, patterns: Iterable[Pattern], *, apart: bool) -> None:
         self.apart = apart
+        parts = [part for pattern in patterns for part in walk(pattern)]
+        words = {part.value for part in parts if isinstance(part, Literal) and isinstance(part.value, str)}
+        words |= {name for part in parts if isinstance(part, ObjectPattern) for name, _ in part.fields}
+        self._longest = max((len(part.items) for part in parts if isinstance(part, ListPattern)), default=0)
         self._mark = "~"
-        words: set[str] = set()
-        self._longest = 0
-        for part in (part for pattern in patterns for part in walk(pattern)):
-            match part:
-                case Literal(str(word)):
-                    words.add(word)
-                case ObjectPattern(fields):
-                    words.update(name for name, _ in fields)
-                case ListPattern(items):
-                    self._longest = max(self._longest, len(items))
-                case _:
-                    pass
         while any(word.startswith(self._mark) for word in words):
             self._mark += "~"
 
@@ -71,7 +65,7 @@ class Demands:
             given = self._same[given]
         return given
 
-    def free(self, place: Place) -> bool:
+    def is_free(self, place: Place) -> bool:
         """Whether nothing is decided about the value there."""
         return self._has[self.place(place)] is None
 
@@ -85,45 +79,35 @@ class Demands:
         where: dict[str, Place] = {}
         todo: list[tuple[Pattern, Place]] = [(pattern, ROOT)]
         while todo:
-            part, place = todo.pop()
-            match part:
-                case Literal():
-                    if not self._settle(place, part):
-                        return None
-                case Variable(name):
+            part, given = todo.pop()
+            place = self.place(given)
+            match part, self._has[place]:
+                case Anything(), _:
+                    pass
+                case Variable(name), _:
                     if not self._unite(where.setdefault(name, place), place):
                         return None
-                case ObjectPattern(fields):
-                    found = self._has[place := self.place(place)]
-                    if found is None:
-                        found = self._has[place] = {}
-                    if not isinstance(found, dict):
-                        return None
-                    for name, inner in fields:
-                        if name not in found:
-                            found[name] = self._new()
-                        todo.append((inner, found[name]))
-                case ListPattern(items):
-                    there = self._has[place := self.place(place)]
-                    if there is None:
-                        there = self._has[place] = tuple(self._new() for _ in items)
-                    if not isinstance(there, tuple) or len(there) != len(items):
-                        return None
+                case Literal(), None:
+                    self._has[place] = part
+                case ObjectPattern(fields), None | dict() as found:
+                    inner = self._has[place] = {} if found is None else found
+                    for name, below in fields:
+                        if name not in inner:
+                            inner[name] = self._new()
+                        todo.append((below, inner[name]))
+                case ListPattern(items), None:
+                    new = self._has[place] = tuple(self._new() for _ in items)
+                    todo.extend(zip(items, new, strict=True))
+                case ListPattern(items), tuple() as there if len(there) == len(items):
                     todo.extend(zip(items, there, strict=True))
-                case _:
-                    pass
+                case _, has if has != part:
+                    return None
         return where
 
     def _new(self) -> Place:
         self._same.append(len(self._same))
         self._has.append(None)
         return self._same[-1]
-
-    def _settle(self, place: Place, literal: Literal) -> bool:
-        place = self.place(place)
-        if self._has[place] is None:
-            self._has[place] = literal
-        return self._has[place] == literal
 
     def _unite(self, one: Place, other: Place) -> bool:
         todo = [(one, other)]
@@ -184,93 +168,69 @@ class Demands:
 
 # Which patterns one event can match together: the closed sets, each with its least event.
 #
-# A set of patterns is closed when it has every pattern that its own least event matches (`least`), and then the event matches just
+# A set of patterns is closed when it has every pattern that its own least event matches, and then the event matches just
 # these. The sets are enumerated without repetition in Ganter's order ("close by one"): a set grows by patterns of
 # increasing number, and a step that brings in an earlier one is left to the place where that was added.
-
-EMPTY: Final[tuple[int, ...]] = ()
 
 
 def plain(pattern: Pattern) -> Pattern:
     """The pattern with `_` for variables that demand nothing, and the others numbered: equal demands are equal patterns."""
     uses = [part.name for part in walk(pattern) if isinstance(part, Variable)]
-    if not uses:
-        return pattern
     by: dict[str, Pattern] = {name: Anything() for name in uses}
     twice = [name for name in by if uses.count(name) > 1]
     by.update((name, Variable(f"_{number}")) for number, name in enumerate(twice, 1))
-    return substitute(pattern, by)
+    return substitute(pattern, by) if uses else pattern
 
 
-class ClosedSets:
-    """The closed sets of some patterns; a set is a number with one bit for each pattern."""
+def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Iterator[tuple[int, Json]]:
+    """Each closed set of some patterns, a number with one bit for each, and its least event; that of `{}` first.
 
-    def __init__(self, patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> None:
-        self._patterns = patterns
-        self._fresh = fresh
-        self._limit = limit
-        self._rivals = _rivals(patterns)
-        self._all = (1 << len(patterns)) - 1
+    Raises `TooLarge` for more than `limit` of them.
+    """
 
-    def __iter__(self) -> Iterator[tuple[int, Json]]:
-        """Each set and its least event, that of `{}` first; raises `TooLarge`."""
-        least = self._closure(EMPTY, self._all)
-        assert least is not None
-        todo = [(EMPTY, *least, self._all, 0)]
-        sets = 0
-        while todo:
-            generators, closed, event, possible, after = todo.pop()
-            sets += 1
-            if sets > self._limit:
-                raise TooLarge("sets of patterns that an event can match", limit=self._limit)
-            yield closed, event
-            for index in reversed(_bits(possible & ~closed & -(1 << after))):
-                still = possible & ~self._rivals[index]
-                more = self._closure((*generators, index), still)
-                if more is not None and not (more[0] ^ closed) & ((1 << index) - 1):
-                    todo.append(((*generators, index), *more, still, index + 1))
-
-    def _closure(self, generators: tuple[int, ...], possible: int) -> tuple[int, Json] | None:
+    def closure(generators: tuple[int, ...], possible: int) -> tuple[int, Json] | None:
         """Those of the possible patterns that the least event of some matches, and the event; None where there is none."""
-        demands = Demands(self._fresh)
-        if any(demands.demand(self._patterns[index]) is None for index in generators):
-            return None
-        values = demands.values({})
+        demands = Demands(fresh)
+        values = None
+        if all(demands.demand(patterns[index]) is not None for index in generators):
+            values = demands.values({})
         if values is None:
             return None
-        event, closed = values[ROOT], 0
-        for index in _bits(possible):
-            if match(self._patterns[index], event, {}) is not None:
-                closed |= 1 << index
-        return closed, event
+        event = values[ROOT]
+        return sum(1 << index for index in bits(possible) if match(patterns[index], event, {}) is not None), event
+
+    rivals = _rivals(patterns)
+    every = (1 << len(patterns)) - 1
+    start: tuple[int, ...] = ()
+    todo = [(start, *least, every, 0)] if (least := closure(start, every)) else []
+    sets = 0
+    while todo:
+        generators, closed, event, possible, after = todo.pop()
+        sets += 1
+        if sets > limit:
+            raise TooLarge("sets of patterns that an event can match", limit=limit)
+        yield closed, event
+        for index in reversed([*bits(possible & ~closed & -(1 << after))]):
+            still = possible & ~rivals[index]
+            more = closure((*generators, index), still)
+            if more is not None and not (more[0] ^ closed) & ((1 << index) - 1):
+                todo.append(((*generators, index), *more, still, index + 1))
 
 
-def _bits(mask: int) -> list[int]:
-    found = []
-    while mask:
-        low = mask & -mask
-        found.append(low.bit_length() - 1)
-        mask ^= low
-    return found
-
-
-def _rivals(patterns: Iterable[Pattern]) -> list[int]:
+def _rivals(patterns: Sequence[Pattern]) -> list[int]:
     """For each pattern those that ask for another literal in the same field: no event matches both."""
-    fields = [_literal_fields(pattern) for pattern in patterns]
-    with_field: dict[str, int] = {}
-    with_literal: dict[tuple[str, Literal], int] = {}
-    for index, found in enumerate(fields):
-        for name, literal in found:
-            with_field[name] = with_field.get(name, 0) | 1 << index
-            with_literal[name, literal] = with_literal.get((name, literal), 0) | 1 << index
-    rivals = [0] * len(fields)
-    for index, found in enumerate(fields):
-        for name, literal in found:
-            rivals[index] |= with_field[name] & ~with_literal[name, literal]
+    asked = [
+        (index, name, inner)
+        for index, pattern in enumerate(patterns)
+        for name, inner in (pattern.fields if isinstance(pattern, ObjectPattern) else ())
+        if isinstance(inner, Literal)
+    ]
+    of_field: dict[str, int] = defaultdict(int)
+    of_literal: dict[tuple[str, Literal], int] = defaultdict(int)
+    for index, name, literal in asked:
+        of_field[name] |= 1 << index
+        of_literal[name, literal] |= 1 << index
+    rivals = [0] * len(patterns)
+    for index, name, literal in asked:
+        rivals[index] |= of_field[name] & ~of_literal[name, literal]
     return rivals
-
-
-def _literal_fields(pattern: Pattern) -> list[tuple[str, Literal]]:
-    if not isinstance(pattern, ObjectPattern):
-        return []
-    return [(name, inner) for name, inner in pattern.fields if isinstance(inner, Literal)]

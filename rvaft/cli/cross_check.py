@@ -19,17 +19,20 @@ from cross_check.comparison import PATIENCE, Roster
 from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
 from cross_check.participants import handwritten, is_specification
-from cross_check.reports import (
+from cross_check.results import (
+    Job,
+    Result,
+    Status,
     Totals,
     csv_text,
     difference_lines,
+    exit_status,
     json_text,
     junit_text,
     markdown_text,
     result_lines,
     summary_lines,
 )
-from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import Effort
 from rvaft.api import load, narrowed
 from rvaft.cli import FAILED, INTERRUPTED, Stopped, options, report
@@ -119,7 +122,7 @@ class Reports:
                         break
             except KeyboardInterrupt:
                 note = f"interrupted after {done} of {count} comparisons"
-        totals = Totals.of(self.results)
+        totals = Totals(self.results)
         if self.results:
             click.echo("\n".join(result_lines(self.results) if self.every else summary_lines(totals)))
         if not self.every:

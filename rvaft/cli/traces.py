@@ -1,6 +1,7 @@
 """`rvaft traces`: example logs for a tree."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import Final
@@ -59,14 +60,15 @@ def traces_command(
     if folder is None and wanted > 1:
         raise options.misused(f"{wanted} traces need a folder: name it with -o")
     part, meaning = narrowed(load(tree), branch, kind), Semantics(semantics)
+    manner = replace(PLAIN, longest=length)
     name = "near-miss" if near_miss else "random" if chance else "detect"
 
     def make(random: Random) -> list[Json]:
         if near_miss:
-            return missing(random, part, meaning, manner=PLAIN, longest=length).trace
+            return missing(random, part, meaning, manner).trace
         if chance:
             return random_trace(random, part, max_length=length or RANDOM_LENGTH)
-        return detecting(random, part, meaning, manner=PLAIN, longest=length)
+        return detecting(random, part, meaning, manner)
 
     texts: list[str] = []
     for place in range(

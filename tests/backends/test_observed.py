@@ -8,8 +8,9 @@ import pytest
 from backends import conformance
 from backends.conformance import examples
 from backends.rml import RmlBackend
-from cross_check.generate.traces import fitting, interesting_values, random_event
+from cross_check.generate.traces import random_event
 from cross_check.generate.trees import VARIABLE_FREE, Shape, random_tree
+from cross_check.generate.values import fitting, interesting_values
 from cross_check.letters import VARIABLES, answers, letters
 from rvaft.backend import Observed, backend
 from rvaft.errors import NotExpressible, TooLarge, TreeError

@@ -67,7 +67,7 @@ def same(observed: tuple[Observed, ...] | None = observed_by(TREE)) -> Enlist:
 
 
 def fail(error: RvaftError) -> Enlist:
-    return lambda: Absent("failed", error)
+    return lambda: Absent(error)
 
 
 def raising(_verdict: Verdict) -> Verdict:
@@ -157,7 +157,7 @@ def test_alone_nobody_agrees() -> None:
 
 
 def test_without_the_reference_the_next_one_is_the_baseline() -> None:
-    absent: Enlist = lambda: Absent("reference", TooLarge("scenarios", limit=1))  # noqa: E731
+    absent: Enlist = lambda: Absent(TooLarge("scenarios", limit=1))  # noqa: E731
     rows = Comparison(TREE, JOB, Effort()).run([("reference", absent), ("same", same()), ("again", same())])
     assert [row.status for row in rows] == [Status.TOO_LARGE, Status.BASELINE, Status.PROVED]
 

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise, permutations
 from random import Random
 from typing import Any, Final
@@ -12,8 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cross_check.generate import PLAIN, WILD, Manner, NoTraceFound, detecting, disturbed, guided, near_miss, strategies
-from cross_check.generate.detections import Cyclic, Scenarios, noise, random_order
-from cross_check.generate.traces import random_trace
+from cross_check.generate.traces import Cyclic, Scenarios, noise, random_order, random_trace
 from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Gate, Node, Semantics, Verdict, loads, monitor
 from rvaft.analysis.branches import restrict
@@ -45,7 +45,7 @@ def test_the_reference_detects_at_the_last_event_and_not_before(shape: str) -> N
 
 @pytest.mark.parametrize("shape", ["everything", "guarded", "heavily shared"])
 def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cross_check.generate.detections.engine", None)
+    monkeypatch.setattr("cross_check.generate.traces.engine", None)
     for random, tree in small_trees(shape, 12):
         for semantics in Semantics:
             trace = found(guided, random, tree, semantics)
@@ -58,7 +58,7 @@ def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypa
 def test_shipped_trees(name: str, semantics: Semantics, manner: Manner) -> None:
     tree = shipped.load(name)
     for seed in range(4):
-        trace = detecting(Random(seed), tree, semantics, manner=manner)
+        trace = detecting(Random(seed), tree, semantics, manner)
         assert verdicts(tree, semantics, trace)[-1] is Verdict.TRUE
 
 
@@ -73,7 +73,7 @@ def test_a_branch_and_a_kind(part: dict[str, Any]) -> None:
 def test_a_monitor_that_does_not_detect_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     tree = loads("top sand a b;")
     other = loads("top sand b a; a; b;")
-    monkeypatch.setattr("cross_check.generate.detections.engine", lambda _, semantics: engine(other, semantics))
+    monkeypatch.setattr("cross_check.generate.traces.engine", lambda _, semantics: engine(other, semantics))
     with pytest.raises(AssertionError, match="does not detect top under strict"):
         detecting(Random(0), tree, Semantics.STRICT)
 
@@ -170,7 +170,10 @@ def test_dead_guards_are_avoided() -> None:
         "event p(x) = { p: x }; top 2of4 a b c d; a; b on p(1) when 1 > 2; c; d and e f; e; f on p(2) when 2 > 3;"
     )
     for seed in range(10):
-        assert sorted(e["event"] for e in guided(Random(seed), tree, Semantics.STRICT, attempts=1)) == ["a", "c"]
+        assert sorted(e["event"] for e in guided(Random(seed), tree, Semantics.STRICT, replace(WILD, attempts=1))) == [
+            "a",
+            "c",
+        ]
 
 
 def test_more_than_k_children_sometimes() -> None:
@@ -213,7 +216,7 @@ def test_values_under_which_a_guard_holds(guard: str, manner: Manner) -> None:
         f' a on e("a", X); b on e("b", Y); c on e("c", Z); d on e("d", _) when {guard};'
     )
     for seed in range(5):
-        trace = detecting(Random(seed), tree, Semantics.STRICT, manner=manner)
+        trace = detecting(Random(seed), tree, Semantics.STRICT, manner)
         assert verdicts(tree, Semantics.STRICT, trace)[-1] is Verdict.TRUE
 
 
@@ -224,7 +227,7 @@ def test_bounds_are_met_exactly_and_narrowly(manner: Manner) -> None:
     )
     seen: Counter[tuple[str, float]] = Counter()
     for seed in range(150):
-        first, second = guided(Random(seed), tree, Semantics.STRICT, manner=manner)
+        first, second = guided(Random(seed), tree, Semantics.STRICT, manner)
         seen["v", first["v"]] += 1
         seen["t", second["t"] - first["t"]] += 1
     assert seen["v", 250]
@@ -238,13 +241,13 @@ def test_many_variables_tied_together_by_separate_guards() -> None:
     names = " ".join(f"l{i}" for i in range(count))
     tree = loads(f"event r(v, t) = {{ v: v, t: t }}; top sand {names}; l0 on r(V0, T0); {' '.join(leaves)}")
     for seed in range(3):
-        trace = guided(Random(seed), tree, Semantics.STRICT, attempts=1)
+        trace = guided(Random(seed), tree, Semantics.STRICT, replace(WILD, attempts=1))
         assert all(later["t"] >= earlier["t"] + 10 for earlier, later in pairwise(trace))
 
 
 def test_an_early_value_that_leaves_none_for_a_later_variable_is_given_up() -> None:
     tree = loads("event e(x) = { x: x }; top sand a b; a on e(X); b on e(Y) when Y > X and Y < 4;")
-    traces = [found(guided, Random(seed), tree, Semantics.STRICT, attempts=1) for seed in range(100)]
+    traces = [found(guided, Random(seed), tree, Semantics.STRICT, replace(WILD, attempts=1)) for seed in range(100)]
     assert sum(trace is not None for trace in traces) > 80
 
 
@@ -278,7 +281,7 @@ def test_a_choice_without_values_is_not_made() -> None:
 def test_what_is_in_the_way_is_named(text: str, nodes: set[str], said: str) -> None:
     tree = loads(f"event e(x) = {{ x: x }}; {text}")
     with pytest.raises(NoTraceFound, match=said) as caught:
-        guided(Random(0), tree, attempts=40)
+        guided(Random(0), tree, Semantics.PROJECTED, replace(WILD, attempts=40))
     assert set(caught.value.nodes) <= nodes
     assert "40 attempts" in str(caught.value)
 
@@ -297,17 +300,17 @@ def test_ignored_values_are_avoided_only_where_that_matters() -> None:
 def test_the_shortest_scenario_is_found_among_many() -> None:
     gates = " ".join(f"o{i}" for i in range(14))
     tree = loads(f"top and {gates};" + "".join(f"o{i} or l{i} s{i}; l{i} and x{i} y{i};" for i in range(14)))
-    trace = guided(Random(0), tree, Semantics.STRICT, longest=14)
+    trace = guided(Random(0), tree, Semantics.STRICT, replace(WILD, longest=14))
     assert sorted(event["event"] for event in trace) == sorted(f"s{i}" for i in range(14))
 
 
 def test_a_longest_length() -> None:
     tree = loads("top or l s; l and a b c d e f g h i; s 3of9 a b c d e f g h i;")
     for seed in range(20):
-        assert len(guided(Random(seed), tree, Semantics.SCATTERED, longest=3)) == 3
-        assert len(near_miss(Random(seed), tree, Semantics.PROJECTED, longest=3).trace) <= 3
+        assert len(guided(Random(seed), tree, Semantics.SCATTERED, replace(WILD, longest=3))) == 3
+        assert len(near_miss(Random(seed), tree, Semantics.PROJECTED, replace(WILD, longest=3)).trace) <= 3
     with pytest.raises(NoTraceFound, match="the shortest scenario met has 3 events"):
-        guided(Random(0), tree, longest=2)
+        guided(Random(0), tree, Semantics.PROJECTED, replace(WILD, longest=2))
 
 
 LOG: Final = loads(
@@ -326,8 +329,8 @@ LOG: Final = loads(
 @pytest.mark.parametrize("semantics", Semantics)
 def test_people_believe_a_plain_log(semantics: Semantics) -> None:
     for seed in range(20):
-        trace = detecting(Random(seed), LOG, semantics, manner=PLAIN)
-        near = near_miss(Random(seed), LOG, semantics, manner=PLAIN).trace
+        trace = detecting(Random(seed), LOG, semantics, PLAIN)
+        near = near_miss(Random(seed), LOG, semantics, PLAIN).trace
         assert verdicts(LOG, semantics, trace)[-1] is Verdict.TRUE
         assert Verdict.TRUE not in verdicts(LOG, semantics, near)
         for log in (trace, near):

@@ -6,7 +6,8 @@ import pytest
 
 from cross_check.campaign import Task
 from cross_check.comparison import Roster
-from cross_check.counterexamples import shrunk, verdicts
+from cross_check.counterexamples import shrunk
+from cross_check.participants import verdicts_of
 from cross_check.results import Job, Status
 from cross_check.traces import Effort
 from rvaft import loads
@@ -77,9 +78,11 @@ KNOWN = [
 @pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.name.partition(":")[0])
 def test_the_paper_s_translation_differs(known: Known) -> None:
     job = Job(known.name, Semantics.STRICT)
-    names = ("reference", "engine", "rml-paper")
-    found = verdicts(PAPER, loads(known.tree), job, known.trace, names)
-    said = {name: "".join(verdict.symbol for verdict in found[name]) for name in names}
+    said = {}
+    for name, enlist in PAPER.candidates(loads(known.tree), job):
+        verdicts = verdicts_of(enlist(), known.trace)
+        assert isinstance(verdicts, tuple)
+        said[name] = "".join(verdict.symbol for verdict in verdicts)
     assert said == {"reference": known.reference, "engine": known.reference, "rml-paper": known.paper}
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from cross_check.letters import Letters
 from cross_check.participants import Participant
-from cross_check.product import explore
+from cross_check.product import Exploration
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import ObjectPattern, Variable
@@ -45,38 +45,37 @@ def counting(name: str, needed: int, *, strict: bool = False, fails_at: int | No
 
 
 def test_equal_monitors_are_proved_equal() -> None:
-    found = explore([counting("one", 3), counting("two", 3)], Letters(LETTERS, ""), limit=100)
+    found = Exploration([counting("one", 3), counting("two", 3)], Letters(LETTERS, ""), limit=100)
     assert (found.complete, found.differ, found.failed) == (True, {}, {})
-    assert found.combinations == 4
-    assert found.longest == 3
+    assert found.verdicts == 8
 
 
 def test_a_difference_is_a_shortest_trace() -> None:
-    found = explore([counting("one", 3), counting("two", 5), counting("three", 3)], Letters(LETTERS, ""), limit=100)
+    found = Exploration([counting("one", 3), counting("two", 5), counting("three", 3)], Letters(LETTERS, ""), limit=100)
     assert found.differ == {1: ({"event": "a"},) * 3}
     assert found.complete
 
 
 def test_each_that_differs_has_a_trace_of_its_own() -> None:
-    found = explore(
+    found = Exploration(
         [counting("one", 2), counting("two", 1), counting("three", 2, strict=True)], Letters(LETTERS, ""), limit=100
     )
     assert found.differ == {1: ({"event": "a"},), 2: ({},)}
 
 
 def test_a_limit_leaves_it_open() -> None:
-    found = explore([counting("one", 50), counting("two", 50)], Letters(LETTERS, ""), limit=10)
+    found = Exploration([counting("one", 50), counting("two", 50)], Letters(LETTERS, ""), limit=10)
     assert not found.complete
     assert found.differ == {}
 
 
 def test_a_limit_that_is_just_enough() -> None:
-    assert explore([counting("one", 3), counting("two", 3)], Letters(LETTERS, ""), limit=4).complete
-    assert not explore([counting("one", 3), counting("two", 3)], Letters(LETTERS, ""), limit=3).complete
+    assert Exploration([counting("one", 3), counting("two", 3)], Letters(LETTERS, ""), limit=4).complete
+    assert not Exploration([counting("one", 3), counting("two", 3)], Letters(LETTERS, ""), limit=3).complete
 
 
 def test_who_fails_is_named_and_the_others_go_on() -> None:
-    found = explore(
+    found = Exploration(
         [counting("one", 3), counting("two", 3, fails_at=1), counting("three", 4)], Letters(LETTERS, ""), limit=100
     )
     assert list(found.failed) == [1]
@@ -85,7 +84,7 @@ def test_who_fails_is_named_and_the_others_go_on() -> None:
 
 @pytest.mark.parametrize("first", [counting("one", 3, fails_at=2)])
 def test_without_the_first_nothing_is_compared(first: Participant) -> None:
-    found = explore([first, counting("two", 1)], Letters(LETTERS, ""), limit=100)
+    found = Exploration([first, counting("two", 1)], Letters(LETTERS, ""), limit=100)
     assert list(found.failed) == [0]
     assert not found.complete
 
@@ -96,7 +95,7 @@ def test_a_difference_before_any_event() -> None:
             super().__init__(1)
             self._verdict = Verdict.TRUE
 
-    found = explore([counting("one", 1), Participant("done", Done)], Letters(LETTERS, ""), limit=100)
+    found = Exploration([counting("one", 1), Participant("done", Done)], Letters(LETTERS, ""), limit=100)
     assert found.differ == {1: ()}
 
 
@@ -122,5 +121,5 @@ def test_who_remembers_a_value_may_tie_events_together() -> None:
     asked = (Observed(ObjectPattern((("v", Variable("V")),))),)
     first = Participant("first", lambda: Remembering(remembers=True))
     others = [Participant("", partial(Remembering, remembers=one), observed=asked) for one in (True, False)]
-    found = explore([first, *others], letters, limit=100)
+    found = Exploration([first, *others], letters, limit=100)
     assert (found.tied, found.complete, found.differ) == ({1}, True, {})

@@ -26,7 +26,7 @@ from backends.conformance import examples
 from cross_check.campaign import catalogue
 from cross_check.participants import Participant, reference_of
 from cross_check.results import Job
-from cross_check.traces import Effort, Trials, letters_of
+from cross_check.traces import Effort, letters_of, trials
 from rvaft import RVAFT, Monitor, NotExpressible, Semantics, TooLarge, Verdict
 from rvaft.analysis.branches import restrict
 from tests.engine.checking import small_and_valid
@@ -104,7 +104,7 @@ def exercise(tree: RVAFT, job: Job) -> Exercise | None:
     reference = reference_of(tree, job.semantics, branch=job.branch, kind=job.kind)
     if not isinstance(reference, Participant):
         return None
-    traces = list(Trials(part, job, EFFORT, [reference]).traces(words=True))
+    traces = list(trials(part, job, EFFORT, [reference], words=True))
     random = Random(job.title)
     letters = letters_of([reference.observed or ()]).events
     traces += [random.choices(letters, k=LONG) for _ in range(EFFORT.traces)]

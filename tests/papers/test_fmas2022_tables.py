@@ -135,7 +135,7 @@ def test_the_tables_name_who_gives_the_same_verdicts_and_who_was_not_asked(
     pruned: RVAFT, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def without_rml(tree: RVAFT) -> Enlisted:
-        absent = Absent("rml", ToolMissing("a_tool", remedy="install it"))
+        absent = Absent(ToolMissing("a_tool", remedy="install it"))
         mine = ("engine", "reference")
         return {
             sign: {**{name: one for name, one in everybody.items() if name in mine}, "rml": absent}

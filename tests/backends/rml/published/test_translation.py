@@ -10,9 +10,8 @@ from random import Random
 import pytest
 
 from backends.conformance import strings_ordered
-from backends.rml import RmlBackend
+from backends.rml import RmlBackend, writer
 from backends.rml.reader.deviations import touching
-from backends.rml import writer
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft.api import loads

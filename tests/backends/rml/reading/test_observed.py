@@ -4,8 +4,8 @@ from random import Random
 
 import pytest
 
-from backends.rml.reader.monitor import read
 from backends.rml.reader.event_types import observed
+from backends.rml.reader.monitor import read
 from cross_check.letters import VARIABLES, answers, letters
 from rvaft.backend import Observed
 from rvaft.errors import LanguageError, TooLarge

@@ -5,8 +5,7 @@ from time import process_time
 
 import pytest
 
-from backends.rml import RmlBackend
-from backends.rml import writer
+from backends.rml import RmlBackend, writer
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft.analysis.branches import restrict

@@ -1,0 +1,240 @@
+"""Traces with something wrong in them: what happens to logs, and what tells implementations apart."""
+
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from random import Random
+from typing import Final, NamedTuple, assert_never
+
+from cross_check.generate.traces import WILD, Manner, detecting, noise, some_event
+from cross_check.generate.values import (
+    COMMON,
+    Fields,
+    LogValues,
+    Path,
+    around,
+    field_at,
+    interesting_values,
+    places,
+    put,
+)
+from rvaft.engine import engine
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json, equal, is_number
+from rvaft.model.verdict import Semantics, Verdict
+
+_EXACT: Final = 2**53
+_CARELESS: Final = 0.3
+
+
+class Disturbance(StrEnum):
+    """The ways in which one edit disturbs a trace."""
+
+    EXTRA = "an extra event"
+    MISSING = "a missing event"
+    SWAPPED = "two events swapped"
+    REPEATED = "an event repeated"
+    BOUND = "a value at or next to a bound"
+    TYPE = "a value of a wrong type"
+    NUMBER = "1 for 1.0 or 1.0 for 1"
+    OTHER = "another value at one place"
+    THROUGHOUT = "another value wherever it stands"
+    FIELD = "a dropped field"
+    NOISE = "an event of noise"
+
+
+def disturbed(random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()) -> list[Json]:
+    """The trace after one edit or a few; the trace itself stays as it is. `values` are worth trying beside those of the tree."""
+    for _ in range(random.choice((1, 1, 1, 2, 2, 3))):
+        kinds = random.sample(list(Disturbance), len(Disturbance))
+        after = (disturbed_by(kind, random, trace, tree, values) for kind in kinds)
+        trace = next((edited for edited in after if edited is not None), trace)
+    return trace
+
+
+def disturbed_by(
+    kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()
+) -> list[Json] | None:
+    """The trace after one edit of a kind, different from what it was, or None where there is nothing to edit in that way."""
+    index = random.randrange(len(trace)) if trace else 0
+    match kind:
+        case Disturbance.EXTRA | Disturbance.NOISE:
+            extra = kind is Disturbance.EXTRA
+            event = some_event(random, tree, interesting_values(tree)) if extra else noise(random, tree, COMMON)
+            at = random.randint(0, len(trace)) if event is not None else 0
+            return None if event is None else [*trace[:at], event, *trace[at:]]
+        case Disturbance.MISSING:
+            return [*trace[:index], *trace[index + 1 :]] if trace else None
+        case Disturbance.REPEATED:
+            again = random.choice((index, random.randint(index, len(trace) - 1))) + 1 if trace else 0
+            return [*trace[:again], trace[index], *trace[again:]] if trace else None
+        case Disturbance.SWAPPED:
+            return _swapped(random, trace)
+        case Disturbance.BOUND:
+            return _bound(random, trace, tree)
+        case Disturbance.TYPE:
+            return _edited(
+                random, trace, lambda _, old: [v for v in COMMON if _kind(v) is not _kind(old)] + _look_alikes(old)
+            )
+        case Disturbance.NUMBER:
+            return _edited(random, trace, _other_number)
+        case Disturbance.FIELD:
+            fields = [path for path, _ in _inside(trace) if isinstance(path[-1], str)]
+            if not fields:
+                return None
+            *above, field = random.choice(fields)
+            owner: Json = trace
+            for step in above:
+                owner = owner[step]
+            return put(trace, tuple(above), {name: value for name, value in owner.items() if name != field})
+        case Disturbance.OTHER | Disturbance.THROUGHOUT:
+            # what ties events together breaks at one place; what a condition says of all of them is broken in all of them
+            if not (scalars := _scalars(trace)):
+                return None
+            path, old = random.choice(scalars)
+            others = [*interesting_values(tree), *values, *(value for _, value in scalars), *_next_to(old)]
+            return _exchanged(random, trace, path, old, others, everywhere=kind is Disturbance.THROUGHOUT)
+        case _:
+            assert_never(kind)
+
+
+def _swapped(random: Random, trace: list[Json]) -> list[Json] | None:
+    for _ in range(10 if len(trace) > 1 else 0):
+        first = random.randrange(len(trace) - 1)
+        second = random.choice((first + 1, random.randrange(first + 1, len(trace))))
+        if not equal(trace[first], trace[second]):
+            result = list(trace)
+            result[first], result[second] = result[second], result[first]
+            return result
+    return None
+
+
+def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
+    """Bounds of a field are the constants it is compared with, the numbers there, and the sums of both (`T2 >= T1 + 10`)."""
+    fields = Fields(tree)
+
+    def near(path: Path, old: Json) -> list[Json]:
+        if not is_number(old):
+            return []
+        constants, numbers = fields.bounds(field_at(path), trace)
+        constant, other = random.choice(constants or [old]), random.choice(numbers)
+        every = (old, other, constant, *((other + constant, other - constant) if constants else ()))
+        bounds = [bound for bound in every if bound >= min(0, other, constant)]
+        return [one for bound in bounds for one in around(bound) if not equal(one, old)]
+
+    return _edited(random, trace, near)
+
+
+def _edited(random: Random, trace: list[Json], instead: Callable[[Path, Json], Sequence[Json]]) -> list[Json] | None:
+    """The trace with another value at one place, one of those that the value there may become."""
+    edits = [(path, new) for path, old in _inside(trace) if (new := instead(path, old))]
+    if not edits:
+        return None
+    path, new = random.choice(edits)
+    return put(trace, path, random.choice(new))
+
+
+def _look_alikes(value: Json) -> list[Json]:
+    """What a careless comparison takes for the same value."""
+    if isinstance(value, bool):
+        return [int(value), str(value)]
+    if is_number(value):
+        return [str(value), *([bool(value)] if value in (0, 1) else [])]
+    return []
+
+
+def _other_number(_: Path, value: Json) -> list[Json]:
+    """1.0 for 1, and 1 for 1.0."""
+    if not is_number(value) or abs(value) >= _EXACT or value != int(value):
+        return []
+    return [float(value) if isinstance(value, int) else int(value)]
+
+
+def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) -> list[Json] | None:
+    """The trace with a constant of some guard, or a value next to it, in place of a value of its kind, or None without any.
+
+    The rest stays, so that one condition is met or broken while the others hold. Now and then a value becomes one that looks like it.
+    """
+    scalars = _scalars(trace)
+    alike = [(path, twin) for path, value in scalars for twin in _look_alikes(value)]
+    if alike and random.random() < _CARELESS:
+        return put(trace, *random.choice(alike))
+    kinds = {_kind(constant) for constant in constants}
+    fitting = [(path, value) for path, value in scalars if _kind(value) in kinds]
+    if not fitting:
+        return None
+    near = [value for constant in constants for value in (constant, *_next_to(constant))]
+    return _exchanged(random, trace, *random.choice(fitting), near, everywhere=random.random() < 0.5)
+
+
+def _exchanged(
+    random: Random, trace: list[Json], path: Path, old: Json, values: Sequence[Json], *, everywhere: bool
+) -> list[Json] | None:
+    """The trace with one of the values of the same kind at a place, and wherever else the old one stands."""
+    others = [value for value in values if _kind(value) is _kind(old) and not equal(value, old)]
+    if not others:
+        return None
+    new = random.choice(others)
+    for other in [other for other, value in _scalars(trace) if equal(value, old)] if everywhere else [path]:
+        trace = put(trace, other, new)
+    return trace
+
+
+def _next_to(value: Json) -> list[Json]:
+    if isinstance(value, str):
+        return [value.swapcase(), f"{value}'"]
+    return around(value) if is_number(value) else []
+
+
+def _kind(value: Json) -> type:
+    return float if is_number(value) else type(value)
+
+
+def _inside(trace: list[Json]) -> list[tuple[Path, Json]]:
+    """All values inside the events with their places, in order; an event itself is none."""
+    return [(path, value) for path, value in places(trace) if len(path) > 1]
+
+
+def _scalars(trace: list[Json]) -> list[tuple[Path, Json]]:
+    return [(path, value) for path, value in _inside(trace) if not isinstance(value, (dict, list))]
+
+
+# -- random traces that are one edit away from a detection --------------------------------------------------------------
+
+_TRIES: Final = 3
+_EVERYDAY: Final = (
+    Disturbance.MISSING,
+    Disturbance.SWAPPED,
+    Disturbance.REPEATED,
+    Disturbance.FIELD,
+    Disturbance.BOUND,
+)
+"""What happens to logs that people believe."""
+
+
+class NearMiss(NamedTuple):
+    """A trace in which the tree is not detected, the detecting one it came from, and the edit that lies between."""
+
+    trace: list[Json]
+    detecting: list[Json]
+    edit: Disturbance
+
+
+def near_miss(
+    random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
+) -> NearMiss:
+    """A near miss; raises `NoTraceFound` where no detecting trace is found, and what the monitor raises (`TooLarge`)."""
+    detected = detecting(random, tree, semantics, manner)
+    kinds = _EVERYDAY if manner.believable else tuple(Disturbance)
+    for kind in random.sample(kinds, len(kinds)):
+        for _ in range(_TRIES):
+            edited = disturbed_by(kind, random, detected, tree)
+            if edited is None:
+                break
+            if manner.longest is not None and len(edited) > manner.longest:
+                continue
+            if manner.believable:
+                edited = LogValues(random, tree).in_time(edited)
+            if Verdict.TRUE not in engine(tree, semantics).run(edited):
+                return NearMiss(edited, detected, kind)
+    # The tree is detected at the last event and not before.
+    return NearMiss(detected[:-1], detected, Disturbance.MISSING)

@@ -1,13 +1,12 @@
 """Where things are in a picture by Graphviz: boxes and lines of text, in points from the left and from above."""
 
 import re
-from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 from xml.dom import minidom
 
 
-@dataclass(frozen=True)
-class Box:
+class Box(NamedTuple):
     """A frame, or the place of a line of text (a little less than it may take)."""
 
     left: float
@@ -16,17 +15,15 @@ class Box:
     bottom: float
 
     def overlaps(self, other: "Box") -> bool:
-        return (
-            self.left < other.right and other.left < self.right and self.top < other.bottom and other.top < self.bottom
-        )
+        across = self.left < other.right and other.left < self.right
+        return across and self.top < other.bottom and other.top < self.bottom
 
     @property
     def middle(self) -> float:
         return (self.left + self.right) / 2
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """The frames of nodes by their identifier, all texts with their places, the width, and the smallest size of text."""
 
     frames: dict[str, Box]
@@ -45,27 +42,24 @@ def measured(svg: bytes) -> Picture:
     for group in document.getElementsByTagName("g"):
         shapes = [*group.getElementsByTagName("polygon"), *group.getElementsByTagName("path")]
         if group.getAttribute("class").split()[:1] == ["node"] and shapes:
-            title = group.getElementsByTagName("title")[0].firstChild
-            assert title is not None
             outline = shapes[0].getAttribute("points") or shapes[0].getAttribute("d")
             points = [float(number) for number in re.findall(r"-?[\d.]+", outline)]
-            frames[str(title.nodeValue)] = Box(min(points[::2]), max(points[::2]), min(points[1::2]), max(points[1::2]))
-    texts = [
-        (str(text.firstChild.nodeValue), _place(text))
-        for text in document.getElementsByTagName("text")
-        if text.firstChild
-    ]
+            across, down = points[::2], points[1::2]
+            frames[_text(group.getElementsByTagName("title")[0])] = Box(min(across), max(across), min(down), max(down))
+    elements = document.getElementsByTagName("text")
+    texts = [(_text(text), _place(text)) for text in elements if text.firstChild]
     assert document.documentElement is not None
     width = float(document.documentElement.getAttribute("width").removesuffix("pt"))
-    sizes = [float(text.getAttribute("font-size")) for text in document.getElementsByTagName("text")]
-    return Picture(frames, texts, width, min(sizes))
+    return Picture(frames, texts, width, min(float(text.getAttribute("font-size")) for text in elements))
+
+
+def _text(element: minidom.Element) -> str:
+    return "".join(str(child.nodeValue) for child in element.childNodes)
 
 
 def _place(text: minidom.Element) -> Box:
-    x, y = float(text.getAttribute("x")), float(text.getAttribute("y"))
-    size = float(text.getAttribute("font-size"))
-    assert text.firstChild is not None
-    width = 0.4 * size * len(str(text.firstChild.nodeValue))
+    x, y, size = (float(text.getAttribute(name)) for name in ("x", "y", "font-size"))
+    width = 0.4 * size * len(_text(text))
     left = {"start": x, "middle": x - width / 2, "end": x - width}[text.getAttribute("text-anchor")]
     return Box(left, left + width, y - 0.6 * size, y)
 

@@ -1,10 +1,12 @@
 """Trees to draw."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
-from rvaft import RVAFT, EventType, Gate, Kind, Node, On
-from rvaft.model.guards import Operation, Operator
-from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
+from rvaft import RVAFT, Gate, Node
+
+PINNED = Path(__file__).with_name("pinned")
+"""Trees and drawings of them; `every.rvaft` has all gates and all parts of nodes, one node shared."""
 
 AWKWARD = (
     'a "quoted" word',
@@ -42,24 +44,3 @@ def chain(length: int) -> RVAFT:
     """A chain of gates."""
     gates = [Node(f"g{number}", Gate.AND, (f"g{number + 1}",)) for number in range(length)]
     return RVAFT("g0", [*gates, Node(f"g{length}")])
-
-
-def every_part() -> RVAFT:
-    """All gates and all parts of nodes, one node shared."""
-    event = EventType("seen", ("v", "t"), ObjectPattern((("value", Variable("v")), ("time", Variable("t")))))
-    guard = Operation(Operator.GE, (Variable("V"), Literal(250)))
-    return RVAFT(
-        "top",
-        [
-            Node("top", Gate.OR, ("left", "right", "vote"), label="Top"),
-            Node("left", Gate.SAND, ("a", "shared"), kind=Kind.FAULT),
-            Node("right", Gate.SAND_RL, ("shared", "b"), on=On("seen", (Variable("V"), Anything()))),
-            Node("vote", Gate.VOT, ("a", "b", "shared"), threshold=2, kind=Kind.ATTACK, label="Vote"),
-            Node("shared", Gate.AND, ("c", "d")),
-            Node("a", attributes=(("lambda", "0.5"), ("dorm", "0"))),
-            Node("b", on=On("seen", (Literal("x"), Variable("V"))), label="See x"),
-            Node("c"),
-            Node("d", on=On("seen", (Variable("V"), Literal(None))), when=guard),
-        ],
-        [event],
-    )

@@ -1,0 +1,204 @@
+"""Pictures by Graphviz and TeX: every text is where it belongs, children stand in order, figures are readable, and failures are reported."""
+
+import os
+import re
+import shutil
+import zlib
+from itertools import product
+from pathlib import Path
+from random import Random
+from xml.dom import minidom
+
+import pytest
+
+from rvaft import RVAFT, Gate, Node, ToolFailed, ToolMissing, load, loads
+from rvaft.export import Format, draw, picture
+from rvaft.export.layout import WIDTH, looking, wrapped
+from tests.cli.runs import TREES
+from tests.export.geometry import measured, overlaps, pdf_width
+from tests.export.trees import AWKWARD, PINNED, awkward
+from tests.tex import document, needs_tex
+
+needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
+EVERY = PINNED / "every.rvaft"
+FULL = TREES / "remote_inspection" / "full.rvaft"
+
+
+def shown(svg: bytes) -> list[str]:
+    """The texts of a picture."""
+    texts = minidom.parseString(svg).getElementsByTagName("text")
+    return [(text.firstChild.nodeValue or "").replace("\xa0", " ").strip() for text in texts if text.firstChild]
+
+
+@needs_dot
+def test_svg_shows_every_text_as_it_is() -> None:
+    """Also all texts of up to three characters that mean something to Graphviz, as lines of labels."""
+    svg = draw(awkward(), Format.SVG)
+    assert not minidom.parseString(svg).getElementsByTagName("b")
+    assert {line.strip() for label in AWKWARD for line in wrapped(label, WIDTH)} - {""} <= set(shown(svg))
+    texts = ["".join(letters) for length in (1, 2, 3) for letters in product("]>[<& \\x", repeat=length)]
+    leaves = [Node(f"leaf {place}", label="\n".join(texts[place::9])) for place in range(9)]
+    tree = RVAFT("top", [Node("top", Gate.OR, tuple(leaf.name for leaf in leaves)), *leaves])
+    assert {text.strip() for text in texts} - {""} <= set(shown(draw(tree, Format.SVG)))
+
+
+@needs_dot
+def test_no_text_leaves_its_place_under_any_look() -> None:
+    tree = awkward()
+    leaf = next(name for name in tree.order if tree.nodes[name].leaf)
+    look = looking(tree, branch=1, legend=True, wrap=4, collapse=[leaf], stagger=True, depth=1)
+    found = measured(draw(tree, Format.SVG, look))
+    assert len([name for name in found.frames if name[0] in "ngt"]) == len(tree.order) + 1
+
+
+@needs_dot
+@pytest.mark.parametrize("name", ["a &nbsp; b", "a &lt; b", "back\\slash\\", 'say "x"', "<b>]]>", "&#92;"])
+def test_an_svg_says_which_node_a_box_is(name: str) -> None:
+    svg = draw(RVAFT(name, [Node(name, kind="attack")]), Format.SVG)  # type: ignore[arg-type]
+    title = minidom.parseString(svg).getElementsByTagName("title")[0].firstChild
+    assert title is not None
+    assert title.nodeValue == name
+    assert b'class="node attack' in svg
+    odd = draw(loads('"a \\"<b>\\\\N" or "c%"; "c%" attack;'), Format.SVG).decode()
+    assert 'id="node&#45;a%20%22%3Cb%3E%5CN"' in odd
+    assert 'xlink:title="c% &#160;[attack]"' in odd
+
+
+@needs_dot
+def test_pictures_are_what_they_say_and_not_blank() -> None:
+    """The pixels of a PNG, unpacked: white paper, black lines and text, and the two tints."""
+    every = load(EVERY)
+    for form, magic in ((Format.PNG, b"\x89PNG"), (Format.PDF, b"%PDF"), (Format.SVG, b"<?xml")):
+        data = draw(every, form)
+        assert data == draw(every, form)
+        assert data.startswith(magic)
+        assert len(data) > 2000
+    assert "<svg" in str(every._repr_svg_())
+    data, place, packed, head = draw(every, Format.PNG), 8, b"", b""
+    while place < len(data):
+        length, kind = int.from_bytes(data[place : place + 4]), data[place + 4 : place + 8]
+        packed += data[place + 8 : place + 8 + length] if kind == b"IDAT" else b""
+        head = data[place + 8 : place + 8 + length] if kind == b"IHDR" else head
+        place += 12 + length
+    width, height = int.from_bytes(head[:4]), int.from_bytes(head[4:8])
+    pixels = zlib.decompress(packed)
+    assert min(width, height) > 300
+    assert len(pixels) == height * (4 * width + 1)
+    assert len(set(pixels)) > 50
+
+
+def test_without_graphviz_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(ToolMissing, match=r"dot is not installed.*apt-get install graphviz"):
+        draw(load(EVERY), Format.SVG)
+    assert load(EVERY)._repr_svg_() is None
+    assert draw(load(EVERY), Format.DOT)
+
+
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        ("echo 'Error: out of paper' >&2; exit 3", "out of paper"),
+        ("exit 3", "exit status 3"),
+        ("exit 0", "exit status 0"),
+        ("exec sleep 60", "no layout after 0.5 s"),
+    ],
+)
+def test_a_graphviz_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, reason: str) -> None:
+    (tmp_path / "dot").write_text(f"#!/bin/sh\n{script}\n")
+    (tmp_path / "dot").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    with pytest.raises(ToolFailed, match=reason):
+        picture("digraph {}", "svg", timeout=0.5)
+
+
+def drawn_from(random: Random, *, shared: bool) -> RVAFT:
+    """A tree of choices and sequences in which much is shared, or nothing."""
+    nodes: list[Node] = []
+
+    def grow(level: int) -> str:
+        some = level > 0 and (level == 3 or random.random() < 0.7)
+        fresh = tuple(grow(level - 1) for _ in range(random.randint(2, 3))) if some else ()
+        others = [node.name for node in nodes if node.name not in fresh]
+        again = tuple(random.sample(others, min(1, len(others)))) if fresh and shared else ()
+        gate = random.choice([Gate.SAND, Gate.SAND_RL, Gate.OR]) if fresh else None
+        label = None if shared else "word " * random.randint(0, 6)
+        nodes.append(Node(f"n {len(nodes)}", gate, (*again, *fresh), label=label))
+        return nodes[-1].name
+
+    return RVAFT(grow(3), nodes)
+
+
+@needs_dot
+@pytest.mark.parametrize("stagger", [False, True])
+def test_children_stand_in_their_order_and_nothing_overlaps(stagger: bool) -> None:
+    """Where nothing is shared every gate has its children from left to right."""
+    random = Random("order")
+    for _ in range(5):
+        tree = drawn_from(random, shared=False)
+        found = measured(picture(tree.to_dot(stagger=stagger), "svg"))
+        assert overlaps(found) == []
+        for node in tree.nodes.values():
+            places = [found.frames[f"n{tree.order.index(child)}"].middle for child in node.children]
+            assert places == sorted(places)
+
+
+@needs_dot
+def test_where_sharing_may_break_the_order_of_a_sand_the_children_are_numbered() -> None:
+    random, broken = Random("entangled"), 0
+    for _ in range(15):
+        tree = drawn_from(random, shared=True)
+        dot = tree.to_dot()
+        found = measured(picture(dot, "svg"))
+        for node in tree.top_down():
+            places = [found.frames[f"n{tree.order.index(child)}"].middle for child in node.children]
+            turns = re.findall(rf"g{tree.order.index(node.name)} -> n\d+ \[label=<(\d)>\]", dot)
+            numbers = [str(turn) for turn in range(1, len(node.children) + 1)]
+            if node.gate in (Gate.SAND, Gate.SAND_RL):
+                assert turns == (numbers if node.gate is Gate.SAND else numbers[::-1]) or (
+                    not turns and places == sorted(places)
+                )
+                broken += places != sorted(places)
+    assert broken
+
+
+@needs_dot
+@pytest.mark.parametrize(
+    ("tree", "options", "centimetres"),
+    [
+        # 8.5 cm is a column, 17.8 cm a page
+        ("remote_inspection/pruned", {}, 8.5),
+        ("remote_inspection/pruned", {"branch": 3}, 8.5),
+        ("remote_inspection/pruned", {"stagger": True, "events": True, "legend": True, "wrap": 12}, 8.5),
+        ("remote_inspection/full", {"stagger": True, "names": False, "wrap": 12}, 8.5),
+        ("remote_inspection/full", {"collapse": ["imagery"], "wrap": 12, "stagger": True}, 8.5),
+        ("pressure_tank/tank", {"collapse": ["no_signal"], "stagger": True}, 8.5),
+        ("gates/vot", {"legend": True}, 8.5),
+        ("gates/sand_rl", {"legend": True}, 8.5),
+        ("remote_inspection/full", {"events": True, "legend": True}, 17.8),
+        ("pressure_tank/tank", {"events": True, "legend": True}, 17.8),
+        ("pipeline/pollution", {"events": True, "legend": True}, 17.8),
+        ("vehicle/takeover", {"events": True, "legend": True}, 17.8),
+    ],
+)
+def test_a_figure_is_readable(tree: str, options: dict[str, object], centimetres: float) -> None:
+    """At least 7 points, no box and no text upon another; a printed page has no other margin."""
+    dot = load(TREES / f"{tree}.rvaft").to_dot(**options)  # type: ignore[arg-type]
+    found = measured(picture(dot, "svg"))
+    assert found.size_in(centimetres) >= 7
+    assert overlaps(found) == []
+    assert abs(pdf_width(picture(dot, "pdf")) - found.width) <= 1
+
+
+def _latin(text: str) -> bool:
+    """Whether pdfTeX has all letters of it."""
+    return not any(letter.isalpha() and letter > "\u0250" and not "\u0370" < letter < "\u0400" for letter in text)
+
+
+@needs_tex
+@pytest.mark.parametrize("tree", ["full", "every", "awkward"])
+def test_tex_compiles_the_drawing(tree: str, tmp_path: Path) -> None:
+    trees = {"full": load(FULL), "every": load(EVERY), "awkward": awkward(list(filter(_latin, AWKWARD)))}
+    look = looking(trees[tree], events=True, legend=True, branch=1, collapse=[trees[tree].order[-2]])
+    document(draw(trees[tree], Format.TIKZ, look).decode(), tmp_path)
+    assert (tmp_path / "test.pdf").stat().st_size > 2000

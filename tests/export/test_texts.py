@@ -1,0 +1,180 @@
+"""The formats of text: pinned as a whole for a tree with every part and for looks at others, and laws for texts that try to leave their place."""
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rvaft import OptionError, TreeError, load, loads
+from rvaft.export import Format, Look, draw, format_of, losses
+from rvaft.export.layout import looking, wrapped, wrapped_code
+from rvaft.export.text import MAX_LEVELS
+from rvaft.export.tikz import escaped
+from tests.cli.runs import PRUNED, TREES, run
+from tests.export.trees import AWKWARD, PINNED, awkward, chain
+from tests.tables import rows
+
+FULL = TREES / "remote_inspection" / "full.rvaft"
+EVERY, ALONE, SHARED, DEFAULTS = (PINNED / f"{name}.rvaft" for name in ("every", "alone", "shared", "defaults"))
+LOOK = "--events --legend --highlight branch:1"
+
+SHOWN = [
+    # file, tree, options of `rvaft show TREE --format SUFFIX`, which made the file
+    ("every.txt", EVERY, ""),
+    ("every.dot", EVERY, ""),
+    ("every.look.dot", EVERY, f"{LOOK} --stagger --no-names --wrap 20"),
+    ("every.tex", EVERY, ""),
+    ("every.look.tex", EVERY, f"{LOOK} --no-names"),
+    ("every.json", EVERY, ""),
+    ("every.dft", EVERY, ""),
+    ("defaults.dot", DEFAULTS, "--events --legend"),
+    ("defaults.tex", DEFAULTS, "--events"),
+    ("full.look.txt", FULL, "--collapse imagery --collapse leave --no-events"),
+    ("full.look.dot", FULL, f"{LOOK} --collapse imagery --collapse leave"),
+    ("full.look.tex", FULL, "--legend --no-names --collapse imagery"),
+    ("shared.look.dot", SHARED, "--collapse x --legend"),
+    ("shared.depth.dot", SHARED, "--depth 1"),
+    ("alone.look.txt", ALONE, "--collapse x"),
+    ("alone.look.dot", ALONE, "--collapse x --legend"),
+    ("alone.look.tex", ALONE, "--collapse x --legend"),
+    ("alone.depth.dot", ALONE, "--depth 1"),
+    ("pruned.branch.txt", PRUNED, "--highlight branch:3"),
+    ("pruned.branch.dot", PRUNED, "--highlight branch:3"),
+    ("pruned.branch.tex", PRUNED, "--highlight branch:3"),
+]
+
+
+@pytest.mark.parametrize(("file", "tree", "options"), SHOWN)
+def test_a_drawing_is_pinned(file: str, tree: Path, options: str) -> None:
+    form = format_of(file)
+    assert form is not None
+    assert run("show", tree, "--format", form, *options.split()).stdout == (PINNED / file).read_text(encoding="utf-8")
+
+
+TEXTS = [form for form in Format if form not in (Format.SVG, Format.PDF, Format.PNG)]
+
+
+@pytest.mark.parametrize("form", TEXTS)
+def test_every_text_format_takes_a_long_chain(form: Format) -> None:
+    assert b"g5000" in draw(chain(5000), form)
+
+
+def test_a_chain_of_thousands_of_gates_keeps_its_indentation_bounded() -> None:
+    lines = draw(chain(5000), Format.TREE).decode().splitlines()
+    assert max(map(len, lines)) < 3 * MAX_LEVELS + 40
+    assert {re.findall(r"g\d+", line)[0] for line in lines if line} == {f"g{number}" for number in range(5001)}
+    assert lines[MAX_LEVELS] == "   " * (MAX_LEVELS - 1) + f"└─ g{MAX_LEVELS} AND  (continued below)"
+    assert lines[MAX_LEVELS + 1 : MAX_LEVELS + 3] == ["", f"g{MAX_LEVELS} AND"]
+    assert draw(chain(3000), Format.TREE, Look(depth=1)).decode() == "g0 AND\n└─ g1 AND  (… 2999 nodes)\n"
+    text = " ".join(f"g{n} and g{n + 1};" for n in range(1, MAX_LEVELS))
+    later = loads(f"toplevel g0; g0 and g1 g{MAX_LEVELS}; {text} g{MAX_LEVELS} and x; x;")
+    assert f"└─ g{MAX_LEVELS} (see below)\n\ng{MAX_LEVELS} AND\n└─ x\n" in draw(later, Format.TREE).decode()
+
+
+def test_no_text_leaves_its_place() -> None:
+    tree = awkward()
+    text = draw(tree, Format.TREE).decode()
+    assert all(line.isprintable() for line in text.splitlines())
+    assert len(text.splitlines()) == 1 + len(AWKWARD) + len([label for label in AWKWARD if label.strip()])
+    nodes = json.loads(draw(tree, Format.JSON))["nodes"]
+    assert [node["label"] for node in nodes[1 : 1 + len(AWKWARD)]] == list(AWKWARD)
+    leaf = next(name for name in tree.order if tree.nodes[name].leaf)
+    look = looking(tree, branch=1, legend=True, wrap=4, collapse=leaf, depth=1)
+    body = draw(tree, Format.TIKZ, look).decode().partition(r"\begin{document}")[2]
+    assert body.count(r"\end{forest}") == body.count(r"\begin{forest}") == 1
+    assert re.search(r"(?<!\\)[%$]", body) is None
+    assert re.search(r"\\\\[\[*]", body) is None, "a bracket or a star after a line end is an argument of it"
+    plain = "%$#_{}~^\\&"
+    commands = r"\\text(backslash|asciitilde|asciicircum)\{\}|\\[%$#_{}&]"
+    assert re.sub(commands, "", escaped(plain)) == ""
+    assert len(re.findall(commands, escaped(plain))) == len(plain)
+    assert "\n" not in escaped("a\nb")
+
+
+def test_the_language_and_a_static_fault_tree_in_galileo_read_back() -> None:
+    every = load(EVERY)
+    assert loads(draw(every, Format.RVAFT).decode()) == every
+    tree = loads('toplevel "A"; "A" or "B" "C d"; "B" and "C d" "E"; "C d" lambda=0.5; "E" prob=0.1;')
+    assert loads(draw(tree, Format.GALILEO).decode()) == tree
+    assert list(losses(tree)) == []
+
+
+def test_galileo_says_what_is_lost_and_lets_no_attribute_become_a_statement() -> None:
+    lost = " ".join(losses(load(EVERY)))
+    for what in (
+        "2 sand gates",
+        "3 runtime events",
+        "1 guard ",
+        "2 fault or attack marks",
+        "3 labels",
+        "3 basic events",
+    ):
+        assert what in lost
+    tree = loads(
+        'top or a b; a k="x; sneaky or hidden" lambda=0.5; b m="1\\" // z" "k\\"];x"="1"; ignore e(); event e() = {};'
+    )
+    assert draw(tree, Format.GALILEO).decode() == 'toplevel "top";\n"top" or "a" "b";\n"a" lambda=0.5;\n"b";\n'
+    lost = " ".join(losses(tree))
+    assert "3 attributes left out" in lost
+    assert "ignore declarations left out" in lost
+    with pytest.raises(OptionError, match="Galileo cannot write the name"):
+        draw(awkward(), Format.GALILEO)
+
+
+@pytest.mark.parametrize(
+    ("file", "form"),
+    [("a.gv", Format.DOT), ("a.tex", Format.TIKZ), ("a.SVG", Format.SVG), ("a.odt", None), ("tree", None)],
+)
+def test_a_suffix_names_a_format(file: str, form: Format | None) -> None:
+    assert format_of(file) is form
+
+
+@pytest.mark.parametrize(
+    ("tree", "options", "error"),
+    [
+        ("top or a b;", {"collapse": ["topp"]}, "cannot collapse topp: the tree has no such node; did you mean top"),
+        ("top or a b;", {"collapse": "\x1b"}, r"cannot collapse \\x1b: the tree has no such node$"),
+        ("toplevel a; a; b;", {"collapse": "b"}, "cannot collapse b: the root does not lead to it"),
+        ("top or a b;", {"depth": -1}, "0 or more"),
+        ("top or a b;", {"wrap": 3}, "at least 4 columns"),
+        ("top or a b;", {"branch": 3}, "there is no branch 3"),
+    ],
+)
+def test_a_look_that_a_tree_cannot_have(tree: str, options: Mapping[str, Any], error: str) -> None:
+    for form in (Format.TREE, Format.DOT, Format.TIKZ):
+        with pytest.raises((OptionError, TreeError), match=error):
+            draw(loads(tree), form, looking(loads(tree), **options))
+    with pytest.raises((OptionError, TreeError), match=error):
+        loads(tree).to_dot(**options)
+
+
+@pytest.mark.parametrize(("text", "width", "lines"), rows(__file__, "broken_code.txt"))
+def test_events_and_guards_break_where_their_parts_end(text: str, width: int, lines: list[str]) -> None:
+    assert wrapped_code(text, width) == lines
+
+
+@pytest.mark.parametrize(
+    ("text", "width", "lines"),
+    [
+        ("to the decontamination waypoint", 12, ["to the", "decontamination", "waypoint"]),
+        ("x" * 20, 8, ["x" * 8, "x" * 8, "x" * 4]),
+        ("/radiation_sensor_plugin/sensor_0", 14, ["/radiation_", "sensor_plugin/", "sensor_0"]),
+        ("日本語のラベル", 8, ["日本語の", "ラベル"]),
+        ("one\ntwo\r\n\nthree", 20, ["one", "two", "", "three"]),
+    ],
+)
+def test_labels_keep_words_and_break_what_is_much_too_wide(text: str, width: int, lines: list[str]) -> None:
+    assert wrapped(text, width) == lines
+
+
+@pytest.mark.parametrize("wrap", [wrapped, wrapped_code])
+def test_wrapping_takes_any_text(wrap: Any) -> None:
+    for text in AWKWARD:
+        for width in (4, 11, 26):
+            assert all(len(line) <= width + width // 2 and line.isprintable() for line in wrap(text, width))
+    long = "x" * 60_000 + " word" * 8_000 + " " * 60_000
+    for width in (14, 100_000):
+        assert "".join(wrap(long, width)).replace(" ", "") == long.replace(" ", "")

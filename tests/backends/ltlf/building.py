@@ -1,46 +1,23 @@
 """Trees and monitors for the tests of this backend."""
 
-from collections.abc import Callable
 from importlib.util import find_spec
+from typing import Final
 
 import pytest
 
 from backends.ltlf import LtlfBackend
-from rvaft.api import loads
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics
 
-BACKEND = LtlfBackend()
-
-needs_spot = [
-    pytest.mark.spot,
-    pytest.mark.skipif(find_spec("spot") is None, reason="reading LTLf needs Spot (spottl)"),
-]
-
-
-def spot_needed(test: Callable[..., None]) -> Callable[..., None]:
-    """The same marks for one test."""
-    for mark in needs_spot:
-        test = mark(test)
-    return test
+BACKEND: Final = LtlfBackend()
+needs_spot: Final = pytest.mark.skipif(find_spec("spot") is None, reason="reading LTLf needs Spot (spottl)")
 
 
 def flat(gate: Gate, size: int, threshold: int | None = None) -> RVAFT:
     """One gate over leaves e0, e1, …"""
     leaves = tuple(f"e{number}" for number in range(size))
     return RVAFT("top", [Node("top", gate, leaves, threshold), *map(Node, leaves)])
-
-
-def text_of(tree: str, semantics: str) -> str:
-    return BACKEND.translate(loads(tree), Semantics(semantics)).text
-
-
-def body(text: str) -> list[str]:
-    """Definitions and formula, without the lines about events."""
-    about = ("/* rvaft", "*/", "atom ", "relevant ", "ignored ")
-    return [line for line in text.splitlines() if not line.startswith(about)]
 
 
 def events(word: str) -> list[Json]:

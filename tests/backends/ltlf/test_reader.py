@@ -1,7 +1,12 @@
 """The reader on texts written by hand: Spot's operators on finite traces, and the verdict over all letters and all extensions."""
 
+from importlib import import_module
+from random import Random
+from typing import Any
+
 import pytest
 
+from backends.ltlf.reader import spot
 from rvaft.backend import Observed
 from rvaft.errors import LanguageError
 from rvaft.language.parser import parse_guard, parse_pattern
@@ -9,54 +14,11 @@ from rvaft.model.guards import Operation, Operator
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
 from rvaft.model.values import Json
 from tests.backends.ltlf.building import BACKEND, events, needs_spot, verdicts
+from tests.tables import rows
 
-pytestmark = needs_spot
+pytestmark = [pytest.mark.spot, needs_spot]
 
-CASES = [
-    # formula, word, verdicts, why
-    ("a", "a", "T", "only the first position counts"),
-    ("a", "b a", "FF", "and a verdict stays"),
-    ("1", "x", "T", "unknown only before the first event"),
-    ("0", "x", "F", ""),
-    ("F a", "x x a x", "??TT", ""),
-    ("G a", "a a x a", "??FF", "true never: an extension may violate it"),
-    ("a U b", "a a b", "??T", ""),
-    ("a U b", "a x b", "?FF", ""),
-    ("a W b", "a a x", "??F", ""),
-    ("a W b", "a b x", "?TT", ""),
-    ("b R a", "a a x", "??F", ""),
-    ("a R a", "a x", "TT", ""),
-    ("a M a", "a x", "TT", "strong release: both at once"),
-    ("b M a", "a a a", "???", "it may still be released"),
-    ("b M a", "x", "F", ""),
-    ("X[!] a", "x a", "?T", "strong next"),
-    ("X[!] a", "x x", "?F", ""),
-    ("X a", "x a", "?T", "weak next: accepted at the end, but not on every extension"),
-    ("X a", "x x", "?F", ""),
-    ("X[!] 1", "x x", "?T", "there is a second event"),
-    ("!X[!] 1", "x x", "?F", "the first event is the last"),
-    ("X 0", "x x", "?F", "the same"),
-    ("F(a & !X[!] 1)", "a x a", "???", "the last event is an a: never settled"),
-    ("F(a & X 0) | X[!] X[!] 1", "x x x", "??T", "or there are three events"),
-    ("G(a -> X[!] b)", "a b a x", "???F", "an obligation that the end of the trace would break"),
-    ("G(a -> F b) & F a", "a b", "??", ""),
-    ("F a & G !a", "x", "F", "a contradiction that no single operator shows"),
-    ("(a U b) & G !b", "a", "F", ""),
-    ("F a | G !a", "x", "T", "a tautology"),
-    ("F a <-> F a", "x", "T", ""),
-    ("F a xor F b", "x a x b", "???F", "both: no longer exactly one"),
-    ("(F a -> F b)", "x b", "?T", ""),
-    ("a <-> b", "a", "F", "letters are of the events, not of the formula"),
-    ("X[2] a", "x x a", "??T", "Spot's abbreviation for X X a"),
-    ("X[2!] a", "x x a", "??T", ""),
-    ("F G a", "a x a", "???", ""),
-    ("G F a", "a x", "??", ""),
-    ("G F a & F G !a", "x", "F", "on finite traces both ask about the last event"),
-    ("G(X[!] 1)", "x", "F", "no trace goes on for ever"),
-    ("F(!X[!] 1)", "x", "T", "every trace has a last event"),
-    ("!(F a) U b", "x b", "??", "G !a looks beyond the b"),
-    ("!a U b", "x b", "?T", ""),
-]
+CASES = rows(__file__, "verdicts.txt")
 
 
 @pytest.mark.parametrize(("formula", "word", "expected", "why"), CASES)
@@ -74,37 +36,41 @@ def test_atoms_of_the_caller() -> None:
     assert list(BACKEND.read("F(p & X[!] q)", atoms=atoms).run(trace)) == ["unknown", "unknown", "true"]
 
 
-def test_variables_are_rigid() -> None:
-    text = "/* rvaft\natom p := {p: X}\natom q := {q: X} when X > 1\n*/\nF(p & X[!] F q)"
-    assert verdicts(text, [{"p": 1}, {"q": 1}, {"p": 2}, {"q": 3}, {"q": 2}]) == "????T"
-    assert verdicts(text.replace("F(", "(").replace("F q", "q"), [{"p": 1}, {"q": 2}]) == "?F"
+GUARDED = "atom p := {p: X} when X < Y;atom q := {q: Y} when X < Y;F p & F q"
+BOUND = "atom d := {d: Y};atom p := {p: X};atom c := {c: 1};atom q := {q: Y} when X < Y;d & X[!]((p | c) & X[!] !q)"
+RELEVANCE = (
+    "atom p := {p: X};relevant rel := {p: X} when X > 0;ignored rel := {p: X, off: true};"
+    "!rel U (rel & p & X[!](!rel U (rel & p)))"
+)
+DEFINED = "one := a & X[!] b;two := one | c;F(two & X[!] X[!] two)"
+WITH_HEADER: list[tuple[str, list[Json], str]] = [
+    # header and formula, events, verdicts: variables are rigid
+    (
+        "atom p := {p: X};atom q := {q: X} when X > 1;F(p & X[!] F q)",
+        [{"p": 1}, {"q": 1}, {"p": 2}, {"q": 3}, {"q": 2}],
+        "????T",
+    ),
+    ("atom p := {p: X};atom q := {q: X} when X > 1;(p & X[!] q)", [{"p": 1}, {"q": 2}], "?F"),
+    # guards wait for their variables
+    (GUARDED, [{"p": 5}, {"q": 4}, {"q": "b"}, {"q": True}, {"p": 3}], "????T"),
+    (GUARDED, [{"q": 4}, {"p": 5}, {"p": "a"}], "???"),
+    # an assignment that has bound more may violate less
+    (BOUND, [{"d": 3}, {"p": 5, "c": 1}, {"q": 3}], "??T"),
+    (BOUND, [{"d": 3}, {"p": 2, "c": 1}, {"q": 3}], "??F"),
+    # relevance has its own variables
+    (RELEVANCE, [{"p": 0}, {"p": 1}, {"p": 2, "off": True}, {"p": "s"}, {"p": 1}], "????T"),
+    (RELEVANCE, [{"p": 1}, {"p": 2}], "?F"),
+    # definitions are expanded
+    (DEFINED, events("a b c"), "??T"),
+    (DEFINED, events("c x c"), "??T"),
+    (DEFINED, events("c c x"), "???"),
+]
 
 
-def test_guards_wait_for_their_variables() -> None:
-    text = "/* rvaft\natom p := {p: X} when X < Y\natom q := {q: Y} when X < Y\n*/\nF p & F q"
-    assert verdicts(text, [{"p": 5}, {"q": 4}, {"q": "b"}, {"q": True}, {"p": 3}]) == "????T"
-    assert verdicts(text, [{"q": 4}, {"p": 5}, {"p": "a"}]) == "???"
-
-
-def test_an_assignment_that_has_bound_more_may_violate_less() -> None:
-    atoms = ("d := {d: Y}", "p := {p: X}", "c := {c: 1}", "q := {q: Y} when X < Y")
-    text = "/* rvaft\n" + "".join(f"atom {atom}\n" for atom in atoms) + "*/\nd & X[!]((p | c) & X[!] !q)"
-    assert verdicts(text, [{"d": 3}, {"p": 5, "c": 1}, {"q": 3}]) == "??T"
-    assert verdicts(text, [{"d": 3}, {"p": 2, "c": 1}, {"q": 3}]) == "??F"
-
-
-def test_relevance_has_its_own_variables() -> None:
-    header = "/* rvaft\natom p := {p: X}\nrelevant rel := {p: X} when X > 0\nignored rel := {p: X, off: true}\n*/\n"
-    text = header + "!rel U (rel & p & X[!](!rel U (rel & p)))"
-    assert verdicts(text, [{"p": 0}, {"p": 1}, {"p": 2, "off": True}, {"p": "s"}, {"p": 1}]) == "????T"
-    assert verdicts(text, [{"p": 1}, {"p": 2}]) == "?F"
-
-
-def test_definitions_are_expanded() -> None:
-    text = "/* rvaft\none := a & X[!] b\ntwo := one | c\n*/\nF(two & X[!] X[!] two)"
-    assert verdicts(text, events("a b c")) == "??T"
-    assert verdicts(text, events("c x c")) == "??T"
-    assert verdicts(text, events("c c x")) == "???"
+@pytest.mark.parametrize(("lines", "trace", "expected"), WITH_HEADER)
+def test_with_a_header(lines: str, trace: list[Json], expected: str) -> None:
+    *header, formula = lines.split(";")
+    assert verdicts("\n".join(["/* rvaft", *header, "*/", formula]), trace) == expected
 
 
 def test_other_comments_are_comments() -> None:
@@ -188,3 +154,82 @@ def test_bad_texts_observe_nothing() -> None:
     for text in ("", "a &", "/* rvaft\natom a := \n*/\na"):
         with pytest.raises(LanguageError):
             BACKEND.observed(text)
+
+
+# Random formulas: the verdicts are those that Spot's own translation to automata gives.
+
+ATOMS = ("a", "b")
+LETTERS = [frozenset(letter) for letter in ("", "a", "b", "ab")]
+UNARY = ("!", "X", "X[!]", "F", "G")
+BINARY = ("&", "|", "U", "R", "W", "M", "->", "<->", "xor")
+HEADER = "/* rvaft\natom a := {a: true}\natom b := {b: true}\n*/\n"
+
+
+def random_formula(random: Random, depth: int) -> str:
+    if depth == 0 or random.random() < 0.15:
+        return random.choice([*ATOMS, *ATOMS, "1", "0", "X[!] 1", "!X[!] 1"])
+    if random.random() < 0.4:
+        return f"{random.choice(UNARY)}({random_formula(random, depth - 1)})"
+    left, right = random_formula(random, depth - 1), random_formula(random, depth - 1)
+    return f"({left}) {random.choice(BINARY)} ({right})"
+
+
+def by_spot(text: str, words: list[list[frozenset[str]]]) -> list[str]:
+    """One sign for each letter, by a deterministic automaton for the formula and the end of the trace (`alive` turns false for ever)."""
+    module = spot()
+    buddy: Any = import_module("buddy")  # comes with Spot, and is found once Spot is loaded
+    automaton = module.translate(module.from_ltlf(module.formula(text), "alive"), "parity", "deterministic", "complete")
+    numbers = {name: automaton.register_ap(name) for name in (*ATOMS, "alive")}
+
+    def edge(state: int, letter: frozenset[str]) -> tuple[int, Any]:
+        cube = buddy.bddtrue
+        for name, number in numbers.items():
+            cube = buddy.bdd_and(cube, buddy.bdd_ithvar(number) if name in letter else buddy.bdd_nithvar(number))
+        edges = [edge for edge in automaton.out(state) if buddy.bdd_and(cube, edge.cond) != buddy.bddfalse]
+        assert len(edges) == 1
+        return edges[0].dst, edges[0].acc
+
+    def ends_well(state: int) -> bool:
+        marks: dict[int, Any] = {}
+        while state not in marks:
+            after, marks[state] = edge(state, frozenset())
+            state = after
+        union = module.mark_t([])
+        for mark in list(marks.values())[list(marks).index(state) :]:
+            union |= mark
+        return bool(automaton.acc().accepting(union))
+
+    moves = {
+        (state, letter): edge(state, letter | {"alive"})[0]
+        for state in range(automaton.num_states())
+        for letter in LETTERS
+    }
+
+    def sign(state: int) -> str:
+        seen, todo = {state}, [state]
+        while todo:
+            current = todo.pop()
+            fresh = {moves[current, letter] for letter in LETTERS} - seen
+            seen |= fresh
+            todo.extend(fresh)
+        futures = {ends_well(one) for one in seen}
+        return "?" if len(futures) == 2 else "T" if futures == {True} else "F"
+
+    found = []
+    for word in words:
+        state, signs = automaton.get_init_state_number(), ""
+        for letter in word:
+            state = moves[state, letter]
+            signs += sign(state)
+        found.append(signs)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_formulas(seed: int) -> None:
+    random = Random(seed)
+    text = random_formula(random, random.randint(1, 4))
+    words = [[random.choice(LETTERS) for _ in range(random.randint(1, 6))] for _ in range(8)]
+    expected = by_spot(text, words)
+    for word, signs in zip(words, expected, strict=True):
+        assert verdicts(HEADER + text, [dict.fromkeys(letter, True) for letter in word]) == signs, (text, word)

@@ -16,7 +16,7 @@ from rvaft.language.printer import dumps
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from tests.backends.ltlf.building import BACKEND, events, flat, spot_needed
+from tests.backends.ltlf.building import BACKEND, events, flat, needs_spot
 
 
 def subformulas(tree: RVAFT, semantics: Semantics) -> int:
@@ -39,7 +39,7 @@ def test_by_hand(tree: str, semantics: str, listed: str) -> None:
     assert subformulas(loads(tree), Semantics(semantics)) == len(listed.split())
 
 
-@pytest.mark.parametrize("size", [3, 6, 9, 12, 30])
+@pytest.mark.parametrize("size", [3, 6, 12, 30])
 def test_growth(size: int) -> None:
     both = (Semantics.STRICT, Semantics.PROJECTED)
     assert subformulas(flat(Gate.AND, size), Semantics.SCATTERED) == 2 * size + 1
@@ -60,57 +60,24 @@ def test_what_follows_is_shared() -> None:
 
 def test_symbols_count_the_property() -> None:
     metrics = BACKEND.translate(flat(Gate.AND, 2), Semantics.SCATTERED).metrics
-    assert metrics.symbols == len(["F", "e0", "&", "F", "e1"])
-    assert (metrics.states, metrics.edges) == (None, None)
-    metrics = BACKEND.translate(loads("t and a b;"), Semantics.STRICT).metrics
-    assert metrics.symbols == len(
-        [
-            "s1",
-            "=",
-            "a",
-            "|",
-            "b",
-            "s1",
-            "&",
-            "X[!]",
-            "s1",
-            "&",
-            "!",
-            "(",
-            "a",
-            "&",
-            "X[!]",
-            "a",
-            ")",
-            "&",
-            "!",
-            "(",
-            "b",
-            "&",
-            "X[!]",
-            "b",
-            ")",
-        ]
-    )
+    assert (metrics.symbols, metrics.states, metrics.edges) == (len(["F", "e0", "&", "F", "e1"]), None, None)
+    symbols = ["s1", "=", "a", "|", "b", "s1", "&", "X[!]", "s1", "&", "!", "(", "a", "&", "X[!]", "a", ")", "&", "!", "(", "b", "&", "X[!]", "b", ")"]
+    assert BACKEND.translate(loads("t and a b;"), Semantics.STRICT).metrics.symbols == len(symbols)
 
 
-@spot_needed
+@pytest.mark.spot
+@needs_spot
 @pytest.mark.parametrize("semantics", list(Semantics))
-def test_spot_counts_the_same_for_gates(semantics: Semantics) -> None:
-    for size in range(1, 6):
+def test_spot_counts_the_same(semantics: Semantics) -> None:
+    """For every gate, and for random trees."""
+    for size in range(1, 5):
         for gate in Gate:
             for threshold in range(1, size + 1) if gate is Gate.VOT else (None,):
                 counted_alike(flat(gate, size, threshold), semantics)
-
-
-@spot_needed
-@pytest.mark.parametrize("shape", [PLAIN, VARIABLE_FREE], ids=["plain", "variable-free"])
-def test_spot_counts_the_same_for_random_trees(shape: Any) -> None:
-    random = Random(f"{shape}")
-    for _ in range(60):
-        tree = random_tree(random, shape)
-        for semantics in Semantics:
-            counted_alike(tree, semantics)
+    random = Random(f"sizes {semantics}")
+    for shape in (PLAIN, VARIABLE_FREE):
+        for _ in range(40):
+            counted_alike(random_tree(random, shape), semantics)
 
 
 def counted_alike(tree: RVAFT, semantics: Semantics) -> None:
@@ -143,13 +110,13 @@ def expanded(formula: Any, known: dict[str, Any]) -> Any:
 
 
 def test_limit() -> None:
-    compound = "t and " + " ".join(f"g{i}" for i in range(12)) + ";"
-    compound += "".join(f"g{i} sand a{i} b{i};" for i in range(12))
+    gates = [f"g{i} sand a{i} b{i};" for i in range(12)]
+    compound = loads(f"t and {' '.join(gate.split()[0] for gate in gates)}; {' '.join(gates)}")
     for semantics in (Semantics.STRICT, Semantics.PROJECTED):
         with pytest.raises(TooLarge) as raised:
-            BACKEND.translate(loads(compound), semantics, limit=2_000)
+            BACKEND.translate(compound, semantics, limit=2_000)
         assert raised.value.limit == 2_000
-    assert subformulas(loads(compound), Semantics.SCATTERED) < 100
+    assert subformulas(compound, Semantics.SCATTERED) < 100
     with pytest.raises(TooLarge):
         BACKEND.translate(flat(Gate.AND, 12), Semantics.SCATTERED, limit=24)
 
@@ -174,23 +141,18 @@ def test_limits_count_the_work(tree: str, semantics: Semantics) -> None:
     assert process_time() - start < 10
 
 
-def chain(gate: Gate, depth: int) -> RVAFT:
-    nodes = [Node(f"g{i}", gate, (f"g{i + 1}", f"l{i}")) for i in range(depth)]
-    return RVAFT("g0", [*nodes, *(Node(f"l{i}") for i in range(depth)), Node(f"g{depth}")])
-
-
+@pytest.mark.spot
+@needs_spot
 @pytest.mark.parametrize("semantics", list(Semantics))
-def test_deep_chain_translates(semantics: Semantics) -> None:
-    assert subformulas(chain(Gate.SAND, 5_000), semantics) < 30_000
-
-
-@pytest.mark.parametrize("semantics", list(Semantics))
-@spot_needed
 def test_large_trees_run(semantics: Semantics) -> None:
     depth = 5_000
+    nodes = [Node(f"g{i}", Gate.SAND, (f"g{i + 1}", f"l{i}")) for i in range(depth)]
+    chain = RVAFT("g0", [*nodes, *(Node(f"l{i}") for i in range(depth)), Node(f"g{depth}")])
     word = " ".join([f"g{depth}", *(f"l{i}" for i in reversed(range(depth)))])
-    found = list(BACKEND.translate(chain(Gate.SAND, depth), semantics).monitor().run(events(word)))
-    assert found == ["unknown"] * depth + ["true"]
+    specification = BACKEND.translate(chain, semantics)
+    assert specification.metrics.subformulas is not None
+    assert specification.metrics.subformulas < 30_000
+    assert list(specification.monitor().run(events(word))) == ["unknown"] * depth + ["true"]
     word = " ".join(f"e{i}" for i in range(12))
     for gate, threshold, needed in ((Gate.AND, None, 12), (Gate.VOT, 6, 6), (Gate.SAND, None, 12)):
         found = list(BACKEND.translate(flat(gate, 12, threshold), semantics).monitor().run(events(word)))

@@ -15,7 +15,7 @@ from rvaft.analysis.branches import restrict
 from rvaft.analysis.scenarios import SCENARIOS, most_scenarios
 from rvaft.api import loads
 from rvaft.backend import Observed, Specification, all_backends, backend, speaking
-from rvaft.engine import engine
+from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed
 from rvaft.language.printer import dumps
 from rvaft.model.guards import Guard
@@ -156,7 +156,7 @@ def literals(question: Observed) -> Iterator[Json]:
 @absent_on_error
 def engine_of(part: RVAFT, semantics: Semantics) -> Participant:
     """The monitor that people run."""
-    return Participant(ENGINE, engine(part, semantics).fork, observed=observed_by(part))
+    return Participant(ENGINE, Engine(part, semantics).fork, observed=observed_by(part))
 
 
 @absent_on_error

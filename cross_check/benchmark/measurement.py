@@ -32,7 +32,7 @@ from msgspec.structs import replace
 from cross_check.generate.values import fitting, interesting_values
 from rvaft.api import loads
 from rvaft.backend import Metrics, Specification, all_backends, backend
-from rvaft.engine import Engine, engine
+from rvaft.engine import Engine
 from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Gate, Node
@@ -527,7 +527,7 @@ def walks(
 ) -> tuple[Walk, ...]:
     """So many events in traces that each end with a final verdict or when they are long; fewer where the engine gives up or takes longer."""
     until = process_time() + seconds
-    guide, start = _Guide(tree, semantics, Random(f"{seed} {semantics}")), engine(tree, semantics)  # noqa: S311 (no secret)
+    guide, start = _Guide(tree, semantics, Random(f"{seed} {semantics}")), Engine(tree, semantics)  # noqa: S311 (no secret)
     found: list[Walk] = []
     while events > 0 and process_time() < until:
         doomed = semantics is not Semantics.SCATTERED and len(found) % _DOOMED == _DOOMED - 1  # there hope never ends

@@ -17,7 +17,7 @@ from cross_check.generate.values import (
     places,
     put,
 )
-from rvaft.engine import engine
+from rvaft.engine import Engine
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, equal, is_number
 from rvaft.model.verdict import Semantics, Verdict
@@ -234,7 +234,7 @@ def near_miss(
                 continue
             if manner.believable:
                 edited = LogValues(random, tree).in_time(edited)
-            if Verdict.TRUE not in engine(tree, semantics).run(edited):
+            if Verdict.TRUE not in Engine(tree, semantics).run(edited):
                 return NearMiss(edited, detected, kind)
     # The tree is detected at the last event and not before.
     return NearMiss(detected[:-1], detected, Disturbance.MISSING)

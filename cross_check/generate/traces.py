@@ -20,7 +20,7 @@ from cross_check.generate.values import (
 )
 from rvaft.analysis.normal_form import Op, body, is_impossible
 from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, edges_along, fewest_events, precedence
-from rvaft.engine import engine
+from rvaft.engine import Engine
 from rvaft.errors import RvaftError
 from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables
@@ -248,7 +248,7 @@ def detecting(
     """
     for used in (manner, replace(manner, believable=False)) if manner.believable else (manner,):
         trace = guided(random, tree, semantics, used)
-        monitor = engine(tree, semantics)
+        monitor = Engine(tree, semantics)
         for position, event in enumerate(trace, 1):
             if monitor.step(event) is Verdict.TRUE:
                 return trace[:position]

@@ -1,27 +1,217 @@
 """Coverage of the branches of a tree by several logs."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import islice
-from typing import Final
+from itertools import combinations, islice
+from math import inf
+from typing import Final, NamedTuple
 
-from rvaft.analysis.branches import Branch, branch, branches
+import networkx as nx
+
+from rvaft.analysis.branches import branch as numbered
+from rvaft.analysis.branches import branches
+from rvaft.analysis.normal_form import Op, body, is_impossible
+from rvaft.analysis.scenarios import Fewest, Kept, Point, event, fewest_events, precedence
 from rvaft.api import narrowed
-from rvaft.coverage.reach import BranchFollower
-from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
-from rvaft.engine.expectation import awaited
-from rvaft.engine.explanation import chosen_part
+from rvaft.engine import Engine
+from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
+from rvaft.engine.configuration import Configuration, Witness, history
+from rvaft.engine.explanation import awaited, chosen_part
+from rvaft.engine.matching import Following
 from rvaft.engine.monitor import DEFAULT_LIMIT
+from rvaft.engine.scattered_linear import Earliest, EarliestRun
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.nodes import Kind
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Awaited
 from rvaft.rules import require_valid
+from rvaft.support.bits import bits
 
 DEFAULT_BRANCHES: Final = 1_000
 """How many branches are monitored, one by one and all at once."""
+_WAYS: Final = 20_000
+"""How many ways to keep children of gates above shared nodes are tried."""
+
+
+class LackingEvents:
+    """The fewest events that a partial match of a branch still lacks, over all feasible scenarios that it is a part of.
+
+    The tree is restricted to the branch, which leaves only KofN gates to choose: they keep K children or more. Where no node is shared,
+    the cheapest children are the answer, gate by gate. The gates above shared nodes (the *core*) depend on each other: their choices
+    are tried one by one, and each scenario is looked at as a whole.
+    """
+
+    def __init__(self, tree: RVAFT, core: Iterable[str]) -> None:
+        self.tree = tree
+        self.core = frozenset(core)
+        self.occurrences = frozenset(tree.occurrences)
+        bodies = {node.name: body(node) for node in tree.top_down()}
+        self.thresholds = {name: below.need for name, below in bodies.items() if below.op is Op.AT_LEAST}
+        """The KofN gates; without any the branch is one scenario."""
+        self._never = frozenset(node.name for node in tree.top_down() if is_impossible(node))
+
+    def fewest(
+        self, taken: Mapping[str, int], dead: Collection[str] = (), *, exact: bool = True
+    ) -> tuple[int, Collection[str]]:
+        """How many are lacking when these are taken and the guards of the dead nodes do not hold, and the nodes of such a scenario.
+
+        `taken` maps each occurrence to the position of its event. If `exact`, the scenario contains all that is taken; otherwise it
+        may do without some of it. There has to be such a scenario. Raises `TooLarge`.
+        """
+        if not self.thresholds:
+            return len(self.occurrences) - len(taken), self.tree.order
+        forced: set[str] = set()
+        below = [node for node in self.tree.bottom_up() if node.name not in self.core]
+        for node in below:
+            if exact and (node.name in taken or not forced.isdisjoint(node.children)):
+                forced.add(node.name)
+        dead = self._never | frozenset(dead)
+        parts = fewest_events(below, without=dead, taken=taken, forced=forced)
+        best: tuple[int, Collection[str]] | None = None
+        for kept in self._resolutions(parts, forced, dead):
+            lacking = len(self.occurrences & kept.keys() - taken.keys())
+            fits = (best is None or lacking < best[0]) and (not exact or taken.keys() <= kept.keys())
+            if fits and (not self.core or _keeps_order(self.tree, kept, taken)):
+                best = lacking, kept
+        assert best is not None, "a partial match is part of a feasible scenario"
+        return best
+
+    def _resolutions(
+        self, parts: Mapping[str, Fewest], forced: Collection[str], dead: Collection[str]
+    ) -> Iterator[Kept]:
+        """Scenarios, each node with the children it keeps: every choice in the core, the cheapest below it."""
+        agenda: list[tuple[dict[str, tuple[str, ...]], tuple[str, ...]]] = [({}, (self.tree.root,))]
+        tried = 0
+        while agenda:
+            kept, reached = agenda.pop()
+            waiting = next((name for name in reached if name in self.core and name not in kept), None)
+            if waiting is not None:
+                if waiting not in dead:
+                    ways = self._ways(waiting, parts, forced)
+                    agenda.extend(({**kept, waiting: children}, (*reached, *children)) for children in ways)
+                continue
+            tried += 1
+            if tried > _WAYS:
+                gates = [name for name in self.tree.order if name in self.core & self.thresholds.keys()]
+                what = f"ways to keep children of {', '.join(gates[:10])}, which share nodes"
+                error = TooLarge(what, limit=_WAYS)
+                error.add_note("choose a branch without them with --branch N, or prune the tree")
+                raise error
+            if all(name in self.core or name in parts for name in reached):
+                roots = [name for name in reached if name not in self.core]
+                below = (name for root in roots for name in reachable(root, lambda name: parts[name].kept))
+                yield kept | {name: parts[name].kept for name in below}
+
+    def _ways(self, name: str, parts: Mapping[str, Fewest], forced: Collection[str]) -> Iterator[tuple[str, ...]]:
+        """The children that a core gate may keep."""
+        children = self.tree.nodes[name].children
+        if name not in self.thresholds:
+            yield children
+            return
+        able = [child for child in children if child in self.core or child in parts]
+        must = {child for child in children if child in forced}
+        for size in range(self.thresholds[name], len(able) + 1):
+            yield from (chosen for chosen in combinations(able, size) if must <= set(chosen))
+
+
+def _keeps_order(tree: RVAFT, kept: Kept, taken: Mapping[str, int]) -> bool:
+    """Whether a scenario is feasible, and what is taken came in an order that it allows and before all that is lacking."""
+    graph = precedence(tree, kept)
+    if find_cycle(graph):
+        return False
+    position = {event(name): taken.get(name, inf) for name in kept if tree.nodes[name].has_event}
+    latest: dict[Point, float] = {}
+    for point in nx.topological_sort(graph):
+        before = max((latest[earlier] for earlier in graph.predecessors(point)), default=0)
+        own = position.get(point, before)
+        if own <= before and point in position and own != inf:
+            return False
+        latest[point] = max(before, own)
+    return True
+
+
+class Reach(NamedTuple):
+    """The best that a log did: how many events were lacking, the number of the last event matched (0 for none), what came next."""
+
+    lacking: int
+    event: int
+    awaited: tuple[Awaited, ...]
+
+
+class BranchFollower(Engine):
+    """The monitor of one branch, `tree` being that branch alone, that remembers the best of the partial matches it met.
+
+    It is given only the events that may matter to it, with what the whole tree says of them, since there may be very many branches.
+    Under `strict` and `projected` partial matches end, so they are looked at whenever they grow; under `scattered` none is lost
+    but to a better one, and the end of the log is early enough. Raises `TooLarge`.
+    """
+
+    def __init__(self, tree: RVAFT, semantics: Semantics, *, limit: int) -> None:
+        super().__init__(tree, semantics, limit=limit)
+        compiled = self._strategy.compiled
+        self._names = compiled.names
+        self._shortest = LackingEvents(tree, (compiled.names[node] for node in compiled.core))
+        self._size = 0
+        self._lacking, self._last = self._shortest.fewest({})[0], 0
+        self._best: list[Witness | None] = [None]
+
+    def follow(self, number: int, event: Json, *, fits: bool) -> None:
+        """Read the event of that number, relevant to the whole tree; those since the last one read change nothing.
+
+        `fits` is False only where it is no event of this branch.
+        """
+        self.skip(number - 1 - self._read)
+        verdict = self.take(Reading(relevant=True, hits=self.read(event).hits if fits else ()))
+        if verdict is Verdict.UNKNOWN and self.semantics is not Semantics.SCATTERED:
+            self._look()
+
+    def reach(self) -> Reach:
+        """How far the branch came, asked once at the end of the log; after detection nothing is lacking."""
+        if self.verdict is Verdict.TRUE:
+            return Reach(0, self._position, ())
+        strategy, waiting = self._strategy, set[str]()
+        if isinstance(strategy, Earliest):  # the best match may do without some of what fired: played again alone
+            fired = {self._names[node]: position for node, (position, _) in strategy.run.fired.items()}
+            lacking, nodes = self._shortest.fewest(fired, exact=False)
+            run, last = EarliestRun(strategy.compiled, strategy.starts), 0
+            for node, (position, values) in strategy.run.fired.items():
+                if self._names[node] in nodes:
+                    run.fire([(node, values)], position)
+                    last = position
+            return Reach(lacking, last, awaited(self.tree, {self._names[node] for node in run.awaited()}))
+        if self.semantics is Semantics.SCATTERED:
+            self._look()
+        for witness in self._best:
+            steps = ((step.node, step.values, step.position) for step in history(witness))
+            match = strategy.matching.replayed(steps)
+            assert match is not None, "a partial match can be made again"
+            waiting.update(strategy.matching.admitted(match))
+        return Reach(self._lacking, self._last, awaited(self.tree, waiting))
+
+    def _look(self) -> None:
+        """Compare the partial matches with the best so far."""
+        assert isinstance(self._strategy, Following), "the linear way has no partial matches"
+        partial = self._strategy.partial
+        if self.semantics is not Semantics.SCATTERED:
+            size = partial[0].taken.bit_count()  # the same for all: each has used all events that count
+            if size == self._size:
+                return
+            self._size = size
+        alike: dict[Hashable, tuple[int, Configuration]] = {}  # of those that lack the same, the one that came first
+        for match in partial:
+            last = 0 if match.witness is None else match.witness.position
+            place = match.taken, match.dead, match.inversions
+            if place not in alike or last < alike[place][0]:
+                alike[place] = last, match
+        for last, match in alike.values():
+            taken = {self._names[step.node]: step.position for step in history(match.witness)}
+            lacking, _ = self._shortest.fewest(taken, [self._names[node] for node in bits(match.dead)])
+            if (lacking, last) < (self._lacking, self._last):
+                self._lacking, self._last, self._best = lacking, last, []
+            if (lacking, last) == (self._lacking, self._last) and match.witness not in self._best:
+                self._best = [*self._best, match.witness]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,16 +258,6 @@ class CoverageReport:
         return self.nodes - len(self.unseen)
 
 
-@dataclass(slots=True)
-class CoveredBranch:
-    """A branch with the best that any log so far did, and the monitor that each log gets a copy of."""
-
-    nodes: frozenset[int]
-    """Its nodes by their numbers in the whole tree."""
-    fresh: BranchFollower
-    best: BranchCoverage
-
-
 class Coverage:
     """Reads logs one by one and says what they covered.
 
@@ -104,82 +284,71 @@ class Coverage:
         narrowed(tree, branch, kind)  # all that can be wrong with these is said here
         self.tree = tree
         self.semantics = Semantics(semantics)
-        self._branches: list[CoveredBranch] = []
+        self._branches: list[tuple[BranchFollower, frozenset[int]]] = []
+        # For each branch the monitor that each log gets a copy of, and its nodes by their numbers in the whole tree.
+        self._best: list[BranchCoverage] = []
         self._infeasible: list[int] = []
         self._logs = 0
         self._seen: set[int] = set()
         self._compiled = CompiledTree(tree)
         self._letters = TreeLetters(tree, self._compiled)
         number = {name: node for node, name in enumerate(self._compiled.names)}
-        for chosen in _chosen(tree, branch, kind, limit):
-            part = chosen_part(tree, chosen.choices)
+        chosen = [numbered(tree, branch)] if branch is not None else list(islice(branches(tree), limit + 1))
+        if branch is None and len(chosen) > limit:
+            error = TooLarge(f"a monitor for each branch of {tree.root}", limit=limit)
+            error.add_note("--limit allows more; or choose one with --branch N, or prune the tree")
+            raise error
+        for one in chosen:
+            if kind is not None and Kind(kind) not in one.kinds:
+                continue
+            part = chosen_part(tree, one.choices)
             try:
                 require_valid(part)
             except TreeError as error:
                 if error.rule != "no-scenario":
                     raise
-                self._infeasible.append(chosen.number)
+                self._infeasible.append(one.number)
             else:
                 fresh = BranchFollower(part, self.semantics, limit=configurations)
                 start = fresh.fork().reach()
-                none = BranchCoverage(chosen.number, chosen.kinds, start.lacking, 0, awaited=start.awaited)
-                nodes = frozenset(number[name] for name in chosen.nodes)
-                self._branches.append(CoveredBranch(nodes, fresh, none))
+                self._best.append(BranchCoverage(one.number, one.kinds, start.lacking, 0, awaited=start.awaited))
+                self._branches.append((fresh, frozenset(number[name] for name in one.nodes)))
 
     def add(self, log: str, events: Iterable[Json]) -> None:
         """Read a whole log. Raises what reading its events raises, and `TooLarge`; a log that raises does not count."""
-        followers = [(one, one.fresh.fork()) for one in self._branches]
-        live, seen, number = list(followers), set[int](), 0
+        followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
+        live, seen, number = followers, set[int](), 0
+        strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         try:
             for number, event in enumerate(events, 1):
                 reading = self._letters.read(event)
                 counts = reading.relevant or self.semantics is not Semantics.PROJECTED
                 hit = {node for hit in reading.hits for node in hit.nodes} if counts else set[int]()
                 seen |= hit
-                if hit or self.semantics is Semantics.STRICT:
-                    live = [one for one in live if not self._follow(*one, number, event, hit).final]
-            reached = [follower.reach() for _, follower in followers]
+                if hit or strict:
+                    for follower, nodes in live:
+                        fits = not nodes.isdisjoint(hit)
+                        if fits or not scattered:  # else no partial match can use it, and none is ended by it
+                            follower.follow(number, event, fits=fits)
+                    live = [one for one in live if not one[0].verdict.final]
+            reached = [follower.reach() for follower, _ in followers]
         except TooLarge as error:
             remedy = "" if getattr(error, "__notes__", ()) else "; --max-configurations allows more"
             error.add_note(f"at event {number} of {log}{remedy}")
             raise
         self._logs += 1
         self._seen |= seen
-        for (one, follower), reach in zip(followers, reached, strict=True):
-            known = one.best
-            detected = known.detected + (follower.verdict is Verdict.TRUE)
-            came = known.needed - reach.lacking
-            one.best = replace(known, detected=detected)
-            if came > known.reached:
-                one.best = replace(one.best, reached=came, log=log, event=reach.event, awaited=reach.awaited)
-
-    def _follow(self, one: CoveredBranch, follower: BranchFollower, number: int, event: Json, hit: set[int]) -> Verdict:
-        """The verdict of a branch after an event that counts and is the event of these nodes."""
-        fits = not one.nodes.isdisjoint(hit)
-        if not fits and self.semantics is Semantics.SCATTERED:
-            return follower.verdict  # no partial match can use it, and none is ended by it
-        return follower.follow(number, event, relevant=True, fits=fits)
+        for place, ((follower, _), reach) in enumerate(zip(followers, reached, strict=True)):
+            known = self._best[place]
+            best = replace(known, detected=known.detected + (follower.verdict is Verdict.TRUE))
+            if known.needed - reach.lacking > known.reached:
+                came = known.needed - reach.lacking
+                best = replace(best, reached=came, log=log, event=reach.event, awaited=reach.awaited)
+            self._best[place] = best
 
     def report(self) -> CoverageReport:
         """What the logs so far covered."""
-        kept = {node for one in self._branches for node in one.nodes if self._compiled.own[node]}
-        return CoverageReport(
-            self.semantics,
-            self._logs,
-            tuple(one.best for one in self._branches),
-            tuple(self._infeasible),
-            len(kept),
-            awaited(self.tree, (self._compiled.names[node] for node in kept - self._seen)),
-        )
-
-
-def _chosen(tree: RVAFT, number: int | None, kind: Kind | str | None, limit: int) -> list[Branch]:
-    """The branches to look at."""
-    if number is not None:
-        return [branch(tree, number)]
-    found = list(islice(branches(tree), limit + 1))
-    if len(found) > limit:
-        error = TooLarge(f"a monitor for each branch of {tree.root}", limit=limit)
-        error.add_note("--limit allows more; or choose one with --branch N, or prune the tree")
-        raise error
-    return [candidate for candidate in found if kind is None or Kind(kind) in candidate.kinds]
+        kept = {node for _, nodes in self._branches for node in nodes if self._compiled.own[node]}
+        unseen = awaited(self.tree, (self._compiled.names[node] for node in kept - self._seen))
+        counts = tuple(self._best), tuple(self._infeasible), len(kept)
+        return CoverageReport(self.semantics, self._logs, *counts, unseen)

@@ -15,6 +15,7 @@ import json
 from typing import Final
 
 from rvaft.coverage.measure import BranchCoverage, CoverageReport
+from rvaft.monitors import Awaited
 from rvaft.support.terminal import visible
 
 VERSION: Final = 1
@@ -26,32 +27,29 @@ _UNBOUNDED: Final = 1_000_000
 
 def json_text(report: CoverageReport) -> str:
     """The report as one JSON object."""
+
+    def nodes(some: tuple[Awaited, ...]) -> list[dict[str, str]]:
+        return [{"node": one.node, "event": one.event} for one in some]
+
+    branches = [
+        {
+            "branch": branch.number,
+            "kinds": _kinds(branch),
+            **{name: getattr(branch, name) for name in ("needed", "reached", "detected", "log", "event")},
+            "waits_for": nodes(branch.awaited),
+        }
+        for branch in report.branches
+    ]
+    totals = {"branches": len(branches), **{name: getattr(report, name) for name in ("exercised", "nodes", "seen")}}
     value = {
         "format": "rvaft-coverage",
         "version": VERSION,
         "semantics": report.semantics.value,
         "logs": report.logs,
-        "branches": [
-            {
-                "branch": branch.number,
-                "kinds": _kinds(branch),
-                "needed": branch.needed,
-                "reached": branch.reached,
-                "detected": branch.detected,
-                "log": branch.log,
-                "event": branch.event,
-                "waits_for": [{"node": one.node, "event": one.event} for one in branch.awaited],
-            }
-            for branch in report.branches
-        ],
+        "branches": branches,
         "infeasible": list(report.infeasible),
-        "unseen": [{"node": one.node, "event": one.event} for one in report.unseen],
-        "totals": {
-            "branches": len(report.branches),
-            "exercised": report.exercised,
-            "nodes": report.nodes,
-            "seen": report.seen,
-        },
+        "unseen": nodes(report.unseen),
+        "totals": totals,
     }
     return json.dumps(value, indent=2) + "\n"
 
@@ -69,24 +67,28 @@ def table_text(report: CoverageReport, *, width: int | None = None) -> str:
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
     table.add_column("branch", justify="right", no_wrap=True)
-    table.add_column("kinds", overflow="fold")
-    table.add_column("reached", no_wrap=True)
-    table.add_column("logs", no_wrap=True)
-    table.add_column("where", overflow="fold")
+    for name in ("kinds", "reached", "logs", "where"):
+        folds = name in ("kinds", "where")
+        table.add_column(name, overflow="fold" if folds else "ellipsis", no_wrap=not folds)
     for branch in report.branches:
-        cells = (
-            str(branch.number),
-            ", ".join(_kinds(branch)) or "-",
-            f"{branch.reached} of {branch.needed}",
-            f"{branch.detected} of {report.logs}",
-            _where(branch),
-        )
+        numbers = f"{branch.reached} of {branch.needed}", f"{branch.detected} of {report.logs}"
+        cells = str(branch.number), ", ".join(_kinds(branch)) or "-", *numbers, _where(branch)
         table.add_row(*(Text(visible(cell)) for cell in cells))
+    below = [""]
+    if report.infeasible:
+        listed = ", ".join(map(str, report.infeasible[:_LISTED]))
+        below.append(f"no feasible scenario: branch {listed}{', …' if len(report.infeasible) > _LISTED else ''}")
+    if report.unseen:
+        names, others = ", ".join(one.node for one in report.unseen[:_LISTED]), len(report.unseen) - _LISTED
+        below.append(f"nodes never seen: {names}{f' and {others} others' if others > 0 else ''}")
+    percent = 100 * report.exercised // len(report.branches)  # 100 only where it is all
+    exercised = f"branches exercised {report.exercised} of {len(report.branches)} ({percent}%)"
+    below.append(f"{exercised}; nodes seen {report.seen} of {report.nodes}")
     columns = _UNBOUNDED if width is None else width
     console = Console(file=io.StringIO(), width=columns, color_system=None, legacy_windows=False, force_jupyter=False)
     with console.capture() as captured:
         console.print(table)
-        for line in _below(report):
+        for line in below:
             console.print(Text(visible(line)), soft_wrap=False)
     return "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
 
@@ -106,18 +108,3 @@ def _where(branch: BranchCoverage) -> str:
     others = len(branch.awaited) - _LISTED
     waits = f"waits for {awaited}{f' or {others} others' if others > 0 else ''}"
     return f"{place}; {waits}" if place else waits
-
-
-def _below(report: CoverageReport) -> list[str]:
-    lines = [""]
-    if report.infeasible:
-        numbers = ", ".join(map(str, report.infeasible[:_LISTED]))
-        lines.append(f"no feasible scenario: branch {numbers}{', …' if len(report.infeasible) > _LISTED else ''}")
-    if report.unseen:
-        names = ", ".join(one.node for one in report.unseen[:_LISTED])
-        others = len(report.unseen) - _LISTED
-        lines.append(f"nodes never seen: {names}{f' and {others} others' if others > 0 else ''}")
-    percent = 100 * report.exercised // len(report.branches)  # 100 only where it is all
-    exercised = f"branches exercised {report.exercised} of {len(report.branches)} ({percent}%)"
-    lines.append(f"{exercised}; nodes seen {report.seen} of {report.nodes}")
-    return lines

@@ -18,7 +18,7 @@ from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
 from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, reader
 from rvaft.model.guards import Predicate, predicate
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality
+from rvaft.model.nodes import Causality, Node
 from rvaft.model.patterns import rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -35,7 +35,6 @@ class CompiledTree:
     """
 
     root: Final = 0
-    """The first node of the order."""
 
     def __init__(self, tree: RVAFT) -> None:
         self.names = tree.order
@@ -50,24 +49,19 @@ class CompiledTree:
         """The nodes that need not keep all of their children."""
         self.own = tuple(node.has_event for node in nodes)
         self.top_down = tree.causality is Causality.TOP_DOWN
-        self._note_variables(tree)
-        self._note_parts(number, tree)
+        self._note_variables(tree, nodes)
+        self._note_parts({number[name] for name in tree.shared})
         self.dead = mask_of(index for index, node in enumerate(nodes) if is_impossible(node))
         """The nodes that a constant guard rules out."""
         waiting = (index for index, node in enumerate(nodes) if self.needs[index] and not is_constant(node))
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
-        self.freezer = self._freezer()
-        self.picks = self._picks()
-        """The nodes that keep one child, or have such a node below."""
 
-    def _note_variables(self, tree: RVAFT) -> None:
-        """Who mentions which variable, and what therefore has to be remembered."""
-        nodes = list(tree.top_down())
-        patterns = [tree.pattern(node.name) for node in nodes]
+    def _note_variables(self, tree: RVAFT, nodes: Sequence[Node]) -> None:
+        patterns = [tree.pattern(name) for name in self.names]
         bound = [() if pattern is None else rigid_variables(pattern) for pattern in patterns]
         needs = [() if node.when is None else guard_variables(node.when) for node in nodes]
-        mentioned = Counter(name for node in range(len(nodes)) for name in {*bound[node], *needs[node]})
+        mentioned = Counter(name for both in zip(bound, needs, strict=True) for name in {*both[0], *both[1]})
         private = [{name for name in names if mentioned[name] == 1} for names in bound]
         filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
         self.filters = tuple(node.when if only else None for node, only in zip(nodes, filters, strict=True))
@@ -81,60 +75,39 @@ class CompiledTree:
             for node, names in enumerate(bound)
         )
         """For each node the variables of its event that have to be remembered."""
-        self.predicates: tuple[Predicate | None, ...] = tuple(
-            None if guard is None else predicate(guard) for guard in self.guards
-        )
+        self.predicates = tuple(None if guard is None else predicate(guard) for guard in self.guards)
         self.guarded_by: dict[str, list[int]] = {}
         """For each variable the nodes whose guard waits for it."""
         self.mentions: dict[str, int] = {}
         """For each variable the nodes whose event binds or compares it."""
-        for node, names in enumerate(self.needs):
-            for name in names:
+        for node in range(len(nodes)):
+            for name in self.needs[node]:
                 self.guarded_by.setdefault(name, []).append(node)
-        for node, names in enumerate(self.exported):
-            for name in names:
+            for name in self.exported[node]:
                 self.mentions[name] = self.mentions.get(name, 0) | 1 << node
 
-    def _note_parts(self, number: Mapping[str, int], tree: RVAFT) -> None:
+    def _note_parts(self, core: set[int]) -> None:
         """The shared nodes with their ancestors, and the parts below them."""
-        core = {number[name] for name in tree.shared}
-        for node in range(len(self.names) - 1, -1, -1):
+        size = len(self.names)
+        picks = bytearray(size)
+        for node in range(size - 1, -1, -1):
             if not core.isdisjoint(self.children[node]):
                 core.add(node)
-        size = len(self.names)
+            picks[node] = self.ops[node] is Op.ONE or any(picks[child] for child in self.children[node])
+        self.picks = mask_of(node for node in range(size) if picks[node])
+        """The nodes that keep one child, or have such a node below."""
+        self.core, self.members = tuple(sorted(core)), frozenset(core)
         self.parent, self.slot, self.part_of = [-1] * size, [-1] * size, list(range(size))
+        self.freezer = [-1] * size
+        """The nearest of a node and its ancestors in its part that something later can end, or -1: a child of a sequence that is
+        not the last, or of a gate whose own event comes after its children."""
         for node, children in enumerate(self.children):
-            if node not in core:
-                for slot, child in enumerate(children):
-                    self.parent[child], self.slot[child], self.part_of[child] = node, slot, self.part_of[node]
-        self.core = tuple(sorted(core))
-        self.members = frozenset(core)
-        """The nodes of the core, as a set."""
+            ends = self.own[node] and not self.top_down
+            for slot, child in enumerate(children if node not in core else ()):
+                self.parent[child], self.slot[child], self.part_of[child] = node, slot, self.part_of[node]
+                later = self.ops[node] is Op.SEQUENCE and slot + 1 < len(children)
+                self.freezer[child] = child if later or ends else self.freezer[node]
         self.parts = tuple(node for node in range(size) if node not in core and self.parent[node] < 0)
-
-    def _freezer(self) -> list[int]:
-        """The nearest of a node and its ancestors in its part that something later can end, or -1.
-
-        Such is a child of a sequence that is not the last, or of a gate whose own event comes after its children.
-        """
-        found: list[int] = []
-        for node, (parent, slot) in enumerate(zip(self.parent, self.slot, strict=True)):
-            later = self.ops[parent] is Op.SEQUENCE and slot + 1 < len(self.children[parent])
-            freezes = parent >= 0 and (later or (self.own[parent] and not self.top_down))
-            found.append(node if freezes else -1 if parent < 0 else found[parent])
-        return found
-
-    def _picks(self) -> int:
-        found = bytearray(len(self.names))
-        for node in range(len(self.names) - 1, -1, -1):
-            found[node] = self.ops[node] is Op.ONE or any(found[child] for child in self.children[node])
-        return mask_of(node for node, picks in enumerate(found) if picks)
-
-
-# What an event means to a tree: which nodes it can serve, and whether it is relevant.
-#
-# Equal patterns with equal guards are one *letter*, tried once per event. What the shape of an event decides is worked out once for
-# each shape, so an event that concerns nothing costs one look-up, however large the tree.
 
 
 class Hit(NamedTuple):
@@ -158,15 +131,16 @@ NOTHING: Final = Reading(relevant=False, hits=())
 
 
 class Admission(NamedTuple):
-    """How an event that may be some letter becomes a hit."""
+    """How an event that may be some letter becomes a hit: what is asked of it beside its shape, and what gives the values.
+
+    The values are None where the event is not this letter after all.
+    """
 
     letter: int
     nodes: tuple[int, ...]
     relevant: bool
     test: Predicate | None
-    """What the event itself has to say, beside its shape."""
     values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
-    """The values of the variables; None where the event is not this letter after all."""
 
 
 class Sketch(NamedTuple):
@@ -178,7 +152,10 @@ class Sketch(NamedTuple):
 
 
 class TreeLetters:
-    """All letters of a tree: those of its occurrences, those of its alphabet, and those it ignores."""
+    """The letters of a tree, equal patterns with equal guards: those of its occurrences, its alphabet, and what it ignores.
+
+    What the shape of an event decides is worked out once for each shape, so an event that concerns nothing costs one look-up.
+    """
 
     def __init__(self, tree: RVAFT, compiled: CompiledTree) -> None:
         serves: dict[Letter, list[int]] = {}
@@ -191,20 +168,21 @@ class TreeLetters:
         self.serves = tuple(tuple(serves.get(letter, ())) for letter in self.letters)
         """For each letter the nodes whose runtime event it is."""
         ignored = [Letter(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores]
-        self._relevant = [letter in alphabet for letter in self.letters]
-        self._readers = [reader(number, letter) for number, letter in enumerate((*self.letters, *ignored))]
-        self.sketch = PatternIndex((one.pattern for one in self._readers), self._sketch).of
+        readers = [reader(number, letter) for number, letter in enumerate((*self.letters, *ignored))]
+
+        def sketch(decided: Decided) -> Sketch:
+            possible = [readers[number] for number in sorted((*decided.fits, *decided.open))]
+            letters = []
+            for one in possible:
+                if one.number < len(self.letters):
+                    test, values = (one.holds, one.values) if one.plain else (None, one.read)
+                    relevant = self.letters[one.number] in alphabet
+                    letters.append(Admission(one.number, self.serves[one.number], relevant, test, values))
+            serving = tuple(one for one in letters if one.nodes)
+            return Sketch(tuple(letters), serving, tuple(possible[len(letters) :]))
+
+        self.sketch = PatternIndex((one.pattern for one in readers), sketch).of
         """What the shape of an event says: for who reads many events of few shapes."""
-
-    def _sketch(self, decided: Decided) -> Sketch:
-        readers = [self._readers[number] for number in sorted((*decided.fits, *decided.open))]
-        letters = tuple(self._admission(one) for one in readers if one.number < len(self.letters))
-        ignored = tuple(one for one in readers if one.number >= len(self.letters))
-        return Sketch(letters, tuple(one for one in letters if one.nodes), ignored)
-
-    def _admission(self, one: Reader) -> Admission:
-        test, values = (one.holds, one.values) if one.plain else (None, one.read)
-        return Admission(one.number, self.serves[one.number], self._relevant[one.number], test, values)
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means; `sketch` is what its shape says, where that is known."""

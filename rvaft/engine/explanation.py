@@ -1,31 +1,40 @@
-"""After detection: one match of the lowest-numbered branch that has one, with its scenario (semantics, section 4)."""
+"""What the events so far mean for the branches of a tree (semantics, sections 2 and 4).
 
-from collections.abc import Mapping
+After detection: one match of the lowest-numbered branch that has one, with its scenario. Before: what the branches that are still
+alive wait for. A node is pending in a branch if some partial match of the branch has all that precedes the node's event, but not that
+event. As for the verdict, whether the variables and guards can ever agree is not looked at. Under `scattered` only those partial
+matches count that the engine follows: one that another can replace waits for nothing that matters.
+
+All of this is found when it is asked for, from how the partial matches came about; monitoring does nothing for it.
+"""
+
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.analysis.branches import branches, number_of, or_gates
 from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
-from rvaft.engine.configuration import Configuration
-from rvaft.engine.contiguous import Following
-from rvaft.engine.progress import SURE, TOUCHED
-from rvaft.engine.scattered_linear import Earliest, possible_nodes
-from rvaft.engine.steps import Matching
-from rvaft.model.nodes import Kind
+from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Witness, history
+from rvaft.engine.matching import Following, Matching
+from rvaft.engine.scattered_linear import Earliest, EarliestRun, possible_nodes
+from rvaft.errors import TooLarge
+from rvaft.model.expressions import name_text, on_text
 from rvaft.model.tree import RVAFT, reachable
-from rvaft.model.values import Json
-from rvaft.monitors import Explanation
+from rvaft.model.values import Json, fingerprint
+from rvaft.monitors import Awaited, Explanation, Pending
+from rvaft.support.bits import union
 
 SEARCHING: Final = 20_000_000
 """How many nodes are looked at in search of a lower branch."""
 BRANCHES: Final = 20_000
 """How many branches of a kind are looked at."""
 
-
-# Matches under given choices.
+Choices: TypeAlias = Mapping[str, str]
+"""The child that each choice of one child keeps, where it is reached."""
 
 
 class MatchedEvent(NamedTuple):
@@ -39,7 +48,7 @@ class MatchedEvent(NamedTuple):
 class FoundMatch(NamedTuple):
     """A match: its steps in the order of the events, and the nodes of its scenario with the children they keep."""
 
-    steps: tuple[MatchedEvent, ...]
+    steps: list[MatchedEvent]
     kept: Mapping[str, tuple[str, ...]]
 
 
@@ -48,7 +57,7 @@ def whole(tree: RVAFT) -> RVAFT:
     return tree if tree.part_of is None else tree.part_of.tree
 
 
-def kept_nodes(tree: RVAFT, choices: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+def kept_nodes(tree: RVAFT, choices: Choices) -> dict[str, tuple[str, ...]]:
     """The nodes that are reachable under choices, each with its children."""
 
     def children(name: str) -> tuple[str, ...]:
@@ -57,56 +66,116 @@ def kept_nodes(tree: RVAFT, choices: Mapping[str, str]) -> dict[str, tuple[str, 
     return {name: children(name) for name in reachable(tree.root, children)}
 
 
-def chosen_part(tree: RVAFT, choices: Mapping[str, str]) -> RVAFT:
+def chosen_part(tree: RVAFT, choices: Choices) -> RVAFT:
     """The tree whose scenarios are those that keep the children chosen; its alphabet is its own."""
     nodes = [replace(tree.nodes[name], children=children) for name, children in kept_nodes(tree, choices).items()]
     events = dict.fromkeys(node.on.event for node in nodes if node.on is not None)
     return RVAFT(tree.root, nodes, (tree.events[event] for event in events), causality=tree.causality)
 
 
-class FollowedMatches:
-    """Matches that were followed: one is a match under some choices if its steps can be taken in that part of the tree."""
+class MatchFinder:
+    """What the monitor of a tree knows of matches under choices."""
 
-    def __init__(self, tree: RVAFT, strategy: Following) -> None:
-        of_branch = tree.part_of is not None and tree.part_of.branch is not None
-        self.tree = tree if of_branch else whole(tree)
+    def __init__(self, tree: RVAFT, strategy: Following | Earliest) -> None:
+        self.tree = tree
         self.strategy = strategy
-        names = [tree.origins.get(name, name) for name in strategy.compiled.names]
-        histories = [reversed(list(match.history())) for match in strategy.matches]
-        self.matches = [
-            tuple(MatchedEvent(names[taken.node], taken.position, taken.values) for taken in history)
-            for history in histories
-        ]
-        self._number = {name: node for node, name in enumerate(strategy.compiled.names)}
+        self._names = [tree.origins.get(name, name) for name in strategy.compiled.names]
 
-    def find(self, choices: Mapping[str, str]) -> FoundMatch | None:
-        """A match of a scenario in which each of these choices of one child, where it is reached, keeps the child chosen."""
-        kept = kept_nodes(self.tree, choices)
-        fitting = [steps for steps in self.matches if all(step.node in kept for step in steps)]
-        if not fitting:
-            return None
-        matching = Matching(CompiledTree(chosen_part(self.tree, choices)), limit=self.strategy.limit)
-        number = {name: node for node, name in enumerate(matching.compiled.names)}
-        for steps in fitting:
-            match = matching.replayed((number[step.node], step.values, step.position) for step in steps)
-            if match is not None and matching.standing(match)[0]:
-                return FoundMatch(steps, _scenario(matching, match))
+    def find(self, choices: Choices) -> FoundMatch | None:
+        """A match of a scenario in which each of these choices keeps the child chosen."""
+        strategy = self.strategy
+        if isinstance(strategy, Earliest):
+            run, names = self._run(strategy, choices), self._names
+            if not run.detected:
+                return None
+            kept = dict(run.scenario())
+            steps = [MatchedEvent(names[node], *run.fired[node]) for node in kept if node in run.fired]
+            return _found(names, sorted(steps, key=lambda step: step.position), kept)
+        for matching, match in self._replayed([history(match.witness) for match in strategy.matches], choices):
+            if matching.standing(match)[0]:
+                own = matching.compiled.names
+                steps = [MatchedEvent(own[one.node], one.position, one.values) for one in history(match.witness)]
+                return _found(own, steps, _scenario(matching, match))
         return None
 
+    def waiting(
+        self, choices: Choices | None, histories: Iterable[list[Witness]]
+    ) -> Iterator[tuple[set[str], Mapping[str, Json]]]:
+        """What the matches with these steps that can be made under choices too have yet to take, by the values they remember."""
+        if isinstance(self.strategy, Earliest):
+            yield {self._names[node] for node in self._run(self.strategy, choices or {}).awaited()}, {}
+            return
+        found: dict[Hashable, tuple[set[str], Mapping[str, Json]]] = {}
+        known: dict[Hashable, set[str]] = {}
+        for matching, match in self._replayed(histories, choices):
+            place = match.taken, match.dead, match.closed, match.inversions
+            if place not in known:
+                known[place] = {self.tree.origins.get(name, name) for name in matching.admitted(match)}
+            found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0].update(known[place])
+        yield from found.values()
+
+    def _run(self, strategy: Earliest, choices: Choices) -> EarliestRun:
+        """The run under choices in the numbers of the tree; -1 where a copy of a gate does not have the child."""
+        compiled, names = strategy.compiled, self._names
+        return strategy.run_under(
+            {
+                node: next((child for child in compiled.children[node] if names[child] == choices[name]), -1)
+                for node, name in enumerate(names)
+                if name in choices and compiled.ops[node] is Op.ONE
+            }
+        )
+
+    def _replayed(
+        self, histories: Iterable[list[Witness]], choices: Choices | None
+    ) -> Iterator[tuple[Matching, Configuration]]:
+        """The matches with these steps that can be made under choices too; with None as they are."""
+        assert isinstance(self.strategy, Following), "the linear way follows no matches"
+        matching, node_of = self.strategy.matching, {node: node for node in range(len(self._names))}
+        if choices is not None:
+            of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
+            base = self.tree if of_branch else whole(self.tree)
+            kept = kept_nodes(base, choices)
+            histories = [steps for steps in histories if all(self._names[step.node] in kept for step in steps)]
+            if not histories:
+                return
+            matching = Matching(CompiledTree(chosen_part(base, choices)), limit=self.strategy.limit)
+            number = {name: node for node, name in enumerate(matching.compiled.names)}
+            node_of = {node: number[name] for node, name in enumerate(self._names) if name in number}
+        for steps in histories:
+            match = matching.replayed((node_of[step.node], step.values, step.position) for step in steps)
+            if match is not None:
+                yield matching, match
+
     def is_possible(self, gate: str, child: str) -> bool:
-        """False only where certainly no match keeps this child of a choice (or, if it is the first, does without the choice).
+        """False only where certainly no match keeps this child of a choice (or, if it is the first, does without the choice)."""
+        node, kept = self._names.index(gate), self._names.index(child)
+        able, unavoidable = self._limits
+        is_first = self.strategy.compiled.children[node][0] == kept
+        return kept in able or (is_first and node not in unavoidable)
 
-        With one match and no sharing it is known what was taken below the gate.
-        """
-        compiled, number = self.strategy.compiled, self._number
-        if len(self.matches) > 1 or compiled.core or gate not in number or child not in number:
-            return True
-        flags, match = self.strategy.matching.progress.flags, self.strategy.matches[0]
-        touched = [node for node in compiled.children[number[gate]] if flags(match, node) & TOUCHED]
-        return not touched or number[child] in touched
+    @cached_property
+    def _limits(self) -> tuple[set[int], set[int]]:
+        """The nodes that some choices may make complete, given what came; and those without which the root is not."""
+        strategy, compiled = self.strategy, self.strategy.compiled
+        if isinstance(strategy, Earliest):
+            came = {node for node in range(len(compiled.names)) if strategy.came(node)}
+        else:
+            taken = union(match.taken for match in strategy.matches)
+            came = {node for node, own in enumerate(compiled.own) if not own or taken >> node & 1}
+        able = possible_nodes(compiled, compiled.children.__getitem__, among=came)
+        unavoidable = {compiled.root}
+        for node, children in enumerate(compiled.children):
+            candidates = [child for child in children if child in able]
+            if node in unavoidable and len(candidates) == compiled.need[node]:
+                unavoidable.update(candidates)
+        return able, unavoidable
 
 
-def _scenario(matching: Matching, match: Configuration) -> dict[str, tuple[str, ...]]:
+def _found(names: Sequence[str], steps: list[MatchedEvent], kept: Mapping[int, Iterable[int]]) -> FoundMatch:
+    return FoundMatch(steps, {names[node]: tuple(names[child] for child in kept[node]) for node in kept})
+
+
+def _scenario(matching: Matching, match: Configuration) -> dict[int, tuple[int, ...]]:
     """One scenario that a match is a match of."""
     compiled = matching.compiled
     kept: dict[int, tuple[int, ...]] = {}
@@ -124,81 +193,21 @@ def _scenario(matching: Matching, match: Configuration) -> dict[str, tuple[str, 
             children = touched + silent[: max(compiled.need[node] - len(touched), 0)]
         kept[node] = children
         agenda.extend(children)
-    names = compiled.names
-    return {names[node]: tuple(names[child] for child in children) for node, children in kept.items()}
-
-
-class EarliestMatches:
-    """The linear way: a run in which choices of one child keep what is chosen."""
-
-    def __init__(self, tree: RVAFT, strategy: Earliest) -> None:
-        self.strategy = strategy
-        origins, names = tree.origins, strategy.compiled.names
-        self._names = [origins.get(name, name) for name in names]
-        self._number = {name: node for node, name in enumerate(names)}
-
-    def find(self, choices: Mapping[str, str]) -> FoundMatch | None:
-        """As that of `FollowedMatches`."""
-        run, names = self.strategy.run_under(self._choices(choices)), self._names
-        if not run.detected:
-            return None
-        kept = dict(run.scenario())
-        steps = [MatchedEvent(names[node], *run.fired[node]) for node in kept if node in run.fired]
-        steps.sort(key=lambda step: step.position)
-        scenario = {names[node]: tuple(names[child] for child in children) for node, children in kept.items()}
-        return FoundMatch(tuple(steps), scenario)
-
-    def awaited(self, choices: Mapping[str, str]) -> list[str]:
-        """The nodes of the whole tree that wait for their event under choices; none where the branch is infeasible."""
-        return [self._names[node] for node in self.strategy.run_under(self._choices(choices)).awaited()]
-
-    def is_possible(self, gate: str, child: str) -> bool:
-        """As that of `FollowedMatches`: what events never came decides."""
-        node, kept = self._number.get(gate), self._number.get(child)
-        if node is None or kept is None:
-            return True
-        able, unavoidable = self._limits
-        is_first = self.strategy.compiled.children[node][0] == kept
-        return kept in able or (is_first and node not in unavoidable)
-
-    @cached_property
-    def _limits(self) -> tuple[set[int], set[int]]:
-        """The nodes that some choices may make complete, given what came; and those without which the root is not."""
-        compiled = self.strategy.compiled
-        came = [node for node in range(len(compiled.names)) if self.strategy.came(node)]
-        able = possible_nodes(compiled, compiled.children.__getitem__, among=set(came))
-        unavoidable = {compiled.root}
-        for node, children in enumerate(compiled.children):
-            candidates = [child for child in children if child in able]
-            if node in unavoidable and len(candidates) == compiled.need[node]:
-                unavoidable.update(candidates)
-        return able, unavoidable
-
-    def _choices(self, choices: Mapping[str, str]) -> dict[int, int]:
-        """The choices in the numbers of the tree; -1 where a copy of a gate does not have the child."""
-        compiled, names = self.strategy.compiled, self._names
-        return {
-            node: next((child for child in compiled.children[node] if names[child] == choices[name]), -1)
-            for node, name in enumerate(names)
-            if name in choices and compiled.ops[node] is Op.ONE
-        }
-
-
-# The explanation.
+    return kept
 
 
 def explain(tree: RVAFT, strategy: Following | Earliest) -> Explanation:
     """The explanation after detection; its branch is None where there are too many to find the lowest."""
-    finder: FollowedMatches | EarliestMatches
-    finder = EarliestMatches(tree, strategy) if isinstance(strategy, Earliest) else FollowedMatches(tree, strategy)
-    part = tree.part_of
+    finder, part = MatchFinder(tree, strategy), tree.part_of
     found = finder.find({})
     assert found is not None, "what detected is a match"
     number = None if part is None else part.branch
     if part is None:
         found, number = _lowest(tree, finder, found)
-    elif part.branch is None and part.kind is not None:
-        found, number = _lowest_of_kind(part.tree, finder, part.kind, found)
+    elif part.branch is None and part.kind is not None:  # a match may be in it with what its scenario does not contain
+        of_kind = (branch for branch in islice(branches(part.tree), BRANCHES) if part.kind in branch.kinds)
+        matches = ((match, branch.number) for branch in of_kind if (match := finder.find(branch.choices)) is not None)
+        found, number = next(matches, (found, None))
     tree = whole(tree)
     kept = {name: set(children) for name, children in found.kept.items() if name in tree.nodes}
     kinds = (tree.nodes[name].kind for name in kept)
@@ -214,7 +223,7 @@ def explain(tree: RVAFT, strategy: Following | Earliest) -> Explanation:
     )
 
 
-def _lowest(tree: RVAFT, finder: FollowedMatches | EarliestMatches, found: FoundMatch) -> tuple[FoundMatch, int | None]:
+def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:
     """The match whose branch has the lowest number, and that number where it is certain.
 
     The digit that counts most is made as small as it can be, then the next. A choice that the best match so far does not reach has
@@ -239,13 +248,38 @@ def _lowest(tree: RVAFT, finder: FollowedMatches | EarliestMatches, found: Found
     return found, number_of(tree, {name: found.kept[name][0] for name in order if name in found.kept})
 
 
-def _lowest_of_kind(
-    tree: RVAFT, finder: FollowedMatches | EarliestMatches, kind: Kind, found: FoundMatch
-) -> tuple[FoundMatch, int | None]:
-    """The same among the branches of a kind, which a match may be in with what its scenario does not contain."""
-    for branch in islice(branches(tree), BRANCHES):
-        if kind in branch.kinds:
-            of_branch = finder.find(branch.choices)
-            if of_branch is not None:
-                return of_branch, branch.number
-    return found, None
+def pending(
+    tree: RVAFT, strategy: Following | Earliest, *, limit: int, before: int | None = None
+) -> tuple[Pending, ...]:
+    """What each live branch waits for; with `before`, waited for when the event of that number ended the last hope.
+
+    Beyond `limit` branches all are taken together, without a number. Raises `TooLarge` as the monitor does.
+    """
+    all_of, part, finder = whole(tree), tree.part_of, MatchFinder(tree, strategy)
+    selected: list[tuple[int | None, Choices | None]] = [(None, None)]
+    if part is not None and part.branch is not None:
+        selected = [(part.branch, {})]
+    else:
+        with suppress(TooLarge):
+            first = list(islice(branches(all_of), limit + 1))
+            if len(first) <= limit:
+                wanted = (one for one in first if part is None or part.kind is None or part.kind in one.kinds)
+                selected = [(branch.number, branch.choices) for branch in wanted]
+    histories: list[list[Witness]] = []
+    if isinstance(strategy, Following):
+        matches = strategy.partial if before is None else strategy.lost
+        steps = (history(match.witness) for match in matches)
+        histories = [[one for one in some if before is None or one.position < before] for some in steps]
+    return tuple(
+        Pending(number, awaited(all_of, names), variables)
+        for number, choices in selected
+        for names, variables in finder.waiting(choices, histories)
+        if names
+    )
+
+
+def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
+    """The nodes of a tree with these names, each once, in the order of the tree, with their events as text."""
+    wanted = set(names)
+    nodes = (tree.nodes[name] for name in tree.order if name in wanted)
+    return tuple(Awaited(n.name, name_text(n.name) if n.on is None else on_text(n.on)) for n in nodes)

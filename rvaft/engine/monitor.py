@@ -1,12 +1,11 @@
 """The engine as a monitor."""
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable
 from typing import Any, Final, Self
 
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
-from rvaft.engine.contiguous import Contiguous, Following
-from rvaft.engine.expectation import pending
-from rvaft.engine.explanation import explain
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, TreeLetters
+from rvaft.engine.explanation import explain, pending
+from rvaft.engine.matching import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import Earliest, linear_starts
 from rvaft.model.tree import RVAFT
@@ -41,7 +40,15 @@ class Engine(Monitor):
         self._explanation: Explanation | None = None
         self._ended: Ended | None = None
         self._limit = limit
-        self._strategy = _strategy(tree, self.semantics, limit=limit)
+        compiled = CompiledTree(tree)
+        letters = TreeLetters(tree, compiled)
+        self._strategy: Following | Earliest
+        if self.semantics is not Semantics.SCATTERED:
+            self._strategy = Contiguous(compiled, letters, self.semantics, limit=limit)
+        elif (starts := linear_starts(compiled, letters)) is not None:
+            self._strategy = Earliest(compiled, letters, starts, limit=limit)
+        else:
+            self._strategy = ScatteredMatches(compiled, letters, limit=limit)
 
     def snapshot(self) -> dict[str, Any]:
         """What the events so far have left, for `restore`; can be pickled."""
@@ -57,23 +64,18 @@ class Engine(Monitor):
         return {**self.snapshot(), "tree": self.tree}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.tree = state["tree"]
-        self._strategy = _strategy(self.tree, state["semantics"], limit=state["_limit"])
+        Engine.__init__(self, state["tree"], state["semantics"], limit=state["_limit"])
         self.restore(state)
-
-    @property
-    def reading(self) -> Callable[[Mapping[str, Json], Sketch | None], Reading]:
-        """The function behind `read`, for who reads many events; bound to this monitor alone."""
-        return self._strategy.read
 
     @property
     def letters(self) -> TreeLetters:
         """The patterns of the runtime events, which say what an event means."""
         return self._strategy.letters
 
-    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
-        """What an event means, for `take`; `sketch` is what its shape says, where that is known."""
-        return self._strategy.read(event, sketch)
+    @property
+    def read(self) -> Callable[..., Reading]:
+        """What an event means, for `take`; a second argument is what its shape says, where that is known."""
+        return self._strategy.read
 
     @property
     def noted(self) -> bool:
@@ -102,14 +104,13 @@ class Engine(Monitor):
         if type(event) is not dict or self._verdict is not _UNKNOWN:
             return super().step(event)
         self._read += 1  # what follows is for very many events
-        self._position += 1
-        strategy = self._strategy
-        self._verdict = strategy.advance(strategy.read(event), self._position)
+        self._verdict = self._advance(event)
         return self._verdict
 
     def _advance(self, event: Json) -> Verdict:
         self._position += 1
-        return self._strategy.advance(self._strategy.read(event), self._position)
+        strategy = self._strategy
+        return strategy.advance(strategy.read(event), self._position)
 
     def fork(self) -> Self:
         """An independent monitor that has read the same events."""
@@ -140,19 +141,3 @@ class Engine(Monitor):
             waiting = pending(self.tree, self._strategy, limit=DEFAULT_BRANCHES, before=self._position)
             self._ended = Ended(self._position, waiting)
         return self._ended
-
-
-def _strategy(tree: RVAFT, semantics: Semantics, *, limit: int) -> Earliest | Following:
-    compiled = CompiledTree(tree)
-    letters = TreeLetters(tree, compiled)
-    if semantics is not Semantics.SCATTERED:
-        return Contiguous(compiled, letters, semantics, limit=limit)
-    starts = linear_starts(compiled, letters)
-    if starts is None:
-        return ScatteredMatches(compiled, letters, limit=limit)
-    return Earliest(compiled, letters, starts, limit=limit)
-
-
-def engine(tree: RVAFT, semantics: Semantics | str = Semantics.PROJECTED, *, limit: int = DEFAULT_LIMIT) -> Engine:
-    """A fresh monitor of a tree."""
-    return Engine(tree, semantics, limit=limit)

@@ -6,23 +6,23 @@ there remain those guards, and the values to remember.
 
 Most events of a long trace change nothing. So it is kept what is known to change nothing as long as the partial matches are the same:
 letters that none of them can take, outcomes of guards that the event alone decides with which none can, values that were there
-before. Where an event may do something, the partial matches that it concerns are found by their stages and by the values that it must
-repeat. A partial match is dropped where another can do all that it can (see `subsumption`).
+before. Where an event may do something, the partial matches that it concerns are found by their stages and by the values that it
+must repeat. A partial match is dropped where another can do all that it can (see `subsumption`).
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice, product
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness
-from rvaft.engine.contiguous import Following
-from rvaft.engine.steps import Matching
-from rvaft.engine.subsumption import Directions, at_least, commits, scale
+from rvaft.engine.matching import Following, Matching
+from rvaft.engine.subsumption import at_least, commits, directions, scale
 from rvaft.model.guards import Predicate
 from rvaft.model.values import Json, exact, key
 from rvaft.model.verdict import Verdict
+from rvaft.support.bits import bits, mask_of
 
 MEMORY: Final = 500_000
 """How much is remembered of stages: each with the nodes that it knows flags of."""
@@ -53,81 +53,65 @@ class Stage:
 
 @dataclass(slots=True, eq=False)
 class StageMove:
-    """A node's event from a stage on: what has to agree, and what is to be decided.
-
-    The guards in `alone` are decided by the values of the event, those in `joint` by those and the ones remembered.
-    """
+    """A node's event from a stage on: what has to agree, and what is to be decided."""
 
     stage: Stage
     node: int
     compared: tuple[str, ...]
     """The variables that are bound, and that the event must repeat."""
-    alone: tuple[int, ...]
-    joint: tuple[int, ...]
-    predicates: tuple[Predicate, ...]
-    """What the joint guards say."""
-    mask: int
-    """The guards in `alone` as a set."""
+    alone: int
+    """The set of guards that are decided by the values of the event."""
+    joint: dict[int, Predicate]
+    """The guards that are decided by those and the values remembered."""
     outcomes: dict[tuple[int, tuple[bool, ...]], tuple[Stage, bool] | None] = field(default_factory=dict)
     """Where it leads, and whether the one that took it need not be followed any more; None where it leads nowhere."""
 
 
 class Stages:
-    """The stages of a tree, found when first needed and forgotten when they get many."""
+    """The stages of a tree, found when first needed."""
 
     def __init__(self, matching: Matching) -> None:
         self.matching = matching
-        self.forgotten = 0
-        """How often everything was forgotten; stages from before must not be mixed with those after."""
-        self._directions = Directions(matching.compiled)
+        self.size = 0
         self._known: dict[Hashable, Stage] = {}
-        self._size = 0
-
-    def tidy(self) -> None:
-        """Forget everything where it is too much."""
-        if self._size > MEMORY:
-            self._known.clear()
-            self._size = 0
-            self.forgotten += 1
 
     def of(self, configuration: Configuration) -> Stage:
         """The stage of a configuration."""
         place = configuration.taken, configuration.dead, configuration.closed, configuration.inversions
         found = self._known.get(place)
         if found is None:
-            self._size += 1 + len(configuration.flags)
+            self.size += 1 + len(configuration.flags)
             sample = configuration.copy()
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
             is_match, _ = self.matching.standing(sample)
-            directions = self._directions.of(sample)
-            found = self._known[place] = Stage(sample, is_match, tuple(sorted(sample.binding)), directions)
+            ways = directions(self.matching.compiled, sample)
+            found = self._known[place] = Stage(sample, is_match, tuple(sorted(sample.binding)), ways)
         return found
 
     def move(self, stage: Stage, node: int) -> StageMove | None:
         """A node's event from a stage on; None where it cannot come there."""
         if node not in stage.moves:
-            self._size += 1
-            stage.moves[node] = self._move(stage, node) if self.matching.admits(stage.sample, node) else None
+            found = None
+            self.size += 1
+            if self.matching.admits(stage.sample, node):
+                compiled, remembered = self.matching.compiled, stage.sample.binding
+                names = compiled.exported[node]
+                bound = stage.sample.copy()
+                bound.binding.update(dict.fromkeys(names))
+                closing = list(self.matching.closing(bound, names))
+                alone = mask_of(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
+                decided = ((guard, compiled.predicates[guard]) for guard in closing if not alone >> guard & 1)
+                joint = {guard: holds for guard, holds in decided if holds is not None}
+                found = StageMove(stage, node, tuple(name for name in names if name in remembered), alone, joint)
+            stage.moves[node] = found
         return stage.moves[node]
-
-    def _move(self, stage: Stage, node: int) -> StageMove:
-        compiled, remembered = self.matching.compiled, stage.sample.binding
-        names = compiled.exported[node]
-        bound = stage.sample.copy()
-        bound.binding.update(dict.fromkeys(names))
-        closing = list(self.matching.closing(bound, names))
-        alone = tuple(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
-        joint = tuple(guard for guard in closing if guard not in alone)
-        compared = tuple(name for name in names if name in remembered)
-        predicates = tuple(holds for guard in joint if (holds := compiled.predicates[guard]) is not None)
-        return StageMove(stage, node, compared, alone, joint, predicates, sum(1 << guard for guard in alone))
 
     def outcome(self, move: StageMove, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
         """Where a move leads if, of the guards that its event decides, these hold, and the others have these outcomes."""
-        place = (held & move.mask, outcomes)
+        place = (held & move.alone, outcomes)
         if place not in move.outcomes:
-            self._size += 1
-            judged = {guard: bool(held >> guard & 1) for guard in move.alone}
+            self.size += 1
+            judged = {guard: bool(held >> guard & 1) for guard in bits(move.alone)}
             judged.update(zip(move.joint, outcomes, strict=True))
             before, node = move.stage.sample, move.node
             values = dict.fromkeys(self.matching.compiled.exported[node])
@@ -143,9 +127,6 @@ class Stages:
         return any(self.outcome(move, held, outcomes) for outcomes in product((True, False), repeat=len(move.joint)))
 
 
-# The partial matches of one stage, found by the values they remember.
-
-
 class Member(NamedTuple):
     """A partial match that is followed, and its number: an earlier one has a lower number."""
 
@@ -157,81 +138,63 @@ _Index: TypeAlias = dict[Hashable, dict[int, Member]]
 
 
 class StageGroup:
-    """The members of one stage."""
+    """The partial matches of one stage, found by the values they remember."""
 
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
         self.members: dict[Hashable, Member] = {}
         """By their keys."""
-        self._by_values: dict[tuple[str, ...], _Index] = {}
-        self._rivals: _Index = {}
-        """Where values have directions, the members that can be compared with one another."""
+        self._by_values: dict[tuple[str, ...] | None, _Index] = {}
 
-    def fitting(self, names: tuple[str, ...], values: Mapping[str, Json]) -> Iterable[Member]:
-        """The members to which some variables have values equal to these."""
-        if not names:
+    def fitting(self, names: tuple[str, ...] | None, values: Mapping[str, Json]) -> Iterable[Member]:
+        """The members to which these variables have values equal to these.
+
+        With None those that differ from them at most in values that have a direction and are on one scale.
+        """
+        if names is not None and not names:
             return self.members.values()
         index = self._by_values.get(names)
         if index is None:
             index = self._by_values[names] = {}
             for member in self.members.values():
-                place = _equal_values(names, member.configuration.binding)
-                index.setdefault(place, {})[member.number] = member
-        return index.get(_equal_values(names, values), {}).values()
+                index.setdefault(self._place(names, member.configuration.binding), {})[member.number] = member
+        return index.get(self._place(names, values), {}).values()
 
     def excels(self, binding: Mapping[str, Json]) -> bool:
         """Whether some member can do all that one with this binding could."""
-        rivals, directions = self._comparable(binding), self.stage.directions
-        return any(at_least(rival.configuration.binding, binding, directions) for rival in rivals)
-
-    def excelled(self, binding: Mapping[str, Json]) -> list[Member]:
-        """The members that can do no more than one with this binding."""
-        rivals, directions = self._comparable(binding), self.stage.directions
-        return [rival for rival in rivals if at_least(binding, rival.configuration.binding, directions)]
+        ways = self.stage.directions
+        return bool(ways) and any(
+            at_least(rival.configuration.binding, binding, ways) for rival in self.fitting(None, binding)
+        )
 
     def add(self, member: Member) -> None:
-        """Take a member in."""
-        binding = member.configuration.binding
+        """Take a member in, in place of those that can do no more."""
+        binding, ways = member.configuration.binding, self.stage.directions
+        rivals = self.fitting(None, binding) if ways else ()
+        for rival in [rival for rival in rivals if at_least(binding, rival.configuration.binding, ways)]:
+            self.remove(rival)
         self.members[self.stage.key(binding)] = member
-        for index, place in self._places(binding):
-            index.setdefault(place, {})[member.number] = member
+        for names, index in self._by_values.items():
+            index.setdefault(self._place(names, binding), {})[member.number] = member
 
-    def remove(self, member: Member) -> bool:
-        """Leave a member out; False where it is not here (any more)."""
+    def remove(self, member: Member) -> None:
+        """Leave a member out, if it is still here."""
         binding = member.configuration.binding
         name = self.stage.key(binding)
-        if self.members.get(name) is not member:
-            return False
-        del self.members[name]
-        for index, place in self._places(binding):
-            del index[place][member.number]
-            if not index[place]:
-                del index[place]
-        return True
+        if self.members.get(name) is member:
+            del self.members[name]
+            for names, index in self._by_values.items():
+                place = self._place(names, binding)
+                del index[place][member.number]
+                if not index[place]:
+                    del index[place]
 
-    def _places(self, binding: Mapping[str, Json]) -> Iterator[tuple[_Index, Hashable]]:
-        """Where a member is found."""
-        for names, index in self._by_values.items():
-            yield index, _equal_values(names, binding)
-        if self.stage.directions:
-            yield self._rivals, self._contest(binding)
-
-    def _comparable(self, binding: Mapping[str, Json]) -> Iterable[Member]:
-        return self._rivals.get(self._contest(binding), {}).values() if self.stage.directions else ()
-
-    def _contest(self, binding: Mapping[str, Json]) -> Hashable:
-        """Equal for members that differ at most in values that have a direction and are on one scale."""
-        directions = self.stage.directions
-        kinds = ((scale(binding[name]) if name in directions else None, binding[name]) for name in self.stage.names)
+    def _place(self, names: tuple[str, ...] | None, binding: Mapping[str, Json]) -> Hashable:
+        if names is not None:
+            return tuple([v if type(v) in _PLAIN else key(v) for v in (binding[name] for name in names)])
+        ways = self.stage.directions
+        kinds = ((scale(binding[name]) if name in ways else None, binding[name]) for name in self.stage.names)
         return tuple([exact(value) if kind is None else kind for kind, value in kinds])
-
-
-def _equal_values(names: tuple[str, ...], binding: Mapping[str, Json]) -> Hashable:
-    """Equal for bindings to which these variables have equal values."""
-    return tuple([value if type(value) in _PLAIN else key(value) for value in (binding[name] for name in names)])
-
-
-# What is known of a letter, and what an event makes of the partial matches.
 
 
 @dataclass(slots=True)
@@ -248,21 +211,15 @@ class LetterWatch:
     """How many groups were looked at."""
     hopeful: dict[int, bool] = field(default_factory=dict)
     """For the guards that hold whether anything may come of it."""
-    quiet: set[Hashable] = field(default_factory=set)
-    """Values that are known to change nothing."""
 
 
 class LoudHit(NamedTuple):
-    """A letter that may change something: its values, the guards decided by them that hold, and what stands for the values."""
+    """A letter that may change something: its values, the guards decided by them that hold, and what stands for both."""
 
     values: Mapping[str, Json]
     watch: LetterWatch
     held: int
     name: Hashable
-
-
-_QUIET: Final = Reading(relevant=False, hits=(None,))
-"""An event that fits some node and changes nothing."""
 
 
 class NewMatch(NamedTuple):
@@ -275,12 +232,9 @@ class NewMatch(NamedTuple):
     stage: Stage
     binding: dict[str, Json]
 
-    def made(self, position: int) -> Configuration:
-        """The configuration."""
-        sample = self.stage.sample
-        fields = sample.inversions, sample.flags, sample.tallies
-        witness = Witness(self.before.witness, self.node, position, self.values)
-        return Configuration(sample.dead, sample.closed, sample.taken, self.binding, *fields, witness)
+
+_QUIET: Final = Reading(relevant=False, hits=(None,))
+"""An event that fits some node and changes nothing."""
 
 
 class ScatteredMatches(Following):
@@ -289,17 +243,17 @@ class ScatteredMatches(Following):
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int) -> None:
         super().__init__(compiled, letters, limit=limit)
         self._stages = Stages(self.matching)
-        """What is known of the stages, the same for all copies."""
-        self.follow(self._beginning)
+        self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
         """Follow these, and nothing else."""
+        if self._stages.size > MEMORY:
+            self._stages = Stages(self.matching)  # else the same for all copies
         self._groups: dict[Stage, StageGroup] = {}
         self._watches: dict[int, LetterWatch] = {}
-        self._hushed: list[LetterWatch] = []
-        """Those that know values which change nothing."""
-        self._added = self._count = self._quiet = 0
-        self._epoch = self._stages.forgotten
+        self._quiet: set[Hashable] = set()
+        """Letters with values that are known to change nothing as long as the partial matches are the same."""
+        self._added = 0
         for configuration in configurations:
             self._add(self._stages.of(configuration), configuration)
 
@@ -311,8 +265,6 @@ class ScatteredMatches(Following):
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means: of its letters those that may change something as long as nothing else is read."""
-        if self._epoch != self._stages.forgotten:
-            self.follow(self.partial)
         fits, loud, watches, groups = False, list[LoudHit](), self._watches, len(self._groups)
         for letter, nodes, _, test, values_of in (self.letters.sketch(event) if sketch is None else sketch).serving:
             if (test is None or test(event)) and (values := values_of(event)) is not None:
@@ -331,28 +283,16 @@ class ScatteredMatches(Following):
                     hopeful = any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves)
                     watch.hopeful[held] = hopeful
                 if hopeful:
-                    name: Hashable
-                    if len(watch.names) == 1 and type(value := values[watch.names[0]]) is str:
-                        name = value
-                    else:
-                        name = tuple([exact(values[name]) for name in watch.names])
-                    if name not in watch.quiet:
+                    name = (letter, *[exact(values[name]) for name in watch.names])
+                    if name not in self._quiet:
                         loud.append(LoudHit(values, watch, held, name))
         return Reading(False, loud) if loud else _QUIET if fits else NOTHING
-
-    def advance(self, reading: Reading, position: int) -> Verdict:
-        """The verdict after one more event."""
-        if self._empty_match:
-            return self._at_once()
-        self.noted = bool(reading.hits) and reading.hits is not _QUIET.hits
-        return self._answer(reading.hits, position) if self.noted else _UNKNOWN
 
     def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterWatch:
         """What is known of a letter, up to date."""
         watch = self._watches.get(letter)
         if watch is None:
             compiled = self.compiled
-            exported = dict.fromkeys(name for node in nodes for name in compiled.exported[node])
             alone: dict[int, Predicate] = {}
             for node in nodes:
                 own = set(compiled.exported[node])
@@ -360,6 +300,7 @@ class ScatteredMatches(Following):
                     holds = compiled.predicates[guard]
                     if holds is not None and own.issuperset(compiled.needs[guard]):
                         alone[1 << guard] = holds
+            exported = dict.fromkeys(name for node in nodes for name in compiled.exported[node])
             watch = self._watches[letter] = LetterWatch(tuple(alone.items()), tuple(exported))
         for group in islice(self._groups.values(), watch.groups, None):
             for place, node in enumerate(nodes):
@@ -370,16 +311,19 @@ class ScatteredMatches(Following):
         watch.groups = len(self._groups)
         return watch
 
-    def _answer(self, loud: Sequence[LoudHit], position: int) -> Verdict:
-        """The verdict after an event that may change something."""
+    def advance(self, reading: Reading, position: int) -> Verdict:
+        """The verdict after one more event."""
+        if not reading.hits or reading.hits is _QUIET.hits:
+            self.noted = False
+            return _UNKNOWN
         found: dict[Hashable, NewMatch] = {}
         ended: dict[int, tuple[StageGroup, Member]] = {}
-        for order, (values, watch, held, _) in enumerate(loud):
+        for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
                 for member in group.fitting(move.compared, values):
                     before = member.configuration
                     bound = {**values, **before.binding} if before.binding else values
-                    outcomes = tuple([holds(bound) for holds in move.predicates])
+                    outcomes = tuple([holds(bound) for holds in move.joint.values()])
                     outcome = self._stages.outcome(move, held, outcomes)
                     if outcome is not None:
                         stage, commits_to_it = outcome
@@ -388,24 +332,13 @@ class ScatteredMatches(Following):
                         binding = {name: bound[name] for name in stage.names}
                         new = NewMatch((member.number, order, place), before, move.node, values, stage, binding)
                         self._note(new, found, len(ended))
-        if found or ended:
-            self._speak()
-            return self._change(sorted(found.values(), key=lambda new: new.order), ended.values(), position)
-        if self._quiet > QUIET:
-            self._speak()
-        self._quiet += len(loud)
-        for _, watch, _, name in loud:
-            if not watch.quiet:
-                self._hushed.append(watch)
-            watch.quiet.add(name)
+        self.noted = bool(found or ended)
+        if self.noted or len(self._quiet) > QUIET:
+            self._quiet.clear()
+        if self.noted:
+            return self._change(found.values(), ended.values(), position)
+        self._quiet.update(name for _, _, _, name in reading.hits)
         return _UNKNOWN
-
-    def _speak(self) -> None:
-        """Forget which values change nothing."""
-        for watch in self._hushed:
-            watch.quiet.clear()
-        self._hushed.clear()
-        self._quiet = 0
 
     def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], ended: int) -> None:
         """Keep what is not there yet; of two that are alike the first."""
@@ -415,31 +348,30 @@ class ScatteredMatches(Following):
             other = found.get((new.stage, name))
             if other is None or new.order < other.order:
                 found[new.stage, name] = new
-                self._bound(self._count + len(found) - ended)
+                self._bound(sum(len(group.members) for group in self._groups.values()) + len(found) - ended)
 
     def _change(self, found: Iterable[NewMatch], ended: Iterable[tuple[StageGroup, Member]], position: int) -> Verdict:
         """The verdict with these partial matches and without those."""
         self.matches = []
-        for new in found:
+        for new in sorted(found, key=lambda new: new.order):
             group = self._groups.get(new.stage)
-            if group is not None:
-                if group.excels(new.binding):
-                    continue
-                for member in group.excelled(new.binding):
-                    self._count -= group.remove(member)
-            configuration = new.made(position)
-            self._add(new.stage, configuration)
-            if new.stage.is_match:
-                self.matches.append(configuration)
+            if group is None or not group.excels(new.binding):
+                sample, witness = new.stage.sample, Witness(new.before.witness, new.node, position, new.values)
+                fields = sample.inversions, sample.flags, sample.tallies
+                made = Configuration(sample.dead, sample.closed, sample.taken, new.binding, *fields, witness)
+                self._add(new.stage, made)
+                if new.stage.is_match:
+                    self.matches.append(made)
         if self.matches:
             self.follow([])
             return Verdict.TRUE
         for group, member in ended:
-            self._count -= group.remove(member)
+            group.remove(member)
         for stage in [stage for stage, group in self._groups.items() if not group.members]:
             del self._groups[stage]
             self._watches.clear()
-        self._stages.tidy()
+        if self._stages.size > MEMORY:
+            self.follow(self.partial)
         return _UNKNOWN
 
     def _add(self, stage: Stage, configuration: Configuration) -> None:
@@ -448,4 +380,3 @@ class ScatteredMatches(Following):
             group = self._groups[stage] = StageGroup(stage)
         group.add(Member(self._added, configuration))
         self._added += 1
-        self._count += 1

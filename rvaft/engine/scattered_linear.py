@@ -38,13 +38,6 @@ class Starts(NamedTuple):
     start: list[tuple[int, int] | None]
     """A gate, and the slot before which its children are complete (0: after the gate's own event); None is the beginning."""
 
-    def chain(self, node: int) -> Iterator[tuple[int, int]]:
-        """The starts of a node, the last first."""
-        start = self.start[node]
-        while start is not None:
-            yield start
-            start = self.start[start[0]]
-
 
 def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> Starts | None:
     """The one start of each node where no variable ties events together and nothing competes for an event, else None."""
@@ -62,11 +55,6 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> Starts | None
                 return None
             found.parents[child].append(node)
             found.start[child] = start
-    return None if _compete(compiled, letters) else found
-
-
-def _compete(compiled: CompiledTree, letters: TreeLetters) -> bool:
-    """Whether one event can serve two occurrences of one scenario, neither before the other, or finding out takes too long."""
     serving = [(letter.pattern, nodes) for letter, nodes in zip(letters.letters, letters.serves, strict=True) if nodes]
     overlaps = Overlaps([pattern for pattern, _ in serving]).pairs()
     alike = (pair for _, nodes in serving for pair in combinations(nodes, 2))
@@ -76,8 +64,8 @@ def _compete(compiled: CompiledTree, letters: TreeLetters) -> bool:
         beside, steps = _beside(compiled, *pair)
         effort += steps
         if beside or effort > EFFORT:
-            return True
-    return False
+            return None
+    return found
 
 
 def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
@@ -88,13 +76,11 @@ def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
     """
     if not compiled.members.isdisjoint((one, other)) or compiled.part_of[one] != compiled.part_of[other]:
         return True, 1
-    above, node, steps = {one}, one, 1
-    while compiled.parent[node] >= 0:
-        node = compiled.parent[node]
-        above.add(node)
-        steps += 1
-    node = other
-    while node not in above:
+    above = [one]
+    while compiled.parent[above[-1]] >= 0:
+        above.append(compiled.parent[above[-1]])
+    node, steps, known = other, len(above), set(above)
+    while node not in known:
         node = compiled.parent[node]
         steps += 1
     if node in (one, other) or compiled.ops[node] in (Op.SEQUENCE, Op.ONE):
@@ -146,12 +132,15 @@ class UsefulEvents:
         compiled, latest = self.compiled, self._latest
         if not compiled.top_down and any(latest.get(child, 0) >= last for child in compiled.children[node]):
             return True
-        for gate, slot in self.starts.chain(node):
+        start = self.starts.start[node]
+        while start is not None:
+            gate, slot = start
             # a later child of a sequence comes after the gate's own event too, whatever stands between: it may be silent
             if compiled.top_down and self.own.get(gate, 0) >= last:
                 return True
             if any(latest.get(elder, 0) >= last for elder in compiled.children[gate][:slot]):
                 return True
+            start = self.starts.start[gate]
         return False
 
 
@@ -164,10 +153,8 @@ class EarliestRun:
         self.choices = choices or {}
         self.fired: dict[int, tuple[int, Mapping[str, Json]]] = {}
         """The occurrences that have their event: its position and the values they saw."""
-        self.listening: dict[int, None] = {}
+        self.listening: set[int] = set()
         """The nodes that wait for their event."""
-        self.begun: list[int] = []
-        """Those that began to wait since somebody emptied this list."""
         self._completed: dict[int, dict[int, None]] = {}
         # The gates whose children have started, each with the children that were complete when it was.
         self._started: set[int] = set()
@@ -178,14 +165,9 @@ class EarliestRun:
     @property
     def state(self) -> dict[str, Any]:
         """What changes, in copies."""
-        return {
-            "fired": dict(self.fired),
-            "listening": dict(self.listening),
-            "begun": list(self.begun),
-            "_completed": {gate: dict(children) for gate, children in self._completed.items()},
-            "_started": set(self._started),
-            "_done": set(self._done),
-        }
+        completed = {gate: dict(children) for gate, children in self._completed.items()}
+        sets = {"listening": set(self.listening), "_started": set(self._started), "_done": set(self._done)}
+        return {"fired": dict(self.fired), "_completed": completed, **sets}
 
     @property
     def detected(self) -> bool:
@@ -197,17 +179,16 @@ class EarliestRun:
         self._agenda = []
         for node, values in served:
             if node in self.listening:
-                del self.listening[node]
+                self.listening.discard(node)
                 self.fired[node] = (position, values)
                 self._agenda.append((self._start_inside if self.compiled.top_down else self._complete, node))
         self._settle()
 
     def awaited(self) -> list[int]:
         """The listening nodes whose event brings something above them nearer to being complete; none if the root cannot be."""
-        compiled = self.compiled
-        able = possible_nodes(compiled, self._kept)
+        able = possible_nodes(self.compiled, self._kept)
         found: list[int] = []
-        agenda, seen = [compiled.root], {compiled.root}
+        agenda, seen = [self.compiled.root], {self.compiled.root}
         while agenda:
             node = agenda.pop()
             if node not in able or node in self._done:
@@ -235,16 +216,11 @@ class EarliestRun:
             agenda.extend(child for child in reversed(kept) if child not in seen)
             seen.update(kept)
 
-    # -- what follows from what has happened -----------------------------------------------------------------------
-
     def _settle(self) -> None:
+        """What follows from what has happened."""
         while self._agenda:
             act, node = self._agenda.pop()
             act(node)
-
-    def _listen(self, node: int) -> None:
-        self.listening[node] = None
-        self.begun.append(node)
 
     def _start(self, node: int) -> None:
         compiled = self.compiled
@@ -252,7 +228,7 @@ class EarliestRun:
             return
         self._started.add(node)
         if compiled.own[node] and (compiled.top_down or not compiled.children[node]):
-            self._listen(node)
+            self.listening.add(node)
         else:
             self._agenda.append((self._start_inside, node))
 
@@ -285,7 +261,7 @@ class EarliestRun:
             if compiled.ops[gate] is Op.SEQUENCE:
                 self._agenda.append((self._start, compiled.children[gate][len(complete)]))
         elif compiled.own[gate] and not compiled.top_down:
-            self._listen(gate)
+            self.listening.add(gate)
         else:
             self._agenda.append((self._complete, gate))
 
@@ -317,12 +293,8 @@ class Earliest:
         self.limit = limit
         self.starts = starts
         self.run = EarliestRun(compiled, starts)
-        self._empty_match = self.run.detected
         self.useful = UsefulEvents(compiled, starts) if Op.ONE in compiled.ops else None
-        self._letter = {node: number for number, nodes in enumerate(letters.serves) for node in nodes}
-        self._waiting: dict[int, dict[int, None]] | None = {} if self.useful is None else None
-        """For each letter the nodes that listen for it, where no other event matters."""
-        self._note_listeners()
+        """Where no branch chooses, no event matters but to those that listen."""
 
     def fork(self) -> Self:
         """An independent copy."""
@@ -336,26 +308,23 @@ class Earliest:
         """Equal states have equal futures: what has started and is complete follows from what has fired."""
         return frozenset(self.run.fired)
 
-    def snapshot(self) -> tuple[dict[str, Any], dict[str, Any], dict[int, dict[int, None]] | None]:
+    def snapshot(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """What `restore` needs to bring a fresh strategy of the same tree into this state."""
-        waiting = self._waiting
-        if waiting is not None:
-            waiting = {letter: dict(nodes) for letter, nodes in waiting.items()}
-        return self.run.state, {} if self.useful is None else self.useful.state, waiting
+        return self.run.state, {} if self.useful is None else self.useful.state
 
-    def restore(self, snapshot: Any) -> None:
+    def restore(self, snapshot: tuple[dict[str, Any], dict[str, Any]]) -> None:
         """Take over a snapshot."""
-        run, useful, self._waiting = snapshot
+        run, useful = snapshot
         vars(self.run).update(run)
         if self.useful is not None:
             vars(self.useful).update(useful)
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means, as far as that matters now: letters that nobody waits for are not tried."""
-        waiting = self._waiting
+        listening = None if self.useful is not None else self.run.listening
         hits = []
         for letter, nodes, _, test, values_of in (self.letters.sketch(event) if sketch is None else sketch).serving:
-            if (waiting is None or letter in waiting) and (test is None or test(event)):
+            if (listening is None or not listening.isdisjoint(nodes)) and (test is None or test(event)):
                 values = values_of(event)
                 if values is not None:
                     hits.append(Hit(letter, nodes, values))
@@ -363,29 +332,17 @@ class Earliest:
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""
-        hits = reading.hits
-        if hits and not self._empty_match:
-            waiting = self._waiting
-            if waiting is not None:  # those that listen; they listen no more
-                heard = [(waiting.pop(hit.letter), hit.values) for hit in hits if hit.letter in waiting]
-                self.run.fire([(node, values) for nodes, values in heard for node in nodes], position)
-            elif self.useful is not None:
-                served = [(node, hit.values) for hit in hits for node in hit.nodes]
+        if reading.hits:
+            served = [(node, hit.values) for hit in reading.hits for node in hit.nodes]
+            if self.useful is not None:
                 self.useful.note(position, served)
                 if len(self.useful.entries) > self.limit:
                     counts = Counter(node for _, kept in self.useful.entries for node, _ in kept)
                     names = [self.compiled.names[node] for node, _ in counts.most_common(10)]
                     most = f"most of them for {', '.join(names)}{', …' if len(counts) > 10 else ''}"
                     raise TooLarge(f"events to keep for the explanation; {most}", limit=self.limit)
-                self.run.fire(served, position)
-            self._note_listeners()
+            self.run.fire(served, position)
         return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
-
-    def _note_listeners(self) -> None:
-        if self._waiting is not None:
-            for node in self.run.begun:
-                self._waiting.setdefault(self._letter[node], {})[node] = None
-        self.run.begun.clear()
 
     def came(self, node: int) -> bool:
         """Whether a node's own event, where it has one, came at any time."""

@@ -11,13 +11,12 @@ keeps: neither can be mended by choices to come.
 
 from collections.abc import Hashable, Iterator, Mapping
 from functools import cached_property
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Final, TypeAlias
 
 from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
-from rvaft.engine.configuration import Configuration
-from rvaft.engine.progress import DONE, MORE, POSSIBLE, SURE, TOUCHED, PartProgress
+from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration, PartProgress
 from rvaft.errors import TooLarge
 from rvaft.support.bits import bits, mask_of
 
@@ -43,27 +42,20 @@ class SharedNodes:
         """Whether the core orders anything: by a sequence, or by an event that is not at a childless node."""
         self._memory: dict[Hashable, tuple[bool, bool]] = {}
 
-    # -- what a configuration may become --------------------------------------------------------------------------
-
     def classify(self, configuration: Configuration) -> tuple[bool, bool]:
         """Whether what is taken is all of some feasible scenario, and, if not, whether it is a proper part of one."""
         mask = self._mask
-        key = (
-            configuration.taken & mask,
-            configuration.dead & mask,
-            configuration.closed & mask,
-            tuple([self.progress.flags(configuration, part) for part in self.compiled.parts]),
-            configuration.inversions,
-        )
+        own = configuration.taken & mask, configuration.dead & mask, configuration.closed & mask
+        parts = tuple([self.progress.flags(configuration, part) for part in self.compiled.parts])
+        key = (*own, parts, configuration.inversions)
         found = self._memory.get(key)
         if found is None:
             if len(self._memory) >= MEMORY:
                 self._memory.clear()
             complete = next(self.resolutions(configuration, complete=True), None) is not None
             partial = False
-            if (
-                not complete
-            ):  # parts are as finished as they can be: where that leaves nothing to come, there is a match already
+            if not complete:
+                # Parts are as finished as they can be: where that leaves nothing to come, there is a match already.
                 resolutions = self.resolutions(configuration, complete=False)
                 elements = (self._elements(configuration, kept) for kept in resolutions)
                 partial = any(present & ~finished for present, finished in elements)
@@ -77,8 +69,8 @@ class SharedNodes:
     def inverted(self, configuration: Configuration, node: int) -> frozenset[tuple[int, int]]:
         """The orders between elements that taking this node's event breaks."""
         element = self.compiled.part_of[node]
-        later = self._after[element] & self._touched(configuration) & ~(1 << element)
-        return frozenset((element, other) for other in bits(later))
+        touched = self._touched(configuration) & ~(1 << element)
+        return frozenset((element, other) for other in bits(touched) if self._before[other] >> element & 1)
 
     def settled(self, configuration: Configuration, node: int) -> bool:
         """Whether every scenario has, before this node's element, only what is taken (for a core without choices)."""
@@ -92,7 +84,7 @@ class SharedNodes:
                     return False
         return True
 
-    # -- the elements: the events of the core, and its parts as wholes ---------------------------------------------
+    # The elements: the events of the core, and its parts as wholes, with the precedence among them (semantics, section 2).
 
     def _touched(self, configuration: Configuration) -> int:
         """The elements of which something is taken."""
@@ -106,23 +98,20 @@ class SharedNodes:
         """
         compiled = self.compiled
         present, finished = int(compiled.own[compiled.root]), 0
-        for children in kept.values():
-            for child in children:
-                if child in compiled.members:
-                    present |= compiled.own[child] << child
-                else:
-                    flags = self.progress.flags(configuration, child)
-                    if not flags & DONE or flags & TOUCHED:
-                        present |= 1 << child
-                    if flags & DONE and flags & TOUCHED:
-                        finished |= 1 << child
+        for child in chain.from_iterable(kept.values()):
+            if child in compiled.members:
+                present |= compiled.own[child] << child
+            else:
+                flags = self.progress.flags(configuration, child)
+                if not flags & DONE or flags & TOUCHED:
+                    present |= 1 << child
+                if flags & DONE and flags & TOUCHED:
+                    finished |= 1 << child
         return present, finished | present & configuration.taken & self._mask
 
     def _has(self, configuration: Configuration, child: int, flag: int) -> bool:
         """Whether a child of a core node is a part with a flag."""
         return child not in self.compiled.members and self.progress.flags(configuration, child) & flag > 0
-
-    # -- precedence among the elements (semantics, section 2) ------------------------------------------------------
 
     @cached_property
     def _before(self) -> dict[int, int]:
@@ -130,15 +119,6 @@ class SharedNodes:
         kept = {node: self.compiled.children[node] for node in self.compiled.core}
         events = mask_of(node for node in self.compiled.core if self.compiled.own[node])
         return self._precedence(kept, events | mask_of(self.compiled.parts))
-
-    @cached_property
-    def _after(self) -> dict[int, int]:
-        """What each element may precede."""
-        found = dict.fromkeys(self._before, 0)
-        for element, earlier in self._before.items():
-            for other in bits(earlier):
-                found[other] |= 1 << element
-        return found
 
     def _precedence(self, kept: Resolution, present: int) -> dict[int, int]:
         """What directly precedes each present element; the rest of the precedence follows by transitivity."""
@@ -180,21 +160,19 @@ class SharedNodes:
             left ^= free
         return True
 
-    # -- the search ------------------------------------------------------------------------------------------------
-
     def resolutions(self, configuration: Configuration, *, complete: bool) -> Iterator[Resolution]:
         """Resolutions with a feasible scenario in which what is taken is downward closed; some, if there are any.
 
         If `complete`, only such where nothing remains to be taken.
         """
-        core = self.compiled.core
+        compiled, core = self.compiled, self.compiled.core
         able = self._able(configuration, complete=complete)
         touched = self._touched(configuration)
-        taken = configuration.taken
         needed = [  # those without which something taken is in no scenario
             node
             for node in core
-            if taken >> node & 1 or any(self._has(configuration, c, TOUCHED) for c in self.compiled.children[node])
+            if configuration.taken >> node & 1
+            or any(self._has(configuration, child, TOUCHED) for child in compiled.children[node])
         ]
         # Resolutions in the making: the place in the core, the nodes reached, those resolved.
         agenda: list[tuple[int, int, dict[int, tuple[int, ...]]]] = [(0, 1, {})] if able & 1 else []
@@ -215,11 +193,15 @@ class SharedNodes:
                     reached |= mask_of(options[0])
                 place += 1
             if steps > self.limit:
-                names = [self.compiled.names[node] for node in core if self.compiled.chooses >> node & 1]
+                names = [compiled.names[node] for node in core if compiled.chooses >> node & 1]
                 named = ", ".join(names[:10]) + (", …" if len(names) > 10 else "")
                 raise TooLarge(f"resolutions of the choices that share nodes: {named}", limit=self.limit)
             ahead = (place, reached & self._mask & -(1 << core[place]) if place < len(core) else 0)
-            if ahead in seen or not self._within_reach(place, reached, able, needed):
+            within_reach = reached
+            for later in core[place:]:
+                if within_reach >> later & able >> later & 1:
+                    within_reach |= mask_of(compiled.children[later])
+            if ahead in seen or not all(within_reach >> one & 1 for one in needed):
                 continue
             if not self._ordered:
                 seen.add(ahead)  # what is reached ahead is all that matters
@@ -230,23 +212,15 @@ class SharedNodes:
             else:
                 agenda.extend((place + 1, reached | mask_of(c), {**kept, node: c}) for c in reversed(options))
 
-    def _within_reach(self, place: int, reached: int, able: int, needed: list[int]) -> bool:
-        """Whether all that is needed is reached, or may be by choices to come."""
-        for node in self.compiled.core[place:]:
-            if reached >> node & able >> node & 1:
-                reached |= mask_of(self.compiled.children[node])
-        return all(reached >> node & 1 for node in needed)
-
     def _able(self, configuration: Configuration, *, complete: bool) -> int:
         """The nodes that are in some scenario of this kind, looking at each alone."""
-        compiled = self.compiled
+        compiled, taken = self.compiled, configuration.taken
         wanted = SURE if complete else POSSIBLE
         able = mask_of(part for part in compiled.parts if self.progress.flags(configuration, part) & wanted)
         for node in reversed(compiled.core):
             fit = not configuration.dead >> node & 1
-            if complete and fit:
-                fit = configuration.closed >> node & 1 > 0
-                fit = fit and (not compiled.own[node] or configuration.taken >> node & 1 > 0)
+            if complete:
+                fit = fit and configuration.closed >> node & (taken >> node | (not compiled.own[node])) & 1 > 0
             if fit and sum(able >> child & 1 for child in compiled.children[node]) >= compiled.need[node]:
                 able |= 1 << node
         return able
@@ -266,10 +240,9 @@ class SharedNodes:
         if any(not able >> child & 1 for child in touched):
             return
         rest = [child for child in children if able >> child & 1 and child not in touched]
-        parts = [child for child in rest if child not in compiled.members]
-        silent = [child for child in parts if self._has(configuration, child, SURE if complete else DONE)]
-        waiting = [child for child in parts if child not in silent]
         shared = [child for child in rest if child in compiled.members]
+        silent = [child for child in rest if self._has(configuration, child, SURE if complete else DONE)]
+        waiting = [child for child in rest if child not in compiled.members and child not in silent]
         if compiled.ops[node] is Op.ONE:
             # Waiting parts are alike, since what orders one orders the other, and so are silent ones, except that they
             # are in different branches.

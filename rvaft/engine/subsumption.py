@@ -40,9 +40,8 @@ from typing import Final, assert_never
 
 from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
-from rvaft.engine.configuration import Configuration
-from rvaft.engine.progress import MORE, POSSIBLE, SURE, TOUCHED
-from rvaft.engine.steps import Matching
+from rvaft.engine.configuration import MORE, POSSIBLE, SURE, TOUCHED, Configuration
+from rvaft.engine.matching import Matching
 from rvaft.model.guards import Guard, Operation, Operator, variables
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json, is_number
@@ -50,49 +49,43 @@ from rvaft.model.values import Json, is_number
 
 def commits(matching: Matching, before: Configuration, after: Configuration, node: int) -> bool:
     """Whether the configuration after a node's event can do all that the one before it can."""
-    compiled = matching.compiled
+    compiled, flags = matching.compiled, matching.progress.flags
     if after.binding != before.binding or after.closed != before.closed:
         return False
     if any(name not in before.binding for name in compiled.exported[node]):
         return False
     if compiled.core and (matching.shared.free or not matching.shared.settled(before, node)):
         return False
-    if node in compiled.members:
-        return True
-    if compiled.own[node] and not compiled.top_down and not _ends(compiled, node, matching.progress.inner(after, node)):
+
+    def ends(node: int, flags: int) -> bool:  # nothing more comes of it in the same branch
+        return flags & SURE > 0 and not (flags & MORE and compiled.picks >> node & 1)
+
+    def keeps(gate: int, child: int) -> bool:  # nothing is lost by what happened below the child
+        siblings = compiled.children[gate]
+        match compiled.ops[gate]:
+            case Op.ALL:
+                return True
+            case Op.SEQUENCE:
+                return all(ends(elder, flags(before, elder)) for elder in siblings[: compiled.slot[child]])
+            case Op.ONE | Op.AT_LEAST as op:
+                able = sum(flags(before, sibling) & POSSIBLE > 0 for sibling in siblings)
+                if flags(before, child) & TOUCHED or able <= compiled.need[gate]:
+                    return True
+                return op is Op.AT_LEAST and flags(after, child) & SURE > 0 and not compiled.picks >> child & 1
+            case Op.EVENT | Op.CONDITION:
+                raise AssertionError("a body joins children")
+            case _ as never:
+                assert_never(never)
+
+    follows = node not in compiled.members and compiled.own[node] and not compiled.top_down
+    if follows and not ends(node, matching.progress.inner(after, node)):
         return False
     child = node
     while compiled.parent[child] >= 0:
-        if not _keeps(matching, before, after, child):
+        if not keeps(compiled.parent[child], child):
             return False
         child = compiled.parent[child]
     return True
-
-
-def _ends(compiled: CompiledTree, node: int, flags: int) -> bool:
-    """Whether what stands before the event has nothing more to come in the same branch."""
-    return flags & SURE > 0 and not (flags & MORE and compiled.picks >> node & 1)
-
-
-def _keeps(matching: Matching, before: Configuration, after: Configuration, child: int) -> bool:
-    """Whether a child's parent loses nothing by what happened below the child."""
-    compiled, flags = matching.compiled, matching.progress.flags
-    gate = compiled.parent[child]
-    siblings = compiled.children[gate]
-    match compiled.ops[gate]:
-        case Op.ALL:
-            return True
-        case Op.SEQUENCE:
-            return all(_ends(compiled, elder, flags(before, elder)) for elder in siblings[: compiled.slot[child]])
-        case Op.ONE | Op.AT_LEAST as op:
-            able = sum(flags(before, sibling) & POSSIBLE > 0 for sibling in siblings)
-            if flags(before, child) & TOUCHED or able <= compiled.need[gate]:
-                return True
-            return op is Op.AT_LEAST and flags(after, child) & SURE > 0 and not compiled.picks >> child & 1
-        case Op.EVENT | Op.CONDITION:
-            raise AssertionError("a body joins children")
-        case _ as never:
-            assert_never(never)
 
 
 MOST: Final = 10**100
@@ -102,26 +95,17 @@ _FIRST_GREATER: Final = (Operator.GT, Operator.GE)
 _COMPARISONS: Final = (*_FIRST_GREATER, Operator.LT, Operator.LE)
 
 
-class Directions:
-    """For the partial matches of a tree, the variables of which a greater (1) or a smaller (-1) value can do more."""
-
-    def __init__(self, compiled: CompiledTree) -> None:
-        self._mentions = compiled.mentions
-        self._tendency = {
-            name: [(node, tendency(guard, name)) for node in nodes if (guard := compiled.guards[node]) is not None]
-            for name, nodes in compiled.guarded_by.items()
-        }
-
-    def of(self, configuration: Configuration) -> dict[str, int]:
-        """The variables that a configuration binds of which it can be said."""
-        found = {}
-        for name in configuration.binding:
-            if not self._mentions[name] & ~configuration.taken:
-                tendencies = self._tendency.get(name, ())
-                signs = {sign for node, sign in tendencies if not configuration.closed >> node & 1}
-                if signs in ({1}, {-1}):
-                    found[name] = 1 if 1 in signs else -1
-        return found
+def directions(compiled: CompiledTree, configuration: Configuration) -> dict[str, int]:
+    """The variables that a configuration binds of which a greater (1) or a smaller (-1) value can do more."""
+    found = {}
+    for name in configuration.binding:
+        if not compiled.mentions[name] & ~configuration.taken:
+            waiting = (node for node in compiled.guarded_by.get(name, ()) if not configuration.closed >> node & 1)
+            guards = [guard for node in waiting if (guard := compiled.guards[node]) is not None]
+            signs = {tendency(guard, name) for guard in guards}
+            if signs in ({1}, {-1}):
+                found[name] = 1 if 1 in signs else -1
+    return found
 
 
 def tendency(guard: Guard, name: str) -> int | None:

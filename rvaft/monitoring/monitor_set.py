@@ -116,7 +116,7 @@ class MonitorSet:
         self.engines = engines if len(engines) == len(monitors) else ()
         """The same where all are engines, else none."""
         if self.engines:
-            self._read = self.engines[0].reading
+            self._read = self.engines[0].read
 
     def fork(self) -> Self:
         """Independent monitors that have read the same events."""

@@ -18,7 +18,7 @@ from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Gate, Node, Semantics, Verdict, loads, monitor
 from rvaft.analysis.branches import restrict
 from rvaft.analysis.guard_solver import witness
-from rvaft.engine import engine
+from rvaft.engine import Engine
 from rvaft.model.values import Json
 from rvaft.semantics import feasible_scenarios
 from rvaft.semantics.reference import relevant
@@ -45,7 +45,7 @@ def test_the_reference_detects_at_the_last_event_and_not_before(shape: str) -> N
 
 @pytest.mark.parametrize("shape", ["everything", "guarded", "heavily shared"])
 def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cross_check.generate.traces.engine", None)
+    monkeypatch.setattr("cross_check.generate.traces.Engine", None)
     for random, tree in small_trees(shape, 12):
         for semantics in Semantics:
             trace = found(guided, random, tree, semantics)
@@ -73,7 +73,7 @@ def test_a_branch_and_a_kind(part: dict[str, Any]) -> None:
 def test_a_monitor_that_does_not_detect_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     tree = loads("top sand a b;")
     other = loads("top sand b a; a; b;")
-    monkeypatch.setattr("cross_check.generate.traces.engine", lambda _, semantics: engine(other, semantics))
+    monkeypatch.setattr("cross_check.generate.traces.Engine", lambda _, semantics: Engine(other, semantics))
     with pytest.raises(AssertionError, match="does not detect top under strict"):
         detecting(Random(0), tree, Semantics.STRICT)
 

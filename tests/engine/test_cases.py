@@ -6,7 +6,7 @@ import pytest
 
 import rvaft
 from rvaft.analysis.branches import restrict
-from rvaft.engine import Engine, engine
+from rvaft.engine import Engine
 from rvaft.model.verdict import Verdict
 from tests.engine.checking import compare
 from tests.semantics.cases import CASES, Case, v
@@ -76,7 +76,7 @@ def test_an_event_after_a_gate_and_a_silent_child_is_kept_for_the_explanation() 
 @pytest.mark.parametrize("case", [*CASES, *OWN], ids=lambda case: case.name)
 def test_case(case: Case) -> None:
     tree = rvaft.loads(case.tree)
-    monitor = engine(restrict(tree, branch=case.branch, kind=case.kind), case.semantics)
+    monitor = Engine(restrict(tree, branch=case.branch, kind=case.kind), case.semantics)
     assert monitor.verdict is Verdict.UNKNOWN
     assert "".join(SIGNS[verdict.value] for verdict in monitor.run(case.events)) == case.verdicts
 

@@ -7,9 +7,9 @@ from typing import Any, Final
 import pytest
 
 import rvaft
-from rvaft.engine import Engine
+from rvaft.engine import Engine, scattered_general
 from rvaft.engine.scattered_general import ScatteredMatches
-from rvaft.engine.subsumption import Directions, scale, tendency
+from rvaft.engine.subsumption import scale, tendency
 from rvaft.errors import TreeError
 from rvaft.language.parser import parse_guard
 from rvaft.model.guards import Guard, Operation, Operator, holds, variables
@@ -160,7 +160,7 @@ def test_nothing_is_lost(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
         trace = random_events(random, 10)
         lean, verdicts, sizes = followed(tree, trace)
         with monkeypatch.context() as patch:
-            patch.setattr(Directions, "of", lambda *_: {})
+            patch.setattr(scattered_general, "directions", lambda *_: {})
             full, expected, all_sizes = followed(tree, trace)
         assert verdicts == expected
         dropped += sizes != all_sizes
@@ -192,7 +192,7 @@ def test_an_earlier_time_that_comes_later_takes_over() -> None:
         assert monitor.step({"n": "a", "v": time}) is Verdict.UNKNOWN
     assert isinstance(monitor._strategy, ScatteredMatches)
     for group in monitor._strategy._groups.values():  # what was dropped is found nowhere
-        for index in (*group._by_values.values(), group._rivals):
+        for index in group._by_values.values():
             assert sum(map(len, index.values())) <= len(group.members) == 1
     assert monitor.step({"n": "b", "v": 11}) is Verdict.TRUE
     assert monitor.explanation is not None

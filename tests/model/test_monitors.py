@@ -6,7 +6,7 @@ import pytest
 
 from rvaft.api import loads
 from rvaft.backend import all_backends, backend
-from rvaft.engine import engine
+from rvaft.engine import Engine
 from rvaft.errors import ToolMissing, TraceError
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
@@ -17,7 +17,7 @@ TREE = loads("top sand a b;")
 
 def monitor(name: str) -> Monitor:
     if name == "engine":
-        return engine(TREE, Semantics.STRICT)
+        return Engine(TREE, Semantics.STRICT)
     if name == "reference":
         return Reference(TREE, Semantics.STRICT)
     try:

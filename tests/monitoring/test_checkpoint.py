@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 import rvaft
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import narrowed
-from rvaft.engine.monitor import engine
+from rvaft.engine import Engine
 from rvaft.errors import CheckpointError, OptionError, RvaftError, TraceError
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
@@ -92,7 +92,7 @@ def refused(path: Path, trace: Path, **changes: Any) -> str:
 def test_all_is_kept(tmp_path: Path, trace: Path) -> None:
     path = tmp_path / "kept"
     assert loaded(path, trace) is None
-    monitor = engine(TREE, "scattered")
+    monitor = Engine(TREE, "scattered")
     monitor.step({"event": "a"})
     event = decode(
         b'{"event": "x", "time": 3, "n": {"k": 1, "k": 2}, "l": [null, true, 1e3, "\\u00e9"]}', reads=TreeReads(TREE)
@@ -104,7 +104,7 @@ def test_all_is_kept(tmp_path: Path, trace: Path) -> None:
     assert found is not None
     assert found[:3] == (7, 15, 1)
     snapshot, held = found.state
-    fresh = engine(TREE, "scattered")
+    fresh = Engine(TREE, "scattered")
     fresh.restore(snapshot)
     assert fresh.step({"event": "b"}) is Verdict.TRUE
     assert list(held.rest()) == [event]
@@ -508,13 +508,13 @@ def test_large_monitors_are_kept(tmp_path: Path, trace: Path) -> None:
     """A match that is deeper than Python can recurse, and values as deep as a trace may have them."""
     leaves = tuple(f"n{number}" for number in range(2000))
     tree = RVAFT("top", [Node("top", rvaft.Gate.AND, leaves), *map(Node, leaves)])
-    monitor = engine(tree)
+    monitor = Engine(tree)
     for name in leaves[:-1]:
         monitor.step({"event": name})
     deep: Any = 1
     for _ in range(490):
         deep = [deep]
-    variable = engine(rvaft.loads("event e(v) = { v: v }; event f(v) = { f: v }; top sand x y; x on e(V); y on f(V);"))
+    variable = Engine(rvaft.loads("event e(v) = { v: v }; event f(v) = { f: v }; top sand x y; x on e(V); y on f(V);"))
     variable.step({"v": deep})
     save(tmp_path / "kept", trace, [monitor.snapshot(), variable.snapshot()])
     found = loaded(tmp_path / "kept", trace)
@@ -522,6 +522,6 @@ def test_large_monitors_are_kept(tmp_path: Path, trace: Path) -> None:
     for one, event, snapshot in zip(
         (monitor, variable), ({"event": leaves[-1]}, {"f": deep}), found.state, strict=True
     ):
-        fresh = engine(one.tree)
+        fresh = Engine(one.tree)
         fresh.restore(snapshot)
         assert fresh.step(event) is Verdict.TRUE

@@ -7,7 +7,7 @@ import pytest
 import rvaft
 from cross_check.benchmark import Subject, cells_of, default_languages, gate_subjects
 from cross_check.benchmark.measurement import EVENTS, LONGEST, walks
-from rvaft.engine import engine
+from rvaft.engine import Engine
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics, Verdict
@@ -72,7 +72,7 @@ def test_walks(semantics: Semantics) -> None:
     assert sum(len(walk.events) for walk in found) == EVENTS
     for walk in found:
         assert 0 < len(walk.events) <= LONGEST
-        assert tuple(engine(tree, semantics).run(walk.events)) == walk.verdicts
+        assert tuple(Engine(tree, semantics).run(walk.events)) == walk.verdicts
         assert not any(verdict.final for verdict in walk.verdicts[:-1])
     assert any(walk.verdicts[-1] is Verdict.TRUE for walk in found)
 

@@ -1,0 +1,230 @@
+"""From one partial match to the next; and the strategy of `strict` and `projected`, where every event that counts is used up."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Iterable, Iterator, Mapping
+from copy import copy
+from typing import Self
+
+from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
+from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
+from rvaft.engine.shared_nodes import SharedNodes
+from rvaft.errors import TooLarge
+from rvaft.model.values import Json, equal
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.support.bits import bits, union
+
+
+class Matching:
+    """The partial matches of a tree, whatever the semantics; `limit` bounds one search through shared nodes."""
+
+    def __init__(self, compiled: CompiledTree, *, limit: int) -> None:
+        self.compiled = compiled
+        self.progress = PartProgress(compiled)
+        self.shared = SharedNodes(compiled, self.progress, limit=limit)
+
+    def start(self) -> Configuration:
+        """The configuration before any event."""
+        return Configuration(self.compiled.dead, self.compiled.closed)
+
+    def standing(self, configuration: Configuration) -> tuple[bool, bool]:
+        """Whether it is a match, and, if not, whether it is a partial match."""
+        if self.compiled.core:
+            return self.shared.classify(configuration)
+        flags = self.progress.flags(configuration, self.compiled.root)
+        return flags & SURE > 0, flags & MORE > 0
+
+    def extended(
+        self,
+        configuration: Configuration,
+        node: int,
+        values: Mapping[str, Json],
+        position: int,
+        *,
+        reuse: bool = False,
+        judged: Mapping[int, bool] | None = None,
+    ) -> Configuration | None:
+        """The configuration after a node's event, or None where it is then neither a match nor a partial match.
+
+        `values` are those that the event gives to the variables of its pattern. With `reuse` the configuration itself changes. Where
+        the guards are `judged` already, that is believed of those that can now be decided.
+        """
+        compiled, bound = self.compiled, configuration.binding
+        names = compiled.exported[node]
+        if configuration.taken >> node & 1:
+            return None
+        for name in names:
+            if name in bound and not equal(bound[name], values[name]):
+                return None
+        new = self._taken(configuration, node, reuse=reuse)
+        if new is None:
+            return None
+        if names:
+            for name in names:
+                new.binding.setdefault(name, values[name])
+            settled = set(names)
+            for waiting in self.closing(new, names):
+                new.closed |= 1 << waiting
+                settled.update(compiled.needs[waiting])
+                holds = compiled.predicates[waiting]
+                if holds is not None and not (holds(new.binding) if judged is None else judged[waiting]):
+                    new.dead |= 1 << waiting
+                if waiting not in compiled.members and not self.progress.refresh(new, waiting):
+                    return None
+            for name in settled:  # forget the variables that nothing to come mentions
+                if not compiled.mentions[name] & ~new.taken and all(
+                    new.closed >> waiting & 1 for waiting in compiled.guarded_by.get(name, ())
+                ):
+                    del new.binding[name]
+        new.witness = Witness(configuration.witness, node, position, values)
+        return new if any(self.standing(new)) else None
+
+    def _taken(self, configuration: Configuration, node: int, *, reuse: bool = False) -> Configuration | None:
+        """The configuration with a node taken, or None where it is then in no scenario (looking at its part alone)."""
+        in_core = node in self.compiled.members
+        if not in_core and self.progress.over(configuration, node):
+            return None
+        new = configuration if reuse else configuration.copy()
+        if self.compiled.core:
+            new.inversions |= self.shared.inverted(configuration, node)
+        new.taken |= 1 << node
+        return new if in_core or self.progress.refresh(new, node) else None
+
+    def replayed(self, steps: Iterable[tuple[int, Mapping[str, Json], int]]) -> Configuration | None:
+        """The configuration after these nodes took their events, each with values and position, or None where none is left."""
+        configuration: Configuration | None = self.start()
+        for node, values, position in steps:
+            if configuration is not None:
+                configuration = self.extended(configuration, node, values, position, reuse=True)
+        return configuration if configuration is not None and any(self.standing(configuration)) else None
+
+    def admits(self, configuration: Configuration, node: int) -> bool:
+        """Whether a node's event could come next, whatever its values."""
+        if configuration.taken >> node & 1:
+            return False
+        new = self._taken(configuration, node)
+        return new is not None and (not self.compiled.core or self.shared.possible(new))
+
+    def admitted(self, configuration: Configuration) -> Iterator[str]:
+        """The nodes whose event could come next."""
+        compiled = self.compiled
+        return (compiled.names[n] for n, own in enumerate(compiled.own) if own and self.admits(configuration, n))
+
+    def closing(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
+        """The nodes whose guard has waited for these variables alone, which are bound now."""
+        guarded_by, needs = self.compiled.guarded_by, self.compiled.needs
+        for node in dict.fromkeys(node for name in names for node in guarded_by.get(name, ())):
+            if not configuration.closed >> node & 1 and all(name in configuration.binding for name in needs[node]):
+                yield node
+
+
+class Following(ABC):
+    """A strategy that follows the set of all partial matches that the events so far leave.
+
+    Raises `TooLarge` beyond `limit` of them.
+    """
+
+    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int) -> None:
+        self.compiled = compiled
+        self.limit = limit
+        self.matching = Matching(compiled, limit=limit)
+        self.letters = letters
+        self.noted = True
+        """Whether the last event may be part of a partial match that is followed."""
+        self.matches: list[Configuration] = []
+        """After detection, the configurations that are matches."""
+        self.lost: list[Configuration] = []
+        """After ⊥, the configurations before the event that ended them; a step of theirs may belong to that event."""
+
+    def _begin(self) -> None:
+        start = self.matching.start()
+        self.follow([start] if self.matching.standing(start)[1] else [])
+
+    @abstractmethod
+    def follow(self, configurations: Iterable[Configuration]) -> None:
+        """Follow these, and nothing else."""
+
+    @property
+    @abstractmethod
+    def partial(self) -> list[Configuration]:
+        """The partial matches that are followed."""
+
+    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
+        """What an event means; `sketch` is what its shape says, where that is known."""
+        return self.letters.read(event, sketch)
+
+    @abstractmethod
+    def advance(self, reading: Reading, position: int) -> Verdict:
+        """The verdict after one more event."""
+
+    def fork(self) -> Self:
+        """An independent copy."""
+        twin = copy(self)
+        twin.follow(self.partial)
+        return twin
+
+    @property
+    def state(self) -> Hashable:
+        """Equal states have equal futures."""
+        return frozenset(configuration.key for configuration in self.partial)
+
+    def snapshot(self) -> Snapshot:
+        """What `restore` needs to bring a fresh strategy of the same tree into this state."""
+        return Snapshot.of(self.partial, self.matches, self.lost)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Take over a snapshot."""
+        partial, self.matches, self.lost = snapshot.groups_again()
+        self.follow(partial)
+
+    def _bound(self, count: int) -> None:
+        """Refuse to follow that many, with the variables, or without any the nodes, that the partial matches differ in."""
+        if count <= self.limit:
+            return
+        bound = {name for configuration in self.partial for name in configuration.binding}
+        if bound:
+            grows = f"the variables {', '.join(sorted(bound))} keep too many values"
+        else:
+            taken = union(configuration.taken for configuration in self.partial)
+            names = [self.compiled.names[node] for node in bits(taken)]
+            grows = f"too many ways to serve {', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
+        raise TooLarge(f"partial matches to follow; {grows}", limit=self.limit)
+
+
+class Contiguous(Following):
+    """Under `strict` and `projected` all partial matches have used up the same events."""
+
+    def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
+        super().__init__(compiled, letters, limit=limit)
+        self._projected = semantics is Semantics.PROJECTED
+        self._begin()
+
+    def follow(self, configurations: Iterable[Configuration]) -> None:
+        """Follow copies of these, since a step may change a configuration in place."""
+        self._configurations = [configuration.copy() for configuration in configurations]
+
+    @property
+    def partial(self) -> list[Configuration]:
+        """The partial matches that are followed."""
+        return self._configurations
+
+    def advance(self, reading: Reading, position: int) -> Verdict:
+        """The verdict after one more event."""
+        relevant, hits = reading
+        before = self._configurations
+        if self._projected and not relevant:
+            return Verdict.UNKNOWN if before else Verdict.FALSE
+        steps = [(node, hit.values) for hit in hits for node in hit.nodes]
+        reuse = len(steps) == 1
+        found: dict[Hashable, Configuration] = {}
+        for configuration in before:
+            for node, values in steps:
+                new = self.matching.extended(configuration, node, values, position, reuse=reuse)
+                if new is not None:
+                    found.setdefault(None if reuse and len(before) == 1 else new.key, new)
+            self._bound(len(found))
+        standing = self.matching.standing
+        self.matches = [new for new in found.values() if standing(new)[0]]
+        self._configurations = [] if self.matches else list(found.values())
+        if not found:
+            self.lost = before
+        return Verdict.TRUE if self.matches else Verdict.UNKNOWN if found else Verdict.FALSE

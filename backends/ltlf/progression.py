@@ -6,7 +6,6 @@ satisfied if the trace ends here, and the residual for the case that it goes on.
 to express search control knowledge for planning (Artificial Intelligence, 2000), here with the strong next and the end of the trace.
 """
 
-from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, lru_cache
 from typing import Final, NamedTuple, TypeAlias, assert_never
@@ -114,10 +113,7 @@ class _Diagrams:
         for node in self._below(f):
             variable, low, high = self.nodes[node]
             low, high, new = made[low], made[high], by[variable]
-            if self.nodes[new] == (variable, BOTTOM, TOP) and variable > max(self.nodes[low][0], self.nodes[high][0]):
-                made[node] = self._node(variable, low, high)  # the common case, in one step
-            else:
-                made[node] = self.choice(new, high, low)
+            made[node] = self.choice(new, high, low)
         return made[f]
 
 
@@ -126,6 +122,10 @@ class Progression(NamedTuple):
 
     accepted: bool
     residual: int
+
+
+def _union(sets: Iterable[frozenset[str]]) -> frozenset[str]:
+    return frozenset().union(*sets)
 
 
 _CONSTANTS: Final = {TRUE: Progression(True, TOP), FALSE: Progression(False, BOTTOM)}
@@ -139,11 +139,17 @@ class Residuals:
         self._diagrams = _Diagrams()
         self._continuations = _Continuations(formulas, self._diagrams)
         self._lifted: dict[int, int] = {TRUE: TOP, FALSE: BOTTOM}
-        self.variables = cache(self._variables_of)
-        self.now = cache(self._asked_now)
-        self.step = lru_cache(STEPS_KEPT)(self._stepped)
         self._asks = cache(lambda formula: frozenset(formulas.atoms(formula, now=True)))
-        self._after = lru_cache(STEPS_KEPT)(self._progressed)
+        self._after = lru_cache(STEPS_KEPT)(lambda one, letter: run(self._progress(one, letter, dict(_CONSTANTS))))
+        self.step = lru_cache(STEPS_KEPT)(self._stepped)
+        self.now = cache(lambda residual: _union(map(self._asks, self._diagrams.support(residual))))
+        """The atoms that the next event is asked for."""
+        self.variables = cache(
+            lambda residual: _union(self._variables[one] for one in self._diagrams.support(residual))
+        )
+        """The variables that can still make a difference."""
+        self.is_satisfiable = self._continuations.satisfied
+        """Whether some continuation by one event or more satisfies a residual."""
         self._bare: list[bool] = []
         """Of each formula: is it, apart from `!`, `&` and `|`, about the first position (an atom is in sight)?"""
         self._monotone: list[bool] = []
@@ -161,21 +167,9 @@ class Residuals:
         """The residual that is the formula itself."""
         return run(self._lift(formula))
 
-    def is_satisfiable(self, residual: int) -> bool:
-        """Whether some continuation by one event or more satisfies it."""
-        return self._continuations.satisfy(residual)
-
     def is_valid(self, residual: int) -> bool:
         """Whether every continuation by one event or more satisfies it."""
-        return not self._continuations.satisfy(self._diagrams.negation(residual))
-
-    def _variables_of(self, residual: int) -> frozenset[str]:
-        """The variables that can still make a difference."""
-        return frozenset().union(*(self._variables[formula] for formula in self._diagrams.support(residual)))
-
-    def _asked_now(self, residual: int) -> frozenset[str]:
-        """The atoms that the next event is asked for."""
-        return frozenset().union(*map(self._asks, self._diagrams.support(residual)))
+        return not self.is_satisfiable(self._diagrams.negation(residual))
 
     def _stepped(self, residual: int, letter: frozenset[str]) -> Progression:
         """The residual after one event; `letter` are the atoms that are true at it, of those that are asked (`now`)."""
@@ -186,9 +180,6 @@ class Residuals:
         )
         rest = self._diagrams.compose(residual, {formula: one.residual for formula, one in after.items()})
         return Progression(end == TOP, rest)
-
-    def _progressed(self, formula: int, letter: frozenset[str]) -> Progression:
-        return run(self._progress(formula, letter, dict(_CONSTANTS)))
 
     def _lift(self, formula: int) -> Call[int]:
         """Boolean combinations of `F`, `U` and `X[!]` are taken apart; others wait as one variable until the next event."""
@@ -282,11 +273,9 @@ class _Continuations:
     def __init__(self, formulas: Formulas, diagrams: _Diagrams) -> None:
         self._rows = formulas.rows
         self._diagrams = diagrams
-        self.satisfy = cache(self._satisfied)
+        self.satisfied = cache(self._satisfied)
         self._clauses = cache(self._taken_apart)
         self._live: set[_Obligations] = set()
-        self._recent: deque[_Obligations] = deque(maxlen=4)
-        """Obligations that could be met: fewer of them can be met too."""
         self._dead: set[_Obligations] = set()
 
     def _satisfied(self, residual: int) -> bool:
@@ -298,13 +287,8 @@ class _Continuations:
             if current is None:
                 ways.pop()
                 del path[len(ways) - 1 :]
-            elif (
-                current in self._live
-                or any(current <= live for live in self._recent)
-                or (path and all(obligation < 0 for obligation in current))  # the trace may end before it
-            ):
-                self._live.update([*path, current] if current in self._live else path)
-                self._recent.append(path[0] if path else current)
+            elif current in self._live or (path and all(one < 0 for one in current)):  # the trace may end before it
+                self._live.update(path)
                 return True
             elif current not in visited and current not in self._dead:
                 visited.add(current)

@@ -45,11 +45,7 @@ RELEVANCE = (
 DEFINED = "one := a & X[!] b;two := one | c;F(two & X[!] X[!] two)"
 WITH_HEADER: list[tuple[str, list[Json], str]] = [
     # header and formula, events, verdicts: variables are rigid
-    (
-        "atom p := {p: X};atom q := {q: X} when X > 1;F(p & X[!] F q)",
-        [{"p": 1}, {"q": 1}, {"p": 2}, {"q": 3}, {"q": 2}],
-        "????T",
-    ),
+    ("atom p := {p: X};atom q := {q: X} when X > 1;F(p & X[!] F q)", [{"p": 1}, {"q": 1}, {"p": 2}, {"q": 3}, {"q": 2}], "????T"),
     ("atom p := {p: X};atom q := {q: X} when X > 1;(p & X[!] q)", [{"p": 1}, {"q": 2}], "?F"),
     # guards wait for their variables
     (GUARDED, [{"p": 5}, {"q": 4}, {"q": "b"}, {"q": True}, {"p": 3}], "????T"),

@@ -366,7 +366,7 @@ class _Continuations:
             case Connective.ATOM:
                 return []
             case Connective.NEXT:
-                return [[[(now[0][0], True)]]]
+                return [[[(operands[0] if positive else ~operands[0], True)]]]  # a positive one demands a next position
             case Connective.NOT:
                 return [[[(self._signed(operands[0], not positive), False)]]]
             case Connective.AND | Connective.OR if (op is Connective.AND) is positive:

@@ -10,10 +10,8 @@ import operator as python
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from fractions import Fraction
-from itertools import chain, pairwise, product
+from itertools import chain, combinations, pairwise, product
 from typing import Any, Final, NamedTuple, TypeAlias
-
-import networkx as nx
 
 from rvaft.model.guards import (
     ARITHMETIC,
@@ -31,7 +29,8 @@ from rvaft.model.guards import (
     walk,
 )
 from rvaft.model.patterns import Binding, Literal, Variable
-from rvaft.model.values import Json, is_number, key
+from rvaft.model.values import Json, Scalar, is_number, key
+from rvaft.support.bits import bits
 
 
 def contradictory(guards: Iterable[Guard]) -> bool | None:
@@ -79,7 +78,7 @@ class TooManyAlternatives(Exception):
     """The guards have more than `MAX_ALTERNATIVES` alternatives."""
 
 
-def alternatives(guards: Iterable[Guard]) -> list[Way]:
+def _alternatives(guards: Iterable[Guard]) -> list[Way]:
     """The ways in which all guards can hold; none where they surely cannot. Raises `TooManyAlternatives`."""
     return _all_of([_when(guard, truth=True) for guard in guards])
 
@@ -94,13 +93,11 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             if truth is not decides:
                 return _all_of([_when(operand, truth=truth) for operand in operands])
             # Read from the left, one operand decides, and those before it have the other truth value: they are defined too.
-            return _bounded(
-                way
-                for index, operand in enumerate(operands)
-                for way in _all_of(
-                    [*(_when(before, truth=not decides) for before in operands[:index]), _when(operand, truth=decides)]
-                )
-            )
+            ways: list[Way] = []
+            for index, operand in enumerate(operands):
+                before = [_when(earlier, truth=not decides) for earlier in operands[:index]]
+                ways += _all_of([*before, _when(operand, truth=decides)])
+            return _bounded(ways)
         case Operation(operator, (left, right)) if operator in COMPARISONS:
             negated = OPERATORS[operator].negated
             compared = GuardComparison(operator if truth or negated is None else negated, folded(left), folded(right))
@@ -137,68 +134,64 @@ _NUMBER, _STRING = "number", "string"
 def refuted(guards: Iterable[Guard]) -> bool:
     """Whether it is proved that no values make all guards hold; False says nothing."""
     try:
-        return all(_Facts(way).contradict() for way in alternatives(guards))
+        return all(_Facts(way).contradict() for way in _alternatives(guards))
     except TooManyAlternatives:
         return False
 
 
 class _Facts:
-    """Terms with what is known of their sorts and order. A node of `order` is a term; an edge says `<=`, or `<` where strict.
+    """Terms with what is known of their sorts and order: pairs of terms that are `<=`, those that are `<`, those that are `!=`.
 
     That a term occurs in a true comparison says that it is defined, and so of which sort its operands are.
     """
 
     def __init__(self, way: Way) -> None:
-        self.order = nx.DiGraph()
-        self.sorts: defaultdict[Hashable, set[str]] = defaultdict(set)
-        self.constants: dict[Hashable, Any] = {}
-        self.sums: dict[Hashable, dict[int, Hashable]] = {}
-        """Of a term those that are it plus a whole number."""
+        self.at_most: list[tuple[Hashable, Hashable]] = []
+        self.less: list[tuple[Hashable, Hashable]] = []
         self.unequal: list[tuple[Hashable, Hashable]] = []
+        self.sorts: defaultdict[Hashable, set[str]] = defaultdict(set)  # of every term
+        self.constants: dict[Hashable, Any] = {}
+        self.sums: dict[Hashable, dict[int, Hashable]] = {}  # of a term those that are it plus a whole number
         self.compared: set[Hashable] = set()
         for operator, left, right in way:
             for part in chain(walk(left), walk(right)):
                 self._note(part)
-            low, high = _term(left), _term(right)
-            if operator in ORDERINGS:
-                self.compared.add(low)
-            if operator in (Operator.GT, Operator.GE):
-                low, high = high, low
-            match operator:
-                case Operator.EQ:
-                    self._equal(low, high)
-                case Operator.NE:
-                    self.unequal.append((low, high))
-                case _:
-                    self._at_most(low, high, strict=operator in (Operator.LT, Operator.GT))
+            self._compare(operator, _term(left), _term(right))
             self._difference(operator, left, right)
             self._difference(OPERATORS[operator].mirrored or operator, right, left)
 
-    def _at_most(self, low: Hashable, high: Hashable, *, strict: bool = False) -> None:
-        already = self.order.has_edge(low, high) and self.order.edges[low, high]["strict"]
-        self.order.add_edge(low, high, strict=strict or already)
-
-    def _equal(self, left: Hashable, right: Hashable) -> None:
-        self._at_most(left, right)
-        self._at_most(right, left)
+    def _compare(self, operator: Operator, left: Hashable, right: Hashable) -> None:
+        if operator in ORDERINGS:
+            self.compared.add(left)
+        if operator in (Operator.GT, Operator.GE):
+            left, right = right, left
+        match operator:
+            case Operator.EQ:
+                self.at_most += [(left, right), (right, left)]
+            case Operator.NE:
+                self.unequal.append((left, right))
+            case Operator.LT | Operator.GT:
+                self.less.append((left, right))
+            case _:
+                self.at_most.append((left, right))
 
     def _note(self, part: Guard) -> None:
         term = _term(part)
-        self.order.add_node(term)
+        own = self.sorts[term]
         match part:
             case Literal(constant):
                 self.constants[term] = constant
-                self.sorts[term].add(_sort(constant))
+                own.add(_sort(constant))
             case Operation(operator, operands):
                 for number in (term, *map(_term, operands)):
                     self.sorts[number].add(_NUMBER)
                 if operator is Operator.ADD and isinstance(operands[0], Literal):
                     operands = operands[::-1]
-                if operator in (Operator.ADD, Operator.SUB) and _is_whole(operands[1]):
-                    base, number = _term(operands[0]), operands[1]
-                    assert isinstance(number, Literal)
-                    shift: Any = number.value if operator is Operator.ADD else -number.value  # type: ignore[operator]
-                    self._equal(self.sums.setdefault(base, {0: base}).setdefault(shift, term), term)
+                match operands:
+                    case (base, Literal(int() as whole)) if type(whole) is int and operator in _SHIFTS:
+                        shift = whole if operator is Operator.ADD else -whole
+                        row = self.sums.setdefault(_term(base), {0: _term(base)})
+                        self._compare(Operator.EQ, row.setdefault(shift, term), term)
             case Variable():
                 pass
 
@@ -209,30 +202,40 @@ class _Facts:
                 at_least = operator in (Operator.GE, Operator.EQ)
                 at_most = operator in (Operator.LE, Operator.EQ)
                 if (operator is Operator.GT and c >= 0) or (at_least and c > 0):
-                    self._at_most(_term(b), _term(a), strict=True)
+                    self.less.append((_term(b), _term(a)))
                 elif (operator is Operator.LT and c <= 0) or (at_most and c < 0):
-                    self._at_most(_term(a), _term(b), strict=True)
+                    self.less.append((_term(a), _term(b)))
 
     def contradict(self) -> bool:
         """Whether no values can be so."""
         for row in self.sums.values():
-            for less, more in pairwise(sorted(row)):
-                self._at_most(row[less], row[more])
+            self.at_most += [(row[less], row[more]) for less, more in pairwise(sorted(row))]
         for sort in (_NUMBER, _STRING):
             mine = [term for term, constant in self.constants.items() if _sort(constant) == sort]
             for low, high in pairwise(sorted(mine, key=self.constants.__getitem__)):
-                self._at_most(low, high, strict=self.constants[low] != self.constants[high])
-                if self.constants[low] == self.constants[high]:
-                    self._at_most(high, low)
-        group: dict[Hashable, int] = {}
-        for number, members in enumerate(nx.strongly_connected_components(self.order)):
-            group.update(dict.fromkeys(members, number))
-        if any(strict and group[low] == group[high] for low, high, strict in self.order.edges(data="strict")):
+                self._compare(Operator.EQ if self.constants[low] == self.constants[high] else Operator.LT, low, high)
+        number = {term: index for index, term in enumerate(self.sorts)}
+        above, beside = ([1 << index for index in range(len(number))] for _ in range(2))
+        for low, high in (*self.at_most, *self.less):
+            above[number[low]] |= 1 << number[high]
+            beside[number[low]] |= 1 << number[high]
+            beside[number[high]] |= 1 << number[low]
+        for through in range(len(number)):  # Warshall's closures: what is reached, and what is of one sort
+            for reach in (above, beside):
+                for index, reached in enumerate(reach):
+                    if reached >> through & 1:
+                        reach[index] |= reach[through]
+
+        def same(left: Hashable, right: Hashable) -> bool:
+            return bool(above[number[left]] >> number[right] & above[number[right]] >> number[left] & 1)
+
+        if any(same(low, high) for low, high in (*self.less, *self.unequal)):
             return True
-        if any(group[left] == group[right] for left, right in self.unequal):
-            return True
-        others = [group[term] for term, constant in self.constants.items() if _sort(constant) not in (_NUMBER, _STRING)]
-        return len(set(others)) < len(others) or any(map(self._mixed, nx.weakly_connected_components(self.order)))
+        others = [term for term, constant in self.constants.items() if _sort(constant) not in (_NUMBER, _STRING)]
+        terms = list(number)
+        return any(same(*pair) for pair in combinations(others, 2)) or any(
+            self._mixed({terms[index] for index in bits(component)}) for component in set(beside)
+        )
 
     def _mixed(self, terms: set[Hashable]) -> bool:
         """Whether these terms, of one sort, would have to be of two sorts, or of one that has no order."""
@@ -240,16 +243,15 @@ class _Facts:
         return len(sorts) > 1 or (not sorts <= {_NUMBER, _STRING} and not self.compared.isdisjoint(terms))
 
 
+_SHIFTS: Final = (Operator.ADD, Operator.SUB)
+
+
 def _term(guard: Guard) -> Hashable:
     """1 and 1.0 are equal, but adding one or the other need not be: they are two terms."""
     return (type(guard.value), guard.value) if isinstance(guard, Literal) else guard
 
 
-def _is_whole(guard: Guard) -> bool:
-    return isinstance(guard, Literal) and isinstance(guard.value, int) and not isinstance(guard.value, bool)
-
-
-def _sort(constant: object) -> str:
+def _sort(constant: Scalar) -> str:
     if is_number(constant):
         return _NUMBER
     if isinstance(constant, str):
@@ -272,7 +274,7 @@ _CALCULATED: Final[dict[Operator, Callable[..., Any]]] = {
 def _refuted_over_reals(guards: list[Guard], *, weaken: bool) -> bool:
     """Whether no real numbers make the guards hold; with `weaken`, comparisons that rounding could make true are left out."""
     try:
-        ways = alternatives(guards)
+        ways = _alternatives(guards)
     except TooManyAlternatives:
         return False
     kept = [[one for one in way if not weaken or _survives_rounding(one)] for way in ways]
@@ -285,12 +287,16 @@ def _survives_rounding(comparison: GuardComparison) -> bool:
     Rounding is monotone and keeps representable numbers, so `round(x) < c` implies `x < c` for such a c, x being one operation on a variable and a
     small integer.
     """
+
+    def representable(number: object) -> bool:
+        return isinstance(number, float) or (type(number) is int and abs(number) <= _EXACT)
+
     operator, left, right = comparison
     if not isinstance(left, Operation) and not isinstance(right, Operation):
         return True
     if isinstance(left, Literal):
         left, right = right, left
-    if operator not in (Operator.LT, Operator.GT) or not isinstance(right, Literal) or not _representable(right.value):
+    if operator not in (Operator.LT, Operator.GT) or not isinstance(right, Literal) or not representable(right.value):
         return False
     match left:
         case Operation(Operator.NEGATE, (Variable(),)):
@@ -298,13 +304,9 @@ def _survives_rounding(comparison: GuardComparison) -> bool:
         case Operation(_, (Variable(one), Variable(other))):
             return one == other
         case Operation(_, (Variable(), Literal(number)) | (Literal(number), Variable())):
-            return isinstance(number, int) and _representable(number)
+            return isinstance(number, int) and representable(number)
         case _:
             return False
-
-
-def _representable(number: object) -> bool:
-    return isinstance(number, float) or (_is_whole(Literal(number)) and abs(number) <= _EXACT)  # type: ignore[arg-type]
 
 
 def _real_solutions(way: list[GuardComparison]) -> bool:
@@ -331,7 +333,9 @@ def _real_solutions(way: list[GuardComparison]) -> bool:
 
     relations = []
     for operator, left, right in way:
-        numeric = any(isinstance(side, Operation) or _sort_of(side) == _NUMBER for side in (left, right))
+        numeric = any(
+            isinstance(s, Operation) or (isinstance(s, Literal) and is_number(s.value)) for s in (left, right)
+        )
         if operator is Operator.NE and not numeric:
             continue
         try:
@@ -356,10 +360,6 @@ def _real_solutions(way: list[GuardComparison]) -> bool:
     return True
 
 
-def _sort_of(guard: Guard) -> str | None:
-    return _sort(guard.value) if isinstance(guard, Literal) else None
-
-
 # A search for values under which guards hold: around their constants, and around the values already chosen.
 
 DEFAULT_TRIES: Final = 4_000
@@ -377,25 +377,23 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
         return None
     names = list(dict.fromkeys(name for guard in todo for name in variables(guard)))
     rank = {name: index for index, name in enumerate(names)}
+    touching: list[list[Guard]] = [[] for _ in names]
     due: list[list[Guard]] = [
         [] for _ in names
-    ]  # each guard is looked at as soon as the last of its variables has a value
-    touching: list[list[Guard]] = [[] for _ in names]
+    ]  # a guard is looked at as soon as the last of its variables has a value
     for guard in todo:
         own = [rank[name] for name in variables(guard)]
         for index in own:
             touching[index].append(guard)
         if own:
             due[max(own)].append(guard)
-    literals = (part.value for guard in todo for part in walk(guard) if isinstance(part, Literal))
-    constants: dict[Hashable, Json] = {}
-    for constant in literals:
-        constants.setdefault(key(constant), constant)
+    literals = [part for guard in todo for part in walk(guard) if isinstance(part, Literal)]
+    constants = [literal.value for literal in dict.fromkeys(literals)]
     binding: dict[str, Json] = {}
     levels: list[Iterator[Json]] = []
     while len(binding) < len(names):
         if len(levels) == len(binding):
-            levels.append(_candidates([*constants.values()], touching[len(levels)], binding))
+            levels.append(_candidates(constants, touching[len(levels)], binding))
         here, name = due[len(levels) - 1], names[len(levels) - 1]
         for candidate in levels[-1]:
             binding[name] = candidate
@@ -454,15 +452,19 @@ _UNDONE: Final = {
 
 def _sides(guards: list[Guard], binding: Binding) -> Iterator[Json]:
     """What the variable is compared with, and what solves a sum or product for it, as far as that has a value now."""
+
+    def known(guard: Guard) -> Json:
+        return value(guard, binding) if all(name in binding for name in variables(guard)) else UNDEFINED
+
     for part in (part for guard in guards for part in walk(guard)):
         if not (isinstance(part, Operation) and part.operator in COMPARISONS):
             continue
-        values = [_known(side, binding) for side in part.operands]
+        values = [known(side) for side in part.operands]
         yield from (v for v in values if v is not UNDEFINED)
         for side, goal in zip(part.operands, reversed(values), strict=True):
             if not (is_number(goal) and isinstance(side, Operation) and side.operator in _UNDONE):
                 continue
-            left, right = (_known(operand, binding) for operand in side.operands)
+            left, right = map(known, side.operands)
             first, second = _UNDONE[side.operator]
             if right is not UNDEFINED:
                 solved = value(Operation(first, (Literal(goal), Literal(right))), {})
@@ -472,8 +474,3 @@ def _sides(guards: list[Guard], binding: Binding) -> Iterator[Json]:
                 solved = value(Operation(second, (Literal(goal), Literal(left))), {})
             if solved is not UNDEFINED:
                 yield solved
-
-
-def _known(guard: Guard, binding: Binding) -> Json:
-    """The value of a guard as far as its variables have one."""
-    return value(guard, binding) if all(name in binding for name in variables(guard)) else UNDEFINED

@@ -10,6 +10,7 @@ For each question there is a quick answer, certain in one direction, for which v
 
 from collections.abc import Hashable, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TypeAlias
 
 from rvaft.model.patterns import (
@@ -287,8 +288,7 @@ class Overlaps:
         """The patterns that `compatible` says one event might match together with this one; itself among them."""
         found = self._all
         for path, head in self._heads[number]:
-            same = self._same[path][head]
-            found &= self._open[path] | (same if isinstance(same, int) else mask_of(same))
+            found &= self._open[path] | _mask(self._same[path][head])
         return found
 
     def pairs(self) -> Iterator[tuple[int, int]]:
@@ -297,33 +297,39 @@ class Overlaps:
             for other in bits(self.compatible(number) >> number + 1):
                 yield number, number + 1 + other
 
-    def exact(self, budget: Budget) -> dict[int, int]:
-        """For each pattern the others that some event matches together with it, where there are any; raises `Undecided`."""
-        names = [rigid_variables(pattern) for pattern in self.patterns]
-        having: dict[str, int] = {}
+    def exact(self, number: int, budget: Budget) -> int:
+        """The others that some event matches together with this pattern; raises `Undecided`."""
+        found = self.compatible(number) ^ 1 << number
+        repeating, having = self._doubtful
+        names = rigid_variables(self.patterns[number])
+        # Only where a variable stands twice, in one of two patterns or in both, can they be compatible and not overlap.
+        doubtful = self._all if repeating >> number & 1 else repeating | union(_mask(having[name]) for name in names)
+        for other in bits(found & doubtful):
+            budget.spend(5)
+            if not overlaps(self.patterns[number], self.patterns[other]):
+                found ^= 1 << other
+        return found
+
+    @cached_property
+    def _doubtful(self) -> tuple[int, dict[str, "int | list[int]"]]:
+        """The patterns where some variable stands twice, and of each variable the patterns that have it."""
         repeating = 0
-        budget.spend(len(self.patterns))
-        found: dict[int, int] = {}
+        having: dict[str, list[int]] = {}
         for number, pattern in enumerate(self.patterns):
-            if others := self.compatible(number) ^ 1 << number:
-                found[number] = others
-                having.update((name, having.get(name, 0) | 1 << number) for name in names[number])
-                if sum(isinstance(part, Variable) for part in walk(pattern)) > len(variables(pattern)):
-                    repeating |= 1 << number
-        for number in list(found):
-            doubtful = self._all if repeating >> number & 1 else repeating  # where some variable stands twice
-            doubtful |= union(having[name] for name in names[number])
-            for other in bits((found[number] & doubtful) >> number + 1):
-                budget.spend(10)
-                if not overlaps(self.patterns[number], self.patterns[number + 1 + other]):
-                    found[number] ^= 1 << number + 1 + other
-                    found[number + 1 + other] ^= 1 << number
-        return {number: others for number, others in found.items() if others}
+            if sum(isinstance(part, Variable) for part in walk(pattern)) > len(variables(pattern)):
+                repeating |= 1 << number
+            for name in rigid_variables(pattern):
+                having.setdefault(name, []).append(number)
+        return repeating, {name: _members(group) for name, group in having.items()}
 
 
 def _members(group: list[int]) -> int | list[int]:
     """A set of few patterns takes less room as a list."""
     return group if len(group) < 16 else mask_of(group)
+
+
+def _mask(members: int | list[int]) -> int:
+    return members if isinstance(members, int) else mask_of(members)
 
 
 def _heads(pattern: Pattern) -> list[tuple[Path, Hashable]]:

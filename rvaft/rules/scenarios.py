@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator
+from functools import cache
 from itertools import combinations, islice, pairwise
 from typing import Final, TypeAlias
 
@@ -111,32 +112,35 @@ def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
     """
     tree, kept = space.tree, space.resolutions.union
     groups = _by_event(tree, [name for name in tree.occurrences if name in kept])
-    others = Overlaps(list(groups)).exact(budget)
+    many = Overlaps(list(groups))
+    budget.spend(len(groups))
     # A pattern overlaps itself, so the nodes that have it are rivals of each other too.
     group_of = {
         name: number
         for number, group in enumerate(groups.values())
-        if number in others or len(group) > 1
+        if len(group) > 1 or many.compatible(number) != 1 << number
         for name in group
     }
     parent, part = _forest(kept, group_of)
     names = sorted(group_of, key=lambda name: part[name].start)
     index = {name: index for index, name in enumerate(tree.order)}
     members = [mask_of(part[name].start for name in group if name in group_of) for group in groups.values()]
+
+    @cache
+    def rivals(group: int) -> int:
+        return members[group] | union(members[other] for other in bits(many.exact(group, budget)))
+
     free: dict[str, int] = {}  # what neither order nor choice surely keeps apart from a node
     for name in kept:
         over = parent.get(name)
         free[name] = _mask(range(len(names))) ^ _mask(part[name]) if over is None else free[over]
         if over is not None and body(tree.nodes[over]).op not in (Op.SEQUENCE, Op.ONE):
-            own = over in group_of
-            free[name] |= _mask(part[over][own:]) ^ _mask(part[name])
+            free[name] |= _mask(part[over][over in group_of :]) ^ _mask(part[name])
         if name in group_of and free[name]:
-            number = group_of[name]
-            rivals = free[name] & (members[number] | union(members[other] for other in bits(others.get(number, 0))))
-            for later in sorted(index[names[rival]] for rival in bits(rivals)):
-                if later > index[name]:
-                    budget.spend(1)
-                    yield name, tree.order[later]
+            found = [index[names[rival]] for rival in bits(free[name] & rivals(group_of[name]))]
+            for later in sorted(place for place in found if place > index[name]):
+                budget.spend(1)
+                yield name, tree.order[later]
 
 
 def _by_event(tree: RVAFT, names: list[str]) -> dict[Pattern, list[str]]:

@@ -22,8 +22,7 @@ from backends.ltlf.parts import Anatomy, ways
 from rvaft.analysis.normal_form import Op, Part
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
-from rvaft.support.budget import CellBudget
-from rvaft.support.trampoline import Call, run
+from rvaft.support.budget import Call, CellBudget, run
 
 State = TypeVar("State", bound=Hashable)
 

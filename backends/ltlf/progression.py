@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, TypeAlias, assert_never
 
 from backends.ltlf.formulas import FALSE, JUNCTIONS, TRUE, Connective, Formulas
 from rvaft.errors import TooLarge
-from rvaft.support.trampoline import Call, run
+from rvaft.support.budget import Call, run
 
 NODE_LIMIT: Final = 2_000_000
 SEARCH_LIMIT: Final = 1_000_000

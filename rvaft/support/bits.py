@@ -1,6 +1,8 @@
 """Sets of small numbers as integers: bit i stands for the number i."""
 
 from collections.abc import Iterable, Iterator
+from functools import reduce
+from operator import or_
 
 
 def bits(mask: int) -> Iterator[int]:
@@ -16,15 +18,8 @@ def bits(mask: int) -> Iterator[int]:
 
 
 def mask_of(numbers: Iterable[int]) -> int:
-    """The set of these numbers.
-
-    >>> bin(mask_of([0, 3]))
-    '0b1001'
-    """
-    mask = 0
-    for number in numbers:
-        mask |= 1 << number
-    return mask
+    """The set of these numbers."""
+    return union(1 << number for number in numbers)
 
 
 def union(sets: Iterable[int]) -> int:
@@ -33,10 +28,7 @@ def union(sets: Iterable[int]) -> int:
     >>> bin(union([0b1001, 0b0011]))
     '0b1011'
     """
-    found = 0
-    for members in sets:
-        found |= members
-    return found
+    return reduce(or_, sets, 0)
 
 
 def in_at_least(count: int, sets: Iterable[int]) -> int:

@@ -1,15 +1,24 @@
-"""Work that may be done before something is too large: memory is not gone when it is refused."""
+"""Work that may be done before something is too large or late, and recursion that no stack limits.
+
+Functions written as generators yield the calls they need: `result = yield other(…)` calls, `return value` answers. A tree may be
+thousands of gates deep; Python's own recursion may not.
+"""
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
-from typing import Final
+from typing import Any, Final, TypeAlias, TypeVar
 
 from rvaft.errors import RvaftError, TooLarge
 
+T = TypeVar("T")
+Call: TypeAlias = Generator[Any, Any, T]
+
+DEFAULT_LIMIT: Final = 500_000
+"""Elementary steps that one question may cost on questions that are hard in general."""
 CELLS: Final = 20
 """How many cells (members of states and scenarios) may be made for each subformula that the limit allows."""
 
@@ -29,7 +38,21 @@ class CellBudget:
             raise TooLarge(self._what, limit=self._limit)
 
 
-# A limit on the time that a computation takes.
+class Undecided(RvaftError):
+    """A question about the scenarios was not decided within the limit."""
+
+
+@dataclass(slots=True)
+class Budget:
+    """Steps that are left; `spend` raises `Undecided` when there are none."""
+
+    left: int = DEFAULT_LIMIT
+
+    def spend(self, steps: int) -> None:
+        """Take steps from the budget."""
+        self.left -= steps
+        if self.left < 0:
+            raise Undecided("the limit of steps is reached")
 
 
 class Expired(BaseException):
@@ -58,22 +81,18 @@ def within(seconds: float | None) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-DEFAULT_LIMIT: Final = 500_000
-"""Elementary steps that one question may cost on questions that are hard in general."""
-
-
-class Undecided(RvaftError):
-    """A question about the scenarios was not decided within the limit."""
-
-
-@dataclass(slots=True)
-class Budget:
-    """Steps that are left; `spend` raises `Undecided` when there are none."""
-
-    left: int = DEFAULT_LIMIT
-
-    def spend(self, steps: int) -> None:
-        """Take steps from the budget."""
-        self.left -= steps
-        if self.left < 0:
-            raise Undecided("the limit of steps is reached")
+def run(call: Call[T]) -> T:
+    """The value of a call."""
+    stack: list[Call[Any]] = [call]
+    value: Any = None
+    while stack:
+        try:
+            called = stack[-1].send(value)
+        except StopIteration as stop:
+            stack.pop()
+            value = stop.value
+        else:
+            stack.append(called)
+            value = None
+    result: T = value
+    return result

@@ -1,4 +1,4 @@
-"""Files of one folder, put there together: all or, where anything goes wrong, none."""
+"""Files: compressed ones read, one written whole, several put into a folder together: all or, where anything goes wrong, none."""
 
 import errno
 import gzip
@@ -9,7 +9,7 @@ import stat
 import tempfile
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
@@ -51,7 +51,6 @@ class _Zstd(io.RawIOBase):
         self._ready = b""
 
     def readable(self) -> bool:
-        """It is."""
         return True
 
     def readinto(self, buffer: Any) -> int:
@@ -75,11 +74,10 @@ class _Zstd(io.RawIOBase):
 
 def damage() -> tuple[type[Exception], ...]:
     """What reading compressed data raises where it is truncated or no such data."""
-    try:
-        found: tuple[type[Exception], ...] = (_zstandard().ZstdError,)
-    except ToolMissing:
-        found = ()
-    return (EOFError, zlib.error, gzip.BadGzipFile, *found)
+    found: list[type[Exception]] = [EOFError, zlib.error, gzip.BadGzipFile]
+    with suppress(ToolMissing):
+        found.append(_zstandard().ZstdError)
+    return tuple(found)
 
 
 def _zstandard() -> Any:
@@ -92,62 +90,53 @@ def _zstandard() -> Any:
     return zstandard
 
 
-# Where the output of a command goes: standard output, or a file that is whole or not there.
+# Where the output of a command goes: standard output, or files that are whole or not there.
+
+
+@contextmanager
+def _telling(what: str, path: Path) -> Iterator[None]:
+    """An `OSError` says what could not be done, and with which path."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, f"{what}: {error.strerror}", str(path)) from error
 
 
 def deliver(data: bytes, output: str | None) -> None:
     """Write to a file, or to standard output without one or for `-`."""
     if output is not None and output != "-":
         write_whole(Path(output), data)
-        return
-    click.echo(data, nl=False)
+    else:
+        click.echo(data, nl=False)
 
 
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file under another name in its folder and rename it, so that nobody ever sees half of it.
 
-    What is no regular file (a device, a pipe) is written to as it is. Raises `OSError` with the path in it.
+    What is no regular file (a device, a pipe) is written to as it is; so are the links below /dev and /proc, which stand for open files:
+    `/dev/stdout` resolves to a name such as `pipe:[123]`, which nobody can open. Raises `OSError` with the path in it.
     """
-    try:
-        if _in_place(path):
+    with _telling("cannot write", path):
+        odd = path.exists() and not stat.S_ISREG(path.stat().st_mode)
+        if odd or (path.absolute().parts[1:2] in (("dev",), ("proc",)) and path.is_symlink()):
             with path.open("ab") as stream:  # what standard output holds already stays
                 stream.write(data)
-        else:
-            _replace(path.resolve(), data)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot write: {error.strerror}", str(path)) from error
-
-
-def _in_place(path: Path) -> bool:
-    """Whether a path is written to and never replaced.
-
-    The links below /dev and /proc stand for open files, not for places in a folder: `/dev/stdout` and `/dev/fd/N` resolve
-    to names such as `pipe:[123]`, which nobody can open.
-    """
-    if path.exists() and not stat.S_ISREG(path.stat().st_mode):
-        return True
-    return path.absolute().parts[1:2] in (("dev",), ("proc",)) and path.is_symlink()
-
-
-def _replace(target: Path, data: bytes) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{target.name[:100]}.", dir=target.parent)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-        Path(name).chmod(_mode(target))
-        Path(name).replace(target)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-def _mode(target: Path) -> int:
-    """The permissions of the file that is replaced, or those that a new file gets."""
-    if target.exists():
-        return stat.S_IMODE(target.stat().st_mode)
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
+            return
+        target = path.resolve()
+        handle, name = tempfile.mkstemp(prefix=f".{target.name[:100]}.", dir=target.parent)
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(data)
+            if target.exists():
+                shutil.copymode(target, name)
+            else:
+                mask = os.umask(0)
+                os.umask(mask)
+                Path(name).chmod(0o666 & ~mask)
+            Path(name).replace(target)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
 
 
 def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False) -> None:
@@ -157,33 +146,48 @@ def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False)
     (unless `force`, which replaces or removes it) and where the folder cannot be made or written to. Only a crash between
     two renames can leave some files and not others.
     """
-    data = {name: None if text is None else os.fsencode(text) for name, text in files.items()}
+    data = {folder / name: None if text is None else os.fsencode(text) for name, text in files.items()}
     with ExitStack() as unmake:
         if _made(folder):
             unmake.callback(folder.rmdir)
-        changed = {name: content for name, content in data.items() if _differs(folder / name, content, force=force)}
-        with _staging(folder) as staged, ExitStack() as undo:
-            for name, content in changed.items():
-                if content is not None:
-                    _write(staged / name, content, folder / name)
-            for name in changed:
-                _swap(staged / name, folder / name, undo)
+        changed = {path: content for path, content in data.items() if _differs(path, content, force=force)}
+        with _telling("cannot write into the folder", folder):
+            staged = Path(tempfile.mkdtemp(prefix=".rvaft-", dir=folder))
+        unmake.callback(shutil.rmtree, staged)
+        with ExitStack() as undo:
+            for target, content in changed.items():
+                with _telling("cannot write", target):
+                    if content is not None:
+                        (staged / target.name).write_bytes(content)
+                        if target.exists():
+                            shutil.copymode(target, staged / target.name)
+            for target in changed:
+                with _telling("cannot write", target):
+                    new, old = staged / target.name, staged / f"{target.name}.old"
+                    if target.exists() or target.is_symlink():
+                        target.rename(old)
+                        undo.callback(old.rename, target)
+                    if new.exists():
+                        new.rename(target)
+                        undo.callback(target.unlink)
             undo.pop_all()
         unmake.pop_all()
+        shutil.rmtree(staged)
 
 
 def _made(folder: Path) -> bool:
     """Whether the folder had to be made."""
     try:
-        folder.mkdir()
-    except FileExistsError:
-        if folder.is_dir():
-            return False
-        raise OSError(errno.ENOTDIR, "cannot make the folder: a file of this name is there", str(folder)) from None
-    except FileNotFoundError as error:
-        raise OSError(error.errno, "cannot make the folder: make the one above it first", str(folder)) from error
+        with _telling("cannot make the folder", folder):
+            folder.mkdir()
     except OSError as error:
-        raise OSError(error.errno, f"cannot make the folder: {error.strerror}", str(folder)) from error
+        if error.errno == errno.EEXIST and folder.is_dir():
+            return False
+        why = {errno.EEXIST: "a file of this name is there", errno.ENOENT: "make the one above it first"}
+        if error.errno in why:
+            number = errno.ENOTDIR if error.errno == errno.EEXIST else error.errno
+            raise OSError(number, f"cannot make the folder: {why[error.errno]}", str(folder)) from error
+        raise
     return True
 
 
@@ -195,44 +199,8 @@ def _differs(path: Path, content: bytes | None, *, force: bool) -> bool:
         raise OSError(errno.EEXIST, "there is something else than a file of this name; move it away", str(path))
     if content is not None and path.read_bytes() == content:
         return False
-    if not force and content is None:
-        raise OSError(errno.EEXIST, "the file is out of date, and there is no new one; --force removes it", str(path))
     if not force:
-        raise OSError(errno.EEXIST, "the file is there already with another text; --force replaces it", str(path))
+        how = "out of date, and there is no new one; --force removes it"
+        how = how if content is None else "there already with another text; --force replaces it"
+        raise OSError(errno.EEXIST, f"the file is {how}", str(path))
     return True
-
-
-@contextmanager
-def _staging(folder: Path) -> Iterator[Path]:
-    """A folder below this one, so that a file gets from one to the other by its name alone."""
-    try:
-        staged = Path(tempfile.mkdtemp(prefix=".rvaft-", dir=folder))
-    except OSError as error:
-        raise OSError(error.errno, f"cannot write into the folder: {error.strerror}", str(folder)) from error
-    try:
-        yield staged
-    finally:
-        shutil.rmtree(staged)
-
-
-def _write(path: Path, content: bytes, meant: Path) -> None:
-    try:
-        path.write_bytes(content)
-        if meant.exists():
-            shutil.copymode(meant, path)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot write: {error.strerror}", str(meant)) from error
-
-
-def _swap(new: Path, target: Path, undo: ExitStack) -> None:
-    """Take away what is there, put the new file in its place if there is one, and remember how to undo that."""
-    old = new.with_name(f"{new.name}.old")
-    try:
-        if target.exists() or target.is_symlink():
-            target.rename(old)
-            undo.callback(old.rename, target)
-        if new.exists():
-            new.rename(target)
-            undo.callback(target.unlink)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot write: {error.strerror}", str(target)) from error

@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -29,19 +29,29 @@ def in_processes(
     processes that are copies of this one, made before the first result; things and results are sent by pickling.
     """
     context = multiprocessing.get_context("fork")
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_Worker.prepare, initargs=(work,))
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_prepare, initargs=(work,))
     finished = False
     waiting = deque[tuple[Item, Future[Result]]]()
     rest = iter(items)
+
+    def submit(count: int) -> None:
+        for item in islice(rest, count):
+            future: Future[Result] = Future()
+            try:
+                future = pool.submit(_do, item)
+            except BrokenProcessPool as broken:
+                future.set_exception(broken)
+            waiting.append((item, future))
+
     try:
-        waiting.extend(_submitted(pool, islice(rest, jobs * _AHEAD)))
+        submit(jobs * _AHEAD)
         while waiting:
             item, future = waiting.popleft()
             try:
                 yield item, future.result()
             except BrokenProcessPool:
                 yield item, Killed()
-            waiting.extend(_submitted(pool, islice(rest, 1)))
+            submit(1)
         finished = True
     finally:
         if not finished:  # nobody wants the rest
@@ -50,29 +60,14 @@ def in_processes(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _submitted(pool: ProcessPoolExecutor, items: Iterable[Item]) -> list[tuple[Item, Future[Any]]]:
-    submitted: list[tuple[Item, Future[Any]]] = []
-    for item in items:
-        future: Future[Any]
-        try:
-            future = pool.submit(_Worker.run, item)
-        except BrokenProcessPool as broken:
-            future = Future()
-            future.set_exception(broken)
-        submitted.append((item, future))
-    return submitted
+_work: list[Callable[[Any], Any]] = []
+"""The work of a process, which is there because the process is a copy: it cannot be sent."""
 
 
-class _Worker(Generic[Item, Result]):
-    """The work of a process, which is there because the process is a copy: it cannot be sent."""
+def _prepare(work: Callable[[Any], Any]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the parent to handle
+    _work[:] = [work]
 
-    work: Callable[[Any], Any]
 
-    @classmethod
-    def prepare(cls, work: Callable[[Any], Any]) -> None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the parent to handle
-        cls.work = staticmethod(work)
-
-    @classmethod
-    def run(cls, item: Any) -> Any:
-        return cls.work(item)
+def _do(item: Any) -> Any:
+    return _work[0](item)

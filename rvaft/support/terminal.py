@@ -1,4 +1,4 @@
-"""The progress of a long run, on a terminal: how many bytes of the logs have been read."""
+"""What a terminal shows: text made safe, aligned columns, the progress of a long run."""
 
 import io
 import sys
@@ -10,10 +10,6 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
-    from rich.progress import TaskID
-
-
-# Text that comes from a file or an event, made safe to show: on one line and without control codes.
 
 _JOINERS: Final = "\u200c\u200d"
 """Invisible, but parts of words in several scripts."""
@@ -23,15 +19,13 @@ _WIDEST: Final = 1_000_000
 
 def visible(text: str) -> str:
     """The text with every character that could move, hide or reorder others on a screen written as an escape."""
-    return text if text.isprintable() else "".join(map(_shown, text))
 
+    def shown(character: str) -> str:
+        if character.isprintable() or character in _JOINERS:
+            return character
+        return " " if unicodedata.category(character) == "Zs" else character.encode("unicode_escape").decode("ascii")
 
-def _shown(character: str) -> str:
-    if character.isprintable() or character in _JOINERS:
-        return character
-    if unicodedata.category(character) == "Zs":
-        return " "
-    return character.encode("unicode_escape").decode("ascii")
+    return text if text.isprintable() else "".join(map(shown, text))
 
 
 def columns(rows: Iterable[Sequence[str]]) -> list[str]:
@@ -63,7 +57,6 @@ class ProgressBar:
         self._before = 0
         self._next = time.monotonic() + _PATIENCE
         self._bar: Bar | None = None
-        self._task: TaskID | None = None
         self._shown = False
 
     def finish(self, size: int) -> None:
@@ -76,15 +69,15 @@ class ProgressBar:
         if not self._total or (now := time.monotonic()) < self._next:
             return
         self._next = now + _PAUSE
-        bar = self._bar or self._made()
+        if self._bar is None:
+            self._bar = _bar(self._total)
         if not self._shown:
-            bar.start()
+            self._bar.start()
             self._shown = True
-        assert self._task is not None
         place = 0
         with suppress(OSError, ValueError, AttributeError):
             place = int(getattr(stream, "fileobj", stream).tell())  # type: ignore[attr-defined]
-        bar.update(self._task, completed=self._before + place, refresh=True)
+        self._bar.update(self._bar.task_ids[0], completed=self._before + place, refresh=True)
 
     def hide(self) -> None:
         """Make room for what is printed; the bar comes back with the next bytes."""
@@ -92,25 +85,19 @@ class ProgressBar:
             self._bar.stop()
             self._shown = False
 
-    def _made(self) -> "Bar":
-        from rich.console import Console  # noqa: PLC0415 -- imported on use
-        from rich.progress import (  # noqa: PLC0415 -- imported on use
-            BarColumn,
-            DownloadColumn,
-            TextColumn,
-            TimeRemainingColumn,
-        )
-        from rich.progress import Progress as Bar  # noqa: PLC0415 -- imported on use
 
-        shown = (TextColumn("monitoring"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
-        # No thread draws: processes may still be forked, and what is printed never meets it half-way.
-        self._bar = Bar(
-            *shown,
-            console=Console(stderr=True),
-            transient=True,
-            auto_refresh=False,
-            redirect_stdout=False,
-            redirect_stderr=False,
-        )
-        self._task = self._bar.add_task("", total=self._total)
-        return self._bar
+def _bar(total: int) -> "Bar":
+    from rich import progress  # noqa: PLC0415 -- imported on use
+    from rich.console import Console  # noqa: PLC0415 -- imported on use
+
+    bar = progress.Progress(
+        *(progress.TextColumn("monitoring"), progress.BarColumn()),
+        *(progress.DownloadColumn(), progress.TimeRemainingColumn()),
+        console=Console(stderr=True),
+        transient=True,
+        auto_refresh=False,  # no thread draws: processes may still be forked, and what is printed never meets it half-way
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
+    bar.add_task("", total=total)
+    return bar

@@ -20,7 +20,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-from rvaft.support.trampoline import Call, run
+from rvaft.support.budget import Call, run
 
 DEPTH_LIMIT: Final = 50_000
 """How many terms may wait for each other while equations are unfolded."""

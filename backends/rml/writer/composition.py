@@ -30,7 +30,7 @@ from rvaft.analysis.unification import Overlaps
 from rvaft.model.guards import Operation, Operator, variables
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, union
-from rvaft.support.trampoline import Call, run
+from rvaft.support.budget import Call, run
 
 
 @dataclass(slots=True)

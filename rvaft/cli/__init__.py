@@ -8,15 +8,18 @@ standard error that says what, where and what to do.
 import io
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import click
 
 from rvaft.errors import LanguageError, RvaftError
 from rvaft.support.terminal import visible
+
+S = TypeVar("S")
+T = TypeVar("T")
 
 FOUND: Final = 1
 FAILED: Final = 2
@@ -90,6 +93,28 @@ def report(error: BaseException) -> None:
     except OSError:
         _discard_output()
     click.echo("\n".join(described(error)), err=True)
+
+
+class Failures:
+    """Reports what fails, so that the rest still runs."""
+
+    met = False
+
+    @contextmanager
+    def reported(self, *, parts: bool = False) -> Iterator[None]:
+        """Do something that may fail; with `parts` a file that only declares what trees import is no failure."""
+        try:
+            yield
+        except (RvaftError, OSError) as error:
+            if not (parts and getattr(error, "is_part", False)):
+                report(error)
+                self.met = True
+
+    def collect(self, make: Callable[[S], T], given: Iterable[S]) -> Iterator[T]:
+        """What can be made of these; files that only declare what trees import are left out."""
+        for one in given:
+            with self.reported(parts=True):
+                yield make(one)
 
 
 def warn(said: str) -> None:

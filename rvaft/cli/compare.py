@@ -24,8 +24,8 @@ from cross_check.benchmark.plots import figures, library, write_plots
 from cross_check.benchmark.tables import KeptMeasurements, Width, headline, latex_text, pandas, text_lines
 from rvaft.api import load, narrowed
 from rvaft.backend import backend
-from rvaft.cli import FAILED, FOUND, INTERRUPTED, Stopped, options, report
-from rvaft.cli.cross_check import Failures, progress
+from rvaft.cli import FAILED, FOUND, INTERRUPTED, Failures, Stopped, options, report
+from rvaft.cli.cross_check import progress
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from errno import ENOTDIR
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import click
 from rich.console import Console
@@ -35,16 +35,11 @@ from cross_check.results import (
 )
 from cross_check.traces import Effort
 from rvaft.api import load, narrowed
-from rvaft.cli import FAILED, INTERRUPTED, Stopped, options, report
-from rvaft.errors import RvaftError
-from rvaft.language.parser import NoTree
+from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
 from rvaft.model.nodes import Kind
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.files import deliver
 from rvaft.support.terminal import columns, visible
-
-S = TypeVar("S")
-T = TypeVar("T")
 
 _FORMATS: Final[dict[str, Callable[[Iterable[Result], str], str]]] = {
     "json": json_text,
@@ -62,23 +57,6 @@ MOST_TRACES: Final = 1_000
 """And with a text of somebody else beside it: finding one condition that was forgotten takes many."""
 SMALL_TEXT: Final = 5_000
 """The limit of translations in a random campaign."""
-
-
-@dataclass(slots=True)
-class Failures:
-    """Reports what fails, so that the rest still runs; files that only declare what trees import are left out."""
-
-    met: bool = False
-
-    def collect(self, make: Callable[[S], T], given: Iterable[S]) -> Iterator[T]:
-        """What can be made of these."""
-        for one in given:
-            try:
-                yield make(one)
-            except (RvaftError, OSError) as error:
-                if not (isinstance(error, NoTree) and error.is_part):
-                    report(error)
-                    self.met = True
 
 
 @contextmanager
@@ -208,7 +186,7 @@ def cross_check_command(
     against: tuple[str, ...],
     semantics: tuple[Semantics, ...] | None,
     branch: int | None,
-    kind: str | None,
+    kind: Kind | None,
     random: int | None,
     traces: int | None,
     timeout: float | None,
@@ -225,18 +203,12 @@ def cross_check_command(
     texts = [tree for tree in trees if is_specification(tree)] if against else []
     trees = tuple(dict.fromkeys(tree for tree in trees if tree not in texts))
     files = {form: given[form] for form in _FORMATS if given[form] is not None}
-    for wrong, why in (
-        (
-            (random is not None or cases is not None) and (trees or narrow),
-            "--random and --replay bring their own trees",
-        ),
-        (narrow and not trees, "--branch and --kind need a TREE"),
-        (against and not trees, "--against needs a TREE to compare with"),
-        (cases is not None and semantics, "a saved case has its semantics: leave --semantics out with --replay"),
-        (len(set(files.values())) < len(files), "two reports go to one file"),
-    ):
-        if wrong:
-            raise options.misused(why)
+    alone = random is not None or cases is not None
+    options.refuse(alone and (trees or narrow), "--random and --replay bring their own trees")
+    options.refuse(narrow and not trees, "--branch and --kind need a TREE")
+    options.refuse(against and not trees, "--against needs a TREE to compare with")
+    options.refuse(cases and semantics, "a saved case has its semantics: leave --semantics out with --replay")
+    options.refuse(len(set(files.values())) < len(files), "two reports go to one file")
     for path in files.values():
         if not (folder := Path(path).absolute().parent).is_dir():
             raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", path)
@@ -259,9 +231,7 @@ def cross_check_command(
         entries, count = campaign(random, seed, given["max_nodes"]), random
         effort = Effort(states=min(states, SMALL_PROOF), words=0)
     elif trees:
-        entries = found = list(
-            failures.collect(partial(_entry, branch=branch, kind=None if kind is None else Kind(kind)), trees)
-        )
+        entries = found = list(failures.collect(partial(_entry, branch=branch, kind=kind), trees))
         if not found and not failures.met:
             click.echo("nothing to compare: these files only declare what trees import")
             return 0

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import PurePath
-from typing import Final
+from typing import Any, Final
 
 import click
 
@@ -31,30 +31,18 @@ _TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
 @options.output_format("text", "latex", text=_FORMATS)
 @options.number("--limit", text="The largest size, in the language's own unit; of a drawing, in states.")
 @options.output_option
-def emit_command(
-    *,
-    tree: str,
-    language: str,
-    semantics: str,
-    branch: int | None,
-    kind: str | None,
-    form: str,
-    limit: int | None,
-    output: str | None,
-) -> int:
+def emit_command(*, tree: str, language: str, form: str, output: str | None, **chosen: Any) -> int:
     """Write a specification of a tree that means the tree under the chosen semantics."""
     drawing = None if output is None else format_of(output)
+    drawn, suffix = drawing in (*_PICTURES, Format.DOT), PurePath(output or "").suffix
     if language == "dot":
         loaded = load(tree)
-        if form != "text":
-            raise options.misused(f"--to dot is a drawing, which has no --format {form}")
-        part, suffix = narrowed(loaded, branch, kind), PurePath(output or "").suffix
-        if suffix and drawing not in (*_PICTURES, Format.DOT):
-            raise options.misused(
-                f"no drawing of an automaton has the suffix {suffix}; known: .dot, .gv, .svg, .pdf, .png"
-            )
+        options.refuse(form != "text", f"--to dot is a drawing, which has no --format {form}")
+        part = narrowed(loaded, chosen["branch"], chosen["kind"])
+        known = "known: .dot, .gv, .svg, .pdf, .png"
+        options.refuse(suffix and not drawn, f"no drawing of an automaton has the suffix {suffix}; {known}")
         try:
-            text = backend("automaton").diagram(part, Semantics(semantics), limit=limit)
+            text = backend("automaton").diagram(part, chosen["semantics"], limit=chosen["limit"])
         except TooLarge as error:
             error.add_note("raise it with --limit N, or draw one branch with --branch N")
             raise
@@ -62,12 +50,11 @@ def emit_command(
         return 0
     if language in _PICTURES:
         raise OptionError(f"{language} is no language: --to dot -o FILE.{language} draws the automaton")
-    if drawing in (*_PICTURES, Format.DOT):
-        mend = f"--to dot -o {output} draws the automaton"
-        raise options.misused(f"{language} is written as text, which {output} would not be: {mend}")
+    mend = f"--to dot -o {output} draws the automaton"
+    options.refuse(drawn, f"{language} is written as text, which {output} would not be: {mend}")
     with options.suggesting():
         try:
-            text = translate(load(tree), language, semantics=semantics, branch=branch, kind=kind, limit=limit).text
+            text = translate(load(tree), language, **chosen).text
         except UnknownBackend as error:
             raise UnknownBackend(error.name, (*error.known, "dot")) from error
     if form == "latex":

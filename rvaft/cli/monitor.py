@@ -9,7 +9,7 @@ import click
 
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import load, monitor, narrowed, translate
-from rvaft.cli import FAILED, options, report, warn
+from rvaft.cli import FAILED, Failures, options, warn
 from rvaft.cli.monitor_output import REPORTERS, TERMINAL, MonitorSettings
 from rvaft.cli.monitor_run import PICTURES, SUFFIXES, TraceSource, run
 from rvaft.engine.monitor import DEFAULT_LIMIT
@@ -18,7 +18,6 @@ from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 from rvaft.monitoring.checkpoint import EVERY, CheckpointFile
 from rvaft.monitoring.explanation_json import told_fields
 from rvaft.monitoring.hooks import Hooks
@@ -78,7 +77,7 @@ _KEY: Final = "Monitor each value of this field by itself; several are one key."
 @click.option("--checkpoint", metavar="FILE", help="Keep the state in FILE, and go on from it.")
 @options.number("--checkpoint-every", text=f"Events between checkpoints.  [default: {EVERY}]")
 @options.number("--max-configurations", text=f"Partial matches that are followed.  [default: {DEFAULT_LIMIT}]")
-def monitor_command(*, tree: str, branch: int | None, kind: str | None, **given: Any) -> int:
+def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given: Any) -> int:
     """Watch the events of each TRACE (JSON Lines) for a tree and give verdicts.
 
     A TRACE may be a pattern such as 'logs/**/*.jsonl'. No TRACE, or -, reads standard input as it comes. The exit status is 1 when
@@ -86,7 +85,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: str | None, **given:
     """
     _check(given)
     whole = load(tree)
-    part, per, semantics = narrowed(whole, branch, kind), Per(given["per"]), Semantics(given["semantics"])
+    part, semantics = narrowed(whole, branch, kind), given["semantics"]
     backend, limit = given["backend"], given["max_configurations"] or DEFAULT_LIMIT
 
     def make(part: RVAFT) -> Monitor:
@@ -99,26 +98,24 @@ def monitor_command(*, tree: str, branch: int | None, kind: str | None, **given:
             error.add_note("--max-configurations allows more")
             raise
 
-    monitors = MonitorSet(columns(part, per), make, semantics)
-    traces, missing = list[TraceSource](), 0
+    monitors = MonitorSet(columns(part, given["per"]), make, semantics)
+    missing, names = Failures(), given["traces"] or ("-",)
     if given["word"] is not None:
-        traces.append(_word(given["word"], whole))
-    for name in () if traces else given["traces"] or ("-",):
-        try:
-            traces += [_source(file) for file in expanded(name)]
-        except OSError as error:
-            report(error)
-            missing += 1
-    count, streams = len(traces) + missing, any(trace.file is None for trace in traces)
+        traces, several = [_word(given["word"], whole)], False
+    else:
+        found = list(missing.collect(expanded, names))
+        traces = [_source(file) for files in found for file in files]
+        several = len(traces) + len(names) - len(found) > 1
+    streams = any(trace.file is None for trace in traces)
     for option in ("follow", "checkpoint"):
-        if given[option] not in (None, False) and (count != 1 or streams):
-            raise options.misused(f"--{option} needs one TRACE, a file")
-    if given["jobs"] > 1 and streams and given["word"] is None:
-        raise options.misused("--jobs is for files: standard input is read by one process")
+        wrong = given[option] not in (None, False) and (several or streams)
+        options.refuse(wrong, f"--{option} needs one TRACE, a file")
+    wrong = given["jobs"] > 1 and streams and given["word"] is None
+    options.refuse(wrong, "--jobs is for files: standard input is read by one process")
     key = Key.parse(given["key"]) if given["key"] else None
     order = None if given["order_by"] is None else Field.parse(given["order_by"])
     checkpoints = None
-    if given["checkpoint"] is not None and traces[0].file is not None:
+    if given["checkpoint"] is not None and traces and traces[0].file is not None:
         asked = {
             "--key": ", ".join(given["key"]) or None,
             "--order-by": order and order.text,
@@ -140,8 +137,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: str | None, **given:
         MonitoringPlan(monitors, reads, key, max_keys, order_by, window, told_fields(whole)),
         whole,
         name=click.format_filename(tree),
-        per=per,
-        several=count > 1,
+        per=given["per"],
+        several=several,
         form=given["form"],
         detections=given["detections"],
         explain=given["explain"],
@@ -150,36 +147,25 @@ def monitor_command(*, tree: str, branch: int | None, kind: str | None, **given:
         follow=given["follow"],
     )
     status = run(settings, traces, given["jobs"])
-    return FAILED if missing else status
+    return FAILED if missing.met else status
 
 
 def _check(given: dict[str, Any]) -> None:
     """Refuse options that do not go together, and a drawing that cannot be made, now rather than at a detection, hours from here."""
-    wrong: list[tuple[object, str]] = [
-        (given["word"] is not None and given["traces"], "--word and TRACE exclude each other")
-    ]
+    refuse, form, explain = options.refuse, given["form"], given["explain"]
+    refuse(given["word"] is not None and given["traces"], "--word and TRACE exclude each other")
     # A text explains nothing, keeps nothing, and knows no kinds: commands for these would never run.
     for name in ("explain", "checkpoint", "max_configurations", "exec_fault", "exec_attack"):
-        why = f"--{name.replace('_', '-')} needs the engine: leave out --backend"
-        wrong.append((given["backend"] is not None and given[name] is not None, why))
+        wrong = given["backend"] is not None and given[name] is not None
+        refuse(wrong, f"--{name.replace('_', '-')} needs the engine: leave out --backend")
     for name, needed in (("max_keys", "key"), ("window", "order_by"), ("checkpoint_every", "checkpoint")):
-        why = f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}"
-        wrong.append((given[name] is not None and given[needed] in (None, ()), why))
-    form, explain = given["form"], given["explain"]
-    wrong += [
-        (
-            explain == TERMINAL and form == "jsonl",
-            "--explain draws among the text: name a FILE for it with --format jsonl",
-        ),
-        (form == "table" and given["key"], "--format table is for whole traces, not for --key"),
-        (
-            given["detections"] and form != "jsonl",
-            "--detections needs --format jsonl: the text tells changes of verdict alone",
-        ),
-    ]
-    for is_wrong, why in wrong:
-        if is_wrong:
-            raise options.misused(why)
+        wrong = given[name] is not None and given[needed] in (None, ())
+        refuse(wrong, f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}")
+    why = "--explain draws among the text: name a FILE for it with --format jsonl"
+    refuse(explain == TERMINAL and form == "jsonl", why)
+    refuse(form == "table" and given["key"], "--format table is for whole traces, not for --key")
+    why = "--detections needs --format jsonl: the text tells changes of verdict alone"
+    refuse(given["detections"] and form != "jsonl", why)
     if PurePath(explain or "").suffix.lower().removeprefix(".") in PICTURES and shutil.which("dot") is None:
         raise ToolMissing("dot", remedy="install Graphviz (apt-get install graphviz), or name a file .dot or .txt")
 

@@ -32,9 +32,12 @@ def number(
 
 
 def choice(*names: str, words: Iterable[str], text: str, default: str | None = None) -> Callable[[F], F]:
-    """An option whose value is one of these words."""
+    """An option whose value is one of these words, or a member of an enumeration."""
     kind, first = click.Choice(list(map(str, words))), None if default is None else str(default)
-    return click.option(*names, type=kind, default=first, show_default=first is not None, help=text)
+    member: Callable[[str], str] = words if isinstance(words, type) else str
+    callback = lambda _context, _parameter, word: None if word is None else member(word)  # noqa: E731
+    shown = first is not None
+    return click.option(*names, type=kind, default=first, show_default=shown, callback=callback, help=text)
 
 
 def output_format(*words: str, text: str = "What to print.") -> Callable[[F], F]:
@@ -81,11 +84,16 @@ def misused(message: str) -> click.UsageError:
     return click.UsageError(message, click.get_current_context())
 
 
+def refuse(wrong: object, why: str) -> None:
+    """Refuse options that do not go together, for this reason."""
+    if wrong:
+        raise misused(why)
+
+
 def exclusive(**options: object) -> None:
     """Refuse that more than one of these options is given; the keywords are the options' names."""
     given = [f"--{name}" for name, value in options.items() if value is not None and value is not False]
-    if len(given) > 1:
-        raise misused(f"{' and '.join(given)} exclude each other")
+    refuse(len(given) > 1, f"{' and '.join(given)} exclude each other")
 
 
 def standard_input(argument: str) -> BinaryIO:

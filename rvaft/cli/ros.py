@@ -13,7 +13,6 @@ from rvaft.api import load, narrowed
 from rvaft.cli import options, warn
 from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.model.nodes import Kind
-from rvaft.model.verdict import Semantics
 from rvaft.monitoring.monitor_set import Per
 from rvaft.ros.addresses import origin as origin_of
 from rvaft.ros.configuration import (
@@ -63,25 +62,29 @@ _ORACLE: Final = "Who answers the monitors: rvaft serve, or the RML oracle of RO
 @click.option("--id", "name", metavar="NAME", help="What the monitors are called; default: as the root of the tree.")
 @click.option("--force", is_flag=True, help="Replace files that are there already, and remove those of an earlier run.")
 def rosmonitoring_command(
-    *, tree: str, output: str, per: str, branch: int | None, kind: str | None, name: str | None, force: bool, **how: Any
+    *,
+    tree: str,
+    output: str,
+    per: Per,
+    branch: int | None,
+    kind: Kind | None,
+    name: str | None,
+    force: bool,
+    **how: Any,
 ) -> int:
     """Write a configuration of ROSMonitoring for a tree, its monitors in RML, and the commands that run them, to a folder.
 
     All files are written or none.
     """
-    if output in ("", "-"):
-        raise options.misused(f"-o names a folder, and '{output}' is none")
-    action = None if how["action"] is None else Action(how["action"])
-    oracle, version = Oracle(how["oracle"]), RosVersion(how["ros_version"])
-    wanted = RosOptions(Semantics(how["semantics"]), action, oracle, how["host"], how["port"], version)
+    options.refuse(output in ("", "-"), f"-o names a folder, and '{output}' is none")
+    wanted = RosOptions(**how)
     loaded = load(tree)
-    if oracle is Oracle.RVAFT:
+    if wanted.oracle is Oracle.RVAFT:
         folder = Path(tree).parent.resolve()
         passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)
         if passing or not Path(tree).is_file():  # a stream, or standard input by a name of its own
             raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
-    part = None if kind is None else Kind(kind)
-    monitors = planned(loaded, wanted, per=Per(per), branch=branch, kind=part, name=name)
+    monitors = planned(loaded, wanted, per=per, branch=branch, kind=kind, name=name)
     files: dict[str, str | None] = {CONFIGURATION: yaml_text(configuration(monitors, wanted))}
     left_out: list[str] = []
     for monitor in monitors:
@@ -90,7 +93,7 @@ def rosmonitoring_command(
         except (NotExpressible, TooLarge) as error:
             names = [f"{monitor.id}{suffix}" for suffix in SUFFIXES.values()]
             left_out.append(f"{' and '.join(names)} left out: {error}")
-            if oracle is Oracle.RML:
+            if wanted.oracle is Oracle.RML:
                 raise NoConfiguration(f"there is nothing for the RML oracle to load: {left_out[0]}") from error
             files.update(dict.fromkeys(names))
     path = tree if Path(tree).is_absolute() else os.path.relpath(tree, output)
@@ -130,7 +133,7 @@ _MEBIBYTE: Final = 1024 * 1024
     "--max-message", most=64, default=MAX_MESSAGE // _MEBIBYTE, metavar="MIB", text="The longest message, in MiB."
 )
 def serve_command(
-    *, tree: str, semantics: str, branch: int | None, kind: str | None, per: str, shared: bool, quiet: bool, **how: Any
+    *, tree: str, branch: int | None, kind: Kind | None, per: Per, shared: bool, quiet: bool, **how: Any
 ) -> int:
     """Answer the monitors of ROSMonitoring over WebSocket: each message one event, each reply that event and a verdict.
 
@@ -138,9 +141,9 @@ def serve_command(
     """
     address = Address(how["host"], how["port"], tuple(map(origin_of, how["origin"])), how["max_connections"])
     part = narrowed(load(tree), branch, kind)
-    polarity, vocabulary = Polarity(how["polarity"]), Vocabulary(how["vocabulary"])
-    speaking = protocol(part, polarity=polarity, vocabulary=vocabulary, longest=how["max_message"] * _MEBIBYTE)
-    first = session(part, semantics, per=Per(per))
+    longest = how["max_message"] * _MEBIBYTE
+    speaking = protocol(part, polarity=how["polarity"], vocabulary=how["vocabulary"], longest=longest)
+    first = session(part, how["semantics"], per=per)
 
     def say(line: str) -> None:
         if not quiet:

@@ -21,6 +21,7 @@ from rvaft.export.property_text import WIDTH as LATEX_WIDTH
 from rvaft.export.property_text import align_latex, kinds_of, property_sign, property_text, property_unicode
 from rvaft.language.parser import decoded
 from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.monitoring.explanation_json import counted, matched_events
 from rvaft.monitoring.reader import read
 from rvaft.support.files import deliver
@@ -63,10 +64,10 @@ def _load(tree: str) -> RVAFT:
 )
 @options.output_option
 def show_command(
-    *, tree: str, form: str | None, output: str | None, highlight: tuple[str, ...], semantics: str, **look: Any
+    *, tree: str, form: Format | None, output: str | None, highlight: tuple[str, ...], semantics: Semantics, **look: Any
 ) -> int:
     """Draw a tree, or write it in another format. The TREE - is standard input."""
-    chosen = Format(form) if form is not None else _suggested(output)
+    chosen = form or _suggested(output)
     given = {name: value for name, value in {**look, "highlight": highlight}.items() if value not in (None, ())}
     everywhere, in_boxes = ("events", "depth", "collapse", "highlight"), ("names", "wrap", "legend", "stagger")
     for useless, refused, why in (
@@ -75,12 +76,12 @@ def show_command(
         (chosen is Format.TIKZ, ("stagger",), "which forest lays out"),
     ):
         names = [f"--no-{name}" if given[name] is False else f"--{name}" for name in refused if name in given]
-        if useless and names:
-            raise options.misused(f"{' and '.join(names)}: not for the format {chosen}, {why}")
-    if len(highlight) > 1:
-        raise options.misused("--highlight marks one branch or one trace: give it once")
-    if chosen.binary and output in (None, "-") and sys.stdout.isatty():
-        raise options.misused("this format is binary: name a file with -o, or redirect standard output")
+        options.refuse(useless and names, f"{' and '.join(names)}: not for the format {chosen}, {why}")
+    options.refuse(len(highlight) > 1, "--highlight marks one branch or one trace: give it once")
+    on_screen = output in (None, "-") and sys.stdout.isatty()
+    options.refuse(
+        chosen.binary and on_screen, "this format is binary: name a file with -o, or redirect standard output"
+    )
     loaded = _load(tree)
     given["marks"] = _highlighted(loaded, given.pop("highlight")[0], semantics) if highlight else None
     deliver(draw(loaded, chosen, Look(**{"events": chosen is Format.TREE, **given})), output)
@@ -103,7 +104,7 @@ def _suggested(output: str | None) -> Format:
     return found
 
 
-def _highlighted(tree: RVAFT, what: str, semantics: str) -> Marks:
+def _highlighted(tree: RVAFT, what: str, semantics: Semantics) -> Marks:
     """The marks for `branch:N`, or for what the trace of that name detects."""
     is_number = re.compile(r"[0-9]{1,9}").fullmatch
     if what.startswith("branch:"):

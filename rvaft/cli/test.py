@@ -12,8 +12,8 @@ import msgspec
 
 from rvaft.analysis.branches import branches
 from rvaft.api import load, monitor
-from rvaft.cli import FAILED, FOUND, options, report
-from rvaft.errors import OptionError, RvaftError, TreeError
+from rvaft.cli import FAILED, FOUND, Failures, options
+from rvaft.errors import OptionError, TreeError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -64,16 +64,13 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
 
     Exit with 1 where a verdict differs. With --update the verdicts are those of the engine: look at the difference before you commit it.
     """
-    status, rows = 0, list[Expectation]()
+    failures, rows = Failures(), list[Expectation]()
     for tree in trees:
-        try:
+        with failures.reported():
             if update:
                 _update(tree)
             else:
                 rows += _compared(tree)
-        except (RvaftError, OSError) as error:
-            report(error)
-            status = FAILED
     wrong = [row.complaint for row in rows if row.complaint]
     if form == "junit":
         click.echo(_junit(rows))
@@ -84,7 +81,7 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
         counts = {"tree": len({row.tree for row in rows}), "trace": traces, "row": len(rows)}
         said = ", ".join(f"{count:,} {noun}{'s' * (count != 1)}" for noun, count in counts.items())
         click.echo(f"{said} of verdicts; {told}")
-    return max(status, FOUND if wrong else 0)
+    return FAILED if failures.met else FOUND if wrong else 0
 
 
 def _compared(name: str) -> Iterator[Expectation]:

@@ -13,6 +13,7 @@ from cross_check.generate import near_miss as missing
 from cross_check.generate.traces import random_trace
 from rvaft.api import load, narrowed
 from rvaft.cli import options
+from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole
@@ -43,11 +44,11 @@ def traces_command(
     near_miss: bool,
     chance: bool,
     wanted: int | None,
-    semantics: str,
+    semantics: Semantics,
     seed: int,
     length: int | None,
     branch: int | None,
-    kind: str | None,
+    kind: Kind | None,
     output: str | None,
 ) -> int:
     """Write example logs for a tree: N traces as JSON Lines, one to standard output or each to a file of a folder.
@@ -57,23 +58,19 @@ def traces_command(
     options.exclusive(**{"detect": detect, "near-miss": near_miss, "random": chance})
     folder = None if output in (None, "-") else Path(output or "")
     wanted = wanted or (DEFAULT_NUMBER if folder is not None else 1)
-    if folder is None and wanted > 1:
-        raise options.misused(f"{wanted} traces need a folder: name it with -o")
-    part, meaning = narrowed(load(tree), branch, kind), Semantics(semantics)
-    manner = replace(PLAIN, longest=length)
+    options.refuse(folder is None and wanted > 1, f"{wanted} traces need a folder: name it with -o")
+    part, manner = narrowed(load(tree), branch, kind), replace(PLAIN, longest=length)
     name = "near-miss" if near_miss else "random" if chance else "detect"
 
     def make(random: Random) -> list[Json]:
         if near_miss:
-            return missing(random, part, meaning, manner).trace
+            return missing(random, part, semantics, manner).trace
         if chance:
             return random_trace(random, part, max_length=length or RANDOM_LENGTH)
-        return detecting(random, part, meaning, manner)
+        return detecting(random, part, semantics, manner)
 
     texts: list[str] = []
-    for place in range(
-        1, wanted + 1
-    ):  # each has a seed of its own, so that asking for more does not change the first ones
+    for place in range(1, wanted + 1):  # each of a seed of its own: asking for more does not change the first ones
         random = Random(f"{seed} {name} {place}")  # noqa: S311 (no secret)
         for _ in range(_REDRAWS):
             try:

@@ -1,10 +1,12 @@
 """Running the command: inside this process for speed, or as a process of its own where that is the point."""
 
+import json
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from click.testing import CliRunner, Result
 
@@ -12,6 +14,12 @@ from rvaft.cli import main
 
 TREES: Final = Path(__file__).parents[2] / "trees"
 PRUNED: Final = TREES / "remote_inspection" / "pruned.rvaft"
+FULL: Final = PRUNED.with_name("full.rvaft")
+UNBOUND: Final = PRUNED.with_name("listing.rvaft")
+"""The tree of the paper that breaks a rule."""
+SAND: Final = TREES / "gates" / "sand.rvaft"
+LOGS: Final = PRUNED.with_suffix(".traces")
+ROW1: Final = LOGS / "table2_row1.jsonl"
 COMMAND: Final = (sys.executable, "-c", "from rvaft.cli import main; main()")
 
 
@@ -22,10 +30,31 @@ def run(*args: object, data: bytes | str | None = None, env: Mapping[str, str] |
     return result
 
 
-def process(*args: object, **options: object) -> "subprocess.CompletedProcess[str]":
+def jsonl(*args: object, **options: Any) -> list[dict[str, Any]]:
+    """What `rvaft monitor` says in JSON."""
+    return [json.loads(line) for line in run("monitor", *args, "--format", "jsonl", **options).stdout.splitlines()]
+
+
+def process(*args: object, **options: Any) -> "subprocess.CompletedProcess[str]":
     """Run the command as a process of its own."""
     words: Sequence[str] = [*COMMAND, *map(str, args)]
-    return subprocess.run(words, text=True, capture_output=True, check=False, timeout=60, **options)  # type: ignore[call-overload, no-any-return]
+    pipe = subprocess.PIPE
+    given = {"stdout": pipe, "stderr": pipe, "text": True, "timeout": 60, **options}
+    done: subprocess.CompletedProcess[str] = subprocess.run(words, check=False, **given)
+    return done
+
+
+@contextmanager
+def started(*args: object, **options: Any) -> Iterator[Any]:
+    """The command as a process that does not outlive the test; its streams are pipes."""
+    pipe = subprocess.PIPE
+    words = [*COMMAND, *map(str, args)]
+    given = {"args": words, "stdin": pipe, "stdout": pipe, "stderr": pipe, "text": True, "bufsize": 1, **options}
+    with subprocess.Popen(**given) as running:
+        try:
+            yield running
+        finally:
+            running.kill()
 
 
 def failed(result: Result, *parts: str) -> None:
@@ -37,3 +66,19 @@ def failed(result: Result, *parts: str) -> None:
     assert len(lines[0]) < 400
     for part in parts:
         assert part in lines[0], lines[0]
+
+
+def written(path: Path, text: str) -> Path:
+    """A file with this text."""
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def lines(events: list[dict[str, Any]]) -> str:
+    """Events as JSON Lines."""
+    return "".join(json.dumps(event) + "\n" for event in events)
+
+
+def row1() -> list[dict[str, Any]]:
+    """The events of a trace that the pruned tree detects."""
+    return [json.loads(line) for line in ROW1.read_text(encoding="utf-8").splitlines()]

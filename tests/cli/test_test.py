@@ -6,16 +6,14 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from tests.cli.runs import TREES, failed, run
+from tests.cli.runs import TREES, failed, run, written
 
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    path = tmp_path / "door.rvaft"
-    path.write_text("door sand a b;\n")
     (tmp_path / "door.traces").mkdir()
-    (tmp_path / "door.traces" / "in.jsonl").write_text('{"event": "a"}\n{"event": "b"}\n')
-    return path
+    written(tmp_path / "door.traces" / "in.jsonl", '{"event": "a"}\n{"event": "b"}\n')
+    return written(tmp_path / "door.rvaft", "door sand a b;\n")
 
 
 def test_the_shipped_trees_are_as_they_say() -> None:
@@ -65,7 +63,4 @@ def test_expectations_that_are_none(tree: Path, verdicts: str, said: str) -> Non
     tree.with_suffix(".verdicts.json").write_text(verdicts)
     failed(run("test", tree), said)
 
-
-def test_a_tree_without_traces(tmp_path: Path) -> None:
-    (tmp_path / "a.rvaft").write_text("a;")
-    failed(run("test", tmp_path / "a.rvaft"), "no traces: put them into")
+    failed(run("test", written(tree.with_name("a.rvaft"), "a;")), "no traces: put them into")

@@ -166,8 +166,6 @@ class Composer:
 
     def _rival_groups(self, number: int) -> list[list[int]]:
         """The parts of a part, those together of which one event may serve two."""
-        if self._anatomy.rivals_apart(number):
-            return [[part] for part in self._anatomy.parts[number].parts]
         groups: list[tuple[list[int], int]] = []
         """Parts, and their events."""
         seen = 0

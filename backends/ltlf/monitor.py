@@ -12,24 +12,11 @@ from functools import lru_cache
 from backends.ltlf.formulas import Formulas
 from backends.ltlf.progression import Residuals
 from backends.ltlf.reader import Header, Observation, formula_of
-from backends.slices import advance, passes, start
+from backends.slices import advance, start
 from rvaft.analysis.pattern_index import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
 from rvaft.backend import Observed
-from rvaft.model.guards import renamed
-from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import (
-    Anything,
-    Binding,
-    Literal,
-    ObjectPattern,
-    Pattern,
-    Variable,
-    match,
-    rigid,
-    rigid_variables,
-    substitute,
-    variables,
-)
+from rvaft.model import guards, patterns
+from rvaft.model.patterns import Binding, Pattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
@@ -63,20 +50,25 @@ def atoms_of(header: Header, names: Iterable[str], given: Mapping[str, Pattern])
 
 
 def _observation(header: Header, name: str, given: Mapping[str, Pattern]) -> Observation:
-    by_name = Observation(given.get(name) or ObjectPattern((("event", Literal(name)),)))
+    by_name = Observation(given.get(name) or patterns.ObjectPattern((("event", patterns.Literal(name)),)))
     return header.atoms.get(name, by_name)
 
 
 def _event_atom(observation: Observation) -> Atom:
     """An event pattern under guards; a guard counts as true while one of its variables is unbound."""
-    binds = frozenset(rigid_variables(observation.pattern))
+    binds = frozenset(patterns.rigid_variables(observation.pattern))
+
+    asked = [(guard, frozenset(guards.variables(guard))) for guard in observation.guards]
 
     def extended(event: Json, binding: Binding) -> Binding | None:
-        found = match(observation.pattern, event, binding)
-        bound = None if found is None else rigid(found)
-        return bound if bound is not None and all(passes(guard, bound) for guard in observation.guards) else None
+        found = patterns.match(observation.pattern, event, binding)
+        if found is None:
+            return None
+        bound = patterns.rigid(found)
+        failed = any(names <= bound.keys() and not guards.holds(guard, bound) for guard, names in asked)
+        return None if failed else bound
 
-    return Atom(observation.pattern, binds, binds.union(*map(guard_variables, observation.guards)), extended)
+    return Atom(observation.pattern, binds, binds.union(*(names for _, names in asked)), extended)
 
 
 def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:
@@ -84,8 +76,8 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
 
     def fitting(observations: Sequence[Observation]) -> PatternIndex[list[Reader]]:
         readers = [reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(observations)]
-        patterns = [one.pattern for one in observations]
-        return PatternIndex(patterns, lambda at: [readers[number] for number in (*at.fits, *at.open)])
+        found = [one.pattern for one in observations]
+        return PatternIndex(found, lambda at: [readers[number] for number in (*at.fits, *at.open)])
 
     relevance, ignorance = fitting(relevant), fitting(ignored)
 
@@ -93,7 +85,7 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
         fits = isinstance(event, Mapping) and any(one.admits(event) for one in relevance.of(event))
         return binding if fits and not any(one.admits(event) for one in ignorance.of(event)) else None
 
-    return Atom(Anything(), frozenset(), frozenset(), extended)
+    return Atom(patterns.Anything(), frozenset(), frozenset(), extended)
 
 
 def observed(text: str, given: Mapping[str, Pattern]) -> Iterator[Observed]:
@@ -107,18 +99,18 @@ def observed(text: str, given: Mapping[str, Pattern]) -> Iterator[Observed]:
         if name not in header.relevant and name not in header.ignored:
             one = _observation(header, name, given)
             # a guard on a variable that the atom cannot share with others never has its value, and counts as true
-            shared = [g for g in one.guards if not any(variable.startswith("_") for variable in guard_variables(g))]
+            shared = [g for g in one.guards if not any(variable.startswith("_") for variable in guards.variables(g))]
             yield Observed(one.pattern, Observation(one.pattern, tuple(shared)).when)
         for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
-            taken = variables(one.pattern)
-            if all(set(guard_variables(guard)) <= set(taken) for guard in one.guards):
+            taken = patterns.variables(one.pattern)
+            if all(set(guards.variables(guard)) <= set(taken) for guard in one.guards):
                 own: dict[str, str] = {}  # some values will do
-                for variable in rigid_variables(one.pattern):
+                for variable in patterns.rigid_variables(one.pattern):
                     own[variable] = f"_{variable}"
                     while own[variable] in taken:
                         own[variable] = f"_{own[variable]}"
-                pattern = substitute(one.pattern, {old: Variable(new) for old, new in own.items()})
-                yield Observed(pattern, one.when and renamed(one.when, own))
+                pattern = patterns.substitute(one.pattern, {old: patterns.Variable(new) for old, new in own.items()})
+                yield Observed(pattern, one.when and guards.renamed(one.when, own))
 
 
 @lru_cache(maxsize=32)

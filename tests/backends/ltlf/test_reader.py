@@ -1,5 +1,6 @@
 """The reader on texts written by hand: Spot's operators on finite traces, and the verdict over all letters and all extensions."""
 
+from collections.abc import Hashable
 from importlib import import_module
 from random import Random
 from typing import Any
@@ -7,10 +8,9 @@ from typing import Any
 import pytest
 
 from backends.ltlf.reader import spot
-from rvaft.backend import Observed
 from rvaft.errors import LanguageError
-from rvaft.language.parser import parse_guard, parse_pattern
-from rvaft.model.guards import Operation, Operator
+from rvaft.language.parser import parse_pattern
+from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
 from rvaft.model.values import Json
 from tests.backends.ltlf.building import BACKEND, events, needs_spot, verdicts
@@ -18,10 +18,8 @@ from tests.tables import rows
 
 pytestmark = [pytest.mark.spot, needs_spot]
 
-CASES = rows(__file__, "verdicts.txt")
 
-
-@pytest.mark.parametrize(("formula", "word", "expected", "why"), CASES)
+@pytest.mark.parametrize(("formula", "word", "expected", "why"), rows(__file__, "verdicts.txt"))
 def test_by_hand(formula: str, word: str, expected: str, why: str) -> None:
     assert verdicts(formula, events(word)) == expected, why
 
@@ -36,124 +34,64 @@ def test_atoms_of_the_caller() -> None:
     assert list(BACKEND.read("F(p & X[!] q)", atoms=atoms).run(trace)) == ["unknown", "unknown", "true"]
 
 
-GUARDED = "atom p := {p: X} when X < Y;atom q := {q: Y} when X < Y;F p & F q"
-BOUND = "atom d := {d: Y};atom p := {p: X};atom c := {c: 1};atom q := {q: Y} when X < Y;d & X[!]((p | c) & X[!] !q)"
-RELEVANCE = (
-    "atom p := {p: X};relevant rel := {p: X} when X > 0;ignored rel := {p: X, off: true};"
-    "!rel U (rel & p & X[!](!rel U (rel & p)))"
-)
-DEFINED = "one := a & X[!] b;two := one | c;F(two & X[!] X[!] two)"
-WITH_HEADER: list[tuple[str, list[Json], str]] = [
-    # header and formula, events, verdicts: variables are rigid
-    (
-        "atom p := {p: X};atom q := {q: X} when X > 1;F(p & X[!] F q)",
-        [{"p": 1}, {"q": 1}, {"p": 2}, {"q": 3}, {"q": 2}],
-        "????T",
-    ),
-    ("atom p := {p: X};atom q := {q: X} when X > 1;(p & X[!] q)", [{"p": 1}, {"q": 2}], "?F"),
-    # guards wait for their variables
-    (GUARDED, [{"p": 5}, {"q": 4}, {"q": "b"}, {"q": True}, {"p": 3}], "????T"),
-    (GUARDED, [{"q": 4}, {"p": 5}, {"p": "a"}], "???"),
-    # an assignment that has bound more may violate less
-    (BOUND, [{"d": 3}, {"p": 5, "c": 1}, {"q": 3}], "??T"),
-    (BOUND, [{"d": 3}, {"p": 2, "c": 1}, {"q": 3}], "??F"),
-    # relevance has its own variables
-    (RELEVANCE, [{"p": 0}, {"p": 1}, {"p": 2, "off": True}, {"p": "s"}, {"p": 1}], "????T"),
-    (RELEVANCE, [{"p": 1}, {"p": 2}], "?F"),
-    # definitions are expanded
-    (DEFINED, events("a b c"), "??T"),
-    (DEFINED, events("c x c"), "??T"),
-    (DEFINED, events("c c x"), "???"),
-]
-
-
-@pytest.mark.parametrize(("lines", "trace", "expected"), WITH_HEADER)
-def test_with_a_header(lines: str, trace: list[Json], expected: str) -> None:
-    *header, formula = lines.split(";")
-    assert verdicts("\n".join(["/* rvaft", *header, "*/", formula]), trace) == expected
+@pytest.mark.parametrize(("lines", "trace", "expected"), rows(__file__, "headers.txt"))
+def test_with_a_header(lines: list[str], trace: list[Json], expected: str) -> None:
+    assert verdicts("\n".join(["/* rvaft", *lines[:-1], "*/", lines[-1]]), trace) == expected
 
 
 def test_other_comments_are_comments() -> None:
     assert verdicts("/* any text: a := b */ F /* here too */ a", events("a")) == "T"
 
 
-MALFORMED = [
-    ("a & (b U", 1, 9, "unexpected end of formula"),
-    ("a &\n  & b", 2, 3, "unexpected"),
-    ("", 1, 1, "no formula"),
-    ("/* rvaft\n*/\n", 3, 1, "no formula"),
-    ("/* rvaft\natom a := {x: 1}", 1, 1, "not closed"),
-    ("/* rvaft\natom a = {x: 1}\n*/ a", 2, 1, "a line of the header"),
-    ("/* rvaft\natom a := {x: 1\n*/ a", 2, 16, "too early"),
-    ("/* rvaft\natom a := {x: X} when X >\n*/ a", 2, 26, "too early"),
-    ("/* rvaft\natom a := {x: 1}\natom a := {x: 2}\n*/ a", 3, 6, "twice"),
-    ("/* rvaft\nr := s\ns := a\n*/ r", 2, 6, "before it is defined"),
-    ("/* rvaft\ns := a | | b\n*/ s", 2, 10, "unexpected"),
-    ("{a;b}[]->c", 1, 1, "no operator"),
-    ("a b", 1, 3, "unexpected"),
-    ("\x00", 1, 1, "no formula"),
-]
-
-
-@pytest.mark.parametrize(("text", "line", "column", "message"), MALFORMED)
+@pytest.mark.parametrize(("text", "line", "column", "message"), rows(__file__, "malformed.txt"))
 def test_malformed(text: str, line: int, column: int, message: str) -> None:
-    with pytest.raises(LanguageError) as raised:
-        BACKEND.read(text)
+    for read in (BACKEND.read, BACKEND.observed):
+        with pytest.raises(LanguageError) as raised:
+            read(text)
     assert (raised.value.line, raised.value.column) == (line, column)
     assert message in raised.value.message
     assert "\n" not in raised.value.message
 
 
 def test_states_are_shared_and_tell_futures_apart() -> None:
-    one, two = BACKEND.read("F a & F b"), BACKEND.read("F a & F b")
-    assert one.state == two.state
-    one.step({"event": "a"})
-    assert one.state != two.state
-    two.step({"event": "x"})
-    two.step({"event": "a"})
-    assert one.state == two.state
-    assert hash(one.state) == hash(two.state)
-    other = BACKEND.read("F b")
-    assert other.state != one.state
-    two.step({"event": "b"})
-    assert two.state != one.state
+    def after(text: str, word: str) -> Hashable:
+        monitor = BACKEND.read(text)
+        list(monitor.run(events(word)))
+        return monitor.state
+
+    both = "F a & F b"
+    states = [after(both, word) for word in ("", "x", "a", "x a", "b", "a b")] + [after("F b", "")]
+    same = [[one == other for other in states] for one in states]
+    assert [row.index(True) for row in same] == [0, 0, 2, 2, 4, 5, 6]
+    assert hash(states[2]) == hash(states[3])
 
 
-def test_atoms_by_default_by_the_caller_and_by_the_header() -> None:
-    text = "/* rvaft\natom a := {x: _1, y: _1}\natom unused := {z: 1}\nd := F b\n*/\na & d & c"
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        # atoms by default, by the caller (c is { v: 1 }), and by the header; what is not used asks nothing
+        (
+            ["atom a := {x: _1, y: _1}", "atom unused := {z: 1}", "d := F b", "a & d & c"],
+            ['{ event: "b" }', "{ x: _1, y: _1 }", "{ v: 1 }"],
+        ),
+        # variables of relevance are its own, those of atoms are shared
+        (
+            [
+                "relevant r := {v: X} when X > 1 when X < 5",
+                "relevant r := {w: X} when Y > 1",
+                "ignored r := {v: X, w: _X}",
+                "F r",
+            ],
+            ["{ v: _X } when _X > 1 and _X < 5", "{ v: __X, w: _X }"],
+        ),
+        (["atom a := {v: X} when X > 1", "F a"], ["{ v: X } when X > 1"]),
+    ],
+)
+def test_what_is_observed(lines: list[str], expected: list[str]) -> None:
     own = parse_pattern("{v: 1}")
-    expected = [
-        Observed(ObjectPattern((("event", Literal("b")),))),
-        Observed(parse_pattern("{x: _1, y: _1}")),
-        Observed(own),
-    ]
-    found = BACKEND.observed(text, atoms={"c": own, "a": own})
-    assert set(found) == set(expected)
-    assert len(found) == 3
-
-
-def test_variables_of_relevance_are_its_own() -> None:
-    text = (
-        "/* rvaft\nrelevant rel := {v: X} when X > 1 when X < 5\nrelevant rel := {w: X} when Y > 1\n"
-        "ignored rel := {v: X, w: _X}\n*/\nF rel"
-    )
-    x = Variable("_X")
-    both = (Operation(Operator.GT, (x, Literal(1))), Operation(Operator.LT, (x, Literal(5))))
-    assert BACKEND.observed(text) == (
-        Observed(ObjectPattern((("v", x),)), Operation(Operator.AND, both)),
-        Observed(ObjectPattern((("v", Variable("__X")), ("w", x)))),
-    )
-
-
-def test_variables_of_atoms_are_shared() -> None:
-    text = "/* rvaft\natom a := {v: X} when X > 1\n*/\nF a"
-    assert BACKEND.observed(text) == (Observed(parse_pattern("{v: X}"), parse_guard("X > 1")),)
-
-
-def test_bad_texts_observe_nothing() -> None:
-    for text in ("", "a &", "/* rvaft\natom a := \n*/\na"):
-        with pytest.raises(LanguageError):
-            BACKEND.observed(text)
+    found = BACKEND.observed("\n".join(["/* rvaft", *lines[:-1], "*/", lines[-1]]), atoms={"c": own, "a": own})
+    texts = [pattern_text(one.pattern) + (f" when {guard_text(one.when)}" if one.when else "") for one in found]
+    assert sorted(texts) == sorted(expected)
 
 
 # Random formulas: the verdicts are those that Spot's own translation to automata gives.

@@ -1,6 +1,7 @@
 """The texts: the formula of each gate, where compositional forms give way to a sum, names, strings, guards."""
 
 from itertools import product
+from pathlib import Path
 
 import pytest
 
@@ -46,40 +47,10 @@ def test_every_short_word(tree: str, semantics: Semantics) -> None:
         assert list(specification.monitor().run(word)) == expected, word
 
 
-def test_whole_text() -> None:
-    tree = """
-        event reading(v) = { topic: "/sensor", value: v };
-        ignore reading(V) when V < 0;
-        t sand a b;
-        a on reading(Value);
-        b on reading(_) when Value >= 250;
-    """
-    assert text_of(tree, "projected").splitlines() == [
-        "/* rvaft",
-        'atom a := { topic: "/sensor", value: Value } when Value >= 250',
-        'atom b := { topic: "/sensor", value: _ }',
-        'relevant rel := { topic: "/sensor", value: Value }',
-        'relevant rel := { topic: "/sensor", value: _ }',
-        'ignored rel := { topic: "/sensor", value: V } when V < 0',
-        "*/",
-        "!rel U (rel & a & X[!](!rel U (rel & b)))",
-    ]
-
-
-REMOTE = """
-    event move(w, t) = { name: "move", waypoint: w, time: t };
-    event radiation(v, t) = { topic: "/radiation", value: v, time: t };
-    event goal(w) = { goal: w };
-    t sand reading high out;
-    reading on radiation(Value, T1);
-    high when Value >= 250;
-    out sand leave ends on move(Wp, T2);
-    leave when Wp != "entrance";
-    ends or late changed;
-    late fault when T2 >= T1 + 10;
-    changed and altered attack on goal(Goal);
-    altered when Wp != Goal;
-"""
+@pytest.mark.parametrize("tree", sorted(Path(__file__).with_name("pinned").glob("*.rvaft")), ids=lambda path: path.stem)
+def test_whole_text(tree: Path) -> None:
+    """Guards stand at every event that binds one of their variables; relevance is as the tree says."""
+    assert text_of(tree.read_text(), tree.stem.split(".")[1]) == tree.with_suffix(".ltlf").read_text()
 
 
 def test_names_are_legal_and_different() -> None:
@@ -101,20 +72,6 @@ def test_names_and_strings_that_could_end_the_comment() -> None:
         start: list[Json] = [{"*/": "*/ 1 /*", "when": "when"}]
         trace = [*start, *({"event": name} for name in ("X", "s1", "s 1", "rel"))]
         assert verdicts(text, trace) == "????T"
-
-
-def test_guards_stand_at_every_event_that_binds_one_of_their_variables() -> None:
-    text = text_of(REMOTE, "strict")
-    lines = [line.removeprefix("atom ").split(" := ") for line in text.splitlines() if line.startswith("atom ")]
-    atoms = {name: what.split(" when ")[1:] for name, what in lines}
-    assert atoms == {
-        "reading": ["Value >= 250", "T2 >= T1 + 10"],
-        "out": ['Wp != "entrance"', "T2 >= T1 + 10"],
-        "reading_2": ["Value >= 250"],
-        "out_2": ['Wp != "entrance"', "Wp != Goal"],
-        "changed": ["Wp != Goal"],
-    }
-    assert body(text) == ["(reading & X[!] out) | (reading_2 & X[!](out_2 & X[!] changed))"]
 
 
 def test_no_feasible_scenario() -> None:

@@ -12,7 +12,7 @@ from cross_check.generate.traces import random_trace
 from cross_check.letters import Letters, letters, with_twins
 from cross_check.participants import Participant, literals
 from cross_check.results import Job
-from rvaft.analysis.scenarios import least_events
+from rvaft.analysis.scenarios import fewest_events
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Anything
@@ -52,7 +52,7 @@ def trials(
 
     All words up to some length over the letters, if they are wanted, and random traces.
     """
-    longest = effort.length or max(SHORTEST, min(least_events(part) + 2, LONGEST))
+    longest = effort.length or max(SHORTEST, min(fewest_events(part.bottom_up())[part.root].events + 2, LONGEST))
     if words:
         yield from _words(participants, effort.words, longest)
     random = Random(f"{effort.seed} {job.title} {job.semantics}".encode(errors="surrogateescape"))  # noqa: S311 (no secret)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import takewhile
-from typing import Final, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from rvaft.analysis.normal_form import Op, normal_form
 from rvaft.errors import TooLarge
@@ -20,16 +20,10 @@ DEFAULT_LIMIT: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Event:
-    """The runtime event of a node."""
+class Leaf:
+    """The runtime event of a node, or its guard."""
 
-    node: Node
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Condition:
-    """The guard of a node."""
-
+    op: Literal[Op.EVENT, Op.CONDITION]
     node: Node
 
 
@@ -51,7 +45,7 @@ class Joined:
     threshold: int = 0
 
 
-Formula: TypeAlias = Event | Condition | Joined
+Formula: TypeAlias = Leaf | Joined
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +70,8 @@ def formula(tree: RVAFT, choices: Mapping[str, str] | None = None) -> Formula:
     for number, part in enumerate(form.parts):
         inner = tuple(done[inside] for inside in part.parts)
         match part.op:
-            case Op.EVENT:
-                done.append(Event(tree.nodes[part.node]))
-            case Op.CONDITION:
-                done.append(Condition(tree.nodes[part.node]))
+            case Op.EVENT | Op.CONDITION:
+                done.append(Leaf(part.op, tree.nodes[part.node]))
             case Op.ONE:
                 spread[number] = _choice(inner)
                 done.append(_joined(Join.SEQUENCE, spread[number]))
@@ -88,11 +80,11 @@ def formula(tree: RVAFT, choices: Mapping[str, str] | None = None) -> Formula:
             case Op.ALL:
                 done.append(_joined(Join.ANY_ORDER, inner))
             case Op.SEQUENCE:
-                rows = [
-                    spread.get(inside, [done[inside]]) if form.parts[inside].node == part.node else [done[inside]]
-                    for inside in part.parts
-                ]
-                done.append(_joined(Join.SEQUENCE, [one for row in rows for one in row]))
+                row: list[Formula] = []
+                for inside in part.parts:
+                    own = form.parts[inside].node == part.node
+                    row += spread.get(inside, [done[inside]]) if own else [done[inside]]
+                done.append(_joined(Join.SEQUENCE, row))
     return done[form.root]
 
 
@@ -132,52 +124,39 @@ def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) 
     pieces: list[str] = []
     written = 0
     outer = term.join if isinstance(term, Joined) and term.join in notation.whole else Join.SEQUENCE
-    todo: list[str | tuple[Formula, Join] | None] = [(term, outer)]
+    todo: list[str | tuple[Formula, Join] | None] = [(term, outer)]  # None is where a line may end
     while todo:
-        item = todo.pop()
         if written > limit:
             raise TooLarge("the written form of a branch", limit=limit)
-        match item:
+        match todo.pop():
             case None:
                 yield "".join(pieces)
                 pieces.clear()
                 continue
-            case str():
-                pieces.append(item)
-            case (Event(node), _):
-                pieces.append(notation.event(node))
-            case (Condition(node), _):
-                pieces.append(notation.condition(node))
-            case (Joined() as joined, around):
-                todo.extend(reversed(_pieces(joined, around, notation)))
+            case str() as sign:
+                pieces.append(sign)
+            case (Leaf(op, node), _):
+                pieces.append(notation.event(node) if op is Op.EVENT else notation.condition(node))
+            case (Joined(join, parts, threshold), around):
+                between = [notation.joins[join], None] if join is Join.AT_LEAST else [None, notation.joins[join]]
+                inner: list[str | tuple[Formula, Join] | None] = []
+                for part in parts:
+                    inner += [*between, (part, join)] if inner else [(part, join)]
+                if join is Join.AT_LEAST:
+                    inner[:0] = [notation.at_least(threshold, len(parts)), notation.open]
+                elif join is not around and parts:
+                    inner[:0] = [notation.open]
+                if join is Join.AT_LEAST or (join is not around and parts):
+                    inner.append(notation.close)
+                todo.extend(reversed(inner))
                 continue
         written += 1
     yield "".join(pieces)
 
 
-def _pieces(term: Joined, around: Join, notation: Notation) -> list[str | tuple[Formula, Join] | None]:
-    """The parts with the signs between them, in brackets where `around` needs them; None is where a line may end."""
-    sign = notation.joins[term.join]
-    between = [sign, None] if term.join is Join.AT_LEAST else [None, sign]
-    inner: list[str | tuple[Formula, Join] | None] = []
-    for part in term.parts:
-        inner += [*between, (part, term.join)] if inner else [(part, term.join)]
-    if term.join is Join.AT_LEAST:
-        return [notation.at_least(term.threshold, len(term.parts)), notation.open, *inner, notation.close]
-    return inner if term.join is around or not term.parts else [notation.open, *inner, notation.close]
-
-
-def _event(node: Node) -> str:
-    return name_text(node.name) if node.on is None else on_text(node.on)
-
-
-def _condition(node: Node) -> str:
-    return "" if node.when is None else f"[{guard_text(node.when)}]"
-
-
 TEXT: Final = Notation(
-    _event,
-    _condition,
+    lambda node: name_text(node.name) if node.on is None else on_text(node.on),
+    lambda node: "" if node.when is None else f"[{guard_text(node.when)}]",
     {Join.SEQUENCE: " ; ", Join.ANY_ORDER: " & ", Join.AT_LEAST: ", ", Join.CHOICE: " | "},
     "at least {} of ".format,
 )

@@ -8,7 +8,7 @@ stays one part: it is resolved and observed once.
 `body` says the same of a single node, for what follows the nodes of a tree.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from functools import cached_property
@@ -74,16 +74,7 @@ def is_constant(node: Node) -> bool:
 
 def is_impossible(node: Node) -> bool:
     """Whether the node has a guard without variables that does not hold."""
-    return node.when is not None and not variables(node.when) and not holds(node.when, {})
-
-
-def possible(tree: RVAFT) -> frozenset[str]:
-    """The nodes for which the choices below can be made so that no guard without variables is false."""
-    found: set[str] = set()
-    for node in tree.bottom_up():
-        if not is_impossible(node) and sum(child in found for child in node.children) >= body(node).need:
-            found.add(node.name)
-    return frozenset(found)
+    return node.when is not None and is_constant(node) and not holds(node.when, {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +151,11 @@ def normal_form(tree: RVAFT, choices: Mapping[str, str] | None = None, *, as_wri
     SEQUENCE top (0, 1)
     """
     made = {} if choices is None else choices
+
+    def kept(name: str) -> tuple[str, ...]:
+        return (made[name],) if name in made else tree.nodes[name].children
+
+    reached = set(reachable(tree.root, kept))
     parts: list[Part] = []
     whole: dict[str, int] = {}
 
@@ -167,52 +163,30 @@ def normal_form(tree: RVAFT, choices: Mapping[str, str] | None = None, *, as_wri
         parts.append(part)
         return len(parts) - 1
 
-    for node in _bottom_up(tree, made):
-        of_node: list[int] = []
-        if node.children:
-            kept = body(node)
-            if node.name in made:
-                kept = kept._replace(children=(made[node.name],))
-            made_of = tuple(whole[child] for child in kept.children)
-            of_node.append(
-                add(
-                    Part(kept.op, node.name, made_of, kept.need)
-                    if as_written
-                    else _possible(kept, node.name, made_of, parts)
-                )
-            )
+    for node in tree.bottom_up():
+        if node.name not in reached:
+            continue
         own: list[int] = []
+        below: list[int] = []
+        if node.children:
+            op, children, need = body(node)
+            children = (made[node.name],) if node.name in made else children
+            inner = tuple(whole[child] for child in children)
+            if not as_written:
+                inner = tuple(number for number in inner if parts[number] != IMPOSSIBLE)
+                op = Op.ALL if op is Op.AT_LEAST and len(inner) == need else op
+            lacking = not as_written and len(inner) < need
+            below.append(add(IMPOSSIBLE if lacking else Part(op, node.name, inner, need)))
         if node.has_event:
             own.append(add(Part(Op.EVENT, node.name)))
-        if node.when is not None and (as_written or variables(node.when)):
+        if node.when is not None and (as_written or not is_constant(node)):
             own.append(add(Part(Op.CONDITION, node.name, guard=node.when)))
-        of_node = own + of_node if tree.causality is Causality.TOP_DOWN else of_node + own
+        of_node = own + below if tree.causality is Causality.TOP_DOWN else below + own
         dead = not as_written and (is_impossible(node) or any(parts[number] == IMPOSSIBLE for number in of_node))
-        if dead:
-            whole[node.name] = add(IMPOSSIBLE)
-        elif len(of_node) == 1:
+        if len(of_node) == 1 and not dead:
             whole[node.name] = of_node[0]
+        elif of_node and not dead:
+            whole[node.name] = add(Part(Op.SEQUENCE, node.name, tuple(of_node), len(of_node)))
         else:
-            whole[node.name] = add(Part(Op.SEQUENCE, node.name, tuple(of_node), len(of_node)) if of_node else EMPTY)
+            whole[node.name] = add(IMPOSSIBLE if dead else EMPTY)
     return NormalForm(tuple(parts), whole)
-
-
-def _bottom_up(tree: RVAFT, choices: Mapping[str, str]) -> Sequence[Node]:
-    """The nodes that are left when the choices are made, children before parents."""
-    if not choices:
-        return tuple(tree.bottom_up())
-
-    def kept(name: str) -> tuple[str, ...]:
-        return (choices[name],) if name in choices else tree.nodes[name].children
-
-    reached = set(reachable(tree.root, kept))
-    return [node for node in tree.bottom_up() if node.name in reached]
-
-
-def _possible(joined: Body, node: str, made_of: tuple[int, ...], parts: Sequence[Part]) -> Part:
-    """The body of a node without what can never be observed."""
-    alive = tuple(number for number in made_of if parts[number] != IMPOSSIBLE)
-    if len(alive) < joined.need:
-        return IMPOSSIBLE
-    everything = joined.op is Op.AT_LEAST and len(alive) == joined.need
-    return Part(Op.ALL if everything else joined.op, node, alive, joined.need)

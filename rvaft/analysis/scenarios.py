@@ -4,12 +4,12 @@ A scenario makes the choices of a tree: one child at each `or`, K children or mo
 without variables is false and no event has to come before itself (semantics, section 2).
 """
 
-from collections.abc import Container, Iterable, Iterator, Mapping, Set
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Set
 from functools import cached_property
 from heapq import heapify, heappop, heappush
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise
 from math import prod
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias, assert_never
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias, TypeVar, assert_never
 
 from rvaft.analysis.normal_form import Op, body, is_impossible
 from rvaft.errors import TooLarge
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 # and each child of an ordered gate a point `done` after its part and those of the children before it. No edge leads from the start of
 # a node to its end: a part without events orders nothing. So one event precedes another exactly when a path leads from
 # the first to the second, and the precedence is cyclic exactly when the graph is.
+
+T = TypeVar("T")
 
 Edge: TypeAlias = tuple[str, str]
 """A parent and a child that it keeps."""
@@ -112,16 +114,12 @@ class Resolutions:
     exponentially, so each step is paid from a budget.
     """
 
-    def __init__(
-        self, tree: RVAFT, banned: Container[str] = frozenset(), without: Container[Edge] = frozenset()
-    ) -> None:
+    def __init__(self, tree: RVAFT, banned: Container[str] = (), without: Container[Edge] = ()) -> None:
         self.tree = tree
         self._rank = {name: index for index, name in enumerate(tree.order)}
         self._options: dict[str, tuple[str, ...]] = {}
         for node in tree.bottom_up():
-            options = tuple(
-                child for child in node.children if child in self._options and (node.name, child) not in without
-            )
+            options = tuple(c for c in node.children if c in self._options and (node.name, c) not in without)
             if node.name not in banned and len(options) >= body(node).need:
                 self._options[node.name] = options
         self._reached: dict[str, list[str]] = {tree.root: []} if tree.root in self._options else {}
@@ -178,10 +176,10 @@ class Resolutions:
         for name, children in demands.items():
             if name not in self or not children <= set(self._options[name]):
                 return None
-            if len(children) > 1 and self._takes_one(name):
+            if len(children) > 1 and body(self.tree.nodes[name]).op is Op.ONE:
                 return None
         attempts = [(demands, len(self._rank))]
-        seen: set[frozenset[tuple[str, frozenset[str]]]] = set()
+        seen: set[frozenset[tuple[int, frozenset[str]]]] = set()
         while attempts:
             current, below = attempts.pop()
             # A heap of negated ranks: the node that comes last is served first, so that all its demands are known.
@@ -193,15 +191,12 @@ class Resolutions:
                 ways = self._ways(current, name)
                 if len(ways) > 1:
                     budget.spend(len(current) * len(ways))
-                    pending = (self.tree.order[-rank] for rank in agenda)
-                    state = frozenset((waiting, current[waiting]) for waiting in pending)
+                    state = frozenset((-rank, current[self.tree.order[-rank]]) for rank in agenda)
                     if state in seen:
                         break
                     seen.add(state)
-                    rank = -agenda[0]
-                    attempts += [
-                        ({**current, parent: current.get(parent, _NONE) | {name}}, rank) for parent in ways[:0:-1]
-                    ]
+                    others = ({**current, way: current.get(way, _NONE) | {name}} for way in ways[:0:-1])
+                    attempts += [(other, self._rank[name]) for other in others]
                 if not ways:
                     break
                 heappop(agenda)
@@ -212,17 +207,14 @@ class Resolutions:
                 return current
         return None
 
-    def _takes_one(self, name: str) -> bool:
-        return body(self.tree.nodes[name]).op is Op.ONE
-
     def _ways(self, demands: Demands, name: str) -> list[str]:
         """The parents that may keep the node; only one where a parent that is kept anyway can keep it too."""
         ways: list[str] = []
         for parent in self._reached[name]:
-            demanded = demands.get(parent)
-            if demanded is not None and (name in demanded or not self._takes_one(parent)):
+            demanded, takes_one = demands.get(parent), body(self.tree.nodes[parent]).op is Op.ONE
+            if demanded is not None and (name in demanded or not takes_one):
                 return [parent]
-            if not demanded or not self._takes_one(parent):
+            if not demanded or not takes_one:
                 ways.append(parent)
         return ways
 
@@ -290,61 +282,54 @@ class ScenarioSpace:
         With `apart`, one that contains both and orders neither before the other. Raises `Undecided` beyond the budget.
         """
         wanted = [*nodes, *(apart or ())]
-        search = _BanSearch()
-        for bans in search:
+
+        def attempt(bans: frozenset[Edge]) -> tuple[Kept | None, list[Edge]]:
             if bans or without:
                 budget.spend(_RESOLUTIONS * len(self.tree.order))
             space = Resolutions(self.tree, self.dead | without, bans) if bans or without else self.resolutions
             kept = space.scenario(wanted, (), budget)
-            if kept is None:
-                continue
-            if self.acyclic and apart is None:
-                return kept
+            if kept is None or (self.acyclic and apart is None):
+                return kept, []
             budget.spend(_PRECEDENCE * len(kept))
             graph = precedence(self.tree, kept)
             points = [] if self.acyclic else find_cycle(graph)
             edges = edges_along(graph, points, closed=True) if points else []
             if not points and apart is not None:
                 edges = edges_along(graph, path(graph, *apart) or path(graph, *apart[::-1]))
-            if not edges:
-                return kept
-            search.ban_one_of(edges)
-        return None
+            return (None, edges) if edges else (kept, [])
+
+        return _first_without(attempt)
 
     def cyclic(self, budget: Budget, knot: Set[Point]) -> tuple[Kept, tuple[str, ...]] | None:
         """A scenario without dead nodes whose precedence has a cycle among these points, and the nodes of the cycle."""
-        search = _BanSearch()
-        for bans in search:
+
+        def attempt(bans: frozenset[Edge]) -> tuple[tuple[Kept, tuple[str, ...]] | None, list[Edge]]:
             budget.spend((_RESOLUTIONS + _PRECEDENCE) * len(self.tree.order))
             space = Resolutions(self.tree, self.dead, bans)
             graph = precedence(self.tree, space.union)
             points = find_cycle({p: [later for later in graph[p] if later in knot] for p in graph if p in knot})
-            if not points:
-                continue
-            edges = edges_along(graph, points, closed=True)
-            kept = space.scenario((), edges, budget)
-            if kept is not None:
-                return kept, tuple(dict.fromkeys(name for kind, name, _ in points if kind == "event"))
-            search.ban_one_of(edges)
-        return None
+            edges = edges_along(graph, points, closed=True) if points else []
+            kept = space.scenario((), edges, budget) if points else None
+            if kept is None:
+                return None, edges
+            return (kept, tuple(dict.fromkeys(name for kind, name, _ in points if kind == "event"))), []
+
+        return _first_without(attempt)
 
 
-class _BanSearch:
-    """Sets of banned tree edges, depth first, each once; `ban_one_of` adds those with one edge more than the last one."""
-
-    def __init__(self) -> None:
-        self._todo: list[frozenset[Edge]] = [frozenset()]
-        self._seen = set(self._todo)
-
-    def __iter__(self) -> Iterator[frozenset[Edge]]:
-        while self._todo:
-            self._last = self._todo.pop()
-            yield self._last
-
-    def ban_one_of(self, edges: Iterable[Edge]) -> None:
-        new = [bans for edge in edges if (bans := self._last | {edge}) not in self._seen]
-        self._seen.update(new)
-        self._todo.extend(reversed(new))
+def _first_without(attempt: Callable[[frozenset[Edge]], tuple[T | None, list[Edge]]]) -> T | None:
+    """What an attempt with some tree edges banned finds, first with none; a failed one says of which edges one more is banned."""
+    todo: list[frozenset[Edge]] = [frozenset()]
+    seen = set(todo)
+    while todo:
+        bans = todo.pop()
+        found, edges = attempt(bans)
+        if found is not None:
+            return found
+        new = [more for edge in edges if (more := bans | {edge}) not in seen]
+        seen.update(new)
+        todo.extend(reversed(new))
+    return None
 
 
 def inevitable(tree: RVAFT, marks: Mapping[str, int], full: int) -> dict[str, int]:
@@ -438,11 +423,6 @@ def fewest_events(
     return found
 
 
-def least_events(tree: RVAFT) -> int:
-    """About how many events a detection takes at least; exact where no node is shared and every scenario is feasible."""
-    return fewest_events(tree.bottom_up())[tree.root].events
-
-
 # Scenarios one by one, and at random.
 
 
@@ -458,35 +438,32 @@ def resolutions(tree: RVAFT, *, minimal: bool = False, limit: int) -> Iterator[K
     for node in tree.bottom_up():
         below = () if body(node).chooses else node.children
         surely[node.name] = 1 << position[node.name] | union(surely[child] for child in below)
-    if tree.root not in alive:
-        return
     gates = [name for name in order if body(tree.nodes[name]).chooses]
 
-    def further(reached: int, chosen: tuple[tuple[str, ...], ...]) -> Iterator[tuple[int, tuple[tuple[str, ...], ...]]]:
-        name = gates[len(chosen)]
-        if not reached >> position[name] & 1:
-            yield reached, (*chosen, ())
-            return
-        below, options = body(tree.nodes[name]), alive.get(name, ())
+    def choices(gate: str) -> Iterator[tuple[str, ...]]:
+        below, options = body(tree.nodes[gate]), alive.get(gate, ())
         most = below.need if minimal or below.op is Op.ONE else len(options)
-        for size in range(below.need, most + 1):
-            for children in combinations(options, size):
-                yield reached | union(surely[child] for child in children), (*chosen, children)
+        return chain.from_iterable(combinations(options, size) for size in range(below.need, most + 1))
 
-    start: tuple[int, tuple[tuple[str, ...], ...]] = (surely[tree.root], ())
-    agenda = [iter([start])]
+    # One level per gate: what is reached with each of its choices, and all the choices so far.
+    levels: list[Iterator[tuple[int, Kept]]] = [iter([(surely[tree.root], {})] if tree.root in alive else [])]
     count = 0
-    while agenda:
-        step = next(agenda[-1], None)
-        if step is None:
-            agenda.pop()
-            continue
-        reached, chosen = step
-        if len(chosen) < len(gates):
-            agenda.append(further(reached, chosen))
-            continue
-        count += 1
-        if count > limit:
-            raise TooLarge("scenarios of the tree", limit=limit)
-        choice = dict(zip(gates, chosen, strict=True))
-        yield {order[i]: choice.get(order[i], tree.nodes[order[i]].children) for i in bits(reached)}
+    while levels:
+        reached, chosen = next(levels[-1], (0, {}))
+        if not reached:
+            levels.pop()
+        elif len(levels) > len(gates):
+            count += 1
+            if count > limit:
+                raise TooLarge("scenarios of the tree", limit=limit)
+            yield {order[i]: chosen.get(order[i], tree.nodes[order[i]].children) for i in bits(reached)}
+        elif reached >> position[gate := gates[len(levels) - 1]] & 1:
+            levels.append(_further(reached, chosen, gate, choices(gate), surely))
+        else:
+            levels.append(iter([(reached, chosen)]))
+
+
+def _further(
+    reached: int, chosen: Kept, gate: str, choices: Iterable[tuple[str, ...]], surely: Mapping[str, int]
+) -> Iterator[tuple[int, Kept]]:
+    return ((reached | union(surely[c] for c in children), {**chosen, gate: children}) for children in choices)

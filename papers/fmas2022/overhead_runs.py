@@ -11,7 +11,7 @@ from papers.fmas2022.mission import Event, Mission, Mode
 from rvaft.api import monitor
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.monitor_set import Per, columns, parts
+from rvaft.monitoring.monitor_set import Per, columns
 from rvaft.monitors import Monitor
 
 SEMANTICS: Final = Semantics.SCATTERED
@@ -73,7 +73,7 @@ def _watched(tree: RVAFT, setup: str) -> tuple[RVAFT, ...]:
     if setup == NONE:
         return ()
     per = Per(setup)
-    return tuple(column.part for column in (columns(tree) if per is Per.TREE else parts(tree, per)))
+    return tuple(column.part for column in (columns(tree, per) if per is Per.TREE else columns(tree, per)[1:]))
 
 
 def _run(mission: Mission, setup: str, repetition: int, trees: Sequence[RVAFT]) -> Run:

@@ -19,12 +19,10 @@ from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
 from rvaft.monitoring.checkpoint import EVERY, CheckpointFile
-from rvaft.monitoring.explanation_json import told_fields
-from rvaft.monitoring.hooks import Hooks
+from rvaft.monitoring.detection import Hooks, told_fields
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.reader import expanded
-from rvaft.monitoring.run import MAX_KEYS, MonitoringPlan
-from rvaft.monitoring.stream import DEFAULT_WINDOW, Field, Key
+from rvaft.monitoring.run import DEFAULT_WINDOW, MAX_KEYS, Field, Key, MonitoringPlan
 from rvaft.monitors import Monitor
 from rvaft.rules.rule import listing
 

@@ -14,7 +14,8 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitoring.checkpoint import CheckpointFile
-from rvaft.monitoring.explanation_json import (
+from rvaft.monitoring.detection import (
+    Hooks,
     counted,
     expected,
     explained,
@@ -24,7 +25,6 @@ from rvaft.monitoring.explanation_json import (
     unlike,
     variables,
 )
-from rvaft.monitoring.hooks import Hooks
 from rvaft.monitoring.monitor_set import Per
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, VerdictChange

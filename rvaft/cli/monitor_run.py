@@ -16,8 +16,8 @@ from rvaft.errors import RvaftError, TooLarge
 from rvaft.export import fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.monitoring.checkpoint import CheckpointFile, LinesRead, open_at
+from rvaft.monitoring.detection import detection
 from rvaft.monitoring.follow import FollowedFile, stopping
-from rvaft.monitoring.hooks import detection
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.reader import open_log
 from rvaft.monitoring.run import EventBuffer, Listener, TraceRun, VerdictChange
@@ -69,20 +69,22 @@ class _OnDetection(Listener):
 
     def change(self, change: VerdictChange) -> None:
         settings, watch, key = self._settings, change.watch, self._settings.plan.key
-        for found in change.detections:
+        for explanation, kinds in change.detections:
             self.count += 1
             if settings.hooks:
                 with suppress(BrokenPipeError):  # that nobody reads what is printed is no reason not to run the command
                     self._sink.flush()
                 named = None if key is None or watch.key is None else (key.told(watch.key),)
                 again, about = change.number <= self.told_before, {"name": settings.name, "trace": watch.trace}
-                told = detection(found, settings.tree, event=change.number, key=named, again=again, **about)
-                for failure in settings.hooks.run(told, found.kinds):
+                told = detection(
+                    explanation, change.events, settings.tree, event=change.number, key=named, again=again, **about
+                )
+                for failure in settings.hooks.run(told, kinds):
                     self._sink.warn(str(failure))
-            if settings.drawing is None or found.explanation is None or self.first is not None or self.failed:
+            if settings.drawing is None or explanation is None or self.first is not None or self.failed:
                 continue
             form = PurePath(settings.drawing).suffix.lower().removeprefix(".")
-            fired = settings.tree, found.explanation, found.events
+            fired = settings.tree, explanation, change.events
             try:
                 if form in PICTURES:
                     self.first = picture(fired_dot(*fired), form)
@@ -153,9 +155,10 @@ class _Run:
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
         offset = line = 0
         if kept is not None and (found := kept.load()) is not None:
-            offset, line = found.offset, found.line
+            checkpoint, state = found
+            offset, line = checkpoint.offset, checkpoint.line
             try:
-                run.restore(found.state, found.events)
+                run.restore(state, checkpoint.events)
             except Exception as error:  # whatever somebody may have put into it
                 raise kept.unreadable(error) from error
             for listener in self.listeners:
@@ -168,9 +171,8 @@ class _Run:
             stream: LinesRead | FollowedFile | None = None
             if trace.file is not None and follow:
                 stop = stack.enter_context(stopping())
-                changed = lambda change: sink.warn(str(change))  # noqa: E731
                 idle = lambda: None if kept is None else self._keep(run, kept, stream, idle=True)  # noqa: E731
-                stream = FollowedFile(trace.file, stop=stop, changed=changed, idle=idle, offset=offset, line=line)
+                stream = FollowedFile(trace.file, stop=stop, changed=sink.warn, idle=idle, offset=offset, line=line)
                 stack.callback(stream.close)
             elif trace.file is not None and kept is not None:
                 stream = stack.enter_context(open_at(Path(trace.file), offset=offset, line=line))

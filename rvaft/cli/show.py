@@ -22,7 +22,7 @@ from rvaft.export.property_text import align_latex, kinds_of, property_sign, pro
 from rvaft.language.parser import decoded
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.explanation_json import counted, matched_events
+from rvaft.monitoring.detection import counted, matched_events
 from rvaft.monitoring.reader import read
 from rvaft.support.files import deliver
 from rvaft.support.terminal import visible

@@ -19,10 +19,9 @@ import sys
 from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import Any, BinaryIO, Final, TypedDict
 
 import msgspec
 
@@ -36,32 +35,25 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.follow import FollowedFile
 from rvaft.monitoring.near_misses import NearMissCount, Statistics
 from rvaft.monitoring.reader import MAX_DEPTH, RepeatingObject, failures_of, unreadable
-from rvaft.monitoring.stream import Backwards, Field, Ordering
+from rvaft.monitoring.run import Backwards, Field, Ordering
 from rvaft.monitors import Awaited, Ended, Explanation, Pending
 from rvaft.support.files import SUFFIXES, opened
 
 EVERY: Final = 10_000
 """Events between two checkpoints unless told otherwise."""
-GRACE: Final = 1.0
+_GRACE: Final = 1.0
 """Seconds that writing checkpoints may take beyond what everything else takes: then they are written less often."""
 _EDGE: Final = 1 << 16
 """Bytes at the start of a trace, and before the place that was reached, by which it is known again."""
 _MAGIC: Final = b"rvaft checkpoint 2\n"
-_ANY_MAGIC: Final = b"rvaft checkpoint "
 _BLOCK: Final = 1 << 20
 _SHOWN: Final = 5
 """Columns that a message names."""
 _ANEW: Final = "remove it to begin anew"
-
-
-# -- the pickle ---------------------------------------------------------------------------------------------------------
-
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
 _OURS: Final = (Awaited, Backwards, Configuration, Ended, Explanation, Field, Kind, NearMissCount, Ordering, Pending)
 _MORE: Final = (RepeatingObject, Semantics, Snapshot, Statistics, Verdict)
-ADMITTED: Final[Mapping[tuple[str, str], type]] = {
-    (one.__module__, one.__qualname__): one for one in (*_BUILT_IN, *_OURS, *_MORE)
-}
+_ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in (*_BUILT_IN, *_OURS, *_MORE)}
 """The classes of which a checkpoint consists. None of them runs commands, writes files or listens, and none must: a pickle can set the
 attributes of a class that it can name."""
 
@@ -70,86 +62,18 @@ class _DataPickler(pickle.Pickler):
     """Writes what `_DataUnpickler` lets in and nothing else: better to fail at once than after the crash."""
 
     def reducer_override(self, obj: Any) -> Any:
-        """Leave everything as it is, or raise `PicklingError`."""
         kind = obj if isinstance(obj, type) else type(obj)
-        if ADMITTED.get((kind.__module__, kind.__qualname__)) is not kind:
+        if _ADMITTED.get((kind.__module__, kind.__qualname__)) is not kind:
             raise pickle.PicklingError(f"{kind.__module__}.{kind.__qualname__} has no place in a checkpoint")
         return NotImplemented
 
 
 class _DataUnpickler(pickle.Unpickler):
-    """Lets in what a checkpoint consists of and nothing else."""
-
     def find_class(self, module: str, name: str) -> Any:
-        """A class by its name; raises `UnpicklingError` for anything that a checkpoint does not need."""
-        found = ADMITTED.get((module, name))
+        found = _ADMITTED.get((module, name))
         if found is None:
             raise pickle.UnpicklingError(f"{module}.{name} has no place in a checkpoint")
         return found
-
-
-def pickled(state: object) -> bytes:
-    """The state as bytes; raises `PicklingError` for what has no place there, and what `pickle` raises."""
-    buffer = io.BytesIO()
-    limit = sys.getrecursionlimit()
-    sys.setrecursionlimit(
-        limit + 4 * MAX_DEPTH
-    )  # values are as deep as in a trace; `pickle` recurses twice for a level
-    try:
-        _DataPickler(buffer, protocol=5).dump(state)
-    finally:
-        sys.setrecursionlimit(limit)
-    return buffer.getvalue()
-
-
-def unpickled(data: bytes | memoryview) -> Any:
-    """The state again; raises `UnpicklingError` for what has no place there, and anything at all for what is damaged."""
-    return _DataUnpickler(io.BytesIO(data)).load()
-
-
-# -- the trace ----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class TraceIdentity:
-    """By what a trace is known again: digests of the first and of the last bytes among the first `length` of the file.
-
-    Neither the path nor the inode counts: a log that was moved, restored or synchronised is the same trace as long as it begins with the
-    same bytes. Of a compressed file these are the compressed bytes, all there are; more may follow in each case.
-    """
-
-    length: int
-    head: str
-    tail: str
-
-    @classmethod
-    def of(cls, trace: Path | BinaryIO, offset: int) -> "TraceIdentity":
-        """The identity of a trace that was read up to this offset; a stream is an uncompressed file, and is moved.
-
-        Raises `OSError` for what cannot be read, and `OptionError` for what is no regular file or ends before.
-        """
-        if isinstance(trace, Path):
-            size = trace.stat().st_size
-            if not trace.is_file():
-                raise OptionError(f"{trace}: a checkpoint needs a trace in a regular file")
-            with trace.open("rb") as stream:
-                return cls.of(stream, size if _is_compressed(trace) else offset)
-        trace.seek(0)
-        head = trace.read(min(offset, _EDGE))
-        start = max(0, offset - _EDGE)
-        trace.seek(start)
-        tail = trace.read(offset - start)
-        if len(tail) < offset - start:
-            raise OptionError(f"the trace has fewer than {offset} bytes")
-        return cls(offset, _sha(head), _sha(tail))
-
-
-def _is_compressed(path: Path) -> bool:
-    return path.suffix.lower() in SUFFIXES
-
-
-def _sha(data: bytes | memoryview) -> str:
-    return hashlib.sha256(data).hexdigest()
 
 
 class LinesRead(io.BufferedIOBase):
@@ -160,10 +84,6 @@ class LinesRead(io.BufferedIOBase):
         self._stream = stream
         self.offset = offset
         self.line = line
-
-    def readable(self) -> bool:
-        """It is."""
-        return True
 
     def readline(self, size: int | None = -1) -> bytes:
         """The next line, or the first `size` bytes of a longer one."""
@@ -180,10 +100,10 @@ def open_at(trace: Path, *, offset: int = 0, line: int = 0) -> Iterator[LinesRea
     Raises what `rvaft.support.files.opened` raises, and `TraceError` where a compressed file is damaged or ends before the offset.
     """
     with opened(trace) as stream:
-        if not _is_compressed(trace):
-            stream.seek(offset)
+        left = offset if _is_compressed(trace) else 0
         try:
-            left = offset if _is_compressed(trace) else 0
+            if not _is_compressed(trace):
+                stream.seek(offset)
             while left:
                 block = stream.read(min(left, _BLOCK))
                 if not block:
@@ -194,11 +114,47 @@ def open_at(trace: Path, *, offset: int = 0, line: int = 0) -> Iterator[LinesRea
         yield LinesRead(stream, offset=offset, line=line)
 
 
-# -- the file -----------------------------------------------------------------------------------------------------------
+def _is_compressed(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES
 
 
-class CheckpointHeader(msgspec.Struct, kw_only=True):
-    """The line of JSON: what a checkpoint is of, and how far the trace was read."""
+class TraceIdentity(TypedDict):
+    """By what a trace is known again: digests of the first and of the last bytes among the first `length` of the file."""
+
+    length: int
+    head: str
+    tail: str
+
+
+def identity(trace: Path | BinaryIO, offset: int) -> TraceIdentity:
+    """The identity of a trace that was read up to this offset.
+
+    Neither the path nor the inode counts: a log that was moved, restored or synchronised is the same trace as long as it begins with the
+    same bytes. Of a compressed file these are the compressed bytes, all there are; more may follow in each case. A stream is an uncompressed
+    file, and is moved. Raises `OSError` for what cannot be read, and `OptionError` for what is no regular file or ends before.
+    """
+    if isinstance(trace, Path):
+        size = trace.stat().st_size
+        if not trace.is_file():
+            raise OptionError(f"{trace}: a checkpoint needs a trace in a regular file")
+        with trace.open("rb") as stream:
+            return identity(stream, size if _is_compressed(trace) else offset)
+    trace.seek(0)
+    head = trace.read(min(offset, _EDGE))
+    start = max(0, offset - _EDGE)
+    trace.seek(start)
+    tail = trace.read(offset - start)
+    if len(tail) < offset - start:
+        raise OptionError(f"the trace has fewer than {offset} bytes")
+    return TraceIdentity(length=offset, head=_sha(head), tail=_sha(tail))
+
+
+def _sha(data: bytes | memoryview) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+class Checkpoint(msgspec.Struct, kw_only=True):
+    """What a checkpoint is of, and how far the trace was read: `events`, which end `offset` bytes (after decompression) and `line` lines into it."""
 
     version: str
     tree: str
@@ -211,26 +167,11 @@ class CheckpointHeader(msgspec.Struct, kw_only=True):
     events: int = 0
 
 
-class Checkpoint(NamedTuple):
-    """What is known after `events` events, which end `offset` bytes into the trace (after decompression), `line` lines."""
-
-    events: int
-    offset: int
-    line: int
-    state: Any
-
-
-def digest(tree: RVAFT) -> str:
-    """A digest of the canonical text of a tree, and of which part of it is monitored."""
-    part = tree.part_of
-    whole, branch, kind = (tree, None, None) if part is None else (part.tree, part.branch, part.kind)
-    return _sha(f"{dumps(whole)}\n{branch} {kind}".encode())
-
-
 class CheckpointFile:
     """Where checkpoints of a run over a trace are kept, and how often: every so many events.
 
     `columns` are the labels of what has a verdict of its own, `settings` are other options on which the meaning of the rest depends, as text.
+    Of the event `noted`, and of those before, it is known that what they detected was told.
     """
 
     def __init__(
@@ -244,34 +185,32 @@ class CheckpointFile:
         every: int = EVERY,
         settings: Mapping[str, str] | None = None,
     ) -> None:
+        part = tree.part_of
+        whole, branch, kind = (tree, None, None) if part is None else (part.tree, part.branch, part.kind)
         self.path = path
         self.trace = trace
         self.every = every
         self.noted = 0
-        """The number of the last event of which it is known that what it detected was told."""
-        self._about = CheckpointHeader(
+        self._about = Checkpoint(
             version=rvaft.__version__,
-            tree=digest(tree),
+            tree=_sha(f"{dumps(whole)}\n{branch} {kind}".encode()),
             semantics=semantics.value,
             columns=list(columns),
             settings=dict(settings or {}),
-            trace=TraceIdentity(0, "", ""),
+            trace=TraceIdentity(length=0, head="", tail=""),
         )
         self._saved = 0
         self._digest = ""
         self._begun = monotonic()
         self._spent = 0.0
-
-    @property
-    def _told(self) -> Path:
-        target = self.path.resolve()
-        return target.with_name(f".{target.name[:100]}.told")
+        target = path.resolve()
+        self._told = target.with_name(f".{target.name[:100]}.told")
 
     def is_due(self, events: int, *, idle: bool = False) -> bool:
         """Whether it is time for a checkpoint after so many events: unless all is idle saving takes no longer than the rest."""
         if events // self.every == self._saved // self.every:
             return False
-        return idle or 2 * self._spent <= monotonic() - self._begun + GRACE
+        return idle or 2 * self._spent <= monotonic() - self._begun + _GRACE
 
     def save(self, state: object, events: int, place: LinesRead | FollowedFile, trace: BinaryIO | None = None) -> None:
         """Write a checkpoint so that there is always a whole one: the one before, until the new one is safe on the disk.
@@ -280,97 +219,106 @@ class CheckpointFile:
         `CheckpointError` for what cannot be kept.
         """
         begun = monotonic()
+        payload = io.BytesIO()
+        limit = sys.getrecursionlimit()
+        sys.setrecursionlimit(
+            limit + 4 * MAX_DEPTH
+        )  # values are as deep as in a trace; `pickle` recurses twice a level
         try:
-            payload = pickled(state)
+            _DataPickler(payload, protocol=5).dump(state)
         except (pickle.PicklingError, TypeError, AttributeError, RecursionError) as error:
             raise CheckpointError(self.path, f"these monitors cannot be kept: {_one_line(error)}") from error
-        identity = TraceIdentity.of(trace or self.trace, place.offset)
-        here = {"offset": place.offset, "line": place.line, "events": events}
-        body = msgspec.json.encode(msgspec.structs.replace(self._about, trace=identity, **here)) + b"\n" + payload
+        finally:
+            sys.setrecursionlimit(limit)
+        here: dict[str, Any] = {"offset": place.offset, "line": place.line, "events": events}
+        about = msgspec.structs.replace(self._about, trace=identity(trace or self.trace, place.offset), **here)
+        body = msgspec.json.encode(about) + b"\n" + payload.getvalue()
         self._digest = _sha(body)
-        try:
+        with self._writing():
             _replace(self.path, _MAGIC + self._digest.encode() + b"\n" + body)
             self._told.unlink(missing_ok=True)
-        except OSError as error:
-            raise OSError(error.errno, f"cannot write: {error.strerror}", str(self.path)) from error
         self._saved = events
         self._spent += monotonic() - begun
 
     def note(self, event: int) -> None:
         """Remember, until the next checkpoint, that a detection of that event has been told."""
         self.noted = event
-        try:
+        with self._writing():
             self._told.write_text(f"{self._digest} {event}\n", encoding="ascii")
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
         except OSError as error:
             raise OSError(error.errno, f"cannot write: {error.strerror}", str(self.path)) from error
 
-    def load(self) -> Checkpoint | None:
-        """The checkpoint to go on from; None where there is no file yet.
+    def load(self) -> tuple[Checkpoint, Any] | None:
+        """The checkpoint to go on from, and the state; None where there is no file yet.
 
         Raises `CheckpointError` for one that was made with anything else, and for a file that is damaged or no
-        checkpoint; `OSError` and what `TraceIdentity.of` raises for a file that cannot be read.
+        checkpoint; `OSError` and what `identity` raises for a file that cannot be read.
         """
         try:
             data = self.path.read_bytes()
         except FileNotFoundError:
             return None
-        header, payload = self._parted(data)
-        about = self._about
+        start = len(_MAGIC) + 65
+        body = memoryview(data)[start:]
+        self._digest = _sha(body)
+        if not data.startswith(_MAGIC):
+            if data.startswith(_MAGIC[:17]):
+                raise self._other("of another version of rvaft")
+            no_checkpoint = "this is no checkpoint of rvaft, or the start of it is lost: name another file"
+            raise CheckpointError(self.path, no_checkpoint)
+        if data[len(_MAGIC) : start] != f"{self._digest}\n".encode():
+            raise CheckpointError(self.path, f"the checkpoint is damaged or cut short: {_ANEW}")
+        end = data.find(b"\n", start)
+        try:
+            found = msgspec.json.decode(data[start:end], type=Checkpoint)
+        except (ValueError, TypeError) as error:  # msgspec's errors are such
+            raise self.unreadable(error) from error
+        self._require_same(found)
+        try:
+            state = _DataUnpickler(io.BytesIO(body[end + 1 - start :])).load()
+        except Exception as error:  # whatever a pickle makes of a class
+            raise self.unreadable(error) from error
+        self._saved = found.events
+        with suppress(OSError, ValueError):
+            noted, number = self._told.read_text(encoding="ascii").split()
+            self.noted = int(number) if noted == self._digest else 0
+        return found, state
 
-        def named(setting: str, value: str | None) -> str:
-            return f"without {setting}" if value is None else f"with {setting} {value}"
+    def _require_same(self, found: Checkpoint) -> None:
+        """Raise `CheckpointError` for a checkpoint of another run or of another trace."""
+
+        def with_(name: str, value: str | None) -> str:
+            return f"without {name}" if value is None else f"with {name} {value}"
 
         def listed(labels: Sequence[str]) -> str:
             more = len(labels) - _SHOWN
             return ", ".join([*labels[:_SHOWN], *([f"{more} more"] if more > 0 else [])])
 
-        if header.version != about.version:
-            raise self._other(f"of rvaft {header.version}, this is {about.version}")
-        if header.tree != about.tree:
+        about = self._about
+        if found.version != about.version:
+            raise self._other(f"of rvaft {found.version}, this is {about.version}")
+        if found.tree != about.tree:
             raise self._other("of another tree, or of another part of it")
-        if header.semantics != about.semantics:
-            raise self._other(f"of a run with --semantics {header.semantics}, not {about.semantics}")
-        if header.columns != about.columns:
-            raise self._other(f"of other monitors ({listed(header.columns)}, not {listed(about.columns)})")
-        for name in sorted({*about.settings, *header.settings}):
-            was, now = header.settings.get(name), about.settings.get(name)
+        if found.semantics != about.semantics:
+            raise self._other(f"of a run with --semantics {found.semantics}, not {about.semantics}")
+        if found.columns != about.columns:
+            raise self._other(f"of other monitors ({listed(found.columns)}, not {listed(about.columns)})")
+        for name in sorted({*about.settings, *found.settings}):
+            was, now = found.settings.get(name), about.settings.get(name)
             if was != now:
-                raise self._other(f"of a run {named(name, was)}, not {named(name, now)}")
-        length = header.trace.length
+                raise self._other(f"of a run {with_(name, was)}, not {with_(name, now)}")
+        length = found.trace["length"]
         with self.trace.open("rb") as stream:
             size = os.fstat(stream.fileno()).st_size
             if size < length:
                 raise self._other(f"of a longer trace ({length} bytes were read, {self.trace} has {size})")
-            if TraceIdentity.of(stream, length) != header.trace:
+            if identity(stream, length) != found.trace:
                 raise self._other(f"of another trace: {self.trace} does not begin with what was read")
-        try:
-            state = unpickled(payload)
-        except Exception as error:  # whatever a pickle makes of a class
-            raise self.unreadable(error) from error
-        self._saved = header.events
-        with suppress(OSError, ValueError):
-            noted, number = self._told.read_text(encoding="ascii").split()
-            self.noted = int(number) if noted == self._digest else 0
-        return Checkpoint(header.events, header.offset, header.line, state)
-
-    def _parted(self, data: bytes) -> tuple[CheckpointHeader, memoryview]:
-        """The header and the pickle of a file that is whole."""
-        if not data.startswith(_MAGIC):
-            if data.startswith(_ANY_MAGIC):
-                raise self._other("of another version of rvaft")
-            raise CheckpointError(
-                self.path, "this is no checkpoint of rvaft, or the start of it is lost: name another file"
-            )
-        start = len(_MAGIC) + 65
-        body = memoryview(data)[start:]
-        self._digest = _sha(body)
-        if data[len(_MAGIC) : start] != f"{self._digest}\n".encode():
-            raise CheckpointError(self.path, f"the checkpoint is damaged or cut short: {_ANEW}")
-        end = data.find(b"\n", start)
-        try:
-            return msgspec.json.decode(data[start:end], type=CheckpointHeader), body[end + 1 - start :]
-        except (ValueError, TypeError) as error:  # msgspec's errors are such
-            raise self.unreadable(error) from error
 
     def unreadable(self, error: Exception) -> CheckpointError:
         """The error for a checkpoint that is whole and yet makes no sense."""

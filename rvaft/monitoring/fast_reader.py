@@ -4,7 +4,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from functools import cached_property
 from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
 from operator import attrgetter, methodcaller
 from pathlib import Path
@@ -17,48 +16,35 @@ from rvaft.errors import TraceError
 from rvaft.model.patterns import ObjectPattern
 from rvaft.model.values import Json, Scalar
 from rvaft.monitoring.reader import BOM, MAX_DEPTH, MAX_DIGITS, MAX_LINE, decode, event_on, failures_of, unreadable
-from rvaft.monitoring.stream import Batch
 from rvaft.support.files import SUFFIXES
 
 SIZE: Final = 3 << 15
 """Bytes that are read at once: small enough for the caches of the machine."""
-SHORT: Final = 2 * MAX_DEPTH
-"""A line no longer than this has neither too many levels nor too many digits."""
 MEMORY: Final = 10_000
 """How many values of the discriminating fields, and how many skeletons of lines, are remembered; then the memory starts afresh."""
-
+FEW: Final = 16
+"""One line in so many may have a skeleton that is new: such lines take long."""
+_REST: Final = 64
+"""After a block with more new ones, so many are not looked at."""
+_SHORT: Final = 2 * MAX_DEPTH
+"""A line no longer than this has neither too many levels nor too many digits."""
 _DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
-_ASCII: Final = tuple(bytes([digit]) for digit in b"234567")
-"""The third digit of the numbers of ASCII's letters and signs."""
+_OF_NUMBERS: Final = b"0123456789.+-eE"
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """What a decoder raises for a line that is not for it, malformed or not."""
 _DOUBT: Final = ("doubt",)
 """In place of the values on a line that `rvaft.monitoring.reader` has to read."""
 
 
-class LogBlock:
-    """Whole lines, as one piece of bytes; `first` is the number of the first."""
+class Batch(NamedTuple):
+    """Events that follow each other: how many, and those of them that may concern the tree, each with its place among all, from 0."""
 
-    def __init__(self, text: bytes, first: int = 1) -> None:
-        self.text = text
-        self.first = first
-
-    @cached_property
-    def lines(self) -> list[bytes]:
-        """The lines without their ends."""
-        lines = self.text.split(b"\n")
-        if not lines[-1]:
-            lines.pop()
-        return lines
-
-    def is_within(self, length: int) -> bool:
-        """Whether certainly no line is longer than that."""
-        text, half = self.text, length // 2
-        return all(text.find(b"\n", start, start + half) >= 0 for start in range(0, len(text) - half, half))
+    total: int
+    events: Sequence[tuple[int, dict[str, Json]]]
 
 
-def blocks(stream: BufferedIOBase, file: str) -> Iterator[LogBlock]:
-    """The lines of a stream in turn; one longer than `MAX_LINE` is the last.
+def _blocks(stream: BufferedIOBase, file: str) -> Iterator[tuple[int, bytes]]:
+    """Whole lines of a stream in turn, each block with the number of its first line; one longer than `MAX_LINE` is the last.
 
     Raises `TraceError` where the file cannot be read, after the lines that end before.
     """
@@ -84,126 +70,26 @@ def blocks(stream: BufferedIOBase, file: str) -> Iterator[LogBlock]:
         end = len(text) if not more and failure is None else text.rfind(b"\n") + 1
         given = text[:end].removeprefix(mark)
         if given:
-            yield LogBlock(given, line)
+            yield line, given
         held, mark = text[end:], b""
         line += given.count(b"\n")
     if failure is not None:
         raise unreadable(failure, file, line) from failure
 
 
-# -- what the decoder does not see --------------------------------------------------------------------------------------
-#
-# It checks all of JSON's grammar but passes over strings and numbers that nobody reads: what is no UTF-8, what is nested too deeply, numbers
-# that are too long, keys that are written with escapes, or repeated.
-
-
-def doubtful(block: LogBlock) -> set[int]:
-    """The places of lines with something about them that the decoder does not see."""
-    found: set[int] = set()
-    if not _is_utf8(block.text):
-        found.update(place for place, line in enumerate(block.lines) if not _is_utf8(line))
-    if _has_escapes(block.text):
-        found.update(place for place, line in enumerate(block.lines) if _has_escapes(line))
-    if max(map(len, block.lines)) > SHORT:
-        found.update(place for place, line in enumerate(block.lines) if len(line) > SHORT and _is_endless(line))
-    return found
-
-
-def _is_utf8(text: bytes) -> bool:
-    if not text.isascii():
-        try:
-            text.decode()
-        except UnicodeDecodeError:
-            return False
-    return True
-
-
-def _has_escapes(text: bytes) -> bool:
-    """Whether some ASCII letter or sign is written by its number, as those of a key could be."""
-    place = text.find(b"\\")
-    while place >= 0:
-        if text.startswith(b"u00", place + 1) and text[place + 4 : place + 5] in _ASCII:
-            return True
-        place = text.find(b"\\", place + 2)
-    return False
-
-
-def _is_endless(line: bytes) -> bool:
-    return (
-        line.count(b"{") + line.count(b"[") > MAX_DEPTH
-        or len(line) > MAX_LINE
-        or (len(line) > MAX_DIGITS and bool(_DIGITS.search(line)))
-    )
-
-
-class Skeletons:
-    """The skeletons of lines that are one object each and repeat none of these quoted keys.
-
-    The *skeleton* of a line is what remains without the characters that numbers are written with. Two lines of the same skeleton have the same
-    strings, but for these characters, and the same brackets: such a character never stands behind the backslash of an escape, so what is
-    inside a string in one line is so in the other. Hence, where one line is an object in which no key is repeated, and the others are
-    JSON, they are objects in which no key is repeated. And where every line of a block holds an object, and the block holds as many
-    values as it has lines, every line holds one value.
-    """
-
-    _OF_NUMBERS: Final = b"0123456789.+-eE"
-    FEW: Final = 16
-    """One line in so many may have a skeleton that is new: such lines take long."""
-    REST: Final = 64
-    """After a block with more new ones, so many are not looked at."""
-
-    def __init__(self, keys: Iterable[bytes]) -> None:
-        self._keys = tuple(key.translate(None, self._OF_NUMBERS) for key in keys)
-        self._known: set[bytes] = set()
-        self._resting = 0
-
-    def count(self, block: LogBlock) -> int | None:
-        """The number of lines of a block whose lines all have known skeletons, or None where some have not."""
-        if self._resting:
-            self._resting -= 1
-            return None
-        lines = LogBlock(block.text.translate(None, self._OF_NUMBERS)).lines
-        new = set(lines) - self._known
-        if len(new) * self.FEW > len(lines) + self.FEW:
-            self._resting = self.REST
-            return None
-        if new and len(self._known) + len(new) > MEMORY:
-            self._known.clear()
-            new = set(lines)
-        for skeleton in new:
-            if b"\\u" in skeleton or any(skeleton.count(key) > 1 for key in self._keys):
-                return None
-            try:
-                decode(block.lines[lines.index(skeleton)], reads=Reads())
-            except ValueError:
-                return None
-            self._known.add(skeleton)
-        return len(lines)
-
-
-# -- the reader ---------------------------------------------------------------------------------------------------------
-
-
-class DiscriminatorMeaning(NamedTuple):
-    """What values of the discriminating fields mean: whether events with them are looked at, and the quoted keys not to be repeated."""
-
-    live: bool
-    keys: tuple[bytes, ...]
-
-
 class FastReader:
     """Reads logs for one tree; `possible` says whether events with given values in the discriminating fields are of interest.
 
-    Of events it decodes only these fields. The values of one discriminating field stand as they are, those of several as a tuple.
+    Of events it decodes only these `fields`. The values of one discriminating field stand as they are, those of several as a tuple.
     """
 
-    def __init__(self, reads: TreeReads, fields: Sequence[str], possible: Callable[[Iterable[Hashable]], bool]) -> None:
+    def __init__(self, reads: TreeReads, possible: Callable[[Iterable[Hashable]], bool], fields: Sequence[str]) -> None:
         self._reads = reads
-        self._discriminators = reads.discriminators
         self._possible = possible
+        self._asked = reads.discriminators.fields
         event: Any = TypedDict("event", dict.fromkeys(fields, Scalar), total=False)  # type: ignore[misc] # the names come with the tree
         self._event = msgspec.json.Decoder(event)
-        names = {f"f{number}": field for number, field in enumerate(self._discriminators.fields)}
+        names = {f"f{number}": field for number, field in enumerate(self._asked)}
         # Not to be looked at by the garbage collector: heads live for one block, and hold nothing that could refer to them.
         head = msgspec.defstruct(
             "Head",
@@ -213,125 +99,138 @@ class FastReader:
             module=__name__,
         )
         self._head = msgspec.json.Decoder(head)
-        self._known: dict[Hashable, DiscriminatorMeaning] = {}
-        self._skeletons = Skeletons(map(_quoted, fields))
+        gets = [methodcaller("get", field, msgspec.UNSET) for field in self._asked]
+        self._of_event = gets[0] if len(gets) == 1 else lambda event: tuple([get(event) for get in gets])
+        self._of_head = attrgetter(*names)
+        self._known: dict[Hashable, tuple[bool, tuple[bytes, ...]]] = {}
+        self._keys = tuple(_quoted(field).translate(None, _OF_NUMBERS) for field in fields)
+        self._skeletons: set[bytes] = set()
+        self._resting = 0
         self._dense = False
         """Whether most lines of late were of interest: then all are decoded as events at once."""
 
     @classmethod
     def of(
-        cls, reads: TreeReads, also: Iterable[str] = (), possible: Callable[[Iterable[Hashable]], bool] | None = None
+        cls, reads: TreeReads, possible: Callable[[Iterable[Hashable]], bool], also: Iterable[str] = ()
     ) -> Self | None:
         """A reader of the logs of a tree, or None for a tree that is left to `rvaft.monitoring.reader`; `also` are fields to keep.
 
         Such a tree tells no events apart by strings, wants more than fields, or fields whose names a line could write in more ways
         than one, escapes of ASCII by their number aside.
         """
-        if not reads.discriminators.fields or not all(isinstance(one, ObjectPattern) for one in reads.patterns):
+        patterns = [one for one in reads.patterns if isinstance(one, ObjectPattern)]
+        if not reads.discriminators.fields or len(patterns) < len(reads.patterns):
             return None
-        named = [name for one in reads.patterns if isinstance(one, ObjectPattern) for name, _ in one.fields]
-        fields = tuple(dict.fromkeys((*named, *also)))
-        if not all(name.isascii() and name.isprintable() and not set(name) & set('"\\/') for name in fields):
-            return None
-        asked = reads.discriminators
-
-        def fits(values: Iterable[Hashable]) -> bool:
-            return bool(asked.candidates(asked.values(dict(zip(asked.fields, values, strict=True)))))
-
-        return cls(reads, fields, possible or fits)
+        fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))
+        plain = all(name.isascii() and name.isprintable() and not set(name) & set('"\\/') for name in fields)
+        return cls(reads, possible, fields) if plain else None
 
     def read(self, stream: BufferedIOBase, file: str) -> Iterator[Batch]:
-        """All events of a stream in batches; raises `TraceError` after the batch that has it."""
-        for block in blocks(stream, file):
-            batch = self._batch(block, file)
-            yield batch
-            if batch.error is not None:
-                raise batch.error
+        """All events of a stream in batches; raises `TraceError` after the events before it."""
+        for first, text in _blocks(stream, file):
+            lines = text.removesuffix(b"\n").split(b"\n")
+            dense = self._dense
+            sound = self._sound(text, lines) if dense else None
+            heads, found = self._heads(text, lines) if sound is None else (sound, list(map(self._of_event, sound)))
+            different = set(found)
+            known = {values: self._meaning(values) for values in different if values is not _DOUBT}
+            dead = {values for values, (live, _) in known.items() if not live}
+            places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))
+            self._dense = 2 * len(places) > len(found)
+            if sound is not None:
+                yield Batch(len(found), [(place, sound[place]) for place in places] if dead else list(enumerate(sound)))
+                continue
+            events: list[tuple[int, dict[str, Json]]] = []
+            blank = 0
+            for place in places:
+                line, values = lines[place], found[place]
+                event: dict[str, Json] | None = None
+                if values is not _DOUBT:
+                    for key in known[values][1]:
+                        if line.count(key) > 1:
+                            break
+                    else:
+                        event = heads[place] if dense else _decoded(self._event, line)
+                if event is None:
+                    try:
+                        event = event_on(line, file, first + place, self._reads)
+                    except TraceError:
+                        yield Batch(place - blank, events)
+                        raise
+                if event is None:
+                    blank += 1
+                else:
+                    events.append((place - blank, event))
+            yield Batch(len(found) - blank, events)
 
-    def _batch(self, block: LogBlock, file: str) -> Batch:
-        whole = self._dense
-        heads = self._sound(block) if whole and _is_utf8(block.text) and block.is_within(SHORT) else None
-        sound = heads is not None
-        if heads is None:
-            heads, found, counts = self._checked(block, whole=whole)
-        else:
-            found = self._values(heads, whole=True)
-            counts = Counter(found)
-        known = {values: self._meaning(values) for values in counts if values is not _DOUBT}
-        dead = {values for values, meaning in known.items() if not meaning.live}
-        places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))
-        self._dense = 2 * len(places) > len(found)
-        if sound:
-            return Batch(len(found), [(place, heads[place]) for place in places] if dead else list(enumerate(heads)))
-        events: list[tuple[int, dict[str, Json]]] = []
-        blank = 0
-        for place in places:
-            line, values = block.lines[place], found[place]
-            event: dict[str, Json] | None = None
-            if values is not _DOUBT and not _repeats(line, known[values].keys):
-                event = heads[place] if whole else _decoded(self._event, line)
-            if event is None:
-                try:
-                    event = event_on(line, file, block.first + place, self._reads)
-                except TraceError as error:
-                    return Batch(place - blank, events, error)
-            if event is None:
-                blank += 1
-            else:
-                events.append((place - blank, event))
-        return Batch(len(found) - blank, events)
+    def _sound(self, text: bytes, lines: list[bytes]) -> list[Any] | None:
+        """The events of a block in which nothing can be wrong that the decoder does not see, or None where some may.
 
-    def _sound(self, block: LogBlock) -> list[Any] | None:
-        """The events of a block in which nothing can be wrong that the decoder does not see, or None."""
-        count = self._skeletons.count(block)
-        if count is not None:
-            with suppress(*_REFUSED):
-                heads: list[Any] = self._event.decode_lines(block.text)
-                if len(heads) == count:
-                    return heads
+        The *skeleton* of a line is what remains without the characters that numbers are written with. Two lines of the same skeleton have the same
+        strings, but for these characters, and the same brackets: such a character never stands behind the backslash of an escape, so what is
+        inside a string in one line is so in the other. Hence, where one line is an object in which no key is repeated, and the others are
+        JSON, they are objects in which no key is repeated. And where every line of a block holds an object, and the block holds as many
+        values as it has lines, every line holds one value.
+        """
+        self._resting -= 1
+        if self._resting > 0 or max(map(len, lines)) > _SHORT or _is_odd(text):
+            return None
+        skeletons = text.removesuffix(b"\n").translate(None, _OF_NUMBERS).split(b"\n")
+        new = set(skeletons) - self._skeletons
+        if len(new) * FEW > len(lines) + FEW:
+            self._resting = _REST
+            return None
+        if new and len(self._skeletons) + len(new) > MEMORY:
+            self._skeletons.clear()
+            new = set(skeletons)
+        for skeleton in new:
+            if b"\\u" in skeleton or any(skeleton.count(key) > 1 for key in self._keys):
+                return None
+            try:
+                decode(lines[skeletons.index(skeleton)], reads=Reads())
+            except ValueError:
+                return None
+            self._skeletons.add(skeleton)
+        with suppress(*_REFUSED):
+            heads: list[Any] = self._event.decode_lines(text)
+            if len(heads) == len(lines):
+                return heads
         return None
 
-    def _checked(self, block: LogBlock, *, whole: bool) -> tuple[list[Any], list[Hashable], Counter[Hashable]]:
+    def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[Any], list[Hashable]]:
         """For each line what the decoder makes of it and its values in the discriminating fields, `_DOUBT` where it cannot be trusted."""
-        decoder = self._event if whole else self._head
+        decoder, get = (self._event, self._of_event) if self._dense else (self._head, self._of_head)
+        doubts = _doubtful(text, lines)
         try:
-            heads = list(map(decoder.decode, block.lines))
-            doubts = doubtful(block)
+            heads = list(map(decoder.decode, lines))
+            found: list[Hashable] = list(map(get, heads))
         except _REFUSED:
-            heads = [_decoded(decoder, line) for line in block.lines]
-            doubts = doubtful(block) | {place for place, head in enumerate(heads) if head is None}
-        found = self._values(heads, whole=whole)
+            heads = [_decoded(decoder, line) for line in lines]
+            found = [_DOUBT if head is None else get(head) for head in heads]
+            doubts.update(place for place, values in enumerate(found) if values is _DOUBT)
         counts = Counter(found)
-        fields = self._discriminators.fields
-        for number, field in enumerate(fields):
+        for number, field in enumerate(self._asked):
             # Where no line writes a field otherwise than it is, to count them in the block will do.
-            key, absent = _quoted(field), msgspec.UNSET
-            lacking = counts.get(absent, 0) if len(fields) == 1 else sum(one[number] is absent for one in found)  # type: ignore[index]
-            if doubts or block.text.count(key) != len(found) - lacking:
-                doubts.update(place for place, line in enumerate(block.lines) if line.count(key) > 1)
+            key = _quoted(field)
+            if doubts or text.count(key) != sum(
+                count for values, count in counts.items() if self._every(values)[number] is not msgspec.UNSET
+            ):
+                doubts.update(place for place, line in enumerate(lines) if line.count(key) > 1)
         for place in doubts:
             found[place] = _DOUBT
-        return heads, found, Counter(found) if doubts else counts
+        return heads, found
 
-    def _values(self, heads: Sequence[Any], *, whole: bool) -> list[Hashable]:
-        columns: list[list[Hashable]] = []
-        for number, field in enumerate(self._discriminators.fields):
-            value: Callable[[Any], Hashable]
-            value = methodcaller("get", field, msgspec.UNSET) if whole else attrgetter(f"f{number}")
-            try:
-                columns.append(list(map(value, heads)))
-            except AttributeError:
-                columns.append([msgspec.UNSET if head is None else value(head) for head in heads])
-        return columns[0] if len(columns) == 1 else list(zip(*columns, strict=True))
+    def _every(self, values: Hashable) -> Any:
+        return (values,) if len(self._asked) == 1 else values
 
-    def _meaning(self, values: Hashable) -> DiscriminatorMeaning:
+    def _meaning(self, values: Hashable) -> tuple[bool, tuple[bytes, ...]]:
+        """Whether events with these values are looked at, and the quoted keys that they are not to repeat."""
         known = self._known.get(values)
         if known is None:
-            fields = self._discriminators.fields
-            every: Any = values if len(fields) > 1 else (values,)
-            asked = self._discriminators.values(dict(zip(fields, every, strict=True)))
-            keys = tuple(_quoted(field) for field in self._reads.where(asked).fields if field not in fields)
-            known = DiscriminatorMeaning(self._possible(every), keys)
+            every = self._every(values)
+            asked = self._reads.discriminators.values(dict(zip(self._asked, every, strict=True)))
+            keys = tuple(_quoted(field) for field in self._reads.where(asked).fields if field not in self._asked)
+            known = self._possible(every), keys
             if len(self._known) >= MEMORY:
                 self._known.clear()
             if brief(every):
@@ -339,17 +238,41 @@ class FastReader:
         return known
 
 
+def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:
+    """The places of lines with something about them that the decoder does not see.
+
+    It checks all of JSON's grammar but passes over strings and numbers that nobody reads: what is no UTF-8, what is nested too deeply, numbers
+    that are too long, keys that are written with escapes.
+    """
+    found: set[int] = set()
+    if _is_odd(text):
+        found.update(place for place, line in enumerate(lines) if _is_odd(line))
+    if max(map(len, lines)) > _SHORT:
+        for place, line in enumerate(lines):
+            deep = len(line) > _SHORT and line.count(b"{") + line.count(b"[") > MAX_DEPTH
+            if deep or len(line) > MAX_LINE or (len(line) > MAX_DIGITS and _DIGITS.search(line)):
+                found.add(place)
+    return found
+
+
+def _is_odd(text: bytes) -> bool:
+    """Whether it is no UTF-8, or has an ASCII letter that is written by its number, as one of a key could be."""
+    place = text.find(b"\\")
+    while place >= 0:
+        if text.startswith(b"u00", place + 1) and text[place + 4 : place + 5] in (b"2", b"3", b"4", b"5", b"6", b"7"):
+            return True
+        place = text.find(b"\\", place + 2)
+    if not text.isascii():
+        try:
+            text.decode()
+        except UnicodeDecodeError:
+            return True
+    return False
+
+
 def _quoted(field: str) -> bytes:
     """A field as it stands in a line."""
     return f'"{field}"'.encode()
-
-
-def _repeats(line: bytes, keys: tuple[bytes, ...]) -> bool:
-    """Whether one of these quoted keys stands in a line more than once."""
-    for key in keys:  # noqa: SIM110 (asked of every event)
-        if line.count(key) > 1:
-            return True
-    return False
 
 
 def _decoded(decoder: "msgspec.json.Decoder[Any]", line: bytes) -> Any:

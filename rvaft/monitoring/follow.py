@@ -3,17 +3,17 @@
 The file is looked at now and then with `os.stat`, which works on every file system. Logs are rotated in two ways. Renaming:
 another file stands at the path; the old one is read to its end first, and its last line may lack a line end. Truncating, or writing
 the file anew: what was read last is no longer there; a line that was still unfinished is dropped. Either way the file
-is then read from its start, and a `FileChange` says so. Two rotations between two looks are one, and the file between them is not seen.
+is then read from its start, and that is told. Two rotations between two looks are one, and the file between them is not seen.
 """
 
 import io
 import os
 import signal
 import stat
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any, BinaryIO, Final, cast
@@ -22,42 +22,22 @@ from rvaft.errors import OptionError
 from rvaft.monitoring.reader import BOM
 from rvaft.support.files import SUFFIXES
 
-DEFAULT_POLL: Final = 0.2
+POLL: Final = 0.2
 """Seconds between two looks at a file."""
 _BLOCK: Final = 1 << 18
 """Bytes that are read at once."""
 _KEPT: Final = 256
 """Bytes before the place of reading that tell whether the file is still the same."""
-_NAP: Final = 0.2
-"""Seconds after which a long sleep looks whether it is to end."""
 
 
-@dataclass(frozen=True, slots=True)
-class FileChange:
-    """Another file is read from now on: `replaced` by another file, or the same one truncated or written anew.
+class FollowedFile(io.IOBase):
+    """The lines of a file as it grows, to be closed after use; `rvaft.monitoring.reader.read` takes it for a trace.
 
-    `read` is how many bytes of the old one were read, `dropped` how many of them were a line without an end that is lost.
-    """
-
-    path: str
-    replaced: bool
-    read: int
-    dropped: int = 0
-
-    def __str__(self) -> str:
-        what = "was replaced" if self.replaced else "was truncated or written anew"
-        lost = f"; an unfinished line of {self.dropped} bytes is lost" if self.dropped else ""
-        return f"{self.path} {what} and is now read from its start{lost}"
-
-
-class FollowedFile(io.RawIOBase):
-    """The bytes of a file as it grows, to be closed after use; `rvaft.traces.read` takes it for a trace.
-
-    It looks every `poll` seconds, tells `changed` when it goes over to another file and `idle` that nothing comes, and ends as soon as `stop` says so; a line
+    It tells `changed`, in a sentence, when it goes over to another file and `idle` that nothing comes, and ends as soon as `stop` says so; a line
     that is unfinished then is not given. `offset` is where to begin, at the start of a line, and `line` how many lines are before.
 
     Raises `OSError` for a file that cannot be opened, also later for the one that replaces it, and `OptionError` for what is no
-    regular file, for a compressed one, for one that ends before `offset`, and for a `poll` that is not positive.
+    regular file, for a compressed one, and for one that ends before `offset`.
 
     The attributes `offset` and `line` say how many bytes and lines of the present file, `file`, have been given. Nothing moves `file` but this
     object, which looks for its place every time.
@@ -67,20 +47,16 @@ class FollowedFile(io.RawIOBase):
         self,
         path: str | os.PathLike[str],
         *,
-        poll: float = DEFAULT_POLL,
-        stop: Callable[[], bool] = lambda: False,
-        changed: Callable[[FileChange], object] = lambda _: None,
-        idle: Callable[[], object] = lambda: None,
+        stop: Callable[[], bool],
+        changed: Callable[[str], object],
+        idle: Callable[[], object],
         offset: int = 0,
         line: int = 0,
     ) -> None:
         super().__init__()
-        if not poll > 0:
-            raise OptionError(f"a look at the file every {poll:g} s: the time must be positive")
         self.path = Path(path)
         if self.path.suffix.lower() in SUFFIXES:
             raise OptionError(f"{self.path}: a compressed file cannot be followed")
-        self._poll = poll
         self._stop = stop
         self._changed = changed
         self._idle = idle
@@ -90,8 +66,6 @@ class FollowedFile(io.RawIOBase):
         """The file that stands at the path now, once it is another one."""
         self._ending = False
         """Whether what is ready is the last line of the file."""
-        self._midway = False
-        """Whether a part of a line was given without its end."""
         self._marked = False
         """Whether a byte order mark may come: at the start of each file but the first, where it is left to who reads the trace."""
         self._ready = bytearray()
@@ -109,57 +83,34 @@ class FollowedFile(io.RawIOBase):
         """How many bytes of the present file have been given."""
         return self._position - len(self._ready)
 
-    def readable(self) -> bool:
-        """It is."""
-        return True
-
-    def close(self) -> None:
-        """Close the file."""
-        if not self.closed:
-            self.file.close()
-            if self._next is not None:
-                self._next.close()
-        super().close()
-
-    def readline(self, size: int | None = -1) -> bytes:
-        """The next line once it is whole, or the first `size` bytes of a longer one; nothing after the end was asked for."""
-        most = -1 if size is None else size
-        while True:
-            end = self._ready.find(b"\n", self._searched) + 1
-            if 0 <= most <= (end or len(self._ready)):
-                return self._give(most)
-            if end:
-                return self._give(end)
-            self._searched = len(self._ready)
-            if not self._more():
-                return b""
-
     @property
     def unfinished(self) -> int:
         """How many bytes of a line without an end are not given."""
         return len(self._ready)
 
-    def readinto(self, buffer: Any) -> int:
-        """Whole lines, as many as there are and fit, or a part of one that does not; 0 after the end was asked for."""
-        room = len(buffer)
-        while True:
-            taken = self._ready.rfind(b"\n", 0, room) + 1 or (room if room <= len(self._ready) else 0)
-            if taken or not room:
-                buffer[:taken] = self._give(taken)
-                return taken
-            if not self._more():
-                return 0
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
+        if self._next is not None:
+            self._next.close()
+        super().close()
 
-    def _give(self, count: int) -> bytes:
-        given = bytes(self._ready[:count])
-        del self._ready[:count]
-        self._searched = 0
-        self.line += given.count(b"\n")
-        if given:
-            self._midway = not given.endswith(b"\n")
-        if self._ending:  # whoever waited for it had room for all of it
-            self._replace()
-        return given
+    def readline(self, size: int | None = -1) -> bytes:
+        """The next line once it is whole, or the first `size` bytes of a longer one; nothing after the end was asked for."""
+        most = sys.maxsize if size is None or size < 0 else size
+        while True:
+            end = self._ready.find(b"\n", self._searched) + 1
+            if end or most <= len(self._ready):
+                given = bytes(self._ready[: min(end or most, most)])
+                del self._ready[: len(given)]
+                self._searched = 0
+                self.line += given.endswith(b"\n")
+                if self._ending:  # whoever waited for it had room for all of it
+                    self._replace()
+                return given
+            self._searched = len(self._ready)
+            if not self._more():
+                return b""
 
     def _more(self) -> bool:
         """Wait until more is ready; False once the end is asked for. What is ready has no line end yet."""
@@ -171,7 +122,7 @@ class FollowedFile(io.RawIOBase):
                     if not os.path.samestat(self.path.stat(), os.fstat(self.file.fileno())):
                         self._next = _opened(self.path)
                 self._idle()
-                self._sleep()  # whoever writes to the old file may not have noticed yet
+                time.sleep(POLL)  # whoever writes to the old file may not have noticed yet
             elif self._ready:
                 self._ready += b"\n"
                 self._ending = True
@@ -185,9 +136,9 @@ class FollowedFile(io.RawIOBase):
         self.file.seek(self._position - len(self._before))
         seen = self.file.read(len(self._before) + _BLOCK)
         if not seen.startswith(self._before):
-            self._changed(FileChange(str(self.path), replaced=False, read=self._position, dropped=len(self._ready)))
-            self._start_anew()
-            return self._fill() or bool(self._ready)
+            lost = f"; an unfinished line of {len(self._ready)} bytes is lost" if self._ready else ""
+            self._start_anew("was truncated or written anew", lost)
+            return self._fill()
         new = seen[len(self._before) :]
         self._ready += new
         if self._marked and (self._ready.startswith(BOM) or not BOM.startswith(self._ready)):
@@ -199,26 +150,17 @@ class FollowedFile(io.RawIOBase):
 
     def _replace(self) -> None:
         assert self._next is not None
-        self._changed(FileChange(str(self.path), replaced=True, read=self._position))
         self.file.close()
         self.file, self._next = self._next, None
-        self._start_anew()
+        self._ending = False
+        self._start_anew("was replaced")
 
-    def _start_anew(self) -> None:
+    def _start_anew(self, why: str, lost: str = "") -> None:
+        self._changed(f"{self.path} {why} and is now read from its start{lost}")
         self._ready = bytearray()
         self._searched = self._position = self.line = 0
         self._before = b""
-        self._ending = False
         self._marked = True
-        if self._midway:  # its end comes before the new first line, and counts for neither
-            self._ready += b"\n"
-            self.line = -1
-
-    def _sleep(self) -> None:
-        """Sleep until the next look, or until the end is asked for."""
-        until = time.monotonic() + self._poll
-        while (left := until - time.monotonic()) > 0 and not self._stop():
-            time.sleep(min(left, _NAP))
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 These are the options (a), (b) and (c) of the paper, section 4.3, with the names that its Tables 2 and 3 give to the monitors.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
@@ -23,8 +23,7 @@ from rvaft.monitors import Ended, Explanation, Monitor
 
 MOST: Final = 1_000
 """How many branches are monitored one by one."""
-WHOLE: Final = "tree"
-"""The label of the first column, which is always there."""
+_UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
 
 
 class Per(StrEnum):
@@ -45,25 +44,20 @@ class Column:
 
 
 def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
-    """The monitor of a tree (or of the part of one), and those of its parts; raises what `parts` raises.
+    """The monitor of a tree (or of the part of one), and beside it those of its branches, from 1, or of the kinds that it has.
+
+    A part without a feasible scenario, where nothing can ever be detected, has none. Raises `TreeError` for a tree that breaks a rule,
+    and `TooLarge` beyond `MOST` branches.
 
     >>> import rvaft
     >>> [column.title for column in columns(rvaft.loads("top or a b; a; b;"), Per.BRANCH)]
     ['φ', 'φ1', 'φ2']
     """
-    return (Column(WHOLE, "φ", narrowed(tree)), *parts(tree, per))
-
-
-def parts(tree: RVAFT, per: Per) -> Iterator[Column]:
-    """The monitors of the branches of a tree, from 1, or of the kinds that it has.
-
-    A part without a feasible scenario, where nothing can ever be detected, has none. Raises `TreeError` for a tree that breaks a rule,
-    and `TooLarge` beyond `MOST` branches.
-    """
+    found = [Column("tree", "φ", narrowed(tree))]
     wanted: list[tuple[str, str, int | None, Kind | None]] = []
     match per:
         case Per.TREE:
-            return
+            pass
         case Per.BRANCH:
             numbers = [branch.number for branch in islice(branches(tree), MOST + 1)]
             if len(numbers) > MOST:
@@ -76,20 +70,20 @@ def parts(tree: RVAFT, per: Per) -> Iterator[Column]:
             wanted = [(kind.value, kind.value, None, kind) for kind in Kind if kind in present]
     for label, title, branch, kind in wanted:
         try:
-            yield Column(label, title, narrowed(tree, branch, kind))
-        except TreeError as error:
-            if error.rule != "no-scenario":
+            found.append(Column(label, title, narrowed(tree, branch, kind)))
+        except TreeError as infeasible:
+            if infeasible.rule != "no-scenario":
                 raise
-
-
-_UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
+    return tuple(found)
 
 
 class MonitorSet:
     """One monitor for each column; the first is that of the whole.
 
     Events have the numbers that the caller gives them, which rise, and may leave some out: explanations name events by these numbers.
-    Raises `TooLarge` as its monitors do.
+    `types` says what events are to the tree: one look-up serves the counts and all monitors. `since` has, for each column whose verdict is final,
+    the number of the event that made it so. `concerned` says whether the last event was relevant to the tree, or may be part of a match all the
+    same, `serves` whether an explanation may name it. Raises `TooLarge` as its monitors do.
     """
 
     def __init__(self, columns: Sequence[Column], make: Callable[[RVAFT], Monitor], semantics: Semantics) -> None:
@@ -97,20 +91,14 @@ class MonitorSet:
         self.semantics = semantics
         self._projected = semantics is Semantics.PROJECTED
         self._strict = semantics is Semantics.STRICT
-        self.take_over(tuple(make(column.part) for column in columns))
-        patterns = [letter.pattern for engine in self.engines for letter in engine.letters.letters]
-        self.types = EventTypeIndex(self.columns[0].part, patterns)
-        """What events are to the tree: one look-up serves the counts and all monitors."""
+        self._take_over(tuple(make(column.part) for column in columns))
+        letters = (letter.pattern for engine in self.engines for letter in engine.letters.letters)
+        self.types = EventTypeIndex(self.columns[0].part, letters)
         self.since: dict[int, int] = {}
-        """For each column whose verdict is final the number of the event that made it so."""
-        self.serves = False
-        """Whether an explanation may name the last event."""
-        self.concerned = False
-        """Whether the last event was relevant to the tree, or may be part of a match all the same."""
+        self.serves = self.concerned = False
         self._live = tuple(range(len(self.monitors)))
 
-    def take_over(self, monitors: tuple[Monitor, ...]) -> None:
-        """Go on with these monitors, one for each column."""
+    def _take_over(self, monitors: tuple[Monitor, ...]) -> None:
         self.monitors = monitors
         engines = tuple(monitor for monitor in monitors if isinstance(monitor, Engine))
         self.engines = engines if len(engines) == len(monitors) else ()
@@ -121,7 +109,7 @@ class MonitorSet:
     def fork(self) -> Self:
         """Independent monitors that have read the same events."""
         twin = copy(self)
-        twin.take_over(tuple(monitor.fork() for monitor in self.monitors))
+        twin._take_over(tuple(monitor.fork() for monitor in self.monitors))  # noqa: SLF001 (its own)
         twin.since = dict(self.since)
         return twin
 
@@ -155,14 +143,7 @@ class MonitorSet:
             sketches = sight.monitored = tuple([engine.letters.sketch(event) for engine in engines])
         reading = self._read(event, sketches[0])
         concerned = self.concerned = reading.relevant if self._projected else bool(reading.hits)
-        if not self._live or not (concerned or self._strict):
-            return ()
-        if len(engines) == 1:
-            engine = engines[0]
-            if engine.take(reading, number) is not _UNKNOWN:
-                self.serves = concerned and engine.noted
-                return self._changed(number)
-            self.serves = concerned and engine.noted
+        if not (concerned or self._strict):
             return ()
         final = serves = False
         for column in self._live:

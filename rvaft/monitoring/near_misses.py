@@ -23,87 +23,84 @@ _SHOWN: Final = 40
 Path = tuple[str, ...]
 
 
-class EventTypeIndex:
-    """What events can be to a tree: of which types they are, by one look-up for the types and for all monitors of the tree.
-
-    An event type is what an `on` names; the default event of a leaf is a type of the leaf's name. `also` are patterns of monitors.
-    """
-
-    def __init__(self, tree: RVAFT, also: Sequence[Pattern] = ()) -> None:
-        self.tree = tree if tree.part_of is None else tree.part_of.tree
-        types: dict[str, Pattern] = {}
-        entries: dict[tuple[str, Letter], None] = {}
-        for relevant in self.tree.alphabet:
-            on = self.tree.nodes[relevant.node].on
-            name = relevant.node if on is None else on.event
-            types.setdefault(name, relevant.pattern if on is None else self.tree.events[on.event].pattern)
-            entries[name, Letter(relevant.pattern, relevant.when)] = None
-        self.names = tuple(types)
-        letters = [("type", name, Letter(pattern)) for name, pattern in types.items()]
-        letters += [("entry", name, letter) for name, letter in entries]
-        letters += [("ignored", "", Letter(self.tree.instantiate(one.on), one.when)) for one in self.tree.ignores]
-        letters += [("monitor", "", Letter(pattern)) for pattern in dict.fromkeys(also)]
-        self._kinds = tuple((kind, name) for kind, name, _ in letters)
-        self._readers = tuple(reader(number, letter) for number, (_, _, letter) in enumerate(letters))
-        self.of = PatternIndex((letter.pattern for _, _, letter in letters), self._sight).of
-        """What an event is, as far as its shape says."""
-        reads = TreeReads(self.tree)
-        self.discriminators: Discriminators = reads.discriminators
-        self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
-        for pattern in reads.patterns:
-            for field, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
-                if field in self._meant and isinstance(value, Literal) and isinstance(value.value, str):
-                    self._meant[field][spelling(value.value)] = value.value
-        fields = ((name, tuple(_leaves(letter.pattern))) for name, letter in entries)
-        self.compound = tuple(dict.fromkeys(one for one in fields if len(one[1]) > 1))
-        """The types with several fields, of which an event can miss one."""
-
-    def possible(self, values: Iterable[Hashable]) -> bool:
-        """Whether events with these values in the discriminating fields may fit a pattern, perhaps if the values were spelled as they are there."""
-        meant = {
-            field: self._meant[field].get(spelling(value), value) if isinstance(value, str) else None
-            for field, value in zip(self.discriminators.fields, values, strict=True)
-        }
-        return bool(self.discriminators.candidates(self.discriminators.values(meant)))
-
-    def decided(self, sight: "Sight", event: Mapping[str, Json]) -> "Sight":
-        """What the event itself decides beside its shape. Here only patterns count: guards are asked afterwards."""
-        fits, open_ = sight.decided
-        found = (number for number in open_ if match(self._readers[number].pattern, event, {}) is not None)
-        return self._sight(Decided((*fits, *found), ()))
-
-    def _sight(self, decided: Decided) -> "Sight":
-        return Sight(decided, [(*self._kinds[number], self._readers[number]) for number in decided.fits])
-
-
 class Sight:
-    """What events of one shape are: the types they have, the entries of the alphabet and the ignored letters that they fit."""
+    """What events of one shape are: the types they have, the entries of the alphabet and the ignored letters that they fit.
+
+    All such events are relevant of the `constant` types unless they are ignored, or, where that is None, this has to be asked of each; with `plain`
+    whatever else they hold. `noted` are the statistics that know these types as seen, `monitored` is what the shape says to each monitor.
+    """
 
     __slots__ = ("_entries", "constant", "decided", "ignored", "monitored", "noted", "plain", "types")
 
-    def __init__(self, decided: Decided, letters: list[tuple[str, str, Reader]]) -> None:
+    def __init__(self, decided: Decided, letters: Sequence[tuple[str, str, Reader]]) -> None:
         self.decided = decided
         self.types = frozenset(name for kind, name, _ in letters if kind == "type")
         self._entries = tuple((name, one) for kind, name, one in letters if kind == "entry")
-        self.ignored = tuple(_admitting(one) for kind, _, one in letters if kind == "ignored")
-        names = tuple(dict.fromkeys(name for name, _ in self._entries))
-        self.constant = names if all(one.holds is None for _, one in self._entries) else None
-        """The types of which every such event is relevant unless it is ignored, or None where that has to be asked of the event."""
-        self.noted: object = None
-        """The statistics that know these types as seen."""
+        self.ignored: tuple[Predicate, ...] = tuple(
+            one.holds if one.plain and one.holds is not None else one.admits
+            for kind, _, one in letters
+            if kind == "ignored"
+        )
+        asked = any(one.holds is not None for _, one in self._entries)
+        self.constant = None if asked else tuple(dict.fromkeys(name for name, _ in self._entries))
         self.plain = bool(self.constant) and not self.ignored and not decided.open
-        """Whether such an event is of the constant types whatever else it holds."""
+        self.noted: object = None
         self.monitored: tuple[Any, ...] | None = None
-        """What the shape says to each monitor, once they were asked."""
 
     def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
         """The types of which an event that is not ignored is relevant."""
         return tuple(dict.fromkeys(name for name, one in self._entries if one.admits(event)))
 
 
-def _admitting(one: Reader) -> Predicate:
-    """What an event is asked whose shape does not exclude it."""
-    return one.holds if one.plain and one.holds is not None else one.admits
+class EventTypeIndex:
+    """What events can be to a tree: of which types they are, by one look-up for the types and for all monitors of the tree.
+
+    An event type is what an `on` names; the default event of a leaf is a type of the leaf's name. `also` are patterns of monitors. `of` says what
+    an event is as far as its shape decides; `compound` are the types with several fields, of which an event can miss one.
+    """
+
+    def __init__(self, tree: RVAFT, also: Iterable[Pattern] = ()) -> None:
+        tree = tree if tree.part_of is None else tree.part_of.tree
+        types: dict[str, Pattern] = {}
+        entries: dict[tuple[str, Letter], None] = {}
+        for relevant in tree.alphabet:
+            on = tree.nodes[relevant.node].on
+            name = relevant.node if on is None else on.event
+            types.setdefault(name, relevant.pattern if on is None else tree.events[on.event].pattern)
+            entries[name, Letter(relevant.pattern, relevant.when)] = None
+        self.names = tuple(types)
+        letters = [("type", name, Letter(pattern)) for name, pattern in types.items()]
+        letters += [("entry", name, letter) for name, letter in entries]
+        letters += [("ignored", "", Letter(tree.instantiate(one.on), one.when)) for one in tree.ignores]
+        letters += [("monitor", "", Letter(pattern)) for pattern in dict.fromkeys(also)]
+        self._letters = [(kind, name, reader(number, one)) for number, (kind, name, one) in enumerate(letters)]
+        self.of = PatternIndex((letter.pattern for _, _, letter in letters), self._sight).of
+        reads = TreeReads(tree)
+        self.discriminators: Discriminators = reads.discriminators
+        self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
+        for pattern in reads.patterns:
+            for field, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
+                if field in self._meant and isinstance(value, Literal) and isinstance(value.value, str):
+                    self._meant[field][_spelling(value.value)] = value.value
+        fields = ((name, tuple(_leaves(letter.pattern))) for name, letter in entries)
+        self.compound = tuple(dict.fromkeys(one for one in fields if len(one[1]) > 1))
+
+    def possible(self, values: Iterable[Hashable]) -> bool:
+        """Whether events with these values in the discriminating fields may fit a pattern, perhaps if the values were spelled as they are there."""
+        meant = {
+            field: self._meant[field].get(_spelling(value), value) if isinstance(value, str) else None
+            for field, value in zip(self.discriminators.fields, values, strict=True)
+        }
+        return bool(self.discriminators.candidates(self.discriminators.values(meant)))
+
+    def decided(self, sight: Sight, event: Mapping[str, Json]) -> Sight:
+        """What the event itself decides beside its shape. Here only patterns count: guards are asked afterwards."""
+        fits, open_ = sight.decided
+        found = (number for number in open_ if match(self._letters[number][2].pattern, event, {}) is not None)
+        return self._sight(Decided((*fits, *found), ()))
+
+    def _sight(self, decided: Decided) -> Sight:
+        return Sight(decided, [self._letters[number] for number in decided.fits])
 
 
 @dataclass(slots=True)
@@ -124,17 +121,18 @@ class NearMissCount:
 
 
 class Statistics:
-    """Counts over the events of one trace or several; can be pickled, and added to those of other traces of the same tree."""
+    """Counts over the events of one trace or several; can be pickled, and added to those of other traces of the same tree.
+
+    `tally` says how many events were relevant of these types together, `seen` are the types that some event was of.
+    """
 
     def __init__(self, types: EventTypeIndex) -> None:
         self.types = types
         self.names = types.names
         self.events = 0
         self.tally: Counter[tuple[str, ...]] = Counter()
-        """How many events were relevant of these types together."""
         self.near_misses: dict[tuple[str, Path], NearMissCount] = {}
         self.seen: set[str] = set()
-        """The types that some event was of."""
         self._looked_at: Counter[tuple[Hashable, ...]] = Counter()
         self._missed: dict[tuple[Hashable, ...], list[NearMissCount]] = {}
 
@@ -151,7 +149,7 @@ class Statistics:
         if sight.noted is not self:
             self.seen |= sight.types
             if sight.constant == ():
-                self._look_at(event, number, prefix)
+                self._look_at(event, f"{prefix}event {number}")
                 return False
             sight.noted = self
         for admits in sight.ignored:
@@ -169,6 +167,11 @@ class Statistics:
             found.update(dict.fromkeys(names, count))
         return found
 
+    @property
+    def never_seen(self) -> tuple[str, ...]:
+        """The event types that no event was of, in the order of the tree."""
+        return tuple(name for name in self.names if name not in self.seen)
+
     def merge(self, other: "Statistics") -> None:
         """Add the counts of a later trace of the same tree."""
         self.events += other.events
@@ -178,17 +181,10 @@ class Statistics:
             known = self.near_misses.get(name, replace(miss, count=0))
             self.near_misses[name] = replace(known, count=known.count + miss.count, more=known.more or miss.more)
 
-    @property
-    def never_seen(self) -> tuple[str, ...]:
-        """The event types that no event was of, in the order of the tree."""
-        return tuple(name for name in self.names if name not in self.seen)
-
-    def _look_at(self, event: Mapping[str, Json], number: int, prefix: str) -> None:
-        if not self.types.compound:
-            return
+    def _look_at(self, event: Mapping[str, Json], place: str) -> None:
         discriminators = self.types.discriminators
         values = discriminators.apart(map(event.get, discriminators.fields))
-        if not self.types.possible(values):
+        if not self.types.compound or not self.types.possible(values):
             return
         known = self._looked_at[values] if values in self._looked_at or len(self._looked_at) < MOST else LOOKED_AT
         if known >= LOOKED_AT:
@@ -198,11 +194,10 @@ class Statistics:
         self._looked_at[values] = known + 1
         missed: dict[tuple[str, Path], tuple[Pattern, str | None]] = {}
         for name, leaves in self.types.compound:
-            near = _only_miss(leaves, event)
-            if near is not None and not _another_type(discriminators.fields, near[0], near[1], event):
+            if (near := _only_miss(leaves, event, discriminators.fields)) is not None:
                 missed.setdefault((name, near[0]), near[1:])
         for (name, path), (expected, found) in missed.items():
-            new = NearMissCount(name, path, pattern_text(expected), found, f"{prefix}event {number}")
+            new = NearMissCount(name, path, pattern_text(expected), found, place)
             miss = self.near_misses.setdefault((name, path), new)
             miss.count += 1
             like = self._missed.setdefault(values, [])
@@ -210,20 +205,9 @@ class Statistics:
                 like.append(miss)
 
 
-def spelling(text: Json) -> Json:
-    """A text as it may be meant by somebody who writes it otherwise: `/Command` and `command` are one.
-
-    >>> spelling("/Command") == spelling("command")
-    True
-    """
+def _spelling(text: Json) -> Json:
+    """A text as it may be meant by somebody who writes it otherwise: `/Command` and `command` are one."""
     return text.strip("/ ").casefold() if isinstance(text, str) else text
-
-
-def _another_type(fields: tuple[str, ...], path: Path, expected: Pattern, event: Mapping[str, Json]) -> bool:
-    """Whether what an event misses is but the field that tells event types apart, and it does not look like the same type misspelt."""
-    if len(path) != 1 or path[0] not in fields:
-        return False
-    return not isinstance(expected, Literal) or spelling(expected.value) != spelling(event.get(path[0]))
 
 
 def _leaves(pattern: Pattern) -> Iterator[tuple[Path, Pattern]]:
@@ -237,31 +221,29 @@ def _leaves(pattern: Pattern) -> Iterator[tuple[Path, Pattern]]:
             yield path, part
 
 
-def _only_miss(fields: tuple[tuple[Path, Pattern], ...], event: Json) -> tuple[Path, Pattern, str | None] | None:
-    """The one field that the event misses, what is expected there and what it has; None if it misses more."""
+def _only_miss(
+    leaves: Iterable[tuple[Path, Pattern]], event: Json, telling: Sequence[str]
+) -> tuple[Path, Pattern, str | None] | None:
+    """The one field that the event misses, what is expected there and what it has; None if it misses more.
+
+    An event that misses but a field `telling` event types apart is of another type, unless it looks like the same one misspelt.
+    """
     binding: dict[str, Json] = {}
     miss: tuple[Path, Pattern, str | None] | None = None
-    for path, expected in fields:
-        found = _at(event, path)
-        extended = None if found is None else match(expected, found[0], binding)
+    for path, expected in leaves:
+        held, found = True, event
+        for name in path:
+            held = held and isinstance(found, Mapping) and name in found
+            found = found[name] if held else None
+        extended = match(expected, found, binding) if held else None
         if extended is not None:
             binding = extended
-        elif miss is not None:
+            continue
+        if miss is not None:
             return None
-        else:
-            miss = (path, expected, None if found is None else _short(found[0]))
+        misspelt = isinstance(expected, Literal) and _spelling(expected.value) == _spelling(found)
+        if len(path) == 1 and path[0] in telling and not misspelt:
+            return None
+        text = json.dumps(found, ensure_ascii=False)
+        miss = path, expected, (text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…") if held else None
     return miss
-
-
-def _at(event: Json, path: Path) -> tuple[Json] | None:
-    """The value at a path, in a tuple since it may be null, or None where there is none."""
-    for name in path:
-        if not isinstance(event, Mapping) or name not in event:
-            return None
-        event = event[name]
-    return (event,)
-
-
-def _short(value: Json) -> str:
-    text = json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"

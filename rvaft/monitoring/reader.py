@@ -3,7 +3,7 @@
 A byte order mark, CRLF, blank lines, a missing last newline and an empty trace are fine. Everything else that is not one
 object raises `TraceError` with file and line: what a lenient decoder would let pass (NaN, lone surrogates) and what would exhaust
 the machine (deep nesting, endless lines and numbers) too. A message never repeats the line. A key repeated in one object and a number
-that overflows are malformed where they are read, which `rvaft.reads` says; elsewhere such a number is taken for null.
+that overflows are malformed where they are read; elsewhere such a number is taken for null.
 """
 
 import errno
@@ -29,20 +29,20 @@ MAX_DEPTH: Final = 500
 """The deepest nesting of objects and lists; below the limits of every JSON decoder, so that the answer is one everywhere."""
 MAX_DIGITS: Final = 4300
 """The longest integer; reading one takes time quadratic in its length."""
-
 BOM: Final = b"\xef\xbb\xbf"
 """What may stand before the first line."""
+BLANK: Final = b" \t\r\n"
+"""What a blank line may consist of."""
 
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
 
 _HINT: Final = "a trace has one JSON object per line"
-BLANK: Final = b" \t\r\n"
-"""What a blank line may consist of."""
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
+_ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
 _PERHAPS_HUGE: Final = re.compile(r"[0-9][eE]\+?0*[1-9][0-9][0-9]|[0-9]{200}")
 _HUGE: Final = "a number beyond the range of a double"
-_ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
+_WILD: Final = frozenset("*?[")
 
 
 def read(
@@ -78,36 +78,6 @@ def read(
             yield event
 
 
-def decode(line: bytes, *, reads: Scope | None = None, finite: bool = False) -> dict[str, Json]:
-    """The event on one line; raises `ValueError` with a message that does not repeat the line.
-
-    With `finite` a number that overflows is malformed wherever it stands: what is passed on has to be JSON.
-    """
-    if len(line) > MAX_LINE:
-        raise ValueError(f"the line is longer than {MAX_LINE // 1024**2} MiB")
-    try:
-        text = line.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line); {_HINT}") from None
-    _check_depth(text)
-    try:
-        value = _DECODER.decode(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"not JSON: {_reason(error)} (column {error.colno}); {_HINT}") from None
-    except RecursionError:
-        raise ValueError("nested too deeply for the space left on the stack") from None
-    _check_surrogates(text)
-    if not isinstance(value, dict):
-        raise ValueError(  # noqa: TRY004 (the text is wrong, not the caller)
-            f"not a JSON object but {_KINDS[type(value)]}; {_HINT}"
-        )
-    _check_read(value, Reads(whole=True) if reads is None else reads.of(value))
-    event: dict[str, Json] = value
-    if _PERHAPS_HUGE.search(text):
-        _replace_infinite(event, refused=finite)
-    return event
-
-
 def failures_of(file: str) -> tuple[type[Exception], ...]:
     """What reading from a file of that name may raise that is not the reader's fault."""
     return (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
@@ -128,7 +98,33 @@ def event_on(line: bytes, file: str, number: int, reads: Scope | None) -> dict[s
         raise TraceError(str(error), file=file, line=number) from None
 
 
-# -- what the decoder lets pass ----------------------------------------------------------------------------------
+def decode(line: bytes, *, reads: Scope | None = None, finite: bool = False) -> dict[str, Json]:
+    """The event on one line; raises `ValueError` with a message that does not repeat the line.
+
+    With `finite` a number that overflows is malformed wherever it stands: what is passed on has to be JSON.
+    """
+    if len(line) > MAX_LINE:
+        raise ValueError(f"the line is longer than {MAX_LINE // 1024**2} MiB")
+    try:
+        text = line.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line); {_HINT}") from None
+    _check_depth(text)
+    try:
+        event = _DECODER.decode(text)
+    except json.JSONDecodeError as error:  # its messages never quote the input
+        reason = (error.msg[:1].lower() + error.msg[1:]).removesuffix(" at").removesuffix(" starting")
+        raise ValueError(f"not JSON: {reason} (column {error.colno}); {_HINT}") from None
+    except RecursionError:
+        raise ValueError("nested too deeply for the space left on the stack") from None
+    if _SURROGATE.search(text) and any(escape[1] for escape in _ESCAPE.finditer(text)):
+        raise ValueError("a lone surrogate: \\ud800 to \\udfff stand only in pairs")
+    if not isinstance(event, dict):
+        raise ValueError(f"not a JSON object but {_KINDS[type(event)]}; {_HINT}")  # noqa: TRY004 (the text is wrong)
+    _check_read(event, Reads(whole=True) if reads is None else reads.of(event))
+    if _PERHAPS_HUGE.search(text):
+        _replace_infinite(event, refused=finite)
+    return event
 
 
 class RepeatingObject(dict[str, Json]):
@@ -158,19 +154,8 @@ def _integer(digits: str) -> int:
 
 
 _DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer)
-_KINDS: Final[Mapping[type, str]] = {
-    list: "a list",
-    str: "a string",
-    int: "a number",
-    float: "a number",
-    bool: "a boolean",
-    type(None): "null",
-}
-
-
-def _reason(error: json.JSONDecodeError) -> str:
-    """What the decoder says, as a clause; its messages never quote the input."""
-    return (error.msg[:1].lower() + error.msg[1:]).removesuffix(" at").removesuffix(" starting")
+_NAMES: Final = {list: "a list", str: "a string", int: "a number", float: "a number", bool: "a boolean"}
+_KINDS: Final[Mapping[type, str]] = {**_NAMES, type(None): "null"}
 
 
 def _check_depth(text: str) -> None:
@@ -178,18 +163,9 @@ def _check_depth(text: str) -> None:
         return
     depth = 0
     for token in _STRING_OR_BRACKET.finditer(text):
-        match token[0]:
-            case "{" | "[":
-                depth += 1
-            case "}" | "]":
-                depth -= 1
+        depth += (token[0] in "{[") - (token[0] in "}]")
         if depth > MAX_DEPTH:
             raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
-
-
-def _check_surrogates(text: str) -> None:
-    if _SURROGATE.search(text) and any(escape[1] for escape in _ESCAPE.finditer(text)):
-        raise ValueError("a lone surrogate: \\ud800 to \\udfff stand only in pairs")
 
 
 def _check_read(event: dict[str, Json], reads: Reads) -> None:
@@ -197,18 +173,18 @@ def _check_read(event: dict[str, Json], reads: Reads) -> None:
     while agenda:
         value, here = agenda.pop()
         if isinstance(value, dict):
-            if isinstance(value, RepeatingObject):
-                for key in sorted(value.repeated):
-                    if here.whole or key in here.fields:
-                        raise ValueError(f"the key {_quoted(key)} is repeated")
+            for key in sorted(value.repeated) if isinstance(value, RepeatingObject) else ():
+                if here.whole or key in here.fields:
+                    shown = json.dumps(key if len(key) <= 40 else f"{key[:40]}…")
+                    raise ValueError(f"the key {shown} is repeated")
             if here.whole:
                 agenda.extend((inner, here) for inner in value.values())
             else:
                 agenda.extend((value[key], inner) for key, inner in here.fields.items() if key in value)
         elif isinstance(value, list):
-            inner = here if here.whole else here.items
-            if inner is not None:
-                agenda.extend((item, inner) for item in value)
+            items = here if here.whole else here.items
+            if items is not None:
+                agenda.extend((item, items) for item in value)
         elif isinstance(value, float) and math.isinf(value):
             raise ValueError(_HUGE)
 
@@ -225,13 +201,6 @@ def _replace_infinite(event: dict[str, Json], *, refused: bool) -> None:
                 if refused:
                     raise ValueError(_HUGE)
                 value[place] = None
-
-
-def _quoted(key: str) -> str:
-    return json.dumps(key if len(key) <= 40 else f"{key[:40]}…", ensure_ascii=True)
-
-
-_WILD: Final = frozenset("*?[")
 
 
 def expanded(name: str) -> list[str]:

@@ -1,26 +1,28 @@
-"""One trace from its first event to its last: batches of events go to the monitors, what these say goes to the listeners."""
+"""One trace from its first event to its last: events are put in order and told apart by a key, the monitors read them, listeners are told."""
 
-import re
 from collections import OrderedDict
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from heapq import heappop, heappush, heappushpop
 from io import BufferedIOBase, IOBase
+from itertools import chain
+from math import inf
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NamedTuple, cast
+from typing import Any, BinaryIO, Final, Self, cast
 
 from rvaft.analysis.pattern_index import Scope, TreeReads
-from rvaft.errors import RvaftError, TooLarge
+from rvaft.errors import OptionError, RvaftError, TooLarge
 from rvaft.model.nodes import Kind
-from rvaft.model.values import Json
+from rvaft.model.values import Json, is_number
+from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.explanation_json import PLACES, counted, matched_events, unlike
-from rvaft.monitoring.fast_reader import FastReader, blocks
+from rvaft.monitoring.detection import PLACES, counted, matched_events, unlike
+from rvaft.monitoring.fast_reader import Batch, FastReader
 from rvaft.monitoring.monitor_set import MonitorSet
 from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.reader import BLANK, decode, read
-from rvaft.monitoring.stream import DEFAULT_WINDOW, END, Backwards, Batch, Key, Ordering
+from rvaft.monitoring.reader import BLANK, BOM, decode, failures_of, read
 from rvaft.monitors import Explanation
 from rvaft.support.files import opened
 
@@ -28,86 +30,198 @@ TIME: Final = "time"
 """The field that is watched for going back, in the events that concern the tree."""
 MAX_KEYS: Final = 100_000
 """How many values of a key are told apart."""
+DEFAULT_WINDOW: Final = 1_000
+"""How many events are held back unless told otherwise."""
 BOUND: Final = 10_000
 """How many events are remembered for explanations."""
-_UNSURE: Final = re.compile(rb"\n[ \t\r\n]")
-"""What may be a blank line, which counts as no event."""
 _NO_EVENT: Final[dict[str, Json]] = {}
 """Stands for any event that fits no pattern: where there are such, no pattern is without a literal."""
+_END: Final = Batch(0, ())
+
+# -- fields, keys, orders -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A field of an event by its dotted path; one whose own name has dots is found under its whole name.
+
+    >>> Field.parse("robot.id").of({"robot": {"id": 7}})
+    (7,)
+    """
+
+    text: str
+    path: tuple[str, ...]
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Raises `OptionError` for what is no path."""
+        path = tuple(text.split("."))
+        if not all(path):
+            raise OptionError(f"{text!r} is no field: write a name, or names with dots between")
+        return cls(text, path)
+
+    def of(self, event: Json) -> tuple[Json] | None:
+        """The value, in a tuple since it may be null, or None where the event has none."""
+        if isinstance(event, Mapping) and self.text in event:
+            return (event[self.text],)
+        for name in self.path:
+            if not isinstance(event, Mapping) or name not in event:
+                return None
+            event = event[name]
+        return (event,)
+
+    def number(self, event: Json) -> int | float | None:
+        """The number that an event has there; a boolean or a string is none."""
+        found = self.of(event)
+        return found[0] if found is not None and is_number(found[0]) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """The fields that together say which of many an event is about.
+
+    >>> Key.parse(["user", "src"]).of({"user": "bob", "src": 1, "x": 2})
+    ('bob', 1)
+    """
+
+    fields: tuple[Field, ...]
+
+    @classmethod
+    def parse(cls, texts: Sequence[str]) -> Self:
+        """Raises `OptionError` for what is no path."""
+        return cls(tuple(map(Field.parse, dict.fromkeys(texts))))
+
+    def of(self, event: Json) -> tuple[Json, ...] | None:
+        """The value of each field, or None where the event lacks one of them."""
+        found = [field.of(event) for field in self.fields]
+        return None if None in found else tuple(value[0] for value in found if value is not None)
+
+    def told(self, values: tuple[Json, ...]) -> Json:
+        """The key as JSON: the value of a single field, or an object with those of several."""
+        if len(self.fields) == 1:
+            return values[0]
+        return {field.text: value for field, value in zip(self.fields, values, strict=True)}
+
+
+class Ordering:
+    """Holds back up to `window` events and gives the one with the smallest number first, events with equal numbers as they came.
+
+    The order is right wherever no event stands more than `window` places behind its own. An event that comes later than that
+    is given at once, and counted as `late`. An event without a number keeps its place behind the one before it, and is counted in `without`.
+    Can be pickled with the events that it holds. Raises `OptionError` for what is no field.
+
+    >>> ordering = Ordering("time", window=1)
+    >>> [ordering.add({"time": time}) for time in (2, 1, 3)]
+    [None, {'time': 1}, {'time': 2}]
+    """
+
+    def __init__(self, field: str, *, window: int = DEFAULT_WINDOW) -> None:
+        self.field = Field.parse(field)
+        self.window = window
+        self.late = self.without = 0
+        self.first_late = self.first_without = 0
+        """The numbers of the first such events, as read."""
+        self._came = 0
+        self._held: list[tuple[int | float, int, dict[str, Json]]] = []
+        """Events with the number in the field and that in the trace."""
+        self._before: int | float = -inf
+        self._given: int | float = -inf
+
+    def add(self, event: dict[str, Json]) -> dict[str, Json] | None:
+        """Take the next event of the trace; the event whose turn it is then, if the window is full."""
+        self._came += 1
+        place = self.field.number(event)
+        if place is None:
+            place = self._before
+            self.without += 1
+            self.first_without = self.first_without or self._came
+        elif place < self._given:
+            self.late += 1
+            self.first_late = self.first_late or self._came
+        self._before = place
+        entry = (place, self._came, event)
+        if len(self._held) < self.window:
+            heappush(self._held, entry)
+            return None
+        # Once something was given the window stays full, so what is late is the smallest here and comes straight back.
+        given = heappushpop(self._held, entry)
+        self._given = max(self._given, given[0])
+        return given[2]
+
+    def rest(self) -> Iterator[dict[str, Json]]:
+        """The events still held, in order: the trace has ended."""
+        while self._held:
+            yield heappop(self._held)[2]
+
+
+class Backwards:
+    """Counts how often a number is smaller than the one before, and at which event first; can be pickled."""
+
+    def __init__(self, field: str) -> None:
+        self.field = Field.parse(field)
+        self.count = self.first = 0
+        self._last: int | float = -inf
+
+    def see(self, number: int, event: Json) -> None:
+        """Look at the next event; one without a number in the field is passed over."""
+        place = self.field.number(event)
+        if place is not None:
+            if place < self._last:
+                self.count += 1
+                self.first = self.first or number
+            self._last = place
+
+
+# -- what listeners are told --------------------------------------------------------------------------------------------
 
 
 class EventBuffer:
     """The events of one trace, by their numbers, that explanations may name.
 
-    Those that may become part of a match are remembered, up to `bound`; beyond it the oldest are forgotten. In a regular file, `path`, whose
-    events are numbered as they stand, they are then looked up; in a stream they are gone. `reads` is what was read of them.
+    The latest that may become part of a match are `known`. Others are looked up in a regular file, `path`, whose events are numbered as they
+    stand; in a stream they are gone. `reads` is what was read of them.
     """
 
-    def __init__(self, path: Path | None = None, *, reads: Scope | None = None, bound: int = BOUND) -> None:
+    def __init__(self, path: Path | None = None, *, reads: Scope | None = None) -> None:
         self.path = path
         self.reads = reads
-        self.bound = bound
         self.known: OrderedDict[int, Json] = OrderedDict()  # a dict looks for its first key among all that were removed
-        """Those that are remembered."""
 
     def remember(self, number: int, event: Json) -> None:
         """An event that may become part of a match."""
-        if len(self.known) >= self.bound:
+        if len(self.known) >= BOUND:
             self.known.popitem(last=False)
         self.known[number] = event
 
     def events(self, numbers: Collection[int]) -> Mapping[int, Json]:
         """The events with these numbers, as far as they are known; what has changed in the file since it was read is left out."""
         known = {number: self.known[number] for number in numbers if number in self.known}
-        missing = {number for number in numbers if number not in known}
+        missing = set(numbers) - set(known)
         if missing and self.path is not None:
-            with suppress(OSError, RvaftError, ValueError), opened(self.path) as stream:
-                for number, line in _lines(cast("BufferedIOBase", stream), str(self.path), missing):
-                    known[number] = decode(line, reads=self.reads)
-                    if len(known) == len(numbers):
-                        break
+            with suppress(RvaftError, ValueError, *failures_of(str(self.path))), opened(self.path) as stream:
+                first = stream.readline().removeprefix(BOM)
+                lines = (line for line in chain([first], stream) if line.strip(BLANK))
+                for number, line in enumerate(lines, 1):
+                    if number in missing:
+                        known[number] = decode(line.removesuffix(b"\n"), reads=self.reads)
+                        if len(known) == len(numbers):
+                            break
         return known
-
-
-def _lines(stream: BufferedIOBase, file: str, numbers: set[int]) -> Iterator[tuple[int, bytes]]:
-    """The lines of the events that have these numbers. Blocks without any are counted and not split."""
-    number = 0
-    for block in blocks(stream, file):
-        text = block.text
-        if text[:1] not in BLANK and not _UNSURE.search(text):
-            count = text.count(b"\n") + (not text.endswith(b"\n"))
-            if numbers.isdisjoint(range(number + 1, number + count + 1)):
-                number += count
-                continue
-        for line in block.lines:
-            if line.strip(BLANK):
-                number += 1
-                if number in numbers:
-                    yield number, line
 
 
 @dataclass(slots=True)
 class MonitoredTrace:
-    """The monitors of one trace, or of one value of a key in it."""
+    """The monitors of one trace, or of one value of a key in it, and how many events they were given."""
 
     trace: str
     monitors: MonitorSet
     key: tuple[Json, ...] | None = None
     buffer: EventBuffer = field(default_factory=EventBuffer)
     events: int = 0
-    """How many events it was given."""
-
-
-class Detection(NamedTuple):
-    """One match that was found, the events in it that are known, and the kinds whose monitors it detected."""
-
-    explanation: Explanation | None
-    events: Mapping[int, Json]
-    kinds: frozenset[Kind] = frozenset()
 
 
 class VerdictChange:
-    """What one event changed: the columns whose verdict is another, and how that came about."""
+    """What one event changed: the columns whose verdict is another, those of them that detect, and how that came about."""
 
     def __init__(self, watch: MonitoredTrace, number: int, event: Json, columns: Sequence[int]) -> None:
         self.watch = watch
@@ -116,7 +230,6 @@ class VerdictChange:
         self.columns = columns
         self.verdicts = watch.monitors.verdicts
         self.detected = [column for column in columns if self.verdicts[column] is Verdict.TRUE]
-        """The columns that detect."""
 
     @cached_property
     def explanations(self) -> Mapping[int, Explanation]:
@@ -131,16 +244,19 @@ class VerdictChange:
         return {**self.watch.buffer.events(wanted), self.number: self.event}
 
     @cached_property
-    def detections(self) -> Sequence[Detection]:
-        """What was detected, each match once: by the monitors of branches or kinds where these are monitored, else by that of the tree."""
+    def detections(self) -> Sequence[tuple[Explanation | None, frozenset[Kind]]]:
+        """What was detected, each match once, with the kinds whose monitors it detected.
+
+        By the monitors of branches or kinds where these are monitored, else by that of the tree. A backend does not explain.
+        """
         parts = [column for column in self.detected if column] or self.detected
         if parts and not self.explanations:
-            return [Detection(None, {})]  # a backend does not explain
-        found = []
-        for columns, explanation in unlike({column: self.explanations.get(column) for column in parts}):
+            return [(None, frozenset())]
+        found: list[tuple[Explanation | None, frozenset[Kind]]] = []
+        for columns, explanation in unlike({place: one for place, one in self.explanations.items() if place in parts}):
             wholes = [self.watch.monitors.columns[column].part.part_of for column in columns]
             kinds = frozenset(whole.kind for whole in wholes if whole is not None and whole.kind is not None)
-            found.append(Detection(explanation, self.events, kinds))
+            found.append((explanation, kinds))
         return found
 
 
@@ -172,6 +288,9 @@ class Listener:
         """The trace was malformed, or could not be read further: no event and no end comes any more."""
 
 
+# -- the run ------------------------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class MonitoringPlan:
     """What is done with every trace: `monitors` have read nothing; `reads` is what is read of an event; `told` are fields that are told."""
@@ -194,13 +313,14 @@ class MonitoringPlan:
         """What reads files quickly, or None where every event has to be seen as it stands."""
         if not self.plain or not self.monitors.engines or not isinstance(self.reads, TreeReads):
             return None
-        return FastReader.of(self.reads, dict.fromkeys((TIME, *self.told)), self.monitors.types.possible)
+        return FastReader.of(self.reads, self.monitors.types.possible, (TIME, *self.told))
 
 
 class TraceRun:
     """One trace; `statistics`, where they are wanted, count its events too, and `prefix` is what they put before a place in it.
 
-    `read` takes the events, from wherever they come, and `begin` and `end` (or `stop`) go before and after it.
+    `read` takes the events, from wherever they come, and `begin` and `end` (or `stop`) go before and after it. `number` is that of the last
+    event, `detected` that of the last one that detected something; once it has `ended` only events that were held back come.
     """
 
     def __init__(
@@ -219,22 +339,12 @@ class TraceRun:
         self.prefix = prefix
         self.ordering = None if plan.order_by is None else Ordering(plan.order_by, window=plan.window)
         self.clock = Backwards(TIME) if plan.order_by is None else None
-        self.number = 0
-        """That of the last event."""
-        self.detected = 0
-        """That of the last event that detected something."""
+        self.number = self.detected = 0
+        self.ended = False
         self.watch = MonitoredTrace(trace, plan.monitors.fork(), buffer=buffer)
         """What is watched; with a key what is copied for each value of it."""
-        self.ended = False
-        """Whether nothing more is read, and only events that were held back come."""
-        self.without_key = self.first_without_key = 0
-        """How many events do not have the key, and the number of the first."""
+        self._without_key = self._first_without_key = 0
         self._keyed: dict[Hashable, MonitoredTrace] = {}
-        self._every = tuple(listener for listener in listeners if listener.every)
-        semantics = plan.monitors.semantics
-        self._strict = semantics is Semantics.STRICT
-        self._skips = semantics is Semantics.PROJECTED and bool(plan.monitors.engines)
-        """Whether the monitors need not see events that are not relevant."""
 
     @property
     def watches(self) -> list[MonitoredTrace]:
@@ -255,11 +365,12 @@ class TraceRun:
         Gives False once where the trace has ended; events that were held back come after that. `line` is the number of the line where a
         stream goes on; `by_blocks` says that it need not be read as it comes. Raises what `rvaft.monitoring.reader.read` raises.
         """
-        listening = bool(self._every)
+        plan, prefix, semantics = self.plan, self.prefix, self.plan.monitors.semantics
+        every = tuple(listener for listener in self.listeners if listener.every)
+        skips = semantics is Semantics.PROJECTED and bool(plan.monitors.engines)  # what is not relevant changes nothing
+        strict, key, look_up = semantics is Semantics.STRICT, plan.key, plan.monitors.types.of
         for batch in self._batches(source, name, line, by_blocks=by_blocks):
-            before = self.number
-            statistics, key, clock, watch = self.statistics, self.plan.key, self.clock, self.watch
-            look_up, strict, skips, prefix = self.plan.monitors.types.of, self._strict, self._skips, self.prefix
+            before, statistics, clock, watch = self.number, self.statistics, self.clock, self.watch
             # From here on every call counts: this is done for each event of a log.
             for place, event in batch.events:
                 number = before + place + 1
@@ -290,45 +401,39 @@ class TraceRun:
                     if changed:
                         self._tell(VerdictChange(watch, number, event, changed))
                         continue
-                if listening:
-                    for listener in self._every:
-                        listener.event(watch, number, event)
-            passed = batch.count - len(batch.events)
+                for listener in every:
+                    listener.event(watch, number, event)
+            passed = batch.total - len(batch.events)
             if passed:
                 if strict:
-                    self._fill(before + batch.count + 1)
+                    self._fill(before + batch.total + 1)
                 if statistics is not None:
                     statistics.events += passed
-                self.number = before + batch.count
+                self.number = before + batch.total
                 self.watch.events += passed
-            yield batch is not END
+            yield batch is not _END
 
     def _batches(self, source: BinaryIO | Iterable[Json], name: str, line: int, *, by_blocks: bool) -> Iterator[Batch]:
         found: Iterable[Any] = source
         if isinstance(source, IOBase):
-            seen = any(listener.every or listener.whole for listener in self.listeners)
-            if by_blocks and not seen and self.plan.fast_reader is not None:
+            quickly = by_blocks and not any(listener.every or listener.whole for listener in self.listeners)
+            if quickly and self.plan.fast_reader is not None:
                 yield from self.plan.fast_reader.read(cast("BufferedIOBase", source), name)
-                yield END
+                yield _END
                 return
             found = read(cast("BinaryIO", source), name=name, reads=self.plan.reads, line=line)
-        if self.ordering is None:
-            for event in found:
-                yield Batch(1, ((0, event),))
-            yield END
-            return
-        failure: Exception | None = None
+        ordering, failure = self.ordering, None
         try:
             for event in found:
-                given = self.ordering.add(event)
+                given = event if ordering is None else ordering.add(event)
                 if given is not None:
                     yield Batch(1, ((0, given),))
         except (RvaftError, OSError) as error:
             failure = error  # the events that are held come before it
-        if failure is None:
-            yield END
+        else:
+            yield _END
         self.ended = True
-        for event in self.ordering.rest():
+        for event in () if ordering is None else ordering.rest():
             yield Batch(1, ((0, event),))
         if failure is not None:
             raise failure
@@ -351,10 +456,10 @@ class TraceRun:
         """The watch that an event is for, None for one that lacks the key; raises `TooLarge` beyond as many keys as are told apart."""
         found = key.of(event)
         if found is None:
-            self.without_key += 1
-            self.first_without_key = self.first_without_key or number
+            self._without_key += 1
+            self._first_without_key = self._first_without_key or number
             return None
-        name = key.name(found)
+        name = tuple(map(value_key, found))  # 1 and 1.0 are one value, `true` is another
         watch = self._keyed.get(name)
         if watch is None:
             if len(self._keyed) >= self.plan.max_keys:
@@ -372,26 +477,25 @@ class TraceRun:
     def state(self) -> Any:
         """What `restore` needs to go on from here, in classes that hold data only."""
         watches = [(watch.key, watch.monitors.snapshot, watch.events) for watch in self.watches]
-        without = self.without_key, self.first_without_key
+        without = self._without_key, self._first_without_key
         return watches, without, self.watch.buffer.known, self.clock, self.ordering, self.statistics
 
     def restore(self, state: Any, number: int) -> None:
         """Go on from a state after the event of that number."""
         watches, without, known, self.clock, self.ordering, statistics = state
         self.number = number
-        self.without_key, self.first_without_key = without
+        self._without_key, self._first_without_key = without
         if statistics is not None:
             self.statistics = statistics
             statistics.types = self.plan.monitors.types
         self.watch.buffer.known.update(known)
         for key, snapshot, events in watches:
-            watch = MonitoredTrace(
-                self.watch.trace, self.plan.monitors.resumed(snapshot), key, self.watch.buffer, events
-            )
-            if self.plan.key is None:
+            monitors = self.plan.monitors.resumed(snapshot)
+            watch = MonitoredTrace(self.watch.trace, monitors, key, self.watch.buffer, events)
+            if key is None:
                 self.watch = watch
             else:
-                self._keyed[self.plan.key.name(key)] = watch
+                self._keyed[tuple(map(value_key, key))] = watch
 
     def end(self) -> None:
         """The trace ends, and was not malformed."""
@@ -413,9 +517,9 @@ class TraceRun:
     @property
     def warnings(self) -> Iterator[str]:
         """What was odd about the events, each as a line."""
-        if self.without_key:
-            lacking = f"{counted(self.without_key)} without the field {self.plan.key}"
-            yield f"{lacking}, given to no monitor (first: event {self.first_without_key})"
+        if self._without_key and self.plan.key is not None:
+            lacking = f"{counted(self._without_key)} without the field {' or '.join(one.text for one in self.plan.key.fields)}"
+            yield f"{lacking}, given to no monitor (first: event {self._first_without_key})"
         if self.clock is not None and self.clock.count:
             goes = f"the field {TIME} goes back at {counted(self.clock.count)} (first: event {self.clock.first})"
             yield f"{goes}; put them in order with --order-by {TIME}"

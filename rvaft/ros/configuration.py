@@ -18,7 +18,7 @@ from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.monitor_set import Per, parts
+from rvaft.monitoring.monitor_set import Per, columns
 from rvaft.ros.addresses import host as checked
 from rvaft.ros.addresses import is_address
 from rvaft.ros.server import LOCAL, PORT, REMEDY
@@ -206,7 +206,7 @@ def planned(
         wanted = [(base, narrowed(tree))]
     else:
         infix = "_branch_" if per is Per.BRANCH else "_"
-        wanted = [(f"{base}{infix}{part.label}", part.part) for part in parts(tree, per)]
+        wanted = [(f"{base}{infix}{part.label}", part.part) for part in columns(tree, per)[1:]]
         if not wanted:
             raise NoConfiguration("no branch has a kind: mark nodes with fault or attack, or use --per tree")
     if options.port + len(wanted) - 1 > _LAST_PORT:

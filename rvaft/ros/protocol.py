@@ -19,7 +19,7 @@ from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.explanation_json import explained, matched_events, places, told_fields
+from rvaft.monitoring.detection import explained, matched_events, places, told_fields
 from rvaft.monitoring.monitor_set import Column, MonitorSet, Per, columns
 from rvaft.monitoring.reader import BOM, decode
 from rvaft.monitoring.run import EventBuffer

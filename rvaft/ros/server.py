@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rvaft.errors import ToolMissing
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring.explanation_json import counted
+from rvaft.monitoring.detection import counted
 from rvaft.ros.addresses import allowed
 from rvaft.ros.addresses import host as checked
 from rvaft.ros.protocol import Protocol, Session

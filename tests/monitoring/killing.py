@@ -18,8 +18,7 @@ from rvaft.model.verdict import Semantics
 from rvaft.monitoring.checkpoint import CheckpointFile, open_at
 from rvaft.monitoring.monitor_set import MonitorSet, columns
 from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.run import EventBuffer, Listener, MonitoredTrace, MonitoringPlan, TraceRun, VerdictChange
-from rvaft.monitoring.stream import Key
+from rvaft.monitoring.run import EventBuffer, Key, Listener, MonitoredTrace, MonitoringPlan, TraceRun, VerdictChange
 
 TEXT = """
 event go(v) = { name: "go", v: v };
@@ -78,8 +77,8 @@ def watch(
         found = kept.load() if checkpoints else None
         offset = line = 0
         if found is not None:
-            run.restore(found.state, found.events)
-            offset, line = found.offset, found.line
+            run.restore(found[1], found[0].events)
+            offset, line = found[0].offset, found[0].line
         out.write(f"from {run.number}\n")
         with open_at(trace, offset=offset, line=line) as stream:
             going_on = True

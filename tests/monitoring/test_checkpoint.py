@@ -22,19 +22,18 @@ import rvaft
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import narrowed
 from rvaft.engine import Engine
-from rvaft.errors import CheckpointError, OptionError, RvaftError, TraceError
+from rvaft.errors import CheckpointError, OptionError, TraceError
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring import checkpoint
-from rvaft.monitoring.checkpoint import Checkpoint, CheckpointFile, LinesRead, TraceIdentity, digest, open_at
-from rvaft.monitoring.hooks import Hooks
+from rvaft.monitoring.checkpoint import Checkpoint, CheckpointFile, LinesRead, identity, open_at
+from rvaft.monitoring.detection import Hooks
 from rvaft.monitoring.reader import decode, read
-from rvaft.monitoring.stream import Ordering
+from rvaft.monitoring.run import Ordering
 from tests.monitoring import killing
 
 TREE = rvaft.loads("top or ab bc; ab sand a b fault; bc sand b c;")
-COLUMNS = ("tree", "fault")
 LINES = b'{"event": "a"}\n\n{"event": "x"}\r\n{"event": "b"}\n'
 
 
@@ -45,45 +44,29 @@ def trace(tmp_path: Path) -> Path:
     return path
 
 
-def sha(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
 def kept(path: Path, log: Path, **changes: Any) -> CheckpointFile:
-    given: dict[str, Any] = {
-        "tree": TREE,
-        "semantics": Semantics.SCATTERED,
-        "columns": COLUMNS,
-        "trace": log,
-        "settings": {"--key": "robot"},
-    }
-    return CheckpointFile(path, **{**given, **changes})
-
-
-def place(offset: int, line: int = 1) -> LinesRead:
-    return LinesRead(io.BytesIO(), offset=offset, line=line)
+    given = {"tree": TREE, "semantics": Semantics.SCATTERED, "columns": ("tree", "fault"), "trace": log}
+    return CheckpointFile(path, **{**given, "settings": {"--key": "robot"}, **changes})
 
 
 def save(path: Path, log: Path, state: object = None, *, events: int = 1, offset: int = 15, **changes: Any) -> None:
     """A checkpoint after the first event."""
-    kept(path, log, **changes).save(state, events, place(offset))
+    kept(path, log, **changes).save(state, events, LinesRead(io.BytesIO(), offset=offset, line=1))
 
 
-def loaded(path: Path, log: Path, **changes: Any) -> Checkpoint | None:
-    return kept(path, log, **changes).load()
+def loaded(path: Path, log: Path, **changes: Any) -> tuple[Checkpoint, Any]:
+    found = kept(path, log, **changes).load()
+    assert found is not None
+    return found
 
 
 def refused(path: Path, trace: Path, **changes: Any) -> str:
-    """The message of the error, without the path before it."""
+    """The message of the error, which is one line."""
     with pytest.raises(CheckpointError) as caught:
         loaded(path, trace, **changes)
-    error = caught.value
-    assert isinstance(error, RvaftError)
-    assert isinstance(error, ValueError)
-    assert error.file == str(path)
-    assert str(error) == f"{path}: {error.reason}"
-    assert "\n" not in str(error)
-    return error.reason
+    assert str(caught.value) == f"{path}: {caught.value.reason}"
+    assert "\n" not in str(caught.value)
+    return caught.value.reason
 
 
 # -- what is kept -------------------------------------------------------------------------------------------------------
@@ -91,7 +74,7 @@ def refused(path: Path, trace: Path, **changes: Any) -> str:
 
 def test_all_is_kept(tmp_path: Path, trace: Path) -> None:
     path = tmp_path / "kept"
-    assert loaded(path, trace) is None
+    assert kept(path, trace).load() is None
     monitor = Engine(TREE, "scattered")
     monitor.step({"event": "a"})
     event = decode(
@@ -100,10 +83,8 @@ def test_all_is_kept(tmp_path: Path, trace: Path) -> None:
     ordering = Ordering("time", window=4)
     ordering.add(event)
     save(path, trace, (monitor.snapshot(), ordering), events=7)
-    found = loaded(path, trace)
-    assert found is not None
-    assert found[:3] == (7, 15, 1)
-    snapshot, held = found.state
+    found, (snapshot, held) = loaded(path, trace)
+    assert (found.events, found.offset, found.line) == (7, 15, 1)
     fresh = Engine(TREE, "scattered")
     fresh.restore(snapshot)
     assert fresh.step({"event": "b"}) is Verdict.TRUE
@@ -111,16 +92,14 @@ def test_all_is_kept(tmp_path: Path, trace: Path) -> None:
 
 
 def test_what_was_told_is_remembered_until_the_next_checkpoint(tmp_path: Path, trace: Path) -> None:
-    path = tmp_path / "kept"
-    one = kept(path, trace)
-    one.save(None, 1, place(15))
+    path, place = tmp_path / "kept", LinesRead(io.BytesIO(), offset=15, line=1)
+    one, again, last = (kept(path, trace) for _ in range(3))
+    one.save(None, 1, place)
     one.note(3)
-    again = kept(path, trace)
     again.load()
     assert again.noted == 3
-    again.save(None, 4, place(16))
+    again.save(None, 4, place)
     one.note(9)  # of the checkpoint that is gone
-    last = kept(path, trace)
     last.load()
     assert last.noted == 0
 
@@ -137,41 +116,30 @@ def test_writing_takes_no_longer_than_all_the_rest(
         now[0] += 0.1
         if one.is_due(events):
             due.append(events)
-            one.save(None, events, place(15))
+            one.save(None, events, LinesRead(io.BytesIO(), offset=15, line=1))
     assert due[:2] == [2, 4]
     assert 4 <= len(due) <= 7
 
 
 def test_the_next_checkpoint_takes_the_place_of_the_last(tmp_path: Path, trace: Path) -> None:
-    path = tmp_path / "kept"
+    """Also where a crash left half of one; a link stays a link."""
+    path, link = tmp_path / "kept", tmp_path / "link"
+    link.symlink_to(path)
     for events in range(3):
-        save(path, trace, events=events)
-        found = loaded(path, trace)
-        assert found is not None
-        assert found.events == events
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["kept", "log.jsonl"]
+        (tmp_path / ".kept.new").write_bytes(b"half")
+        save(link, trace, events=events)
+        assert loaded(path, trace)[0].events == events
+    assert link.is_symlink()
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["kept", "link", "log.jsonl"]
     assert path.stat().st_mode & 0o777 == 0o600
-
-
-def test_a_link_stays_a_link(tmp_path: Path, trace: Path) -> None:
-    (tmp_path / "kept").symlink_to(tmp_path / "elsewhere")
-    save(tmp_path / "kept", trace)
-    assert (tmp_path / "kept").is_symlink()
-    assert loaded(tmp_path / "elsewhere", trace) is not None
-
-
-def test_what_a_crash_left_is_no_hindrance(tmp_path: Path, trace: Path) -> None:
-    (tmp_path / ".kept.new").write_bytes(b"half")
-    save(tmp_path / "kept", trace)
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["kept", "log.jsonl"]
 
 
 def test_it_is_on_the_disk_before_it_takes_its_place(
     tmp_path: Path, trace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A file is synced whole, then renamed, then the folder is synced."""
+    """A file is synced whole, then renamed, then the folder is synced; where that fails the last one is left."""
     done: list[str] = []
-    sync, rename = os.fsync, Path.replace
+    path, sync, rename = tmp_path / "kept", os.fsync, Path.replace
 
     def synced(handle: int) -> None:
         name = Path(f"/proc/self/fd/{handle}").readlink().name
@@ -182,21 +150,14 @@ def test_it_is_on_the_disk_before_it_takes_its_place(
         done.append(f"rename {self.name}")
         return rename(self, target)
 
-    monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(Path, "replace", renamed)
-    save(tmp_path / "kept", trace)
-    size = (tmp_path / "kept").stat().st_size
-    assert done == [f"sync .kept.new {size}", "rename .kept.new", f"sync {tmp_path.name}"]
-
-
-def test_a_failure_to_write_leaves_the_last_one(tmp_path: Path, trace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "kept"
-    save(path, trace)
-    before = path.read_bytes()
-
     def full(_handle: int) -> None:
         raise OSError(28, "No space left on device")
 
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(Path, "replace", renamed)
+    save(path, trace)
+    before = path.read_bytes()
+    assert done == [f"sync .kept.new {len(before)}", "rename .kept.new", f"sync {tmp_path.name}"]
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="cannot write: No space left on device") as caught:
         save(path, trace, events=2)
@@ -225,9 +186,11 @@ def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, mon
     [
         ({"tree": rvaft.loads("top or ab bc; ab sand b a fault; bc sand b c;")}, "a checkpoint of another tree"),
         ({"tree": narrowed(TREE, branch=1)}, "a checkpoint of another tree, or of another part of it"),
+        ({"tree": narrowed(TREE, kind="fault")}, "a checkpoint of another tree, or of another part of it"),
         ({"semantics": Semantics.STRICT}, "a run with --semantics scattered, not strict"),
         ({"columns": ("tree",)}, "of other monitors (tree, fault, not tree)"),
         ({"columns": ("fault", "tree")}, "of other monitors (tree, fault, not fault, tree)"),
+        ({"columns": tuple("abcdefg")}, "of other monitors (tree, fault, not a, b, c, d, e, 2 more)"),
         ({"settings": {}}, "of a run with --key robot, not without --key"),
         ({"settings": {"--key": "id"}}, "of a run with --key robot, not with --key id"),
         ({"settings": {"--key": "robot", "--order-by": "t"}}, "of a run without --order-by, not with --order-by t"),
@@ -240,12 +203,9 @@ def test_a_checkpoint_of_another_run_is_refused(
     said = refused(tmp_path / "kept", trace, **changes)
     assert reason in said
     assert said.endswith("remove it to begin anew")
-
-
-def test_each_part_of_a_tree_has_a_digest_of_its_own() -> None:
-    parts = [TREE, narrowed(TREE, branch=1), narrowed(TREE, branch=2), narrowed(TREE, kind="fault")]
-    assert len({digest(part) for part in parts}) == len(parts)
-    assert digest(narrowed(TREE, branch=1)) == digest(narrowed(rvaft.loads(rvaft.dumps(TREE)), branch=1))
+    save(tmp_path / "kept", trace, **changes)
+    loaded(tmp_path / "kept", trace, **changes)
+    refused(tmp_path / "kept", trace)
 
 
 def test_a_checkpoint_of_another_version_is_refused(
@@ -258,33 +218,24 @@ def test_a_checkpoint_of_another_version_is_refused(
     assert f"a checkpoint of rvaft 0.0.9, this is {rvaft.__version__}" in refused(path, trace)
     path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 2", b"rvaft checkpoint 3", 1))
     assert "a checkpoint of another version of rvaft" in refused(path, trace)
+    for data in (b"", b"{}", LINES, b"\x80\x05.", b"rvaft check", b"\xff" * 100):
+        path.write_bytes(data)
+        assert "no checkpoint of rvaft" in refused(path, trace)
 
 
-@pytest.mark.parametrize("data", [b"", b"{}", LINES, b"\x80\x05.", b"rvaft check", b"\xff" * 100])
-def test_a_file_that_is_no_checkpoint(tmp_path: Path, trace: Path, data: bytes) -> None:
-    (tmp_path / "kept").write_bytes(data)
-    assert "no checkpoint of rvaft" in refused(tmp_path / "kept", trace)
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
-@given(data=st.data())
-def test_a_damaged_file_is_refused(tmp_path: Path, trace: Path, data: st.DataObject) -> None:
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100, deadline=None)
+@given(st.floats(0, 0.999), st.integers(0, 1), st.binary(max_size=3))
+def test_a_damaged_file_is_refused(tmp_path: Path, trace: Path, where: float, gone: int, more: bytes) -> None:
     whole, path = tmp_path / "whole", tmp_path / "kept"
     if not whole.exists():
         save(whole, trace)
     good = whole.read_bytes()
-    at = data.draw(st.integers(0, len(good) - 1))
-    match data.draw(st.sampled_from(["cut", "flip", "more", "less"])):
-        case "cut":
-            path.write_bytes(good[:at])
-        case "flip":
-            path.write_bytes(good[:at] + bytes([good[at] ^ 1 << data.draw(st.integers(0, 7))]) + good[at + 1 :])
-        case "more":
-            path.write_bytes(good[:at] + data.draw(st.binary(min_size=1, max_size=3)) + good[at:])
-        case "less":
-            path.write_bytes(good[:at] + good[at + 1 :])
+    at = int(where * len(good))
+    path.write_bytes(good[:at] + more + good[at + gone :])
     if path.read_bytes() != good:
         refused(path, trace)
+    path.write_bytes(good[:at])
+    refused(path, trace)
 
 
 def forged(path: Path, payload: bytes, header: dict[str, Any] | None = None) -> None:
@@ -292,7 +243,7 @@ def forged(path: Path, payload: bytes, header: dict[str, Any] | None = None) -> 
     good = path.read_bytes()
     line = good.split(b"\n", 3)[2] if header is None else json.dumps(header).encode()
     body = line + b"\n" + payload
-    path.write_bytes(b"rvaft checkpoint 2\n" + sha(body).encode() + b"\n" + body)
+    path.write_bytes(b"rvaft checkpoint 2\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
 
 
 class Calls:
@@ -314,61 +265,38 @@ def called(place: str, name: str, argument: str) -> bytes:
     return b"\x80\x05" + text(place) + text(name) + b"\x93" + text(argument) + b"\x85RNN\x87."
 
 
-def patching(place: str, name: str, attribute: str, value: str) -> bytes:
-    """A pickle that sets an attribute of a class, and holds nothing."""
-    state = b"N}" + text(attribute) + text(value) + b"s\x86"
-    return b"\x80\x05" + text(place) + text(name) + b"\x93" + state + b"b0NNN\x87."
-
-
-def harmful(victim: str) -> dict[str, bytes]:
-    """Pickles that make a folder when they are read."""
+def malicious(victim: str) -> dict[str, bytes]:
+    """Pickles that make a folder when they are read, then those that reach for more than they should."""
+    state = b"N}" + text("always") + text("x") + b"s\x86"
+    patching = b"\x80\x05" + text("rvaft.monitoring.detection") + text("Hooks") + b"\x93" + state + b"b0NNN\x87."
     return {
         "a call": pickle.dumps((Calls(os.mkdir, victim), None, None)),
         "the shell": pickle.dumps((Calls(os.system, f"mkdir {victim}"), None, None)),
         "code": pickle.dumps((Calls(eval, f"__import__('os').mkdir({victim!r})"), None, None)),
-        "what a module of ours imports": called("rvaft.monitoring.hooks", "os.mkdir", victim),
+        "what a module of ours imports": called("rvaft.monitoring.detection", "os.mkdir", victim),
         "what a module with data imports": called("rvaft.monitoring.run", "Path.mkdir", victim),
-    }
-
-
-def malicious(victim: str) -> dict[str, bytes]:
-    """Pickles that reach for more than they should."""
-    return {
         "getattr": pickle.dumps((Calls(getattr, Path, "mkdir"), None, None)),
-        "a function": called("rvaft.monitoring.run", "_chunks", victim),
         "a class that a module imports": called("rvaft.monitoring.run", "Path", victim),
         "below a class": called("rvaft.model.nodes", "Node.__init__.__globals__", victim),
         "a value": called("rvaft.model.tree", "TYPE_CHECKING", victim),
-        "a class with commands": patching("rvaft.monitoring.hooks", "Hooks", "always", "x"),
+        "a class with commands": patching,
         "no module of ours": called("rvaft.engine_of_mine", "Engine", victim),
         "nothing that is a pickle": b"\x00",
         "nothing": b"",
     }
 
 
-@pytest.mark.parametrize("how", harmful(""))
-def test_a_pickle_that_does_harm_is_refused(tmp_path: Path, trace: Path, how: str) -> None:
-    victim = tmp_path / "victim"
-    payload = harmful(str(victim))[how]
-    pickle.loads(payload)
-    victim.rmdir()  # it was there
+def test_a_forged_file_is_refused(tmp_path: Path, trace: Path) -> None:
+    victim, before = tmp_path / "victim", dict(vars(Hooks))
     save(tmp_path / "kept", trace)
-    forged(tmp_path / "kept", payload)
-    assert "the checkpoint cannot be read" in refused(tmp_path / "kept", trace)
-    assert not victim.exists()
-
-
-@pytest.mark.parametrize("how", malicious(""))
-def test_a_pickle_that_reaches_for_more_is_refused(tmp_path: Path, trace: Path, how: str) -> None:
-    save(tmp_path / "kept", trace)
-    before = dict(vars(Hooks))
-    forged(tmp_path / "kept", malicious(str(tmp_path))[how])
-    assert "the checkpoint cannot be read" in refused(tmp_path / "kept", trace)
+    for number, payload in enumerate(malicious(str(victim)).values()):
+        if number < 5:
+            pickle.loads(payload)
+            victim.rmdir()  # it was there
+        forged(tmp_path / "kept", payload)
+        assert "the checkpoint cannot be read" in refused(tmp_path / "kept", trace)
+        assert not victim.exists()
     assert dict(vars(Hooks)) == before
-
-
-def test_a_forged_header_is_refused(tmp_path: Path, trace: Path) -> None:
-    save(tmp_path / "kept", trace)
     headers: list[Any] = [{}, {"version": 1}, [], "x"]
     for header in headers:
         forged(tmp_path / "kept", b"", header)
@@ -378,51 +306,36 @@ def test_a_forged_header_is_refused(tmp_path: Path, trace: Path) -> None:
 # -- the trace ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_trace_may_grow_and_move(tmp_path: Path, trace: Path) -> None:
-    save(tmp_path / "kept", trace)
-    with trace.open("ab") as more:
-        more.write(b'{"event": "c"}\n')
-    moved = tmp_path / "other.jsonl"
-    moved.write_bytes(trace.read_bytes())
-    assert loaded(tmp_path / "kept", moved) is not None
-
-
 def test_another_trace_is_refused(tmp_path: Path, trace: Path) -> None:
     lines = [b'{"event": "x", "n": %d}\n' % number for number in range(20_000)]
     whole = b"".join(lines)
     trace.write_bytes(whole)
     offset = len(b"".join(lines[:15_000]))
     save(tmp_path / "kept", trace, offset=offset)
-    assert loaded(tmp_path / "kept", trace) is not None
+    moved = tmp_path / "other.jsonl"
+    for data in (whole, whole[:offset], whole[:offset] + b'{"something": "else"}'):
+        moved.write_bytes(data)
+        loaded(tmp_path / "kept", moved)
     trace.write_bytes(whole[: offset - 1])
-    assert f"of a longer trace ({offset} bytes were read, {trace} has {offset - 1})" in refused(
-        tmp_path / "kept", trace
-    )
-    changed = {
-        "the start": b"X" + whole[1:],
-        "the first lines": whole.replace(b'"n": 100}', b'"n": 101}', 1),
-        "the last byte before": whole[: offset - 1] + b" " + whole[offset:],
-        "the last lines": whole.replace(b'"n": 14990}', b'"n": 14991}', 1),
-        "a line that is gone": whole.replace(lines[7_000], b"", 1),
-        "the rest of a rotated log": b"".join(lines[5_000:] + lines[:5_000]),
-    }
-    for data in changed.values():
+    shorter = f"of a longer trace ({offset} bytes were read, {trace} has {offset - 1})"
+    assert shorter in refused(tmp_path / "kept", trace)
+    for data in (
+        b"X" + whole[1:],
+        whole.replace(b'"n": 100}', b'"n": 101}', 1),
+        whole[: offset - 1] + b" " + whole[offset:],
+        whole.replace(b'"n": 14990}', b'"n": 14991}', 1),
+        whole.replace(lines[7_000], b"", 1),
+        b"".join(lines[5_000:] + lines[:5_000]),
+    ):
         trace.write_bytes(data)
         assert f"of another trace: {trace} does not begin with what was read" in refused(tmp_path / "kept", trace)
-    trace.write_bytes(whole[:offset] + b'{"something": "else"}')
-    assert loaded(tmp_path / "kept", trace) is not None
     trace.unlink()
     with pytest.raises(FileNotFoundError):
         loaded(tmp_path / "kept", trace)
-
-
-def test_what_has_no_identity(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path, tmp_path / "pipe"):
+    os.mkfifo(trace)
+    for path in (tmp_path, trace):
         with pytest.raises(OptionError, match="a checkpoint needs a trace in a regular file"):
-            TraceIdentity.of(path, 0)
-    with pytest.raises(FileNotFoundError):
-        TraceIdentity.of(tmp_path / "none", 0)
+            identity(path, 0)
 
 
 PACKING: dict[str, Callable[[bytes], bytes]] = {".gz": gzip.compress, ".zst": zstandard.compress}
@@ -452,21 +365,17 @@ def test_a_compressed_trace_that_changed(tmp_path: Path, name: str) -> None:
     trace, path = packed(tmp_path / name, LINES), tmp_path / "kept"
     save(path, trace)
     whole = trace.read_bytes()
-    assert loaded(path, trace) is not None
-    trace.write_bytes(whole + whole)  # another member
-    assert loaded(path, trace) is not None
+    for data in (whole, whole + whole):  # another member
+        trace.write_bytes(data)
+        loaded(path, trace)
     packed(trace, LINES.replace(b"x", b"y"))
     refused(path, trace)
     trace.write_bytes(whole[: len(whole) // 2])
     assert "of a longer trace" in refused(path, trace)
-    with pytest.raises(TraceError, match=rf"{name}:4: cannot be read: "), open_at(trace, offset=len(LINES), line=3):
-        pass
-    trace.write_bytes(whole)
-    with (
-        pytest.raises(TraceError, match="it ends before the place of the checkpoint"),
-        open_at(trace, offset=1000, line=3),
-    ):
-        pass
+    for offset, reason in ((len(LINES), rf"{name}:4: cannot be read: "), (1000, "before the place of the checkpoint")):
+        with pytest.raises(TraceError, match=reason), open_at(trace, offset=offset, line=3):
+            pass
+        trace.write_bytes(whole)
 
 
 # -- being killed -------------------------------------------------------------------------------------------------------
@@ -479,7 +388,7 @@ def told(folder: Path) -> tuple[list[int], list[str]]:
     return starts, [line for line in lines if not line.startswith("from")]
 
 
-@pytest.mark.parametrize(("suffix", "semantics", "kills"), [("", "projected", 24), (".gz", "scattered", 12)])
+@pytest.mark.parametrize(("suffix", "semantics", "kills"), [("", "projected", 12), (".gz", "scattered", 8)])
 def test_being_killed_changes_no_verdict(tmp_path: Path, suffix: str, semantics: str, kills: int) -> None:
     log = killing.events(Random(7), 300)
     trace = packed(tmp_path / f"log.jsonl{suffix}", b"".join(json.dumps(event).encode() + b"\n" for event in log))
@@ -517,11 +426,8 @@ def test_large_monitors_are_kept(tmp_path: Path, trace: Path) -> None:
     variable = Engine(rvaft.loads("event e(v) = { v: v }; event f(v) = { f: v }; top sand x y; x on e(V); y on f(V);"))
     variable.step({"v": deep})
     save(tmp_path / "kept", trace, [monitor.snapshot(), variable.snapshot()])
-    found = loaded(tmp_path / "kept", trace)
-    assert found is not None
-    for one, event, snapshot in zip(
-        (monitor, variable), ({"event": leaves[-1]}, {"f": deep}), found.state, strict=True
-    ):
+    _, state = loaded(tmp_path / "kept", trace)
+    for one, event, snapshot in zip((monitor, variable), ({"event": leaves[-1]}, {"f": deep}), state, strict=True):
         fresh = Engine(one.tree)
         fresh.restore(snapshot)
         assert fresh.step(event) is Verdict.TRUE

@@ -1,7 +1,6 @@
 """The monitors of all columns: the verdicts stored beside the trees, and explanations by the numbers that events have."""
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import pytest
 
@@ -124,16 +123,3 @@ def test_too_many_branches_are_an_error_that_says_what_to_do() -> None:
     assert raised.value.limit == MOST
     assert any("--per kind" in note for note in raised.value.__notes__)
     assert isinstance(columns(tree, Per.TREE)[0], Column)
-
-
-def test_numbers_rise() -> None:
-    tree = shipped.load(PRUNED)
-    for _, events in shipped.traces(PRUNED):
-        monitors = set_of(tree, Per.TREE, Semantics.SCATTERED)
-        for number, event in enumerate(events, 1):
-            monitors.step(event, 10 * number)
-        explanation = monitors.explanation(0)
-        if explanation is not None:
-            numbers = list(explanation.matched.values())
-            assert all(one < other for one, other in pairwise(numbers))
-            assert all(number % 10 == 0 for number in numbers)

@@ -1,19 +1,24 @@
 """Reading traces: what is one JSON object per line by RFC 8259, and what is not, whatever the fault."""
 
+import gzip
 import io
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError, loads
 from rvaft.analysis.pattern_index import Reads, Scope, TreeReads
+from rvaft.errors import ToolMissing
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
 from rvaft.monitoring.reader import MAX_DEPTH, MAX_DIGITS, MAX_LINE, decode, read
+from tests.cli.runs import TREES, failed, run
 
 
 def events(data: bytes, reads: Scope | None = None) -> list[dict[str, Any]]:
@@ -289,3 +294,47 @@ def test_damage_is_refused_or_still_json(value: dict[str, Any], where: int, dama
         return
     assert json.loads(line) == event
     json.dumps(event, allow_nan=False, ensure_ascii=False).encode()
+
+
+# -- compressed files ---------------------------------------------------------------------------------------------------
+
+LINES = b"".join(b'{"event": "%c"}\n' % letter for letter in b"cab") * 500
+AND = TREES / "gates" / "and.rvaft"
+PACK: dict[str, Callable[[bytes], bytes]] = {".gz": gzip.compress, ".zst": zstandard.compress, ".GZ": gzip.compress}
+
+
+def written(folder: Path, name: str, data: bytes) -> Path:
+    (folder / name).write_bytes(data)
+    return folder / name
+
+
+@pytest.mark.parametrize("suffix", PACK)
+def test_compressed_files(tmp_path: Path, suffix: str) -> None:
+    """The events are those of the plain file, of several members too; damage is an error with file and line."""
+    good = PACK[suffix](LINES)
+    plain, packed = written(tmp_path, "log.jsonl", LINES), written(tmp_path, f"log.jsonl{suffix}", good)
+    assert list(read(packed)) == list(read(plain))
+    result = run("monitor", AND, packed, "--semantics", "strict")
+    assert (result.exit_code, result.stdout) == (1, run("monitor", AND, plain, "--semantics", "strict").stdout)
+    assert len(list(read(written(tmp_path, f"two{suffix}", good + good)))) == 3000
+    for data in (good[: len(good) // 2], LINES, good[:20] + b"\x00\xff" + good[22:]):
+        file = written(tmp_path, f"bad{suffix}", data)
+        with pytest.raises(TraceError, match=rf"bad{suffix}:\d+: "):
+            list(read(file))
+        failed(run("monitor", AND, file), f"bad{suffix}:")
+    for length in range(1, len(good) - 8, 7):
+        with pytest.raises(TraceError):
+            list(read(written(tmp_path, f"cut{suffix}", good[:length])))
+
+
+def test_a_line_is_bounded_after_decompression(tmp_path: Path) -> None:
+    bomb = written(tmp_path, "bomb.gz", gzip.compress(b"x" * (MAX_LINE + 2), 1))
+    with pytest.raises(TraceError, match="longer than"):
+        list(read(bomb))
+
+
+def test_without_the_package_zst_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    with pytest.raises(ToolMissing, match=r"\.\[zstd\]"):
+        list(read(written(tmp_path, "log.zst", zstandard.compress(LINES))))
+    assert list(read(written(tmp_path, "log.gz", gzip.compress(LINES))))

@@ -14,11 +14,10 @@ from rvaft.analysis.pattern_index import TreeReads
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json
 from rvaft.monitoring import fast_reader
-from rvaft.monitoring.explanation_json import told_fields
+from rvaft.monitoring.detection import told_fields
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, TraceRun, VerdictChange
-from rvaft.monitoring.stream import Key
+from rvaft.monitoring.run import EventBuffer, Key, Listener, MonitoringPlan, TraceRun, VerdictChange
 from tests.trees import shipped
 
 
@@ -88,7 +87,7 @@ def test_shipped_trees(name: str, per: Per, semantics: Semantics) -> None:
     tree = shipped.load(name)
     random = Random(f"{name} {per} {semantics}")
     stored = [events for _, events in shipped.traces(name)]
-    for number in range(6):
+    for number in range(4):
         trace = random.choice(stored) if number % 2 else random_trace(random, tree, max_length=24)
         data = log_of(trace, random)
         if random.random() < 0.2:
@@ -157,3 +156,23 @@ def test_events_without_the_key_and_too_many_keys() -> None:
     with pytest.raises(TooLarge, match=r"different values of robot.id and x") as raised:
         list(run.read([{"robot": {"id": 1}, "x": 2}], "log"))
     assert raised.value.limit == 2
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        (1, 1.0, True),
+        (1, True, False),
+        (0, False, False),
+        ("1", 1, False),
+        (None, False, False),
+        ([1, 2], [1.0, 2], True),
+        ({"a": 1, "b": 2}, {"b": 2, "a": 1}, True),
+        (2**60, float(2**60), True),
+    ],
+)
+def test_keys_are_told_apart_as_everywhere(one: Any, other: Any, same: bool) -> None:
+    for fields in (["k"], ["k", "m"]):
+        run = run_of(TREE, "projected", Per.TREE, Told(), key=Key.parse(fields))
+        list(run.read([{"k": one, "m": 1}, {"k": other, "m": 1}], "log"))
+        assert len(run.watches) == 2 - same

@@ -1,7 +1,10 @@
-"""Events put in order within a window."""
+"""Events put in order within a window, told apart by a key, and found again."""
 
+import gzip
+import json
 import pickle
 from collections.abc import Sequence
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -10,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft.errors import OptionError
-from rvaft.monitoring.stream import Backwards, Field, Key, Ordering
+from rvaft.monitoring.reader import read
+from rvaft.monitoring.run import Backwards, EventBuffer, Field, Key, Ordering
 
 numbers = st.integers(-20, 20) | st.floats(-20, 20)
 
@@ -80,22 +84,8 @@ def test_an_event_without_a_number_stays_behind_the_one_before() -> None:
         order, late = given_order([nothing, 3, nothing, 1, nothing, 2], window=10)
         assert order == [1, 4, 5, 6, 2, 3]
         assert (late.without, late.first_without, late.late) == (3, 1, 0)
-
-
-def test_numbers_are_compared_by_value() -> None:
     big = 2**53
     assert given_order([big + 1, float(big), big, 1e300, 10**300], window=9)[0] == [2, 3, 1, 5, 4]
-
-
-def test_a_field_by_its_path() -> None:
-    stamped: list[tuple[int, dict[str, Any]]] = [
-        (1, {"header": {"stamp": 2}}),
-        (2, {"header.stamp": 1, "header": {"stamp": 9}}),
-        (3, {"header": 0}),
-    ]
-    late = Ordering("header.stamp", window=5)
-    assert ordered(stamped, late) == [2, 3, 1]
-    assert (late.without, late.first_without) == (1, 3)
 
 
 def test_an_ordering_goes_on_from_a_pickle() -> None:
@@ -109,56 +99,67 @@ def test_an_ordering_goes_on_from_a_pickle() -> None:
     assert list(pickle.loads(pickle.dumps(halting)).rest()) == list(straight.rest())
 
 
-@pytest.mark.parametrize(("field", "window"), [("time", -1), ("", 5), ("a..b", 5)])
-def test_options_that_make_no_sense(field: str, window: int) -> None:
-    with pytest.raises(OptionError):
-        Ordering(field, window=window)
-
-
-def test_time_that_goes_back_is_counted() -> None:
-    watching = Backwards("time")
-    for number, event in events([1, 5, None, 3, 4, "0", 4.0, 3.5, 9]):
-        watching.see(number, event)
-    assert (watching.count, watching.first) == (2, 4)
-    fresh = Backwards("time")
-    for number, event in events([2, 2, 3]):
-        fresh.see(number, event)
-    assert (fresh.count, fresh.first) == (0, 0)
-
-
 @pytest.mark.parametrize(
-    ("one", "other", "same"),
-    [
-        (1, 1.0, True),
-        (1, True, False),
-        (0, False, False),
-        ("1", 1, False),
-        (None, False, False),
-        ([1, 2], [1.0, 2], True),
-        ({"a": 1, "b": 2}, {"b": 2, "a": 1}, True),
-        (2**60, float(2**60), True),
-    ],
+    ("times", "count", "first"), [([1, 5, None, 3, 4, "0", 4.0, 3.5, 9], 2, 4), ([2, 2, 3], 0, 0), ([3, 2], 1, 2)]
 )
-def test_keys_are_told_apart_as_everywhere(one: Any, other: Any, same: bool) -> None:
-    for fields in (["k"], ["k", "m"]):
-        key = Key.parse(fields)
-        names = []
-        for value in (one, other):
-            found = key.of({"k": value, "m": 1})
-            assert found is not None
-            names.append(key.name(found))
-        assert (names[0] == names[1]) is same
+def test_time_that_goes_back_is_counted(times: list[Any], count: int, first: int) -> None:
+    watching = Backwards("time")
+    for number, event in events(times):
+        watching.see(number, event)
+    assert (watching.count, watching.first) == (count, first)
 
 
-def test_several_fields_are_one_key() -> None:
+def test_fields_and_keys() -> None:
     key = Key.parse(["user", "host.src"])
     assert key.of({"user": None, "host": {"src": 7}}) == (None, 7)
     assert key.told((None, 7)) == {"user": None, "host.src": 7}
     assert key.of({"user": 1}) is key.of({"host": {"src": 1}}) is None
     assert Key.parse(["a", "a"]).told((1,)) == 1
+    stamp = Field.parse("header.stamp")
+    for event, number in (
+        ({"header": {"stamp": 2}}, 2),
+        ({"header.stamp": 1, "header": {"stamp": 9}}, 1),
+        ({"header": 0}, None),
+        ({"header": {"stamp": True}}, None),
+    ):
+        assert stamp.number(event) == number
+    for text in ("", ".", "a.", ".a", "a..b"):
+        with pytest.raises(OptionError, match="is no field"):
+            Field.parse(text)
 
 
-@pytest.mark.parametrize("text", ["", ".", "a.", ".a", "a..b"])
-def test_what_is_no_path_is_refused(text: str) -> None:
-    with pytest.raises(OptionError, match="is no field"):
-        Field.parse(text)
+# -- events that an explanation names -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".jsonl", ".jsonl.gz"])
+@pytest.mark.parametrize("seed", range(10))
+def test_a_file_is_numbered_as_it_is_read(seed: int, suffix: str, tmp_path: Path) -> None:
+    random, log = Random(seed), tmp_path / f"log{suffix}"
+    spaces = ["", "\n", "\r\n", "  \n", "\t\r\n\n", "\n\n\n"]
+    text = random.choice(["", "\ufeff"])
+    for number in range(random.randrange(1, 60)):
+        text += random.choice(spaces) + random.choice(["", " "]) + json.dumps({"n": number}) + "\n"
+    data = (text + random.choice(spaces)).encode()
+    log.write_bytes(gzip.compress(data) if suffix.endswith(".gz") else data)
+    expected = dict(enumerate(read(log), 1))
+    assert EventBuffer(log).events(range(1, len(expected) + 3)) == expected
+    for number, event in expected.items():
+        assert EventBuffer(log).events([number]) == {number: event}
+
+
+def test_what_is_forgotten_is_looked_up_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rvaft.monitoring.run.BOUND", 3)
+    log, packed = tmp_path / "log.jsonl", tmp_path / "log.gz"
+    stream, file = EventBuffer(), EventBuffer(log)
+    assert file.events([1]) == {}
+    log.write_text("".join(f'{{"n": {number}}}\n' for number in range(1, 100)))
+    for buffer in (stream, file):
+        for number in range(51, 56):
+            buffer.remember(number, {"n": number, "remembered": True})
+        assert len(buffer.known) == 3
+    assert stream.events([7, 51, 55]) == {55: {"n": 55, "remembered": True}}
+    assert file.events([7, 51, 55]) == {7: {"n": 7}, 51: {"n": 51}, 55: {"n": 55, "remembered": True}}
+    log.write_text('{"n": 1}\nnonsense\n{"n": 3}\n')  # it has changed since
+    assert EventBuffer(log).events([1, 2]) == {1: {"n": 1}}
+    packed.write_bytes(gzip.compress(b'{"n": 1}\n' * 10_000)[:-9])
+    assert EventBuffer(packed).events([10_001]) == {}

@@ -196,9 +196,7 @@ def test_what_tells_an_event_apart_is_told(tmp_path: Path) -> None:
 
 
 def test_events_of_a_stream_that_are_forgotten_are_not_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    from rvaft.monitoring.run import EventBuffer
-
-    monkeypatch.setattr(EventBuffer.__init__, "__kwdefaults__", {"reads": None, "bound": 2})
+    monkeypatch.setattr("rvaft.monitoring.run.BOUND", 2)
     data = ROW1.read_text(encoding="utf-8")
     said = run("monitor", PRUNED, data=data).stdout
     assert "  event 1 (no longer known) is ev1" in said

@@ -13,10 +13,10 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from lark import Token, Transformer
 
+from rvaft.language.diagnostics import shown
 from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Said
-from rvaft.language.words import shown
-from rvaft.model.guards import MAX_DEPTH, Guard, Operation, Operator
-from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, On, Place
+from rvaft.model.guards import MAX_DEPTH, Operation, Operator
+from rvaft.model.nodes import Causality, EventType, Ignore, Kind, On, Place
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar
 
@@ -132,18 +132,20 @@ def _nested(parts: Sequence[Term], what: str, token: Token) -> int:
     return depth + 1
 
 
+def _values(parts: Iterable[Term]) -> tuple[Any, ...]:
+    return tuple([part.value for part in parts])
+
+
 def _words_in(parts: Iterable[Term]) -> tuple[Token, ...]:
     return tuple(word for part in parts for word in part.words)
 
 
 def _gate(token: Token, children: Sequence[Word]) -> Clause:
     """A gate, with the K of a vote and the N of K`of`N."""
-    if token.startswith("vot"):
-        return Clause("gates", token, (Gate.VOT, children, integer_of(token.removeprefix("vot"), token), None))
-    if token[0].isdigit():
-        k, n = token.split("of")
-        return Clause("gates", token, (Gate.VOT, children, integer_of(k, token), integer_of(n, token)))
-    return Clause("gates", token, (Gate(token.value), children, None, None))
+    if not token[-1].isdigit():
+        return Clause("gates", token, (children, None, None))
+    k, _, n = token.removeprefix("vot").partition("of")
+    return Clause("gates", token, (children, integer_of(k, token), integer_of(n, token) if n else None))
 
 
 def _check_parameter(word: Token, before: Items) -> None:
@@ -164,13 +166,10 @@ class Build(Transformer[Token, Any]):
 
     arguments = fields = items = parameters = publishers = _between_commas
 
-    def only_pattern(self, items: Items) -> Pattern:
-        pattern: Pattern = items[0].value
-        return pattern
+    def only_pattern(self, items: Items) -> Any:
+        return items[0].value
 
-    def only_guard(self, items: Items) -> Guard:
-        guard: Guard = items[0].value
-        return guard
+    only_guard = only_pattern
 
     # -- statements -------------------------------------------------------------------------------------------------
 
@@ -235,8 +234,8 @@ class Build(Transformer[Token, Any]):
             node.statements.append(page.said(name, None).place)
             for part, start, value in filter(None, clauses):
                 if part == "gates":
-                    gate, children, threshold, out_of = value
-                    node.gates.append(page.said(start, GateUse(gate, page.names(children), threshold, out_of)))
+                    children, *numbers = value
+                    node.gates.append(page.said(start, GateUse.of(start.value, page.names(children), *numbers)))
                 else:
                     getattr(node, part).append(page.said(start, value))
 
@@ -274,7 +273,7 @@ class Build(Transformer[Token, Any]):
 
     def call(self, items: Items) -> tuple[Token, On]:
         name, arguments = items[0], items[2] or []
-        return name, On(name.value, tuple([term.value for term in arguments]))
+        return name, On(name.value, _values(arguments))
 
     def name(self, items: Items) -> Token:
         token: Token = items[0]
@@ -301,7 +300,7 @@ class Build(Transformer[Token, Any]):
         return Term(Literal(CONSTANTS[items[0]]))
 
     def mapping(self, items: Items) -> Term:
-        fields: list[tuple[Token, Term]] = items[1] or []
+        fields: list[Items] = items[1] or []
         named: dict[str, Pattern] = {}
         for key, inner in fields:
             name = self.name([key]).value
@@ -311,31 +310,27 @@ class Build(Transformer[Token, Any]):
         parts = [inner for _, inner in fields]
         return Term(ObjectPattern(tuple(named.items())), _nested(parts, "pattern", items[0]), _words_in(parts))
 
-    def field(self, items: Items) -> tuple[Token, Term]:
-        return items[0], items[2]
+    def field(self, items: Items) -> Items:
+        return items[::2]
 
     def sequence(self, items: Items) -> Term:
         parts: list[Term] = items[1] or []
-        value = ListPattern(tuple([inner.value for inner in parts]))
-        return Term(value, _nested(parts, "pattern", items[0]), _words_in(parts))
+        return Term(ListPattern(_values(parts)), _nested(parts, "pattern", items[0]), _words_in(parts))
 
     # -- guards -----------------------------------------------------------------------------------------------------
 
-    def junction(self, items: Items) -> Term:
-        return self._operation(items[1], Operator(items[1]), items[::2])
-
     def binary(self, items: Items) -> Term:
-        return self._operation(items[1], Operator(items[1]), items[::2])
+        operands = items[::2]
+        return Term(Operation(Operator(items[1]), _values(operands)), _nested(operands, "guard", items[1]))
+
+    junction = binary
 
     def unary(self, items: Items) -> Term:
-        return self._operation(items[0], Operator.NOT if items[0].type == "NOT" else Operator.NEGATE, items[1:])
-
-    def _operation(self, token: Token, operator: Operator, operands: list[Term]) -> Term:
-        """An operator applied; a minus right before a number belongs to the number."""
-        depth = _nested(operands, "guard", token)
-        if operator is Operator.NEGATE and operands[0].unsigned:
-            return Term(Literal(-operands[0].value.value))
-        return Term(Operation(operator, tuple([operand.value for operand in operands])), depth)
+        token, operand = items
+        depth = _nested([operand], "guard", token)
+        if token.type != "NOT" and operand.unsigned:  # a minus right before a number belongs to the number
+            return Term(Literal(-operand.value.value))
+        return Term(Operation(Operator.NOT if token.type == "NOT" else Operator.NEGATE, (operand.value,)), depth)
 
     def parentheses(self, items: Items) -> Term:
         term: Term = items[1]

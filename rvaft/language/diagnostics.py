@@ -14,9 +14,58 @@ from typing import Final, NamedTuple, TypeAlias
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
 from rvaft.errors import LanguageError
-from rvaft.language.words import expectation, shown
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
 from rvaft.support.terminal import visible
+
+
+def shown(text: str) -> str:
+    """A piece of somebody's text as it can stand in a message: marked, short, and without control characters."""
+    return f"`{visible(text if len(text) <= 40 else text[:37] + '...')}`"
+
+
+_LITERALS: Final = "STRING NUMBER MINUS TRUE FALSE NULL"
+_GROUPS: Final = (
+    # what it is called, the terminals that must be possible for it, and those that it covers beside them
+    ("a statement", "EVENT", f"{' '.join(STATEMENTS).upper()} TOPIC NAME STRING"),
+    (f"a gate ({', '.join(GATES)}, 2of3)", "K_OF_N", f"{' '.join(GATES).upper()} VOT_K"),
+    ("a name", "NAME", "STRING"),
+    ("a word or a string in quotes", "WORD STRING", ""),
+    ("a value", "VALUE", "STRING"),
+    ("on, when, fault, attack, label or key=value", "ON", "WHEN FAULT ATTACK LABEL KEY"),
+    ("a comparison", "COMPARISON", "PLUS MINUS TIMES SLASH AND OR"),
+    ("an operator", "PLUS", "MINUS TIMES SLASH AND OR"),
+    ("and", "AND", ""),
+    ("or", "OR", ""),
+    ("a condition", "NOT", f"LPAR VARIABLE {_LITERALS}"),
+    ("a pattern", "LBRACE TRUE", f"LBRACKET WORD ANY {_LITERALS}"),
+    ("an argument (a Variable, _, a literal)", "ANY", f"VARIABLE {_LITERALS}"),
+    ("a value", "VARIABLE", f"LPAR {_LITERALS}"),
+    ("a number", "NUMBER", ""),
+    ("a word", "WORD", ""),
+    ("a string in quotes", "STRING", ""),
+    ("when", "WHEN", ""),
+    ("type", "TYPE", ""),
+    ("from", "FROM", ""),
+    ("top_down or bottom_up", "TOP_DOWN", "BOTTOM_UP"),
+    ("the end", "$END", ""),
+    *((f"`{sign}`", name, "") for sign, name in zip(";,:=", ("SEMICOLON", "COMMA", "COLON", "EQUALS"), strict=True)),
+    *(
+        (f"`{sign}`", name, "")
+        for sign, name in zip("(){}[]", ["LPAR", "RPAR", "LBRACE", "RBRACE", "LBRACKET", "RBRACKET"], strict=True)
+    ),
+)
+
+
+def expectation(terminals: frozenset[str]) -> str:
+    """What could stand at a place, in words, given the grammar's terminals that could."""
+    left = set(terminals)
+    found: list[str] = []
+    for phrase, needed, more in _GROUPS:
+        if left.issuperset(needed.split()):
+            found.append(phrase)
+            left.difference_update(needed.split(), more.split())
+    return " or ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)
+
 
 _LEXEME: Final = re.compile(
     r"""(?P<skip>\s+|//[^\n]*|\#[^\n]*|/\*.*?\*/)
@@ -30,7 +79,7 @@ _LONGEST_LINE: Final = 300
 """Above this a source line is not shown: nobody finds the caret."""
 
 
-class Lexeme(NamedTuple):
+class _Lexeme(NamedTuple):
     """A piece of text: a string with its quotes, a word or number, a sign; the empty text stands for the end."""
 
     text: str
@@ -39,32 +88,31 @@ class Lexeme(NamedTuple):
 
     @property
     def end(self) -> int:
-        """The position after the piece."""
         return self.start + len(self.text)
 
     @property
     def is_word(self) -> bool:
-        """Whether it is a word (and no number)."""
         return self.text[:1].isalpha() or self.text[:1] == "_"
 
     @property
     def is_string(self) -> bool:
-        """Whether it is a text in quotes."""
         return len(self.text) > 1 and self.text[0] == '"'
 
     @property
     def is_gate(self) -> bool:
-        """Whether it is the word for a gate."""
         return self.text in GATES or _VOTE.fullmatch(self.text) is not None
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
-    """Where a text went wrong: the statement so far, what cannot stand there, the two pieces that follow, what could stand there."""
+class _Situation:
+    """Where a text went wrong: the statement so far, what cannot stand there, the two pieces that follow, what could stand there.
 
-    before: tuple[Lexeme, ...]
-    bad: Lexeme
-    after: tuple[Lexeme, ...]
+    `last` is the piece before the bad one (empty at the start of the text), `following` the one after it (empty at the end).
+    """
+
+    before: tuple[_Lexeme, ...]
+    bad: _Lexeme
+    after: tuple[_Lexeme, ...]
     possible: frozenset[str]
 
     def can(self, *terminals: str) -> bool:
@@ -72,18 +120,15 @@ class Situation:
         return self.possible.issuperset(terminals)
 
     @property
-    def last(self) -> Lexeme:
-        """The piece before the bad one; an empty one at the start of the text."""
-        return self.before[-1] if self.before else Lexeme("", 0, self.bad.line)
+    def last(self) -> _Lexeme:
+        return self.before[-1] if self.before else _Lexeme("", 0, self.bad.line)
 
     @property
-    def following(self) -> Lexeme:
-        """The piece after the bad one; an empty one at the end of the text."""
-        return self.after[0] if self.after else Lexeme("", -1, self.bad.line)
+    def following(self) -> _Lexeme:
+        return self.after[0] if self.after else _Lexeme("", -1, self.bad.line)
 
     @property
     def is_on_new_line(self) -> bool:
-        """Whether the bad piece stands on a later line than the one before it."""
         return self.last.line < self.bad.line
 
 
@@ -98,8 +143,11 @@ def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
             position = len(text)
     parser = getattr(error, "interactive_parser", None)
     at = _situation(text, position, frozenset(parser.accepts()) if parser is not None else frozenset())
-    slips = chain(_lexical_slips(at), _topic_slips(at), _statement_slips(at), _term_slips(at), _unexpected(at))
-    message, position = next(slips)
+    slips = chain(_lexical_slips(at), _topic_slips(at), _statement_slips(at), _term_slips(at))
+    expected = expectation(at.possible)
+    unexpected = f"unexpected {shown(at.bad.text)}: expected {expected}", at.bad.start
+    early = f"the text ends too early: expected {expected}", at.last.end
+    message, position = next(slips, unexpected if at.bad.text else early)
     return error_at(message, text, position, file)
 
 
@@ -113,15 +161,15 @@ def error_at(message: str, text: str, position: int, file: str) -> LanguageError
     return LanguageError(message, file=file, line=number, column=position - start + 1, source=source)
 
 
-def _situation(text: str, position: int, possible: frozenset[str]) -> Situation:
+def _situation(text: str, position: int, possible: frozenset[str]) -> _Situation:
     """A second, tolerant look at a text that did not parse: what stands around a position."""
-    before: list[Lexeme] = []
-    around: list[Lexeme] = []
+    before: list[_Lexeme] = []
+    around: list[_Lexeme] = []
     line = 1
     for found in _LEXEME.finditer(text):
         piece = found.group()
         if found.lastgroup != "skip":
-            lexeme = Lexeme(piece, found.start(), line)
+            lexeme = _Lexeme(piece, found.start(), line)
             if found.end() > position:
                 around.append(lexeme)
                 if len(around) == 3:
@@ -131,8 +179,8 @@ def _situation(text: str, position: int, possible: frozenset[str]) -> Situation:
             else:
                 before.append(lexeme)
         line += piece.count("\n")
-    bad = around[0] if around else Lexeme("", len(text), line)
-    return Situation(tuple(before), bad, tuple(around[1:]), possible)
+    bad = around[0] if around else _Lexeme("", len(text), line)
+    return _Situation(tuple(before), bad, tuple(around[1:]), possible)
 
 
 def _meant(word: str, known: tuple[str, ...]) -> str | None:
@@ -151,15 +199,7 @@ Advice: TypeAlias = Iterator[tuple[str, int]]
 """What to tell, and the position in the text that it is about."""
 
 
-def _unexpected(at: Situation) -> Advice:
-    """What is said where no slip is known."""
-    expected = expectation(at.possible)
-    if at.bad.text:
-        yield f"unexpected {shown(at.bad.text)}: expected {expected}", at.bad.start
-    yield f"the text ends too early: expected {expected}", at.last.end
-
-
-def _lexical_slips(at: Situation) -> Advice:
+def _lexical_slips(at: _Situation) -> Advice:
     """Slips that leave no lexeme to reason about."""
     bad, last = at.bad, at.last
     if bad.text == "/" and at.following.text == "*" and at.following.start == bad.end:
@@ -178,7 +218,7 @@ _TOPIC_EXAMPLE: Final = 'as in topic "/name" type "package.msg.Name"'
 _NAME_IN_QUOTES: Final = 'a name with other characters than letters, digits and _ is quoted: "{}"'
 
 
-def _topic_slips(at: Situation) -> Advice:
+def _topic_slips(at: _Situation) -> Advice:
     bad, following = at.bad, at.following
     words = [lexeme.text for lexeme in at.before]
     if (
@@ -206,7 +246,7 @@ def _topic_slips(at: Situation) -> Advice:
         yield _NAME_IN_QUOTES.format(visible(bad.text + following.text)), bad.start
 
 
-def _statement_slips(at: Situation) -> Advice:
+def _statement_slips(at: _Situation) -> Advice:
     """Slips in the words of a statement: its first word, its gate, its clauses, its end."""
     bad, last, following = at.bad, at.last, at.following
     starts_node = len(at.before) == 1 and at.can("K_OF_N")
@@ -244,16 +284,16 @@ def _statement_slips(at: Situation) -> Advice:
         yield "names are separated by blanks, not by commas", bad.start
 
 
-def _foreign_gates(at: Situation) -> Advice:
+def _foreign_gates(at: _Situation) -> Advice:
     """Gates of Galileo and its relatives that are refused, also in the form `pdep=0.2`."""
-    name, gate, *_ = (*at.before, at.bad, Lexeme("", 0, 0))
+    name, gate, *_ = (*at.before, at.bad, _Lexeme("", 0, 0))
     names_node = (name.is_word or name.is_string) and name.text not in RESERVED
     if names_node and gate.text.lower() in DYNAMIC:
         of = shown(name.text.strip('"'))
         yield f"the gate {shown(gate.text)} of {of} has no meaning here yet", gate.start
 
 
-def _second_gate(at: Situation) -> Advice:
+def _second_gate(at: _Situation) -> Advice:
     """A gate where a child or a clause stands: a forgotten semicolon, or two gates in one statement."""
     bad, previous, name = at.bad, at.before[-2], at.before[-1]
     starts_statement = at.can("NAME") and len(at.before) > 3 and previous.line < name.line
@@ -268,14 +308,14 @@ def _second_gate(at: Situation) -> Advice:
         yield f"a node has one gate: {mend}", bad.start
 
 
-def _goes_on(at: Situation) -> bool:
+def _goes_on(at: _Situation) -> bool:
     """Whether a word on a new line looks like a misspelt operator or clause and not like the name of a node."""
     if _meant(at.bad.text, (*OPERATOR_WORDS, *CLAUSES)) is None or not at.after:
         return False
     return not (at.following.is_gate or at.following.text in CLAUSES or at.following.text in (";", "="))
 
 
-def _odd_names(at: Situation) -> Advice:
+def _odd_names(at: _Situation) -> Advice:
     """`B-1`, `9a`, `Überdruck` and reserved words without quotes."""
     bad, last = at.bad, at.last
     if last.is_word and last.end == bad.start and at.can("SEMICOLON") and not at.can("PLUS"):
@@ -303,7 +343,7 @@ _FOREIGN_SIGNS: Final = {sign: ours for ours, signs in _SPELLINGS.items() for si
 """The signs of other languages in a guard, and how they are written here."""
 
 
-def _term_slips(at: Situation) -> Advice:
+def _term_slips(at: _Situation) -> Advice:
     """Slips in guards, calls and patterns."""
     bad, last = at.bad, at.last
     if bad.text in _COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar, assert_never
 
 from rvaft.errors import TreeError
 from rvaft.model.guards import Guard
@@ -35,18 +35,22 @@ class GateUse(NamedTuple):
     threshold: int | None = None
     out_of: int | None = None
 
+    @classmethod
+    def of(cls, word: str, children: tuple[Said[str], ...], threshold: int | None, out_of: int | None) -> "GateUse":
+        """The use of a gate that is written as this word, with the numbers in it."""
+        return cls(Gate(word) if threshold is None else Gate.VOT, children, threshold, out_of)
+
 
 @contextmanager
 def no_collections() -> Iterator[None]:
     """Without searches for circles of garbage: a large tree has none, and each search looks at all of it again."""
-    if not gc.isenabled():
-        yield
-        return
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        gc.enable()
+        if was_enabled:
+            gc.enable()
 
 
 class PruneFault(StrEnum):
@@ -94,9 +98,15 @@ class DraftNode:
 
     def settings(self) -> dict[str, list[Place]]:
         """Where each part that a node has at most once was set, of those that were: `gate`, `on`, `when`, `kind`, `label`."""
-        parts: dict[str, Sequence[Said[object]]]
-        parts = {"gate": self.gates, "on": self.ons, "when": self.whens, "kind": self.kinds, "label": self.labels}
-        return {part: [said.place for said in settings] for part, settings in parts.items() if settings}
+        parts: tuple[tuple[str, Sequence[Said[object]]], ...]
+        parts = (
+            ("gate", self.gates),
+            ("on", self.ons),
+            ("when", self.whens),
+            ("kind", self.kinds),
+            ("label", self.labels),
+        )
+        return {part: [said.place for said in settings] for part, settings in parts if settings}
 
     def children(self) -> list[Said[str]]:
         """The children of all gate settings, in the order of the text, duplicates included."""
@@ -176,7 +186,7 @@ class Draft:
     def parentless(self) -> list[DraftNode]:
         """The nodes that are nobody's child, in the order of the text."""
         children = {child.value for node in self.nodes.values() for child in node.children()}
-        return [node for node in self.nodes.values() if node.name not in children]
+        return [node for name, node in self.nodes.items() if name not in children]
 
     @property
     def root(self) -> str | None:
@@ -247,9 +257,15 @@ class Draft:
         left = tuple(child for child in use.children if child.value not in gone)
         if len(left) == len(use.children):
             return use
-        if left and use.threshold is None:
-            return GateUse(use.gate, left)
+        match use.gate:
+            case Gate.OR | Gate.AND | Gate.SAND | Gate.SAND_RL:  # fewer children ask for nothing new
+                if left:
+                    return GateUse(use.gate, left)
+                fault = PruneFault.EMPTY
+            case Gate.VOT:
+                fault = PruneFault.VOTE
+            case _ as never:
+                assert_never(never)
         lost = next(child.value for child in use.children if child.value in gone)
-        fault = PruneFault.VOTE if use.threshold is not None else PruneFault.EMPTY
         self.broken_prunes.append(BrokenPrune(fault, lost, pruned[lost], name))
         return use

@@ -14,9 +14,8 @@ from lark.exceptions import UnexpectedInput
 
 from rvaft.errors import LanguageError
 from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
-from rvaft.language.diagnostics import diagnose, error_at
+from rvaft.language.diagnostics import diagnose, error_at, shown
 from rvaft.language.draft import Draft, Said, no_collections
-from rvaft.language.words import shown
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
 
@@ -86,7 +85,7 @@ def parse(text: str, file: str = "<text>") -> Draft:
     ['a', 'top']
     """
     draft = Draft(file)
-    _read_all(_Source(file, draft, identity=os.path.realpath(file), text=text))
+    _read_all(_Source(file, draft, [], os.path.realpath(file), text))
     if not draft.nodes:
         raise NoTree(draft)
     draft.carry_out_prunes()
@@ -130,9 +129,8 @@ def decoded(data: bytes, name: str) -> str:
 class _Source(Page):
     """A file being read: its statements as far as they are not read yet, and the files that it imports."""
 
-    toplevels: list[Said[str]] = field(default_factory=list)
-    identity: str = ""
-    text: str = ""
+    identity: str
+    text: str
     statements: Iterator[Statement | ImportStatement] = field(default_factory=lambda: iter(()))
     imported: list[str] = field(default_factory=list)
 
@@ -181,4 +179,4 @@ def _imported(source: _Source, path: Token, open_files: list[_Source]) -> _Sourc
     identity = os.path.realpath(name)
     if any(identity == other.identity for other in open_files):
         raise error(f"the files import each other in a circle: {shown(path)} is being read already")
-    return _Source(name, source.draft, identity=identity, text=text)
+    return _Source(name, source.draft, [], identity, text)

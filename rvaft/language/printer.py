@@ -4,7 +4,8 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from rvaft.model.expressions import guard_text, name_text, on_text, pattern_text, quoted, value_text, word_text
-from rvaft.model.nodes import Causality, EventType, Ignore, Node, Topic
+from rvaft.model.guards import Guard
+from rvaft.model.nodes import Causality, Node, Topic
 from rvaft.model.tree import RVAFT
 
 _WIDEST: Final = 40
@@ -25,9 +26,12 @@ def dumps(tree: RVAFT) -> str:
     """
     blocks = [
         [f"causality {tree.causality};"] if tree.causality is not Causality.TOP_DOWN else [],
-        _aligned(_event_cells(event) for event in tree.events.values()),
+        _aligned(
+            [f"event {word_text(event.name)}({', '.join(event.parameters)})", f"= {pattern_text(event.pattern)}"]
+            for event in tree.events.values()
+        ),
         _aligned(_topic_cells(topic) for topic in tree.topics.values()),
-        [_ignore(ignore) for ignore in tree.ignores],
+        [f"ignore {on_text(ignore.on)}{_when(ignore.when)};" for ignore in tree.ignores],
         [f"toplevel {name_text(tree.root)};", *_aligned(_node_cells(node) for node in _stated(tree))],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
@@ -35,18 +39,12 @@ def dumps(tree: RVAFT) -> str:
 
 def _stated(tree: RVAFT) -> Iterator[Node]:
     """The nodes that need a statement, in canonical order."""
-    reachable = set(tree.order)
     children = {child for node in tree.nodes.values() for child in node.children}
-    names = [*tree.order, *sorted(name for name in tree.nodes if name not in reachable)]
-    for name in names:
+    for name in dict.fromkeys([*tree.order, *sorted(tree.nodes)]):
         node = tree.nodes[name]
         implied = not node.declared and node == Node(name) and name in children and name != tree.root
         if not implied:
             yield node
-
-
-def _event_cells(event: EventType) -> list[str]:
-    return [f"event {word_text(event.name)}({', '.join(event.parameters)})", f"= {pattern_text(event.pattern)}"]
 
 
 def _topic_cells(topic: Topic) -> list[str]:
@@ -54,40 +52,31 @@ def _topic_cells(topic: Topic) -> list[str]:
     return [f"topic {quoted(topic.name)}", f"type {quoted(topic.type)}", f"from {publishers}" if publishers else ""]
 
 
-def _ignore(ignore: Ignore) -> str:
-    return (
-        f"ignore {on_text(ignore.on)}" + (f" when {guard_text(ignore.when)}" if ignore.when is not None else "") + ";"
-    )
+def _when(guard: Guard | None) -> str:
+    return "" if guard is None else f" when {guard_text(guard)}"
 
 
 def _node_cells(node: Node) -> list[str]:
-    tail = [f"on {on_text(node.on)}"] if node.on is not None else []
-    tail += [f"when {guard_text(node.when)}"] if node.when is not None else []
+    gate = ""
+    if node.gate is not None:
+        word = f"{node.threshold}of{len(node.children)}" if node.threshold is not None else node.gate.value
+        gate = " ".join([word, *(name_text(child) for child in node.children)])
+    tail = f"on {on_text(node.on)}" if node.on is not None else ""
     attributes = " ".join(f"{word_text(key)}={value_text(value)}" for key, value in node.attributes)
     label = f"label {quoted(node.label)}" if node.label is not None else ""
-    return [name_text(node.name), _gate(node), node.kind or "", " ".join(tail), attributes, label]
-
-
-def _gate(node: Node) -> str:
-    if node.gate is None:
-        return ""
-    gate = f"{node.threshold}of{len(node.children)}" if node.threshold is not None else node.gate.value
-    return " ".join([gate, *(name_text(child) for child in node.children)])
+    return [name_text(node.name), gate, node.kind or "", (tail + _when(node.when)).lstrip(), attributes, label]
 
 
 def _aligned(rows: Iterable[list[str]]) -> list[str]:
     """Each row as one statement, the cells of a column below each other where they are not too wide."""
     table = list(rows)
-    if not table:
-        return []
     widths = [max((len(c) for c in column if len(c) <= _WIDEST), default=0) for column in zip(*table, strict=True)]
-    return [_line(row, widths) for row in table]
-
-
-def _line(row: list[str], widths: list[int]) -> str:
-    line, edge = "", 0
-    for cell, width in zip(row, widths, strict=True):
-        if cell:
-            line = f"{line.ljust(edge - 1)} {cell}" if line else cell
-        edge += width + 1 if width else 0
-    return line + ";"
+    lines = []
+    for row in table:
+        line, edge = "", 0
+        for cell, width in zip(row, widths, strict=True):
+            if cell:
+                line = f"{line.ljust(edge - 1)} {cell}" if line else cell
+            edge += width + 1 if width else 0
+        lines.append(line + ";")
+    return lines

@@ -7,7 +7,7 @@ import pytest
 from lark import Lark
 
 from rvaft.language.parser import parse
-from rvaft.language.words import expectation
+from rvaft.language.diagnostics import expectation
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, bare_name, name_text
 
 GRAMMAR = files("rvaft.language").joinpath("grammar.lark").read_text(encoding="utf-8")

@@ -12,14 +12,13 @@ comparison with a string, and one of two variables by `!=`, become event types o
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from decimal import Decimal
 from itertools import combinations
 from math import comb, prod
 from typing import ClassVar, Final, assert_never
 
 from backends.rml.backend import RmlBackend
-from backends.rml.writer.terms import LARGEST, RESERVED, quoted
+from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted
 from rvaft.analysis.branches import Branch, branches, or_gates
 from rvaft.analysis.normal_form import Body, Op, body
 from rvaft.errors import NotExpressible, TooLarge
@@ -43,14 +42,12 @@ from rvaft.model.verdict import Semantics
 
 SYMBOLS: Final = 10
 """How many symbols of unrolled VOT gates the limit allows for each term it allows: few terms may have very many options."""
+CHARACTERS: Final = 100
+"""How many characters of one term the limit allows for each term."""
 _AROUND: Final = 4
 """The symbols of an option `(a T_bc) \\/` beside those of its child."""
 _AND, _OR = " /\\ ", " \\/ "
-_SIGNS: Final = {
-    **{operator: facts.sign for operator, facts in OPERATORS.items()},
-    Operator.AND: "&&",
-    Operator.OR: "||",
-}
+_SIGNS: Final = {op: facts.sign for op, facts in OPERATORS.items()} | {Operator.AND: "&&", Operator.OR: "||"}
 _TOKEN: Final = re.compile(r"\w+|/\\|\\/|>>|[^\s\w]")
 
 
@@ -58,15 +55,15 @@ def _refusal(reason: str, semantics: Semantics, node: str) -> NotExpressible:
     return NotExpressible(reason, backend="rml-paper", semantics=semantics, nodes=[node])
 
 
-@dataclass
 class PaperTypes:
-    """The event types written so far; equal ones are written once."""
+    """The event types written so far (`lines`); equal ones are written once."""
 
-    semantics: Semantics
-    lines: list[str] = field(default_factory=list)
-    _known: dict[str, str] = field(default_factory=dict)
-    _variables: dict[str, str] = field(default_factory=dict)
-    _taken: set[str] = field(default_factory=lambda: set(RESERVED))
+    def __init__(self, semantics: Semantics) -> None:
+        self.lines: list[str] = []
+        self._semantics = semantics
+        self._known: dict[str, str] = {}
+        self._variables: dict[str, str] = {}
+        self._names = RmlNames()
 
     def variable(self, name: str) -> str:
         """A variable of the tree as RML writes it: lower case."""
@@ -76,23 +73,15 @@ class PaperTypes:
 
     def _fresh(self, wish: str) -> str:
         base = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "_" for c in wish)
-        base = base[:1].lower() + base[1:] if base[:1].isalpha() else f"e{base}"
-        name, number = base, 1
-        while name in self._taken:
-            number += 1
-            name = f"{base}_{number}"
-        self._taken.add(name)
-        return name
+        return self._names.distinct(base[:1].lower() + base[1:] if base[:1].isalpha() else f"e{base}")
 
-    def declare(self, wish: str, parameters: Iterable[str], matches: str) -> str:
+    def declare(self, wish: str, parameters: Sequence[str], matches: str) -> str:
         """An event type with that right-hand side; how it is called in an expression."""
-        given = ", ".join(parameters)
-        call = f"({given})" if given else ""
-        key = f"{call} {matches}"
+        key = applied(" ", parameters) + matches
         if key not in self._known:
-            self._known[key] = self._fresh(wish)
-            self.lines.append(f"{self._known[key]}{call} {matches};")
-        return f"{self._known[key]}{call}"
+            self._known[key] = applied(self._fresh(wish), parameters)
+            self.lines.append(f"{self._known[key]} {matches};")
+        return self._known[key]
 
     def event(self, wish: str, pattern: Pattern, guards: Sequence[Guard], node: str) -> str:
         """One event with the guards that are checked when it comes, as a term."""
@@ -111,7 +100,7 @@ class PaperTypes:
         """One event for a filter, for any values."""
         term = self.event(wish, pattern, [] if when is None else [when], node)
         if term.startswith("("):
-            raise _refusal(what, self.semantics, node)
+            raise _refusal(what, self._semantics, node)
         return re.sub(r"\w+(?=[,)])", "_", term) if "(" in term else term
 
     def _beside(self, wish: str, pattern: Pattern, guard: Guard, node: str) -> str | None:
@@ -127,7 +116,7 @@ class PaperTypes:
             case _:
                 return None
         if name not in bound:
-            raise _refusal(f"{name} is not bound by the event that checks it", self.semantics, node)
+            raise _refusal(f"{name} is not bound by the event that checks it", self._semantics, node)
         by: dict[str, Pattern] = {**dict.fromkeys(variables(pattern), Anything()), name: filled}
         matches = f"{'not ' if negated else ''}matches {self._pattern(substitute(pattern, by), node)}"
         return self.declare(f"{'not_' if negated else 'is_'}{wish}", parameters, matches)
@@ -155,7 +144,7 @@ class PaperTypes:
             case str():
                 return quoted(value)
             case _ if value < 0 or abs(value) > LARGEST:
-                raise _refusal(f"RML has no number {value} in a pattern", self.semantics, node)
+                raise _refusal(f"RML has no number {value} in a pattern", self._semantics, node)
             case _:
                 return format(Decimal(repr(value)), "f")
 
@@ -174,25 +163,24 @@ class PaperTypes:
             case Operation(operator, operands) if operator is not Operator.NOT:
                 return f"({f' {_SIGNS[operator]} '.join(self._data(operand, node) for operand in operands)})"
             case _:
-                raise _refusal("a guard that is not a comparison of numbers", self.semantics, node)
+                raise _refusal("a guard that is not a comparison of numbers", self._semantics, node)
 
 
-@dataclass
 class PaperTerms:
     """Writes the terms of branches; `equations` are those of the VOT gates."""
 
-    limit: int
-    equations: dict[str, str] = field(default_factory=dict)
-    written: int = 0
-    symbols: int = 0
+    def __init__(self, limit: int) -> None:
+        self.equations: dict[str, str] = {}
+        self._limit = limit
+        self._written = self._symbols = self._length = 0
 
     def _count(self, terms: int, *, symbols: int = 0) -> None:
-        self.written += terms
-        self.symbols += symbols
-        if self.written > self.limit:
-            raise TooLarge("terms of the paper's translation", limit=self.limit)
-        if self.symbols > SYMBOLS * self.limit:
-            raise TooLarge(f"symbols of the paper's VOT, {SYMBOLS} allowed for each term", limit=self.limit)
+        self._written += terms
+        self._symbols += symbols
+        if self._written > self._limit:
+            raise TooLarge("terms of the paper's translation", limit=self._limit)
+        if self._symbols > SYMBOLS * self._limit:
+            raise TooLarge(f"symbols of the paper's VOT, {SYMBOLS} allowed for each term", limit=self._limit)
 
     def term(self, branch: Branch, events: Mapping[str, str]) -> str:
         """The term of a branch, of the events of its nodes; the empty text for one without occurrences."""
@@ -204,7 +192,9 @@ class PaperTerms:
             below = self._joined(joined, [done[c] for c in children if done[c]], f"V{branch.number}_{len(done)}")
             parts = [events.get(node.name, ""), below]
             in_order = parts if branch.tree.causality is Causality.TOP_DOWN else parts[::-1]
-            done[node.name] = _sequence(part for part in in_order if part)
+            done[node.name] = term = _sequence(part for part in in_order if part)
+            if len(term) > CHARACTERS * self._limit:  # what is shared is written again and again
+                raise TooLarge(f"characters of the paper's terms, {CHARACTERS} allowed for each", limit=self._limit)
         return done[branch.tree.root]
 
     def _joined(self, joined: Body, parts: list[str], name: str) -> str:
@@ -258,35 +248,43 @@ def _folded(branch: Branch) -> dict[str, list[Guard]] | None:
 
     None where a guard without variables does not hold.
     """
-    tree, order = branch.tree, _reading_order(branch)
-    guards: dict[str, list[Guard]] = {name: [] for name in order}
-    binders = [(name, set(rigid_variables(pattern))) for name in order if (pattern := tree.pattern(name)) is not None]
+    tree, guards = branch.tree, dict[str, list[Guard]]()
+    binder: dict[str, str] = {}
+    for name in _reading_order(branch):
+        pattern = tree.pattern(name)
+        if pattern is not None:
+            guards[name] = []
+            for variable in rigid_variables(pattern):
+                binder.setdefault(variable, name)
+    place = {name: index for index, name in enumerate(guards)}
     for guard in (guard for name in branch.nodes if (guard := tree.nodes[name].when) is not None):
         names = guard_variables(guard)
-        if not names and not holds(guard, {}):
-            return None
         if names:
-            first = {next(name for name, bound in binders if variable in bound) for variable in names}
-            guards[max(first, key=order.index)].append(guard)
+            guards[max((binder[name] for name in names), key=place.__getitem__)].append(guard)
+        elif not holds(guard, {}):
+            return None
     return guards
 
 
 def _reading_order(branch: Branch) -> list[str]:
-    """The occurrences of a branch in the order in which its term is written: the last one that binds a variable checks guards."""
-    order: list[str] = []
+    """The nodes of a branch in the order in which its term is written, a shared one where it is written last.
+
+    Found from the end of the term, where what comes first is the last.
+    """
+    order: dict[str, None] = {}
     todo: list[tuple[str, bool]] = [(branch.tree.root, False)]
     while todo:
         name, closing = todo.pop()
-        if closing or branch.tree.causality is Causality.TOP_DOWN:
-            order.append(name)
+        if name in order:
+            continue
+        if closing or branch.tree.causality is not Causality.TOP_DOWN:
+            order[name] = None
         else:
             todo.append((name, True))
         if not closing:
             kept = branch.choices.get(name)
-            children = (kept,) if kept is not None else body(branch.tree.nodes[name]).children
-            todo.extend((child, False) for child in reversed(children))
-    last = {name: index for index, name in enumerate(order)}
-    return [name for index, name in enumerate(order) if last[name] == index and branch.tree.nodes[name].has_event]
+            todo.extend((child, False) for child in ((kept,) if kept else body(branch.tree.nodes[name]).children))
+    return list(order)[::-1]
 
 
 def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
@@ -298,7 +296,11 @@ def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, i
             break
         guards = _folded(branch)
         if guards is not None:
-            events = {name: _event(tree, types, name, checked) for name, checked in guards.items()}
+            events = {
+                name: types.event(on.event if (on := tree.nodes[name].on) else name, pattern, checked, name)
+                for name, checked in guards.items()
+                if (pattern := tree.pattern(name)) is not None
+            }
             terms.append(writer.term(branch, events))
     if ways > limit:
         raise TooLarge("branches of the paper's translation", limit=limit)
@@ -316,12 +318,6 @@ def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, i
     lines = [f"Main = {main};", *(f"{name} = {text};" for name, text in writer.equations.items())]
     symbols = sum(len(_TOKEN.findall(line)) for line in lines)
     return "\n".join([f"// {semantics}, as the paper translates it", *types.lines, *lines, ""]), symbols, len(lines)
-
-
-def _event(tree: RVAFT, types: PaperTypes, name: str, guards: list[Guard]) -> str:
-    pattern, on = tree.pattern(name), tree.nodes[name].on
-    assert pattern is not None
-    return types.event(name if on is None else on.event, pattern, guards, name)
 
 
 def _is_loose(term: str) -> bool:

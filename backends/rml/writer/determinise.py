@@ -25,7 +25,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
 
-WORK: Final = 200
+WORK: Final = 50
 """How many nodes of scenarios the limit allows for each scenario, and how many steps of partial matches for each alternative."""
 
 # -- scenarios: under `scattered` a VOT keeps exactly K children, since any position may be skipped ---------------------
@@ -46,9 +46,9 @@ def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list
     """
     index = {name: position for position, name in enumerate(tree.occurrences)}
     found: dict[BitScenario, None] = {}
-    nodes = 0
+    nodes, width = 0, 1 + len(index) // 1000  # larger sets of bits take longer
     for kept in resolutions(tree, minimal=semantics is Semantics.SCATTERED, limit=limit):
-        nodes += len(kept)
+        nodes += (len(kept) + len(tree.order) // 4) * width  # to find a scenario costs the tree's size too
         if nodes > WORK * limit:
             raise TooLarge(f"nodes of scenarios, {WORK} allowed for each scenario", limit=limit)
         one = _scenario(tree, kept, index)

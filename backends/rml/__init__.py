@@ -1,5 +1,77 @@
-"""The `rml` backend: trees as specifications in the Runtime Monitoring Language."""
+"""The `rml` backend: trees as specifications in the Runtime Monitoring Language.
 
-from backends.rml.backend import RmlBackend
+The text means the tree under the published RML compiler and monitor.
+"""
 
-__all__ = ["RmlBackend"]
+from collections.abc import Mapping, Sequence
+from time import perf_counter
+from typing import ClassVar, Final
+
+from backends.rml.reader.deviations import touching
+from backends.rml.reader.event_types import observed
+from backends.rml.reader.monitor import read
+from backends.rml.writer import translate
+from backends.rml.writer.terms import FUNCTIONS, KEYWORDS, TYPES, VALUES
+from rvaft.backend import Backend, Highlighting, Metrics, Observed, Specification
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
+from rvaft.monitors import Monitor
+
+HIGHLIGHTING: Final = Highlighting(
+    "RML",
+    rf"""
+\lstdefinelanguage{{RML}}{{
+  morekeywords={{{",".join(sorted(KEYWORDS | TYPES))}}},
+  morekeywords=[2]{{{",".join(sorted(FUNCTIONS | VALUES))}}},
+  keywordstyle=\bfseries,
+  keywordstyle=[2]\itshape,
+  sensitive=true,
+  morecomment=[l]{{//}},
+  commentstyle=\itshape,
+  morestring=[b]',
+}}
+""",
+)
+"""RML for the package `listings` of LaTeX, in styles that survive print without colour."""
+
+
+class RmlBackend(Backend):
+    """Attack-fault trees in the Runtime Monitoring Language (RML).
+
+    Trees without variables are expressed under every semantics, with one exception: RML cannot order strings, so `projected` is
+    refused where relevance depends on their order, by a guard of `ignore` (or, in a part of a tree, by one of a node outside it).
+    Under `strict` and `projected` also trees with variables are expressed, unless a guard orders strings. `limit` counts scenarios,
+    and alternatives of the equations, ten symbols of the text being allowed for each.
+    """
+
+    name: ClassVar[str] = "rml"
+    language: ClassVar[str] = "rml"
+    suffix: ClassVar[str] = ".rml"
+    highlighting: ClassVar[Highlighting] = HIGHLIGHTING
+    default_limit: ClassVar[int] = 20_000
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        """The tree as an RML text; raises `NotExpressible` and `TooLarge`."""
+        start = perf_counter()
+        limit = self.default_limit if limit is None else limit
+        text, symbols, equations = self._translated(tree, Semantics(semantics), limit)
+        metrics = Metrics(symbols=symbols, states=equations, seconds=perf_counter() - start)
+        return Specification(text, self.language, metrics, self.read)
+
+    def _translated(self, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
+        """The text, the symbols and the number of its equations."""
+        return translate(tree, semantics, limit=limit)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
+        """A monitor that runs an RML text, whoever wrote it; its texts define their events, so `atoms` is not looked at."""
+        return read(text)
+
+    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
+        """What the event types that an RML text uses ask of events; None where patterns with guards cannot say it."""
+        return observed(text)
+
+    def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:
+        """The titles of the rows in the table of deviations that the text touches on the trace."""
+        return tuple(deviation.title for deviation in touching(text, trace))

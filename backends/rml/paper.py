@@ -17,7 +17,7 @@ from itertools import combinations
 from math import comb, prod
 from typing import ClassVar, Final, assert_never
 
-from backends.rml.backend import RmlBackend
+from backends.rml import RmlBackend
 from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted
 from rvaft.analysis.branches import Branch, branches, or_gates
 from rvaft.analysis.normal_form import Body, Op, body

@@ -13,7 +13,7 @@ from itertools import product
 from time import perf_counter
 from typing import ClassVar, Final
 
-from backends.rml.backend import RmlBackend
+from backends.rml import RmlBackend
 from backends.rml.reader import syntax as s
 from backends.rml.reader.parser import parse
 from rvaft.backend import Backend, Highlighting, Specification

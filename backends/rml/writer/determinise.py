@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from itertools import count, groupby
 from typing import Final, NamedTuple, TypeAlias
 
+from backends.rml.writer.event_types import Call
 from backends.rml.writer.letters import RmlLetter, RmlLetters, Where, own_variables
 from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, RmlNames, Written, join, named, then
 from rvaft.analysis.normal_form import Op, body
@@ -107,106 +108,81 @@ Combination: TypeAlias = tuple[tuple[RmlLetter, ...], int]
 """The letters that have to be written, and all the letters that the event then is."""
 
 
-class Combinations:
-    """The combinations of some letters, of which some detect; `counted` is called for each before it is looked at, and may raise."""
+def combinations(
+    tree: RVAFT, letters: list[RmlLetter], detecting: int, bound: frozenset[str], counted: Callable[[], None]
+) -> Iterator[Combination]:
+    """Each letter that detects, alone; then all closed sets of the others, larger ones before those they contain.
 
-    def __init__(
-        self,
-        tree: RVAFT,
-        letters: list[RmlLetter],
-        detecting: Set[RmlLetter],
-        bound: frozenset[str],
-        counted: Callable[[], None],
-    ) -> None:
-        self._letters, self._counted = letters, counted
-        self._calls = list(dict.fromkeys(letter.call for letter in letters))
-        number = {call: position for position, call in enumerate(self._calls)}
-        self._call = [number[letter.call] for letter in letters]
-        patterns = [call.pattern(tree) for call in self._calls]
-        overlaps = Overlaps(patterns)
-        self._near = [overlaps.compatible(i) for i in range(len(patterns))]
-        self._implies = [
-            mask_of(j for j in bits(near) if i == j or implies(patterns[i], patterns[j], bound))
-            for i, near in enumerate(self._near)
-        ]
-        self._facts = list(dict.fromkeys(guard for letter in letters for guard in letter.guards))
-        place = {guard: position for position, guard in enumerate(self._facts)}
-        self._guards = [mask_of(place[guard] for guard in letter.guards) for letter in letters]
-        found = [i for i, letter in enumerate(letters) if letter in detecting]
-        self._detecting = [
-            i for i in found if not any(j < i or not self._entails(j, i) for j in self._entailed(i, found) if j != i)
-        ]
-        self._others = [
-            i for i, letter in enumerate(letters) if letter not in detecting and not self._entailed(i, self._detecting)
-        ]
+    An event that is some letters is also those that their calls imply and their guards allow. `counted` is called for each set before it
+    is looked at, and may raise.
+    """
+    calls = list(dict.fromkeys(letter.call for letter in letters))
+    patterns = [call.pattern(tree) for call in calls]
+    overlaps = Overlaps(patterns)
+    near = [overlaps.compatible(i) for i in range(len(calls))]
+    implied = [
+        mask_of(j for j in bits(near[i]) if i == j or implies(pattern, patterns[j], bound))
+        for i, pattern in enumerate(patterns)
+    ]
+    number = {call: position for position, call in enumerate(calls)}
+    call_of = [number[letter.call] for letter in letters]
+    having = [0] * len(calls)
+    for i, call in enumerate(call_of):
+        having[call] |= 1 << i
+    facts = list(dict.fromkeys(guard for letter in letters for guard in letter.guards))
+    place = {guard: position for position, guard in enumerate(facts)}
+    guards = [mask_of(place[guard] for guard in letter.guards) for letter in letters]
 
-    def _entails(self, letter: int, other: int) -> bool:
-        called = self._implies[self._call[letter]] >> self._call[other] & 1
-        return bool(called) and not self._guards[other] & ~self._guards[letter]
+    def entailed(fits: int, among: int) -> int:
+        """The letters that every event is that is all of some."""
+        allowed = union(guards[i] for i in bits(fits))
+        reached = union(having[call] for call in bits(union(implied[call_of[i]] for i in bits(fits))))
+        return mask_of(i for i in bits(reached & among) if not guards[i] & ~allowed)
 
-    def _entailed(self, letter: int, others: list[int]) -> list[int]:
-        """The letters that every event is that is this one."""
-        alone = not self._guards[letter] and self._implies[self._call[letter]].bit_count() == 1
-        return [] if alone else [other for other in others if self._entails(letter, other)]
-
-    def all(self) -> Iterator[Combination]:
-        """Each letter that detects, alone; then all closed sets of the others, larger ones before those they contain."""
-        called = [self._call[i] for i in self._others]
-        known = mask_of(called)
-        apart = known.bit_count() == len(called) and all(self._near[call] & known == 1 << call for call in called)
-        for i in (*self._detecting, *(self._others if apart else ())):
-            self._counted()
-            yield (self._letters[i],), 1 << i
-        if not apart:
-            yield from sorted(self._closed(), key=lambda combination: -combination[1].bit_count())
-
-    def _closed(self) -> Iterator[Combination]:
-        """An event that is some letters is also those that their calls imply and their guards allow."""
-        every = range(len(self._letters))
-        implied, near = (
-            [mask_of(j for j in self._others if related[self._call[i]] >> self._call[j] & 1) for i in every]
-            for related in (self._implies, self._near)
-        )
-
-        def closure(fits: int) -> int:
-            allowed = union(self._guards[i] for i in bits(fits))
-            return mask_of(i for i in bits(union(implied[i] for i in bits(fits))) if not self._guards[i] & ~allowed)
-
-        def detects(fits: int) -> bool:
-            allowed = union(self._guards[i] for i in bits(fits))
-            calls = union(self._implies[self._call[i]] for i in bits(fits))
-            return any(not self._guards[i] & ~allowed and calls >> self._call[i] & 1 for i in self._detecting)
-
-        single = list(dict.fromkeys(closure(1 << i) for i in self._others))
-        agenda, seen = list(single), set(single)
-        for fits in agenda:
-            self._counted()
-            if detects(fits):
-                continue  # the alternative that detects comes first
-            yield self._written(fits), fits
-            for other in single:
-                if other & ~fits and all(other & ~near[i] == 0 for i in bits(fits)):
-                    more = closure(fits | other)
-                    if more not in seen:
-                        seen.add(more)
-                        agenda.append(more)
-
-    def _written(self, fits: int) -> tuple[RmlLetter, ...]:
-        """One letter per call, with all its guards, without calls that another one implies and that bind nothing more."""
-        guards: dict[int, int] = defaultdict(int)
+    detects = mask_of(
+        i
+        for i in bits(detecting)
+        if not any(j < i or not entailed(1 << j, 1 << i) for j in bits(entailed(1 << i, detecting & ~(1 << i))))
+    )
+    others = mask_of(i for i in range(len(letters)) if not detecting >> i & 1 and not entailed(1 << i, detects))
+    for i in bits(detects):
+        counted()
+        yield (letters[i],), 1 << i
+    single = list(dict.fromkeys(entailed(1 << i, others) for i in bits(others)))
+    agenda, seen = list(single), set(single)
+    found: list[Combination] = []
+    for fits in agenda:
+        counted()
+        if entailed(fits, detects):
+            continue  # the alternative that detects comes first
+        written: dict[int, int] = defaultdict(int)  # one letter per call, with all its guards
+        beside = others
         for i in bits(fits):
-            guards[self._call[i]] |= self._guards[i]
+            written[call_of[i]] |= guards[i]
+            beside &= union(having[call] for call in bits(near[call_of[i]]))
+        needed = _unimplied(written, calls, implied)
+        found.append((tuple(RmlLetter(calls[c], frozenset(facts[g] for g in bits(written[c]))) for c in needed), fits))
+        for other in single if beside & ~fits else ():
+            if other & ~fits and not other & ~beside:
+                more = entailed(fits | other, others)
+                if more not in seen:
+                    seen.add(more)
+                    agenda.append(more)
+    yield from sorted(found, key=lambda combination: -combination[1].bit_count())
 
-        def spares(one: int, other: int) -> bool:
-            implied = self._implies[one] >> other & 1 and not guards[other] & ~guards[one]
-            return bool(implied) and {*self._calls[other].registers} <= {*self._calls[one].registers}
 
-        needed = [
-            call
-            for call in guards
-            if not any(spares(one, call) and (one < call or not spares(call, one)) for one in guards if one != call)
-        ]
-        return tuple(RmlLetter(self._calls[c], frozenset(self._facts[g] for g in bits(guards[c]))) for c in needed)
+def _unimplied(guards: Mapping[int, int], calls: list[Call], implied: list[int]) -> list[int]:
+    """The calls with guards but for those that another one implies and that bind nothing more."""
+
+    def spares(one: int, other: int) -> bool:
+        covers = implied[one] >> other & 1 and not guards[other] & ~guards[one]
+        return bool(covers) and {*calls[other].registers} <= {*calls[one].registers}
+
+    return [
+        call
+        for call in guards
+        if not any(spares(one, call) and (one < call or not spares(call, one)) for one in guards if one != call)
+    ]
 
 
 # -- states ------------------------------------------------------------------------------------------------------------
@@ -276,10 +252,11 @@ class Determinised:
                 if letter in detecting or self._merged(state, [partials]) != state.partials
             }
         made = list(moves)
-        for letters, fits in Combinations(self._tree, made, detecting, state.bound, self._count).all():
+        these = mask_of(i for i, letter in enumerate(made) if letter in detecting)
+        for letters, fits in combinations(self._tree, made, these, state.bound, self._count):
             fitting = [made[i] for i in bits(fits)]
             target = ACCEPT
-            if detecting.isdisjoint(fitting):
+            if not fits & these:
                 bound = state.bound.union(*(letter.call.registers for letter in letters))
                 after = MatchState(self._merged(state, [moves[letter] for letter in fitting]), bound)
                 if self._scattered and after == state:

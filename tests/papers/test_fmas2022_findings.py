@@ -15,7 +15,7 @@ from papers.fmas2022.overhead import Overhead
 from papers.fmas2022.places import ROOT
 from papers.fmas2022.shell import Need, run
 from rvaft.errors import ToolFailed, ToolMissing
-from tests.backends.rml.published.runner import needs_published
+from tests.backends.rml.published import needs_published
 
 EXPECTED = Path(making.__file__).parent / "expected" / "findings.md"
 NOWHERE = Need("set NOWHERE to a place", variable="RVAFT_NOWHERE", inside="file")

@@ -26,7 +26,7 @@ from papers.fmas2022.verdicts import Disagreement, Enlisted, enlist, monitors, s
 from rvaft import Verdict, loads
 from rvaft.errors import ToolMissing
 from rvaft.model.tree import RVAFT
-from tests.backends.rml.published.runner import compiled, needs_published
+from tests.backends.rml.published import compiled, needs_published
 from tests.tex import document, needs_tex
 
 EXPECTED = Path(verdicts.__file__).parent / "expected"

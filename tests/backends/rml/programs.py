@@ -1,13 +1,65 @@
-"""Random RML programs over the letters a, b and c, and random traces that follow them for a while."""
+"""RML programs with traces: the table `cases.txt` with the verdicts of the published tools, and random ones over the letters a, b and c."""
 
-from collections.abc import Iterator
+import json
+import re
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from random import Random
-from typing import Final
+from typing import Final, NamedTuple
 
-from backends.rml.reader.monitor import read
+from backends.rml import RmlBackend
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json
+
+SIGNS: Final = {"true": "T", "false": "F", "unknown": "?"}
+LETTERS: Final = """\
+a matches {e:'a'};
+b matches {e:'b'};
+c matches {e:'c'};
+av(x) matches {e:'a', v:x};
+bv(x) matches {e:'b', v:x};
+"""
+"""Event types that every text of the table may use: a letter, alone or with its field v."""
+
+
+def letters(text: str, events: Iterable[Json]) -> str:
+    """What this reader says: T, F or ? after each event, or that it is too large."""
+    try:
+        return "".join(SIGNS[verdict.value] for verdict in RmlBackend().read(text).run(events))
+    except TooLarge as error:
+        return str(error)
+
+
+def events(trace: str) -> list[Json]:
+    """`a` is {"e": "a"}, `a1` has v as well, `a1/2` has v and w; a trace in square brackets is JSON."""
+    if trace.startswith("["):
+        return list(json.loads(trace))
+    words = [re.fullmatch(r"([a-z])(-?\d+)?(?:/(\d+))?", word) for word in trace.split()]
+    values = [word.groups() for word in words if word]
+    return [{"e": e, **{name: int(one) for name, one in (("v", v), ("w", w)) if one}} for e, v, w in values]
+
+
+class Case(NamedTuple):
+    """A text with the letters, and traces (see `events`) with their verdicts."""
+
+    name: str
+    text: str
+    runs: dict[str, str]
+
+
+def _case(block: str) -> Case:
+    """A title behind `#`, the text, and lines of `=`, the verdicts and the trace."""
+    title, *lines = block.strip().splitlines()
+    runs = [line.removeprefix("= ").partition(" ") for line in lines if line.startswith("= ")]
+    text = "\n".join(line for line in lines if not line.startswith("= "))
+    return Case(title, LETTERS + text, {trace: verdicts for verdicts, _, trace in runs})
+
+
+_TABLE: Final = Path(__file__).with_name("cases.txt").read_text(encoding="utf-8")
+CASES: Final = tuple(map(_case, re.split(r"^# ", _TABLE, flags=re.MULTILINE)[1:]))
+
+# -- random programs ---------------------------------------------------------------------------------------------------
 
 HEAD: Final = """\
 a matches {e:'a'};
@@ -142,13 +194,5 @@ def trace(random: Random, text: str) -> list[Json]:
     found: list[Json] = []
     for _ in range(random.randint(1, 9)):
         attempts = [event(random) for _ in range(6)]
-        found.append(next((one for one in attempts if _undecided(text, [*found, one])), attempts[0]))
+        found.append(next((one for one in attempts if letters(text, [*found, one])[-1] == "?"), attempts[0]))
     return found
-
-
-def _undecided(text: str, events: list[Json]) -> bool:
-    monitor = read(text)
-    try:
-        return not [*monitor.run(events)][-1].final
-    except TooLarge:
-        return False

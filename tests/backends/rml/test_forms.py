@@ -1,0 +1,157 @@
+"""What is emitted beside `rml`: the paper's own translation, known to differ from the tree where it does, and the Prolog form.
+
+The published monitor judges the Prolog form, see `test_published`.
+"""
+
+from time import process_time
+
+import pytest
+
+from backends.rml.paper import RmlPaperBackend
+from backends.rml.prolog import HEADER, prolog
+from cross_check.participants import Absent, faithful_backends, translated
+from rvaft.api import loads
+from rvaft.backend import backend
+from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.semantics import Reference
+from tests.backends.rml.programs import CASES, SIGNS
+from tests.tables import rows
+from tests.trees import shipped
+
+RML, PROLOG, PAPER = backend("rml"), backend("rml-prolog"), RmlPaperBackend()
+SHARED = "; ".join(f"g{i} and g{i + 1} g{i + 2}" for i in range(40))
+
+# -- the paper ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("tree", "equations"), rows(__file__, "paper_gates.txt"))
+def test_the_gates_as_printed(tree: str, equations: str) -> None:
+    text = PAPER.translate(loads(tree), Semantics.STRICT).text
+    assert text[text.index("Main") :].strip() == equations
+
+
+COMMON_START = 'top or x y; x sand a b; y sand a2 c; a2 on e(); a on e(); event e() = { event: "k" };'
+OVERLAP = "top and m n; m on p(1); n on q(1); event p(x) = { x: x }; event q(y) = { y: y };"
+DIFFERS = [
+    ("VOT over a compound child loses an interleaving", "top 2of3 s b c; s sand a d;", "a b d", "?FF", "??T"),
+    ("VOT followed by an event means exactly K", "top sand v d; v 2of3 a b c;", "a b c d", "??FF", "???T"),
+    ("branches with a common start: the later one is missed", COMMON_START, "k c", "?F", "?T"),
+    ("AND over overlapping events commits to the left", OVERLAP, [{"x": 1, "y": 1}, {"x": 1}], "?F", "?T"),
+]
+
+
+@pytest.mark.parametrize(("why", "text", "trace", "published", "meant"), DIFFERS, ids=[row[0] for row in DIFFERS])
+def test_where_the_paper_is_known_to_differ(why: str, text: str, trace: object, published: str, meant: str) -> None:
+    events = [{"event": word} for word in trace.split()] if isinstance(trace, str) else trace
+    assert isinstance(events, list)
+    monitor = PAPER.translate(loads(text), Semantics.STRICT).monitor()
+    assert "".join(SIGNS[v.value] for v in monitor.run(events)) == published
+    assert "".join(SIGNS[v.value] for v in Reference(loads(text), Semantics.STRICT).run(events)) == meant
+    assert not PAPER.faithful
+
+
+def test_the_union_of_the_branches_misses_the_attack() -> None:
+    tree = shipped.load("remote_inspection/pruned")
+    events = dict(shipped.traces("remote_inspection/pruned"))["table2_row3"]
+    monitor = PAPER.translate(tree, Semantics.PROJECTED).monitor()
+    assert [str(v) for v in monitor.run(events)][-1] == "false"
+    assert [str(v) for v in Reference(tree).run(events)][-1] == "true"
+
+
+@pytest.mark.parametrize("name", shipped.names())
+@pytest.mark.parametrize("semantics", [Semantics.STRICT, Semantics.PROJECTED])
+def test_every_shipped_tree_gives_a_text_that_runs(name: str, semantics: Semantics) -> None:
+    specification = PAPER.translate(shipped.load(name), semantics)
+    for _, events in shipped.traces(name):
+        assert list(specification.monitor().run(events))
+    assert specification.metrics.symbols > 3
+
+
+ONE_BRANCH = "event on(v) = { v: v };\ntoplevel r; r 1of2 a b; a on on(1); b on on(2) when 1.5 < 0;\n"
+REFUSED = [
+    ("not in the paper", "top or a b;", Semantics.SCATTERED, None, "the paper does not say how"),
+    ("a VOT is one branch, with all its guards", ONE_BRANCH, Semantics.STRICT, None, "every branch has a guard that never"),
+    ("small limit", "top or a b c;", Semantics.STRICT, 2, "terms"),
+    ("counted, not built", f"top 20of40 {' '.join(f'e{i}' for i in range(40))};", Semantics.STRICT, None, "10 allowed"),
+    ("few terms", f"top 3of190 {' '.join(f'e{i}' for i in range(190))};", Semantics.STRICT, None, "10 allowed"),
+    ("what is shared is written again", f"top and g0; {SHARED};", Semantics.STRICT, None, "characters of the paper's"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("why", "tree", "semantics", "limit", "words"), REFUSED, ids=[row[0] for row in REFUSED])
+def test_what_the_paper_cannot_say_is_refused_at_once(
+    why: str, tree: str, semantics: Semantics, limit: int | None, words: str
+) -> None:
+    start = process_time()
+    with pytest.raises((NotExpressible, TooLarge), match=words):
+        PAPER.translate(loads(tree), semantics, limit=limit)
+    assert process_time() - start < 2
+
+
+def test_equations_are_counted() -> None:
+    for text, equations in (("top and a b;", 1), ("top 2of3 a b c;", 5), ("top 3of4 a b c d;", 1 + 1 + 4 + 6)):
+        assert PAPER.translate(loads(text), Semantics.PROJECTED).metrics.states == equations
+
+
+# -- Prolog ------------------------------------------------------------------------------------------------------------
+
+PROGRAMS = [
+    (RML.translate(loads("r sand a b;"), Semantics.STRICT).text,
+     ["match(Event, a_et) :- fits(Event, _{'event':\"a\"}).", "match(Event, b_et) :- fits(Event, _{'event':\"b\"}).",
+      "    Main = (a_et*(b_et*(1)))."]),
+    ("a(x) matches {'k': 'a\\'b\\\\c\\n', v: x | 1} with x > -1 && x != 2.5;\nMain = {let x; a(x)! \\/ empty};",
+     ["match(Event, a_et(V_x)) :- fits(Event, _{'k':\"a'b\\\\c\\n\", 'v':V_x}), {((V_x > (-1)) , (V_x =\\= 2.5))}.",
+      "match(Event, a_et(V_x)) :- fits(Event, _{'k':\"a'b\\\\c\\n\", 'v':1}), {((V_x > (-1)) , (V_x =\\= 2.5))}.",
+      "    Main = var(x, (clos(a_et(var(x)))\\/eps))."]),
+    ("a matches {v: [1, _, ...]} | {v: [...]};\nb not matches a;\nMain = (a >> b{2} : (a | b?)) /\\ G<1 + 2>;\nG<n> = a if (n <= 3) all else b;",
+     ["match(Event, a_et) :- fits(Event, _{'v':[1, _|_]}).", "match(Event, a_et) :- fits(Event, _{'v':[_|_]}).",
+      "match(Event, b_et) :- not(match(Event, a_et)).",
+      "    Main = (((a_et>>times(b_et, 2));(a_et|optional(b_et)))/\\app(G, [(1 + 2)])),",
+      "    G = gen([n], (a_et*(guarded((var(n) =< 3), 1, b_et))))."]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "lines"), PROGRAMS)
+def test_the_prolog_of_a_program(text: str, lines: list[str]) -> None:
+    made = prolog(text).removeprefix(HEADER).splitlines()
+    anywhere = ["match(Event, any_et) :- fits(Event, _{}).", "match(Event, none_et) :- not(match(Event, any_et))."]
+    equations = next(index for index, line in enumerate(lines) if line.startswith(" "))
+    assert made == [*lines[:equations], *anywhere, "trace_expression('Main', Main) :-", *lines[equations:]]
+    assert "deep_subdict" not in HEADER
+    assert HEADER.startswith(":- module(spec, [trace_expression/2, match/2]).\n")
+
+
+def test_every_pinned_program_has_a_form_and_what_is_no_rml_has_none() -> None:
+    assert all(prolog(case.text).startswith(HEADER) for case in CASES)
+    for text in ("", "Main = ;", "Main = Main;", *(row[0] for row in rows(__file__, "errors.txt")[:12])):
+        with pytest.raises(LanguageError):
+            prolog(text)
+
+
+def test_long_sequences_are_no_deep_recursion() -> None:
+    leaves = [f"a{number}" for number in range(2_000)]
+    specification = PROLOG.translate(loads(f"r sand {' '.join(leaves)};"), Semantics.STRICT)
+    assert list(specification.monitor().run([{"event": name} for name in leaves]))[-1] is Verdict.TRUE
+
+
+def test_it_refuses_what_rml_refuses() -> None:
+    tree = loads("event p(x) = {p: x}; event q(x) = {q: x}; r sand a b; a on p(X); b on q(X);")
+    overlapping = loads("event p(x) = {p: x}; r and m n a b c d; m on p(1); n on p(_);")
+    for language in (RML, PROLOG):
+        with pytest.raises(NotExpressible):
+            language.translate(tree, Semantics.SCATTERED)
+        with pytest.raises(TooLarge):
+            language.translate(overlapping, Semantics.STRICT, limit=10)
+
+
+def test_it_is_only_emitted() -> None:
+    specification = PROLOG.translate(loads("r sand a b;"), Semantics.STRICT)
+    assert specification.monitor().step({"event": "b"}) is Verdict.FALSE  # that of the RML text it was written from
+    with pytest.raises(OptionError, match="rml-prolog is only emitted: nothing here runs its texts"):
+        PROLOG.read(specification.text)
+    assert (PROLOG.faithful, PROLOG.form_of, PROLOG.readable) == (True, "rml", False)
+    assert [name in faithful_backends() for name in ("rml", "rml-prolog")] == [True, False]
+    absent = translated("rml-prolog", loads("r sand a b;"), Semantics.STRICT)
+    assert isinstance(absent, Absent)
+    assert (absent.status, "only emitted" in str(absent.error)) == ("could not run", True)

@@ -96,19 +96,15 @@ def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = N
     """
     require_valid(tree)
     part = restrict(tree, branch=branch, kind=None if kind is None else one_of(Kind, kind))
-    if part is not tree:
-        _require_valid_part(part, f"branch {branch}" if branch is not None else f"the part of kind {kind}")
-    return part
-
-
-def _require_valid_part(part: RVAFT, name: str) -> None:
     try:
         require_valid(part)
     except TreeError as error:
         if error.rule != "no-scenario":
             raise
+        name = f"branch {branch}" if branch is not None else f"the part of kind {kind}"
         message = f"{name} has no feasible scenario: nothing can be detected there"
         raise TreeError(message, rule=error.rule, nodes=error.nodes) from error
+    return part
 
 
 def one_of(choices: type[Choice], value: Choice | str) -> Choice:
@@ -118,9 +114,6 @@ def one_of(choices: type[Choice], value: Choice | str) -> Choice:
     except ValueError:
         known = ", ".join(choice.value for choice in choices)
         raise OptionError(f"unknown {choices.__name__.lower()} {value!r}; known: {known}") from None
-
-
-# From text or file to the tree, with all rules checked.
 
 
 def loads(text: str, file: str = "<text>") -> RVAFT:
@@ -149,17 +142,18 @@ def load(path: os.PathLike[str] | str) -> RVAFT:
 
 @no_collections()
 def _checked(draft: Draft) -> RVAFT:
-    _raise_first_error(check_draft(draft))
+    """The tree of a draft; raises the first error that a rule finds, with its place."""
+    _raise_first(check_draft(draft))
     tree = draft.build()
     try:
         require_valid(tree)  # errors only, and remembered for whoever asks next
     except TreeError:
-        _raise_first_error(check_tree(tree))  # the same error, with its place
+        _raise_first(check_tree(tree))
         raise
     return tree
 
 
-def _raise_first_error(findings: Iterable[Finding]) -> None:
+def _raise_first(findings: Iterable[Finding]) -> None:
     for finding in findings:
         if finding.severity is Severity.ERROR:
             raise TreeError(f"{finding.place}: {finding.message}", rule=finding.code, nodes=finding.nodes)

@@ -45,18 +45,16 @@ def watch(
     watching = _watching(tree, semantics, branch, kind, limit)
     if not isinstance(events, (AsyncIterable, Iterable)):
         raise WrongType("events", events, "an iterable, or an asynchronous one")
-    return _watched(watching, events)
 
+    async def watched() -> AsyncIterator[tuple[Event, Verdict]]:
+        if isinstance(events, AsyncIterable):
+            async for event in events:
+                yield event, watching.step(event)
+        else:
+            for event in events:
+                yield event, watching.step(event)
 
-async def _watched(
-    watching: Monitor, events: AsyncIterable[Event] | Iterable[Event]
-) -> AsyncIterator[tuple[Event, Verdict]]:
-    if isinstance(events, AsyncIterable):
-        async for event in events:
-            yield event, watching.step(event)
-    else:
-        for event in events:
-            yield event, watching.step(event)
+    return watched()
 
 
 def on_detection(

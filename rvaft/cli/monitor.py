@@ -10,7 +10,7 @@ import click
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import load, monitor, narrowed, translate
 from rvaft.cli import FAILED, Failures, options, warn
-from rvaft.cli.monitor_output import REPORTERS, TERMINAL, MonitorSettings
+from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import PICTURES, SUFFIXES, TraceSource, run
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge, ToolMissing
@@ -25,6 +25,9 @@ from rvaft.monitoring.reader import expanded
 from rvaft.monitoring.run import DEFAULT_WINDOW, MAX_KEYS, Field, Key, MonitoringPlan
 from rvaft.monitors import Monitor
 from rvaft.rules.rule import listing
+
+TERMINAL: Final = "-"
+"""In place of a file: draw among the text."""
 
 
 class MonitorCommand(click.Command):
@@ -139,7 +142,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         several=several,
         form=given["form"],
         detections=given["detections"],
-        explain=given["explain"],
+        drawn=given["explain"] == TERMINAL,
+        drawing=None if given["explain"] == TERMINAL else given["explain"],
         hooks=Hooks(given["execute"], {kind: command for kind, command in named.items() if command is not None}),
         checkpoints=checkpoints,
         follow=given["follow"],

@@ -31,8 +31,6 @@ from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, Verdi
 from rvaft.monitors import Ended, Explanation
 from rvaft.support.terminal import ProgressBar, columns, visible
 
-TERMINAL: Final = "-"
-"""In place of a file: draw among the text."""
 ENDS: Final = 1_000
 """Keys for which it is said what was waited for in vain: finding out takes time, and among very many keys nobody reads it."""
 ALL: Final = 100
@@ -98,7 +96,7 @@ class Sink:
 class MonitorSettings:
     """How every trace is run and what is told of it: `name` is that of the tree, with `several` traces are named.
 
-    With `detections` only these are told; `explain` is the file to draw one to, or `TERMINAL`.
+    With `detections` only these are told, with `drawn` as drawings among the text; `drawing` is the file to draw one to.
     """
 
     plan: MonitoringPlan
@@ -108,25 +106,11 @@ class MonitorSettings:
     several: bool
     form: str
     detections: bool
-    explain: str | None
+    drawn: bool
+    drawing: str | None
     hooks: Hooks
     checkpoints: CheckpointFile | None
     follow: bool
-
-    @property
-    def drawn(self) -> bool:
-        """Whether detections are drawn among the text."""
-        return self.explain == TERMINAL
-
-    @property
-    def drawing(self) -> str | None:
-        """The file that the first detection is drawn to."""
-        return None if self.drawn else self.explain
-
-    @property
-    def counted(self) -> bool:
-        """Whether it is told in the end what the traces held, now or when a run goes on from the checkpoint."""
-        return self.form == "text" or self.checkpoints is not None
 
     @property
     def summed(self) -> bool:

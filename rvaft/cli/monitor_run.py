@@ -128,7 +128,8 @@ class _Run:
         again = trace.file is not None and path.is_file() and settings.plan.plain and not settings.follow
         buffer = EventBuffer(path if again else None, reads=settings.plan.reads)
         prefix = f"{trace.name}: " if settings.several else ""
-        counts = self.statistics if settings.counted else None
+        kept = settings.form == "text" or settings.checkpoints is not None  # what is told now, or when the run goes on
+        counts = self.statistics if kept else None
         run = TraceRun(settings.plan, trace.name, self.listeners, buffer=buffer, statistics=counts, prefix=prefix)
         before, failed = reaction.count, False
         try:

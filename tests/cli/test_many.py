@@ -247,6 +247,18 @@ def test_very_many_keys_are_an_error_or_summed_up(robots: Path, tmp_path: Path) 
     said = run("monitor", SAND, written(tmp_path / "l", lines(events)), "--key", "id").stdout.splitlines()
     assert said[-2].split() == ["7", "3", "true", "302", "1", "-"]
     assert said[-1] == "and 299 more: 1 false, 298 unknown"
+    log = written(tmp_path / "l", lines([{"event": name, "id": key} for name in "abcd" for key in range(1001)]))
+    said = run("monitor", SAND, log, "--key", "id").stdout.splitlines()
+    assert (said[-2].split()[0], said[-1]) == ("999", "and 1 more: 1 true")
+    dead = run("monitor", SAND, written(log, log.read_text().replace('"a"', '"c"')), "--key", "id")
+    more = "1000 keys can no longer match: for others it is not said what was waited for"
+    assert (dead.stderr, dead.stdout.count("waited for")) == (f"rvaft: warning: {more}\n", 1000)
+
+
+def test_of_very_many_traces_those_with_an_error_have_a_row(tmp_path: Path) -> None:
+    log, torn = written(tmp_path / "log.jsonl", '{"event": "a"}\n'), written(tmp_path / "torn.jsonl", "{")
+    said = run("monitor", SAND, *[log] * 100, torn).stdout.splitlines()
+    assert (said[-2].split()[0], said[-1]) == (str(torn), "and 100 more: 100 unknown")
 
 
 # -- a terminal -------------------------------------------------------------------------------------------------------

@@ -75,6 +75,11 @@ def test_files_of_the_same_name_are_replaced_and_others_stay(tmp_path: Path) -> 
     assert texts(tmp_path) == {"detect-1.jsonl": word, "detect-2.jsonl": word, "mine.jsonl": "{}\n"}
 
 
+def test_a_trace_is_none_of_those_before_where_there_are_others(tmp_path: Path) -> None:
+    assert run("traces", TREES / "gates" / "or.rvaft", "--semantics", "strict", "-n", 3, "-o", tmp_path).exit_code == 0
+    assert len(set(texts(tmp_path).values())) == 3
+
+
 def test_nothing_is_written_where_a_trace_is_not_found(tmp_path: Path) -> None:
     text = "event e(x) = { x: x }; top and a b; a on e(X) when X > 5; b on e(X) when X < 5;"
     tree = written(tmp_path / "tree.rvaft", text)

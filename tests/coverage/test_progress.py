@@ -1,17 +1,23 @@
-"""How far, in small trees where it is easy to see."""
+"""How far, in small trees where it is easy to see; and what makes many branches and many logs affordable."""
 
 import pytest
 
 from rvaft import loads
-from rvaft.coverage import Coverage
+from rvaft.coverage import BranchCoverage, Coverage
+from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
+from rvaft.model.tree import RVAFT
+
+UNEQUAL = "top 1of2 x y; x and a b c d e; y and p q;"
+LETTERS = 'event e(n) = {{ event: n }}; top 1of2 v u; v and a b d f; u sand {} c; a on e("l"); b on e("l");'
 
 
-def reached(tree: str, words: str, semantics: str) -> tuple[int, int, int | None, set[str]]:
-    """What the first branch reached and needed, where, and what could have come next."""
+def covered(tree: str, logs: dict[str, str], semantics: str) -> BranchCoverage:
+    """The first branch after some logs of words."""
     coverage = Coverage(loads(tree), semantics, branch=1)
-    coverage.add("log", [{"event": word} for word in words.split()])
+    for name, words in logs.items():
+        coverage.add(name, [{"event": word} for word in words.split()])
     (branch,) = coverage.report().branches
-    return branch.reached, branch.needed, branch.event, {one.node for one in branch.awaited}
+    return branch
 
 
 @pytest.mark.parametrize(
@@ -28,20 +34,52 @@ def reached(tree: str, words: str, semantics: str) -> tuple[int, int, int | None
         ("top sand a b;", "a b a", "projected", (2, 2, 2, set())),
         # with KofN: how near the nearest end was
         ("top sand v d; v 2of3 a b c;", "a b c", "projected", (2, 3, 2, {"c", "d"})),
-        ("top 1of2 x y; x and a b c d e; y and p q;", "p a", "projected", (1, 2, 1, {"a", "b", "c", "d", "e", "q"})),
-        ("top 1of2 x y; x and a b c d e; y and p q;", "a b c d", "projected", (1, 2, 4, {"e", "p", "q"})),
-        ("top 1of2 x y; x and a b c d e; y and p q;", "a b c", "projected", (0, 2, None, {*"abcde", "p", "q"})),
+        (UNEQUAL, "p a", "projected", (1, 2, 1, {"a", "b", "c", "d", "e", "q"})),
+        (UNEQUAL, "a b c d", "projected", (1, 2, 4, {"e", "p", "q"})),
+        (UNEQUAL, "a b c", "projected", (0, 2, None, {*"abcde", "p", "q"})),
         # the match that came nearest, not what else had begun
         ("top 1of2 x y; x sand a b c; y and d e;", "a d", "scattered", (1, 2, 2, {"a", "e"})),
         ("top or x z; x sand a b c; z;", "a z", "scattered", (1, 3, 1, {"b"})),
+        # either event can be either node; only one way round leads to the shorter end
+        *((LETTERS.format(order), "l l", "strict", (2, 3, 2, {"c", "d", "f"})) for order in ("a b", "b a")),
     ],
 )
 def test_progress(tree: str, words: str, semantics: str, expected: object) -> None:
-    assert reached(tree, words, semantics) == expected
+    branch = covered(tree, {"log": words}, semantics)
+    assert (branch.reached, branch.needed, branch.event, {one.node for one in branch.awaited}) == expected
 
 
-@pytest.mark.parametrize("order", ["a b", "b a"])
-def test_the_order_in_which_shared_nodes_came_decides_what_is_lacking(order: str) -> None:
-    """Either event can be either node; only one way round leads to the shorter end."""
-    tree = f'event e(n) = {{ event: n }}; top 1of2 v u; v and a b d f; u sand {order} c; a on e("l"); b on e("l");'
-    assert reached(tree, "l l", "strict") == (2, 3, 2, {"c", "d", "f"})
+@pytest.mark.parametrize("semantics", ["strict", "projected", "scattered"])
+def test_a_branch_is_compiled_once_and_alone(monkeypatch: pytest.MonkeyPatch, semantics: str) -> None:
+    count = 20
+    text = f"top or {' '.join(f's{n}' for n in range(count))}; "
+    for n in range(count):
+        text += f"event e{n}(x) = {{ number: {n}, x: x }}; "
+        text += f"s{n} sand a{n} b{n}; a{n} on e{n}(X); b{n} on e{(n + 1) % count}(X);"
+    sizes: list[int] = []
+    plain = TreeLetters.__init__
+
+    def counting(self: TreeLetters, tree: RVAFT, compiled: CompiledTree) -> None:
+        plain(self, tree, compiled)
+        sizes.append(len(self.letters))
+
+    monkeypatch.setattr(TreeLetters, "__init__", counting)
+    coverage = Coverage(loads(text), semantics)
+    assert (len(sizes), sum(sizes)) == (1 + count, count + 2 * count)
+    for number in range(5):
+        coverage.add(f"log {number}", [{"number": number, "x": 1}, {"number": number + 1, "x": 1}])
+    assert len(sizes) == 1 + count
+    assert [branch.detected for branch in coverage.report().branches] == [1] * 5 + [0] * (count - 5)
+
+
+def test_an_event_of_another_branch_is_relevant_all_the_same() -> None:
+    logs = {"log": "a noise c b", "quiet": "noise a noise b"}
+    branch = covered("top or x y; x sand a b; y sand c d;", logs, "projected")
+    assert (branch.detected, branch.log, branch.event) == (1, "quiet", 4)
+
+
+@pytest.mark.parametrize("semantics", ["strict", "projected", "scattered"])
+def test_a_log_leaves_nothing_behind_for_the_next(semantics: str) -> None:
+    tree = "event e(x) = { event: x }; top sand a b c; a on e(X); b on e(X); c on e(X);"
+    branch = covered(tree, {f"log {log}": str(log) for log in range(4)}, semantics)
+    assert (branch.reached, branch.log, branch.event) == (1, "log 0", 1)

@@ -12,25 +12,8 @@ from rvaft.model.tree import RVAFT
 WORDS = [
     "",
     "a b",
-    *[
-        "a",
-        "b",
-        "on",
-        "or",
-        "vot2",
-        "spare",
-        "event",
-        "topic",
-        "type",
-        "_",
-        "_x",
-        "A1",
-        "true",
-        "lambda",
-        "2of3",
-        'q"',
-        "é",
-    ],
+    *["a", "b", "on", "or", "vot2", "spare", "event", "topic", "type", "_", "_x", "A1", "true", "lambda", "2of3", "é"],
+    'q"',
 ]
 texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=6)
 names = st.sampled_from(WORDS) | texts

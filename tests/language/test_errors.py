@@ -1,9 +1,14 @@
-"""What people are told when a text is not in the language: where, what, and how to mend it."""
+"""What people are told when a text is not in the language: where, what, and how to mend it; and nothing else ever comes out."""
+
+import contextlib
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from rvaft.errors import LanguageError
+from rvaft import LanguageError, TreeError, dumps, loads
 from rvaft.language.parser import parse, parse_guard, parse_pattern
+from rvaft.model.expressions import RESERVED
 from tests.tables import rows
 
 SLIPS = [
@@ -27,10 +32,26 @@ def test_a_slip_is_named_at_its_place(text: str, line: int, column: int, message
     assert str(error).startswith(f"some.rvaft:{line}:{column}: {error.message}")
 
 
+@pytest.mark.parametrize(("text", "rule", "place", "culprit"), rows(__file__, "broken.txt"))
+def test_a_broken_rule_is_named(text: str, rule: str, place: str, culprit: str) -> None:
+    with pytest.raises(TreeError) as caught:
+        loads(text, "f.rvaft")
+    error = caught.value
+    assert error.rule == rule
+    assert error.message.startswith(f"f.rvaft:{place}")
+    assert not culprit or culprit in error.nodes
+    assert "\n" not in str(error)
+
+
 def test_the_caret_stands_below_the_slip() -> None:
     with pytest.raises(LanguageError) as caught:
         parse("a;\r\nb\twhen x > 3;\r\n")
     assert caught.value.caret == "b\twhen x > 3;\n \t     ^"
+    for text in ("a or " + "b " * 10_000 + "!;", "a \x1b[2Jb;"):  # a long line and control characters are not shown
+        with pytest.raises(LanguageError) as caught:
+            parse(text)
+        assert len(str(caught.value)) < 300
+        assert "\x1b" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("text", "column", "message"), [("X >", 4, "expected a value"), ("x", 1, "is no variable")])
@@ -47,43 +68,65 @@ def test_patterns_alone(text: str, column: int) -> None:
     assert (caught.value.line, caught.value.column) == (1, column)
 
 
-@pytest.mark.parametrize(
-    ("before", "step", "after"),
-    [
-        ("event e() = { a: ", "[", "]"),
-        ("event e() = { a: ", "{ b: ", "}"),
-        ("a when ", "not ", ""),
-        ("a when ", "- ", ""),
-        ("a when ", "1 + ", ""),
-        ("a when ", "X * ", ""),
-    ],
-)
-def test_nesting_has_a_limit(before: str, step: str, after: str) -> None:
-    kind = "pattern" if "event" in before else "guard"
+@pytest.mark.parametrize("step", ["not ", "- ", "1 + ", "X * ", "[ ]", "{ b: }"])
+def test_nesting_has_a_limit(step: str) -> None:
+    is_pattern = step[0] in "[{"
+    least = 99 if is_pattern else 100  # the braces of the event type count
 
     def text(depth: int) -> str:
-        core = "1" if kind == "pattern" else "X"
-        return before + step * depth + core + after * depth + (" }; a;" if kind == "pattern" else ";")
+        if is_pattern:
+            return f"event e() = {{ a: {step[:-1] * depth}1{step[-1] * depth} }}; a;"
+        return f"a when {step * depth}X;"
 
-    least = 99 if kind == "pattern" else 100  # the braces of the event type count
     parse(text(least))
     for depth in (least + 1, 20_000):
-        with pytest.raises(LanguageError, match=f"this {kind} is nested deeper than 100"):
+        with pytest.raises(
+            LanguageError, match=f"this {'pattern' if is_pattern else 'guard'} is nested deeper than 100"
+        ):
             parse(text(depth))
-
-
-def test_parentheses_and_long_junctions_are_no_nesting() -> None:
-    guard = "(" * 2000 + "X" + ")" * 2000 + " and X" * 2000
+    guard = "(" * 2000 + "X" + ")" * 2000 + " and X" * 2000  # parentheses and long junctions are no nesting
     assert len(getattr(parse_guard(guard), "operands")) == 2001  # noqa: B009 - any guard has them here
 
 
-def test_a_long_line_is_not_shown() -> None:
-    with pytest.raises(LanguageError) as caught:
-        parse("a or " + "b " * 100_000 + "!;")
-    assert len(str(caught.value)) < 300
+TOKENS = [
+    *sorted(RESERVED), "true", "false", "null", "a", "b", "X", "_", "_x", "2of3", "0of0", "vot2", "1", "-1", "1.5e3", "007",
+    '"s"', '"a b"', '"', "'", ";", ";", ";", ",", ":", "=", "(", ")", "{", "}", "[", "]", "+", "-", "*", "/", "==", "<", "!=",
+    "//", "#", "/*", "*/", "\n", "\t", "\\", "&&", "||", "!", "é", "“", "lambda=0.1", "\0", "\ufeff", "\x85", "\u2028", "\r", "$",
+]  # fmt: skip
+EXAMPLE = """\
+event move(wp, t) = { topic: "/command", name: "move", waypoint: wp, time: [t, _, -1.5] };
+causality bottom_up; param x; prune d; ignore move(V, "x") when not V < 250 and (V == 1 or true);
+toplevel a; a 2of3 b c "d e" on move(Way, _) when -Way + 3 * 2 >= 1 fault label "text"; // comment
+b sand d f; /* more */ c or f g lambda=0.1 dorm=x;
+"""
 
 
-def test_control_characters_do_not_reach_the_terminal() -> None:
-    with pytest.raises(LanguageError) as caught:
-        parse("a \x1b[2Jb;")
-    assert "\x1b" not in str(caught.value)
+def only_own_errors(text: str) -> None:
+    with contextlib.suppress(LanguageError, TreeError):
+        dumps(parse(text).build())
+    for parse_one in (parse_guard, parse_pattern):
+        with contextlib.suppress(LanguageError):
+            parse_one(text)
+
+
+@settings(deadline=None)
+@given(st.lists(st.sampled_from(TOKENS), max_size=25), st.sampled_from(["", " "]), st.text(max_size=30), st.data())
+def test_whatever_the_text(tokens: list[str], between: str, wild: str, data: st.DataObject) -> None:
+    only_own_errors(between.join(tokens))
+    only_own_errors(wild)
+    start = data.draw(st.integers(0, len(EXAMPLE)))
+    end = data.draw(st.integers(start, min(start + 12, len(EXAMPLE))))
+    only_own_errors(EXAMPLE[:start] + data.draw(st.sampled_from(["", *TOKENS])) + EXAMPLE[end:])
+
+
+def test_every_beginning_of_a_text() -> None:
+    parse(EXAMPLE)
+    for end in range(len(EXAMPLE)):
+        only_own_errors(EXAMPLE[:end])
+
+
+@pytest.mark.parametrize("open_", ["(", "[", "{", "{ a: ", "/*", '"', "not ", "-", "a or (", "when "])
+def test_a_long_way_in_and_never_out(open_: str) -> None:
+    for before in ("", "a when ", "event e() = { a: "):
+        with pytest.raises(LanguageError):
+            parse(before + open_ * 20_000)

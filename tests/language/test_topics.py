@@ -1,13 +1,10 @@
 """`topic` declarations: what they say, where the word is still a name, and that nothing of them gets lost."""
 
 import json
-import logging
 import pickle
-from importlib.resources import files
 from pathlib import Path
 
 import pytest
-from lark import Lark, logger
 
 from rvaft import monitor
 from rvaft.analysis.branches import restrict
@@ -21,10 +18,6 @@ from tests.cli.runs import run
 from tests.tables import rows
 
 TREE = "top or a b;\na fault;\nb attack;\n"
-
-
-def topics(text: str) -> list[Topic]:
-    return list(loads(text + TREE).topics.values())
 
 
 @pytest.mark.parametrize(
@@ -45,13 +38,12 @@ def topics(text: str) -> list[Topic]:
     ],
 )
 def test_a_declaration(text: str, expected: list[Topic]) -> None:
-    assert topics(text) == expected
-
-
-def test_a_topic_is_found_by_its_absolute_name_and_knows_its_place() -> None:
-    tree = loads(f'{TREE}\n  topic "c" type "a.msg.B";', "some.rvaft")
-    assert dict(tree.topics) == {"/c": Topic("c", "a.msg.B")}
-    assert tree.topics["/c"].place == Place("some.rvaft", 5, 9)
+    found = loads(f"{TREE}{text}", "some.rvaft").topics
+    assert list(found.values()) == expected
+    assert all(name == f"/{topic.name.removeprefix('/')}" for name, topic in found.items())
+    before = text[: text.index('"')]
+    place = Place("some.rvaft", 4 + before.count("\n"), len(before) - before.rfind("\n"))
+    assert next(iter(found.values())).place == place
 
 
 @pytest.mark.parametrize(
@@ -73,15 +65,6 @@ def test_its_words_are_still_names(text: str) -> None:
     tree = parse(text).build()
     assert not tree.topics
     assert parse(dumps(tree)).build() == tree
-
-
-def test_the_canonical_form() -> None:
-    text = f'topic "topic/1" type "a.msg.Long" from "/x", y;\nevent e() = {{ topic: "c" }};\ntopic "c" type "a.msg.B";\n{TREE}c on e();toplevel top;'
-    assert dumps(parse(text).build()).startswith(
-        'event e() = { topic: "c" };\n\n'
-        'topic "topic/1" type "a.msg.Long" from "/x", y;\n'
-        'topic "c"       type "a.msg.B";\n\ntoplevel top;\n'
-    )
 
 
 def test_they_are_kept_by_imports_prunes_parts_and_pickles(tmp_path: Path) -> None:
@@ -157,20 +140,6 @@ def test_a_topic_that_no_event_type_has_is_a_warning(events: str, unused: bool, 
     found = [line for line in result.stdout.splitlines() if "[unused-topic]" in line]
     assert len(found) == unused
     assert all(f"{path}:" in line and "no event type has the topic /c" in line for line in found)
-
-
-def test_the_grammar_has_no_conflicts(caplog: pytest.LogCaptureFixture) -> None:
-    """Lark settles a conflict of shift and reduce by itself and says so only here."""
-    grammar = files("rvaft.language").joinpath("grammar.lark").read_text(encoding="utf-8")
-    level = logger.level
-    try:
-        with caplog.at_level(logging.DEBUG, logger.name):
-            Lark(grammar, parser="lalr", start=["tree", "only_pattern", "only_guard"], debug=True)
-            Lark('start: a | a "x"\na: "y" | "y" "x"', parser="lalr", debug=True)
-    finally:
-        logger.setLevel(level)
-    said = [record.getMessage() for record in caplog.records if "onflict" in record.getMessage()]
-    assert len(said) == 1, said  # of the second grammar, which shows that they would be seen
 
 
 def test_show_writes_them_where_the_format_has_them(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from rvaft.cli import options, warn
 from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.monitoring.monitor_set import Per
-from rvaft.ros.addresses import origin as origin_of
 from rvaft.ros.configuration import (
     SUFFIXES,
     Action,
@@ -23,15 +22,13 @@ from rvaft.ros.configuration import (
     RosOptions,
     RosVersion,
     commands_text,
-    configuration,
+    configuration_text,
     leftover,
     planned,
     specifications,
-    stated_ids,
-    yaml_text,
 )
-from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Vocabulary, protocol, session
-from rvaft.ros.server import CONNECTIONS, LOCAL, PORT, Address, serve
+from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
+from rvaft.ros.server import CONNECTIONS, LOCAL, PORT, Address, origin, serve
 from rvaft.support.files import place
 from rvaft.support.terminal import visible
 
@@ -85,7 +82,7 @@ def rosmonitoring_command(
         if passing or not Path(tree).is_file():  # a stream, or standard input by a name of its own
             raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
     monitors = planned(loaded, wanted, per=per, branch=branch, kind=kind, name=name)
-    files: dict[str, str | None] = {CONFIGURATION: yaml_text(configuration(monitors, wanted))}
+    files: dict[str, str | None] = {CONFIGURATION: configuration_text(monitors, wanted)}
     left_out: list[str] = []
     for monitor in monitors:
         try:
@@ -99,8 +96,7 @@ def rosmonitoring_command(
     path = tree if Path(tree).is_absolute() else os.path.relpath(tree, output)
     files[COMMANDS] = commands_text(monitors, wanted, tree=path, configuration=CONFIGURATION)
     with suppress(OSError, UnicodeDecodeError):  # the specifications of the monitors of an earlier run
-        ids = stated_ids((Path(output) / CONFIGURATION).read_text(encoding="utf-8"))
-        for gone in leftover(Path(output), ids):
+        for gone in leftover(Path(output), (Path(output) / CONFIGURATION).read_text(encoding="utf-8")):
             files.setdefault(gone, None)
     place(Path(output), files, force=force)
     for reason in left_out:
@@ -139,11 +135,11 @@ def serve_command(
 
     Runs until it is interrupted or terminated; the exit status is then 0, whatever was detected.
     """
-    address = Address(how["host"], how["port"], tuple(map(origin_of, how["origin"])), how["max_connections"])
+    address = Address(how["host"], how["port"], tuple(map(origin, how["origin"])), how["max_connections"])
     part = narrowed(load(tree), branch, kind)
     longest = how["max_message"] * _MEBIBYTE
-    speaking = protocol(part, polarity=how["polarity"], vocabulary=how["vocabulary"], longest=longest)
-    first = session(part, how["semantics"], per=per)
+    speaking = Protocol(part, polarity=how["polarity"], vocabulary=how["vocabulary"], longest=longest)
+    first = Session(part, how["semantics"], per=per)
 
     def say(line: str) -> None:
         if not quiet:

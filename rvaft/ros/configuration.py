@@ -1,10 +1,9 @@
-"""The configuration itself, in the format of ROSMonitoring's generator."""
+"""Configurations of ROSMonitoring: from a tree to monitors of ROS topics and the commands that start their oracles."""
 
 import re
 import shlex
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
-from dataclasses import field as dataclass_field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
 from keyword import iskeyword
 from pathlib import Path
@@ -19,14 +18,21 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitoring.monitor_set import Per, columns
-from rvaft.ros.addresses import host as checked
-from rvaft.ros.addresses import is_address
-from rvaft.ros.server import LOCAL, PORT, REMEDY
+from rvaft.ros.server import LOCAL, PORT, REMEDY, is_address, require_host
 from rvaft.rules.rule import listing
 from rvaft.support.budget import Undecided
 
 if TYPE_CHECKING:
     from types import ModuleType
+
+SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
+"""The backends of the texts for ROSMonitoring's RML oracle, and how their files end."""
+_BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- module(spec, "}
+"""How these texts begin, whatever the tree."""
+_HEADER: Final = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
+_FINAL_ONLY: Final = 2
+"""ROSMonitoring's `warning` that reports `false` and leaves `currently_false` alone, which the RML oracle always begins with."""
+_LAST_PORT: Final = 65_535
 
 
 class RosVersion(StrEnum):
@@ -65,7 +71,7 @@ class RosOptions:
     ros_version: RosVersion = RosVersion.ROS2
 
     def __post_init__(self) -> None:
-        checked(self.host)
+        require_host(self.host)
 
 
 class NoConfiguration(RvaftError, ValueError):
@@ -79,10 +85,66 @@ class Subscription:
     name: str
     type: str
     publishers: tuple[str, ...]
-    place: Place = dataclass_field(default=Place(), compare=False)
+    place: Place = field(default=Place(), compare=False)
 
 
-def subscriptions(tree: RVAFT, semantics: Semantics) -> tuple[Subscription, ...]:
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """A monitor: what it is called, what it looks at, where it asks, which topics it filters and which it only logs."""
+
+    id: str
+    tree: RVAFT
+    port: int
+    topics: tuple[tuple[Subscription, Action], ...]
+
+
+def planned(
+    tree: RVAFT,
+    options: RosOptions,
+    *,
+    per: Per = Per.TREE,
+    branch: int | None = None,
+    kind: Kind | None = None,
+    name: str | None = None,
+) -> tuple[Planned, ...]:
+    """The monitors of a tree, called after `name` (by default after the root); with `branch` or `kind` that of this part alone.
+
+    With `per`, a branch or kind without a feasible scenario is left out, since nothing can ever be detected there.
+    Raises `NoConfiguration` for a tree that ROSMonitoring cannot monitor as asked, `TreeError` for one that breaks a rule,
+    `TooLarge` beyond as many branches as can be monitored one by one, `OptionError` for a name or a last port that cannot be.
+    """
+    base = monitor_id(tree.root) if name is None else name
+    if monitor_id(base) != base:
+        raise OptionError(
+            f'"{base}" cannot be the id of a monitor, which is a word of letters, digits and _ and no keyword of Python'
+        )
+    if branch is not None or kind is not None:
+        wanted = [(f"{base}_{kind}" if branch is None else f"{base}_branch_{branch}", narrowed(tree, branch, kind))]
+    elif per is Per.TREE:
+        wanted = [(base, narrowed(tree))]
+    else:
+        infix = "_branch_" if per is Per.BRANCH else "_"
+        wanted = [(f"{base}{infix}{column.label}", column.part) for column in columns(tree, per)[1:]]
+        if not wanted:
+            raise NoConfiguration("no branch has a kind: mark nodes with fault or attack, or use --per tree")
+    if options.port + len(wanted) - 1 > _LAST_PORT:
+        raise OptionError(f"{len(wanted)} monitors need as many ports, and there are none above {_LAST_PORT}")
+    made = []
+    for index, (id_, part) in enumerate(wanted):
+        actions = [
+            (topic, _action(topic, options, alone=len(wanted) == 1)) for topic in _topics(part, options.semantics)
+        ]
+        made.append(Planned(id_, part, options.port + index, tuple(actions)))
+    return tuple(made)
+
+
+def monitor_id(name: str) -> str:
+    """A name as ROSMonitoring can call a monitor: a word of Python, which becomes a module and a node of ROS."""
+    word = re.sub(r"[^A-Za-z0-9_]", "_", name) or "monitor"
+    return f"monitor_{word}" if not word.isidentifier() or iskeyword(word) else word
+
+
+def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Subscription, ...]:
     """The topics that a monitor of this tree, or of this part of a tree, needs; in the order of its nodes.
 
     That is more than those of a branch. Under `projected` an event that is relevant to the whole tree ends the matches of a
@@ -107,15 +169,14 @@ def subscriptions(tree: RVAFT, semantics: Semantics) -> tuple[Subscription, ...]
     for name in _in_feasible(whole) if semantics is Semantics.SCATTERED else whole.occurrences:
         node, pattern = whole.nodes[name], whole.pattern(name)
         assert pattern is not None
-        match topic_of(pattern):
-            case Literal(str(topic)):
-                if wrong := wrong_name(topic):
-                    raise NoConfiguration(f"{at(node)}: {wrong}; mend the field topic of {event(node)}")
-                first.setdefault(topic, node)
-            case _:
-                pattern_needs = 'its pattern needs a text in the field topic, as in { topic: "/name" }'
-                remedy = "give it an event type with `on`" if node.on is None else pattern_needs
-                raise NoConfiguration(f"{at(node)}: {event(node)} comes over no topic: {remedy}")
+        topic = topic_of(pattern)
+        if not isinstance(topic, Literal) or not isinstance(topic.value, str):
+            pattern_needs = 'its pattern needs a text in the field topic, as in { topic: "/name" }'
+            remedy = "give it an event type with `on`" if node.on is None else pattern_needs
+            raise NoConfiguration(f"{at(node)}: {event(node)} comes over no topic: {remedy}")
+        if wrong := wrong_name(topic.value):
+            raise NoConfiguration(f"{at(node)}: {wrong}; mend the field topic of {event(node)}")
+        first.setdefault(topic.value, node)
     spelled: dict[str, str] = {}
     for name, node in first.items():
         other = spelled.setdefault(absolute(name), name)
@@ -160,65 +221,6 @@ def _in_feasible(tree: RVAFT) -> Iterator[str]:
             yield name
 
 
-_LAST_PORT: Final = 65_535
-_IDENTIFIER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-
-
-@dataclass(frozen=True, slots=True)
-class Planned:
-    """A monitor: what it is called, what it looks at, where it asks, which topics it filters and which it only logs."""
-
-    id: str
-    tree: RVAFT
-    port: int
-    topics: tuple[tuple[Subscription, Action], ...]
-
-
-def monitor_id(name: str) -> str:
-    """A name as ROSMonitoring can call a monitor: a word of Python, which becomes a module and a node of ROS."""
-    word = re.sub(r"[^A-Za-z0-9_]", "_", name) or "monitor"
-    return f"monitor_{word}" if not _IDENTIFIER.fullmatch(word) or iskeyword(word) else word
-
-
-def planned(
-    tree: RVAFT,
-    options: RosOptions,
-    *,
-    per: Per = Per.TREE,
-    branch: int | None = None,
-    kind: Kind | None = None,
-    name: str | None = None,
-) -> tuple[Planned, ...]:
-    """The monitors of a tree, called after `name` (by default after the root); with `branch` or `kind` that of this part alone.
-
-    With `per`, a branch or kind without a feasible scenario is left out, since nothing can ever be detected there.
-    Raises `NoConfiguration` for a tree that ROSMonitoring cannot monitor as asked, `TreeError` for one that breaks a rule,
-    `TooLarge` beyond as many branches as can be monitored one by one, `OptionError` for a name or a last port that cannot be.
-    """
-    base = monitor_id(tree.root) if name is None else name
-    if monitor_id(base) != base:
-        raise OptionError(
-            f'"{base}" cannot be the id of a monitor, which is a word of letters, digits and _ and no keyword of Python'
-        )
-    if branch is not None or kind is not None:
-        wanted = [(f"{base}_{kind}" if branch is None else f"{base}_branch_{branch}", narrowed(tree, branch, kind))]
-    elif per is Per.TREE:
-        wanted = [(base, narrowed(tree))]
-    else:
-        infix = "_branch_" if per is Per.BRANCH else "_"
-        wanted = [(f"{base}{infix}{part.label}", part.part) for part in columns(tree, per)[1:]]
-        if not wanted:
-            raise NoConfiguration("no branch has a kind: mark nodes with fault or attack, or use --per tree")
-    if options.port + len(wanted) - 1 > _LAST_PORT:
-        raise OptionError(f"{len(wanted)} monitors need as many ports, and there are none above {_LAST_PORT}")
-    made = []
-    for index, (id_, part) in enumerate(wanted):
-        topics = subscriptions(part, options.semantics)
-        actions = [(topic, _action(topic, options, alone=len(wanted) == 1)) for topic in topics]
-        made.append(Planned(id_, part, options.port + index, tuple(actions)))
-    return tuple(made)
-
-
 def _action(topic: Subscription, options: RosOptions, *, alone: bool) -> Action:
     """To filter takes publishers to come between, a single monitor, and an oracle that answers false at a detection alone."""
     if options.action is not Action.FILTER:
@@ -239,35 +241,14 @@ def _action(topic: Subscription, options: RosOptions, *, alone: bool) -> Action:
     return Action.FILTER
 
 
-SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
-"""The backends of the texts for ROSMonitoring's RML oracle, and how their files end."""
-_BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- module(spec, "}
-"""How these texts begin, whatever the tree."""
-
-
-def leftover(folder: Path, ids: Collection[str]) -> Iterator[str]:
-    """The files in a folder that are specifications of monitors with these ids, by their names and by how they begin."""
-    for name, suffix in SUFFIXES.items():
-        for path in sorted(folder.glob(f"*{suffix}")):
-            if path.stem in ids and path.is_file() and not path.is_symlink():
-                with path.open("rb") as stream:
-                    if stream.read(len(_BEGINNINGS[name])) == _BEGINNINGS[name]:
-                        yield path.name
-
-
 def specifications(monitor: Planned, semantics: Semantics) -> dict[str, str]:
     """The files of a monitor for the RML oracle and their texts; raises `NotExpressible` and `TooLarge` where RML does not have it."""
     texts = {suffix: translate(monitor.tree, name, semantics=semantics).text for name, suffix in SUFFIXES.items()}
     return {f"{monitor.id}{suffix}": text if text.endswith("\n") else f"{text}\n" for suffix, text in texts.items()}
 
 
-_HEADER: Final = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
-_FINAL_ONLY: Final = 2
-"""ROSMonitoring's `warning` that reports `false` and leaves `currently_false` alone, which the RML oracle always begins with."""
-
-
-def configuration(monitors: Sequence[Planned], options: RosOptions) -> dict[str, Json]:
-    """The configuration as a value. `nodes` are the publishers that monitors come between."""
+def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
+    """The configuration as YAML; `nodes` are the publishers that monitors come between. Raises `ToolMissing` without the library."""
     publishers: dict[str, None] = {}
     entries: list[Json] = []
     for monitor in monitors:
@@ -289,24 +270,27 @@ def configuration(monitors: Sequence[Planned], options: RosOptions) -> dict[str,
         }
         entries.append({"monitor": entry})
     nodes: list[Json] = [{"node": {"name": name}} for name in publishers]
-    return {"ros_version": options.ros_version.value, "nodes": nodes, "monitors": entries}
+    value = {"ros_version": options.ros_version.value, "nodes": nodes, "monitors": entries}
+    return f"{_HEADER}{_library().safe_dump(value, sort_keys=False, allow_unicode=True)}"
 
 
-def yaml_text(value: Json) -> str:
-    """A configuration as YAML; raises `ToolMissing` without the library."""
-    text: str = _library().safe_dump(value, sort_keys=False, allow_unicode=True)
-    return _HEADER + text
+def leftover(folder: Path, text: str) -> Iterator[str]:
+    """The files in a folder that are specifications of the monitors in a configuration that was written here, edited or not.
 
-
-def stated_ids(text: str) -> list[str]:
-    """The ids of the monitors in a configuration that was written here, edited or not; none of any other text."""
+    By their names and by how they begin; none where the text is any other.
+    """
     library = _library()
     try:
         value = library.safe_load(text) if text.startswith(_HEADER) else {}
         ids = [entry["monitor"]["id"] for entry in value["monitors"]]
     except (library.YAMLError, LookupError, TypeError):
-        return []
-    return [id_ for id_ in ids if isinstance(id_, str)]
+        return
+    for name, suffix in SUFFIXES.items():
+        for path in sorted(folder.glob(f"*{suffix}")):
+            if path.stem in ids and path.is_file() and not path.is_symlink():
+                with path.open("rb") as stream:
+                    if stream.read(len(_BEGINNINGS[name])) == _BEGINNINGS[name]:
+                        yield path.name
 
 
 def _library() -> "ModuleType":
@@ -322,29 +306,23 @@ def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str
     """The commands, to be run in the folder of the files; `tree` is the path of the tree from there."""
     lines = ["# Run in this folder, each oracle in a terminal of its own."]
     for monitor in monitors:
-        if (
-            options.oracle is Oracle.RML
-        ):  # ROSMONITORING_HOME is what ROSMonitoring's own instructions call its checkout
+        if options.oracle is Oracle.RML:  # ROSMONITORING_HOME is what ROSMonitoring's instructions call its checkout
             script = '"$ROSMONITORING_HOME"/oracle/RMLOracle/prolog/online_monitor.sh'
             lines.append(f"{script} {monitor.id}.pl {monitor.port}")
-        else:
-            lines.append(shlex.join(_serve(monitor, options, tree)))
-    lines.append("# Then the monitors.")
+            continue
+        words = ["rvaft", "serve", tree, "--port", str(monitor.port)]
+        if options.host != LOCAL:
+            words += ["--host", options.host]
+            if options.host != "localhost" and not is_address(options.host):
+                words += ["--origin", f"http://{options.host}:{monitor.port}"]
+        if options.semantics is not Semantics.PROJECTED:
+            words += ["--semantics", options.semantics.value]
+        whole = monitor.tree.part_of
+        if whole is not None and whole.branch is not None:
+            words += ["--branch", str(whole.branch)]
+        elif whole is not None and whole.kind is not None:
+            words += ["--kind", whole.kind.value]
+        lines.append(shlex.join(words))
     version = options.ros_version.value
     words = ["rosmonitoring", "generate", configuration, "--ros-version", version, "--output", "generated"]
-    return "\n".join([*lines, shlex.join(words)]) + "\n"
-
-
-def _serve(monitor: Planned, options: RosOptions, tree: str) -> Iterator[str]:
-    yield from ("rvaft", "serve", tree, "--port", str(monitor.port))
-    if options.host != LOCAL:
-        yield from ("--host", options.host)
-        if options.host != "localhost" and not is_address(options.host):
-            yield from ("--origin", f"http://{options.host}:{monitor.port}")
-    if options.semantics is not Semantics.PROJECTED:
-        yield from ("--semantics", options.semantics.value)
-    whole = monitor.tree.part_of
-    if whole is not None and whole.branch is not None:
-        yield from ("--branch", str(whole.branch))
-    elif whole is not None and whole.kind is not None:
-        yield from ("--kind", whole.kind.value)
+    return "\n".join([*lines, "# Then the monitors.", shlex.join(words)]) + "\n"

@@ -1,24 +1,31 @@
-"""The WebSocket server: one session per connection, or one for all; needs the library `websockets`."""
+"""The WebSocket server, with one session per connection or one for all, and whom it lets in; needs the library `websockets`.
+
+A page in somebody's browser must not be able to speak to a monitor on their machine. A browser says with `Origin` where a page comes from.
+Programs say nothing there, or, like the client that ROSMonitoring uses, the address they connect to. A name that an attacker can point at this
+machine is no proof of that, so only addresses, `localhost` and what was allowed are taken; and of these only with the port that the
+request went to, since other servers have other pages.
+"""
 
 import asyncio
 import errno
 import json
 import logging
 import os
+import re
 import resource
 import socket
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AsyncExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from http import HTTPStatus
+from ipaddress import ip_address
 from itertools import count
 from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
 
-from rvaft.errors import ToolMissing
+from rvaft.errors import OptionError, ToolMissing
 from rvaft.model.verdict import Verdict
 from rvaft.monitoring.detection import counted
-from rvaft.ros.addresses import allowed
-from rvaft.ros.addresses import host as checked
 from rvaft.ros.protocol import Protocol, Session
 
 if TYPE_CHECKING:
@@ -27,14 +34,12 @@ if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
-
 LOCAL: Final = "127.0.0.1"
 """Reached from this machine alone."""
 REMEDY: Final = "pip install '.[ros]' in a checkout of rvaft"
 """What installs the libraries that this needs."""
 PORT: Final = 8080
 """Where ROSMonitoring looks for an oracle unless told otherwise."""
-
 CONNECTIONS: Final = 1000
 """How many connections there may be at once unless told otherwise."""
 _SPARE: Final = 64
@@ -49,6 +54,12 @@ _HANDSHAKE: Final = 5.0
 """Seconds that a client has to say what it wants."""
 _PATIENCE: Final = 1.0
 """Seconds that a client has to take leave."""
+_PORTS: Final = {"http": 80, "https": 443}
+"""The schemes of web pages, and the ports that their origins do not name."""
+_ADDRESS: Final = re.compile(r"[0-9A-Fa-f.:]+(?:%[A-Za-z0-9._-]+)?")
+_NAME: Final = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)(?:\.(?!-)[A-Za-z0-9_-]{1,63}(?<!-))*\.?")
+_NUMBER: Final = re.compile(r"(?:.*\.)?(?:[0-9]+|0[xX][0-9A-Fa-f]*)\.?")
+"""The system reads `0` and `0x7f.1` as addresses, the first as all of this machine; no name ends so."""
 
 _LOG: Final = logging.getLogger("rvaft.ros")
 _LIBRARY: Final = logging.getLogger("rvaft.ros.websockets")
@@ -56,47 +67,92 @@ _LIBRARY.addHandler(logging.NullHandler())
 _LIBRARY.propagate = False
 
 
+def require_host(text: str) -> None:
+    """Raise `OptionError` for what is no IP address and no host name (RFC 1123, and `_`, which containers have)."""
+    if not is_address(text) and (len(text) > 253 or not _NAME.fullmatch(text) or _NUMBER.fullmatch(text)):
+        raise OptionError(f'"{text}" is no IP address and no host name: write it alone, as in 127.0.0.1 or robot.local')
+
+
+def is_address(text: str) -> bool:
+    """Whether a text is an IP address, of IPv6 also with a zone."""
+    try:
+        return bool(_ADDRESS.fullmatch(text) and ip_address(text))
+    except ValueError:
+        return False
+
+
+def origin(text: str) -> str:
+    """An origin as a browser sends it: a final slash and the scheme's own port are dropped; raises `OptionError` for what is none."""
+    try:
+        parts = urlsplit(text.lower())
+        name, port = parts.hostname or "", parts.port
+        require_host(name)
+    except ValueError:  # an `OptionError` is one
+        parts, name, port = urlsplit(""), "", None
+    number = "" if port in (None, _PORTS.get(parts.scheme)) else f":{port}"
+    plain = f"{parts.scheme}://{f'[{name}]' if ':' in name else name}"
+    if parts.scheme not in _PORTS or text.lower().removesuffix("/") not in (f"{plain}{number}", f"{plain}:{port}"):
+        raise OptionError(f'"{text}" is no origin: write http:// or https://, a host and, where there is one, a port')
+    return f"{plain}{number}"
+
+
+def allowed(origins: Sequence[str], host: str | None, extra: Collection[str]) -> bool:
+    """Whether a request with these `Origin` headers and this `Host` header is taken; `extra` are allowed, as `origin` gives them."""
+    if len(origins) != 1 or origins[0].lower() in extra:
+        return len(origins) < 2
+    if host is None or origins[0] != f"http://{host}":
+        return False
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return False
+    return name == "localhost" or is_address(name)  # nothing that is looked up
+
+
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Where to listen; port 0 is any that is free. `origins` are allowed beside those of programs, as `rvaft.ros.addresses.origin` gives them.
+    """Where to listen; port 0 is any that is free. `origins` are allowed beside those of programs, as `origin` gives them.
 
     `connections` is how many there may be at once. Raises `OptionError` for what is no host.
     """
 
     host: str = LOCAL
     port: int = PORT
-    origins: Collection[str] = field(default=())
+    origins: Collection[str] = ()
     connections: int = CONNECTIONS
 
     def __post_init__(self) -> None:
-        checked(self.host)
+        require_host(self.host)
 
 
-class OracleServer:
+@dataclass(eq=False)
+class _Server:
     """Answers the messages of all connections; `fresh` gives the session of a new one, `say` is told what happens, a line each."""
 
-    def __init__(
-        self, protocol: Protocol, fresh: Callable[[], Session], address: Address, say: Callable[[str], object]
-    ) -> None:
-        self.protocol = protocol
-        self.fresh = fresh
-        self.address = address
-        self.say = say
+    protocol: Protocol
+    fresh: Callable[[], Session]
+    address: Address
+    say: Callable[[str], object]
+
+    def __post_init__(self) -> None:
         self.present: set[ServerConnection] = set()
         self._numbers = count(1)
 
     def admit(self, connection: "ServerConnection", request: "Request") -> "Response | None":
         """Refuse a connection whose origin is not allowed, or for which there is no room."""
-        if len(self.present) >= self.address.connections:
-            full = f"there are {len(self.present)}, the most that --max-connections allows"
-            self.say(f"connection from {_peer(connection)} refused: {full}")
-            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many connections; try again later\n")
         hosts = request.headers.get_all("Host")
-        origins = request.headers.get_all("Origin")
-        if allowed(origins, hosts[0] if len(hosts) == 1 else None, self.address.origins):
+        if len(self.present) >= self.address.connections:
+            why = f"there are {len(self.present)}, the most that --max-connections allows"
+            status, answer = HTTPStatus.SERVICE_UNAVAILABLE, "too many connections; try again later"
+        elif not allowed(
+            request.headers.get_all("Origin"), hosts[0] if len(hosts) == 1 else None, self.address.origins
+        ):
+            why = "its origin is not allowed; allow it with --origin"
+            status, answer = HTTPStatus.FORBIDDEN, "this origin is not allowed; allow it with --origin"
+        else:
             return None
-        self.say(f"connection from {_peer(connection)} refused: its origin is not allowed; allow it with --origin")
-        return connection.respond(HTTPStatus.FORBIDDEN, "this origin is not allowed; allow it with --origin\n")
+        self.say(f"connection from {_peer(connection)} refused: {why}")
+        return connection.respond(status, f"{answer}\n")
 
     async def handle(self, connection: "ServerConnection") -> None:
         """Answer the messages of one connection."""
@@ -110,14 +166,14 @@ class OracleServer:
         read = refused = 0
         try:
             async for message in connection:
-                events, detected = session.events, session.whole.verdict is Verdict.TRUE
+                events, detected = session.events, session.verdict() is Verdict.TRUE
                 reply = self.protocol.reply(message, session)
                 if session.events == events:
                     refused += 1
                     if refused <= _TOLD:
                         more = "; of more it is not told" if refused == _TOLD else ""
                         self.say(f"{name}: message refused: {reply['error']}{more}")
-                elif session.whole.verdict is Verdict.TRUE and not detected:
+                elif session.verdict() is Verdict.TRUE and not detected:
                     branch = [] if reply.get("branch") is None else [f"branch {reply['branch']}"]
                     how = ", ".join([*branch, *reply.get("kinds", [])])
                     self.say(f"{name}: detected at event {session.events}{f': {how}' if how else ''}")
@@ -161,16 +217,22 @@ async def serve(
     library, and `OSError` where the address cannot be listened at.
     """
     library = _library()
-    make_room(address.connections)
-    oracle = OracleServer(protocol, fresh, address, say)
+    least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = address.connections + _SPARE
+    if least != resource.RLIM_INFINITY and least < wanted:
+        with suppress(ValueError, OSError):
+            enough = wanted if most == resource.RLIM_INFINITY else min(wanted, most)
+            resource.setrlimit(resource.RLIMIT_NOFILE, (enough, most))
+    server = _Server(protocol, fresh, address, say)
     loop = asyncio.get_running_loop()
-    loop.set_exception_handler(oracle.failed)
+    loop.set_exception_handler(server.failed)
+    host = f"[{address.host}]" if ":" in address.host else address.host
     async with AsyncExitStack() as stack:
         serving = library.asyncio.server.serve(
-            oracle.handle,
+            server.handle,
             address.host,
             address.port,
-            process_request=oracle.admit,
+            process_request=server.admit,
             compression=None,
             ping_interval=None,  # the client of ROSMonitoring answers pings only while it waits for a reply
             open_timeout=_HANDSHAKE,
@@ -180,13 +242,20 @@ async def serve(
             backlog=_BACKLOG,
         )
         try:
-            server = await stack.enter_async_context(serving)
+            listener = await stack.enter_async_context(serving)
         except OSError as error:
-            raise _refused(error, address) from error
-        listening(_url(address.host, server.sockets[0].getsockname()[1]))
+            code = error.errno or 0
+            remedy = {
+                errno.EADDRINUSE: "the port is in use: choose another with --port",
+                errno.EACCES: "not permitted: choose a --port above 1023",
+                errno.EADDRNOTAVAIL: "no address of this machine: choose another --host",
+            }
+            unknown = f"no such host: {error.strerror}" if isinstance(error, socket.gaierror) else os.strerror(code)
+            raise OSError(code, remedy.get(code, unknown), f"ws://{host}:{address.port}") from error
+        listening(f"ws://{host}:{listener.sockets[0].getsockname()[1]}")
         await stop.wait()
         # who reads no replies does not read either that the server goes away
-        loop.call_later(2 * _PATIENCE, oracle.hang_up)
+        loop.call_later(2 * _PATIENCE, server.hang_up)
 
 
 def _library() -> "ModuleType":
@@ -199,38 +268,6 @@ def _library() -> "ModuleType":
     return websockets
 
 
-def make_room(connections: int) -> None:
-    """Let this process have as many open files as that many connections need, if the system allows it."""
-    least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = connections + _SPARE
-    if least != resource.RLIM_INFINITY and least < wanted:
-        with suppress(ValueError, OSError):
-            resource.setrlimit(
-                resource.RLIMIT_NOFILE, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most)
-            )
-
-
 def _peer(connection: "ServerConnection") -> str:
     found = connection.remote_address
     return "somewhere" if not found else f"[{found[0]}]:{found[1]}" if ":" in found[0] else f"{found[0]}:{found[1]}"
-
-
-def _url(host: str, port: int) -> str:
-    return f"ws://[{host}]:{port}" if ":" in host else f"ws://{host}:{port}"
-
-
-def _refused(error: OSError, address: Address) -> OSError:
-    """The same error in one line that says what to do."""
-    code = error.errno or 0
-    match code:
-        case errno.EADDRINUSE:
-            reason = "the port is in use: choose another with --port"
-        case errno.EACCES:
-            reason = "not permitted: choose a --port above 1023"
-        case errno.EADDRNOTAVAIL:
-            reason = "no address of this machine: choose another --host"
-        case _ if isinstance(error, socket.gaierror):
-            reason = f"no such host: {error.strerror}"
-        case _:
-            reason = os.strerror(code)
-    return OSError(code, reason, _url(address.host, address.port))

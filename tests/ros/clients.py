@@ -11,7 +11,7 @@ import pytest
 from rvaft import RVAFT, loads
 from rvaft.model.values import Json
 from rvaft.monitoring.monitor_set import Per
-from rvaft.ros.protocol import Polarity, Vocabulary, protocol, session
+from rvaft.ros.protocol import Polarity, Protocol, Session, Vocabulary
 from rvaft.ros.server import Address, serve
 
 websockets = pytest.importorskip("websockets", reason="needs websockets")
@@ -37,10 +37,10 @@ async def served(
     """The URL of a server, which is stopped at the end and has then let go of everything."""
     stop = asyncio.Event()
     url: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    first = session(tree, semantics, per=per)
+    first = Session(tree, semantics, per=per)
     running = asyncio.create_task(
         serve(
-            protocol(tree, polarity=polarity, vocabulary=vocabulary, longest=longest),
+            Protocol(tree, polarity=polarity, vocabulary=vocabulary, longest=longest),
             (lambda: first) if shared else first.fork,
             stop,
             address=Address(port=0, origins=origins),

@@ -11,7 +11,7 @@ from rvaft import Verdict, load, monitor, translate
 from rvaft.api import narrowed
 from rvaft.cli import main
 from rvaft.ros.configuration import monitor_id
-from rvaft.ros.protocol import session
+from rvaft.ros.protocol import Session
 from tests.cli.runs import TREES, run
 
 ROS = TREES / "remote_inspection" / "ros.rvaft"
@@ -216,7 +216,7 @@ def test_the_commands_start_the_oracle_of_each_monitor(
         assert (given["branch"], given["kind"]) == (part.get("branch"), part.get("kind"))
         assert given["semantics"] == (options[-1] if "--semantics" in options else "projected")
         assert load(given["tree"]) == load(ROS)
-        session(narrowed(load(given["tree"]), given["branch"], given["kind"]), given["semantics"])
+        Session(narrowed(load(given["tree"]), given["branch"], given["kind"]), given["semantics"])
 
 
 def test_the_path_of_the_tree_holds_in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

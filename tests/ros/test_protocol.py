@@ -11,9 +11,9 @@ from rvaft import Verdict, load, loads, monitor
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.monitoring.monitor_set import Per, columns
+from rvaft.monitoring.monitor_set import Per
 from rvaft.monitoring.reader import decode
-from rvaft.ros.protocol import Polarity, Protocol, Session, Vocabulary, protocol, session, watched
+from rvaft.ros.protocol import Polarity, Protocol, Session, Vocabulary
 from tests.cli.runs import PRUNED
 
 SEQUENCE: Final = loads("top sand a b; a attack; b fault;")
@@ -49,7 +49,7 @@ def answers(speaking: Protocol, to: Session, *messages: str | bytes) -> list[Jso
 
 
 def replies(tree: RVAFT, *messages: str | bytes, **options: object) -> list[Json]:
-    return answers(protocol(tree, **options), session(tree), *messages)  # type: ignore[arg-type]
+    return answers(Protocol(tree, **options), Session(tree), *messages)  # type: ignore[arg-type]
 
 
 def verdicts(tree: RVAFT, *messages: str | bytes, **options: object) -> list[Json]:
@@ -73,7 +73,7 @@ def test_a_detection_comes_with_its_explanation() -> None:
 @pytest.mark.parametrize("semantics", ["projected", "scattered"])
 def test_a_matched_event_says_when_and_where_it_happened(semantics: str) -> None:
     tree = loads('event e(x) = {topic: "/c", p: x}; top sand a b c; a on e(1); b on e(2); c;')
-    speaking, first = protocol(tree), session(tree, semantics)
+    speaking, first = Protocol(tree), Session(tree, semantics)
     said: list[Json] = [{"topic": "c", "time": 0.5, "p": 1}, {"topic": "/other", "time": 1}]
     answers(speaking, first, *map(json.dumps, said), "[]", '{"topic": "/c", "p": 2, "time": {"secs": 3}}')
     to = first.fork()
@@ -141,24 +141,24 @@ def test_what_is_no_event_gets_an_error_with_the_verdict_so_far(message: str | b
 
 
 def test_a_message_of_the_greatest_length_is_read_and_a_longer_one_is_not() -> None:
-    speaking = protocol(SEQUENCE, longest=len(A.encode()))
-    taken, refused = answers(speaking, session(SEQUENCE), A, f"{A} ")
+    speaking = Protocol(SEQUENCE, longest=len(A.encode()))
+    taken, refused = answers(speaking, Session(SEQUENCE), A, f"{A} ")
     assert taken["event"] == "a"
     assert refused["error"] == "a message of 15 bytes; the longest that is read has 14"
 
 
 def test_a_monitor_that_gives_up_says_so_and_has_no_verdict_any_more() -> None:
     tree = loads("event e(x) = {p: x}; top sand a b; a on e(X); b on e(Y) when Y == X - 1;")
-    whole, first = columns(tree, Per.BRANCH)
-    to = Session(watched(whole, "scattered", limit=3), {"1": watched(first, "scattered")})
-    *_, gave_up, later = answers(protocol(tree), to, *(f'{{"p": {number}}}' for number in range(10)))
+    to = Session(tree, "scattered", per=Per.BRANCH, limit=3)
+    to.monitors["1"] = Session(tree, "scattered", per=Per.BRANCH).monitors["1"]
+    *_, gave_up, later = answers(Protocol(tree), to, *(f'{{"p": {number}}}' for number in range(10)))
     for reply in (gave_up, later):
         assert reply["verdict"] == "unknown"
         assert reply["error"].startswith("too large")
         assert reply["verdicts"] == {"1": "currently_true"}
-    (error,) = answers(protocol(tree), to.fork(), "[]")
+    (error,) = answers(Protocol(tree), to.fork(), "[]")
     assert error["verdict"] == "unknown"
-    (found,) = answers(protocol(tree), to, '{"p": 1}')
+    (found,) = answers(Protocol(tree), to, '{"p": 1}')
     assert found["verdicts"] == {"1": False}
 
 
@@ -167,7 +167,7 @@ def test_a_monitor_that_gives_up_says_so_and_has_no_verdict_any_more() -> None:
 
 def test_a_verdict_for_each_branch() -> None:
     tree = loads("top or a b; a attack; b fault;")
-    speaking, to = protocol(tree), session(tree, per=Per.BRANCH)
+    speaking, to = Protocol(tree), Session(tree, per=Per.BRANCH)
     (reply,) = answers(speaking, to, B)
     assert reply["verdict"] is False
     assert reply["verdicts"] == {"1": True, "2": False}
@@ -177,12 +177,12 @@ def test_a_verdict_for_each_branch() -> None:
 def test_a_verdict_for_each_kind() -> None:
     tree = load(PRUNED)
     for kind in ("attack", "fault"):
-        to = session(tree, per=Per.KIND)
+        to = Session(tree, per=Per.KIND)
         alone = {name: monitor(tree, kind=name) for name in ("attack", "fault")}
         whole = monitor(tree)
         for file in sorted((PRUNED.parent / "pruned.traces").iterdir()):
             for line in file.read_bytes().splitlines():
-                reply = protocol(tree, polarity=Polarity.DETECTION, vocabulary=Vocabulary.STRINGS).reply(line, to)
+                reply = Protocol(tree, polarity=Polarity.DETECTION, vocabulary=Vocabulary.STRINGS).reply(line, to)
                 for told, one in [(reply["verdicts"][kind], alone[kind]), (reply["verdict"], whole)]:
                     expected = one.step(decode(line))
                     assert told == ("currently_false" if expected is Verdict.UNKNOWN else expected.value)
@@ -254,8 +254,8 @@ def test_any_messages_get_the_verdicts_of_the_monitor_on_the_events_among_them(
     form: str, semantics: str, messages: list[str | bytes]
 ) -> None:
     tree = loads(form)
-    alone, to = monitor(tree, semantics=semantics), session(tree, semantics)
-    speaking = protocol(tree, polarity=Polarity.DETECTION, vocabulary=Vocabulary.STRINGS)
+    alone, to = monitor(tree, semantics=semantics), Session(tree, semantics)
+    speaking = Protocol(tree, polarity=Polarity.DETECTION, vocabulary=Vocabulary.STRINGS)
     for message in messages:
         reply = json.loads(json.dumps(speaking.reply(message, to)))
         try:

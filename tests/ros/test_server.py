@@ -9,11 +9,9 @@ from urllib.parse import urlsplit
 import pytest
 
 from rvaft.errors import OptionError
-from rvaft.ros.addresses import allowed
-from rvaft.ros.addresses import host as host_of
-from rvaft.ros.addresses import origin as origin_of
-from rvaft.ros.protocol import Session, protocol, session
-from rvaft.ros.server import Address, serve
+from rvaft.ros.protocol import Protocol, Session
+from rvaft.ros.server import Address, allowed, serve
+from rvaft.ros.server import origin as origin_of
 from tests.ros.clients import SEQUENCE, A, B, asked, connected, served, websockets
 from tests.ros.test_protocol import BROKEN
 
@@ -190,15 +188,15 @@ def test_a_client_that_never_reads_is_left_behind_when_the_server_stops() -> Non
 
 def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.LogCaptureFixture) -> None:
     class Defective(Session):
-        def read(self, event: object, came: object = None) -> None:  # noqa: ARG002 (the interface)
+        def read(self, event: object, came: object) -> None:  # noqa: ARG002 (the interface)
             raise ZeroDivisionError(f"no way with {event}")
 
     async def scenario() -> None:
         stop, url = asyncio.Event(), asyncio.get_running_loop().create_future()
-        good = session(SEQUENCE)
-        sessions = iter([Defective(good.whole, {}), good])
+        good = Session(SEQUENCE)
+        sessions = iter([Defective(SEQUENCE), good])
         running = asyncio.create_task(
-            serve(protocol(SEQUENCE), lambda: next(sessions), stop, address=Address(port=0), listening=url.set_result)
+            serve(Protocol(SEQUENCE), lambda: next(sessions), stop, address=Address(port=0), listening=url.set_result)
         )
         async with connected(await url) as bad:
             with pytest.raises(websockets.ConnectionClosedError):
@@ -291,7 +289,6 @@ def test_what_is_no_origin(text: str) -> None:
     "text", ["127.0.0.1", "::1", "fe80::1%eth0", "0.0.0.0", "localhost", "robot.local.", "my_node", "3com.example"]
 )
 def test_a_host(text: str) -> None:
-    assert host_of(text) == text
     assert Address(text).host == text
 
 
@@ -319,7 +316,7 @@ def test_the_server_is_reached_from_this_machine_alone() -> None:
 
 
 async def nobody(address: Address) -> None:
-    await serve(protocol(SEQUENCE), lambda: session(SEQUENCE), asyncio.Event(), address=address)
+    await serve(Protocol(SEQUENCE), lambda: Session(SEQUENCE), asyncio.Event(), address=address)
 
 
 def test_an_address_of_another_machine() -> None:

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
-from typing import Final, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import Final, Generic, NamedTuple, TypeAlias, TypeVar
 
 from rvaft.model.guards import Guard, Predicate, predicate, renamed
 from rvaft.model.guards import variables as guard_variables
@@ -192,7 +192,13 @@ class Discriminators:
             {field: value for field, value in literals_of(pattern).items() if isinstance(value, str)}
             for pattern in patterns
         ]
-        self.fields = tuple(_cover(strings))
+        # As few fields as can be told at once, the most frequent first.
+        cover: list[str] = []
+        left = [one for one in strings if one]
+        while left:
+            cover.append(Counter(field for one in left for field in one).most_common(1)[0][0])
+            left = [one for one in left if cover[-1] not in one]
+        self.fields = tuple(cover)
         self._asked = tuple({field: one[field] for field in self.fields if field in one} for one in strings)
         self._filed = FirstLiterals(self._asked)
         self._values = {field: frozenset(one[field] for one in strings if field in one) for field in self.fields}
@@ -217,15 +223,6 @@ class Discriminators:
             for number in self._filed.candidates(event)
             if all(event[field] == value for field, value in self._asked[number].items())
         )
-
-
-def _cover(literals: Iterable[Mapping[str, str]]) -> Iterable[str]:
-    """Fields, as few as can be told at once, of which each of these has one if it has any; the most frequent first."""
-    left = [fields for fields in literals if fields]
-    while left:
-        field, _ = Counter(field for fields in left for field in fields).most_common(1)[0]
-        yield field
-        left = [fields for fields in left if field not in fields]
 
 
 # Which parts of an event are read: the discriminating fields always, the others where their values leave something possible.
@@ -260,13 +257,6 @@ class Reads:
         return self
 
 
-class Scope(Protocol):
-    """Says of an event what is read of it."""
-
-    def of(self, event: Mapping[str, Json]) -> Reads:
-        """What is read of an event."""
-
-
 class TreeReads:
     """What a monitor of the tree reads: what its runtime events and `ignore` declarations mention; and these paths of fields."""
 
@@ -276,10 +266,12 @@ class TreeReads:
             *(tree.instantiate(ignore.on) for ignore in tree.ignores),
         )
         self.discriminators = Discriminators(self.patterns)
-        self._always = (
-            *(ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields),
-            *(_at(path) for path in also),
-        )
+        self._always: list[Pattern] = [ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields]
+        for path in also:
+            at: Pattern = Variable("_")  # which looks at the whole value there
+            for name in reversed(path):
+                at = ObjectPattern(((name, at),))
+            self._always.append(at)
         self._known: dict[tuple[Hashable, ...], Reads] = {}
 
     def of(self, event: Mapping[str, Json]) -> Reads:
@@ -298,12 +290,8 @@ class TreeReads:
         return known
 
 
-def _at(path: tuple[str, ...]) -> Pattern:
-    """Looks at the whole value at a path of fields."""
-    pattern: Pattern = Variable("_")
-    for name in reversed(path):
-        pattern = ObjectPattern(((name, pattern),))
-    return pattern
+Scope: TypeAlias = Reads | TreeReads
+"""Says of an event what is read of it."""
 
 
 # Letters: patterns with guards over their variables, and how one is read off an event.
@@ -333,18 +321,14 @@ class Reader(NamedTuple):
         """Whether an event is this letter."""
         if self.plain:
             return self.holds is None or self.holds(event)
-        return self._matched(event) is not None
+        return self.read(event) is not None
 
     def read(self, event: Mapping[str, Json]) -> dict[str, Json] | None:
         """The values of the variables in an event, or None where it is not this letter."""
         if self.plain:
-            return self.values(event) if self.admits(event) else None
-        found = self._matched(event)
-        return None if found is None else rigid(found)
-
-    def _matched(self, event: Mapping[str, Json]) -> dict[str, Json] | None:
+            return self.values(event) if self.holds is None or self.holds(event) else None
         found = match(self.pattern, event, {})
-        return found if found is not None and (self.holds is None or self.holds(found)) else None
+        return rigid(found) if found is not None and (self.holds is None or self.holds(found)) else None
 
 
 def reader(number: int, letter: Letter) -> Reader:
@@ -354,7 +338,7 @@ def reader(number: int, letter: Letter) -> Reader:
     fields: tuple[tuple[str, str], ...] = ()
     holds: Predicate | None = None
     if when is not None and not set(guard_variables(when)) <= set(pattern_variables(letter.pattern)):
-        holds = _never
+        holds = lambda _: False  # noqa: E731
     elif plain is not None:
         named = {name: field for field, name in plain.variables.items() if name}
         fields = tuple((name, field) for name, field in named.items() if not name.startswith("_"))
@@ -373,7 +357,3 @@ def _values(fields: tuple[tuple[str, str], ...]) -> Values:
             return lambda event: {name: event[field], other: event[its]}
         case _:
             return lambda event: {name: event[field] for name, field in fields}
-
-
-def _never(_: Mapping[str, Json]) -> bool:
-    return False

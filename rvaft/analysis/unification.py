@@ -8,7 +8,8 @@ them one value), local ones are each pattern's own. Guards are not looked at.
 For each question there is a quick answer, certain in one direction, for which variables stand for anything: `compatible`, `implies`.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Sequence, Set
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeAlias
@@ -25,12 +26,27 @@ from rvaft.model.patterns import (
     variables,
     walk,
 )
-from rvaft.model.values import key
+from rvaft.model.tree import find_cycle
 from rvaft.support.bits import bits, mask_of, union
 from rvaft.support.budget import Budget
 
 Path: TypeAlias = tuple[str | int, ...]
 """The names of fields, and places in lists, that lead to a part of a pattern."""
+Head: TypeAlias = Literal | int | str | None
+"""What a pattern demands of a value itself: a literal, a list of some length, an object; None is nothing."""
+
+
+def _opened(pattern: Pattern) -> tuple[Head, Iterable[tuple[str | int, Pattern]]]:
+    """What a pattern demands of a value, and of the parts of it."""
+    match pattern:
+        case Literal():
+            return pattern, ()
+        case ObjectPattern(fields):
+            return "object", fields
+        case ListPattern(items):
+            return len(items), enumerate(items)
+        case Variable() | Anything():
+            return None, ()
 
 
 def compatible(left: Pattern, right: Pattern) -> bool:
@@ -41,21 +57,12 @@ def compatible(left: Pattern, right: Pattern) -> bool:
     """
     todo = [(left, right)]
     while todo:
-        match todo.pop():
-            case (Variable() | Anything(), _) | (_, Variable() | Anything()):
-                continue
-            case (Literal() as this, Literal() as that):
-                if this != that:
-                    return False
-            case (ObjectPattern(fields), ObjectPattern(others)):
-                there = dict(others)
-                todo.extend((inner, there[name]) for name, inner in fields if name in there)
-            case (ListPattern(items), ListPattern(others)):
-                if len(items) != len(others):
-                    return False
-                todo.extend(zip(items, others, strict=True))
-            case _:
+        (head, parts), (other, others) = map(_opened, todo.pop())
+        if head is not None and other is not None:
+            if head != other:
                 return False
+            there = dict(others)
+            todo.extend((inner, there[name]) for name, inner in parts if name in there)
     return True
 
 
@@ -64,27 +71,22 @@ def implies(special: Pattern, general: Pattern, bound: Set[str] = frozenset()) -
 
     `bound` names the variables that have a value already; any other one that stands once in the general pattern takes what is there.
     """
-    parts = [part for part in walk(general) if isinstance(part, Variable)]
-    free = {part.name for part in parts if part.name not in bound and parts.count(part) == 1}
+    names = Counter(part.name for part in walk(general) if isinstance(part, Variable))
     todo = [(special, general)]
     while todo:
-        match todo.pop():
-            case (_, Anything()):
-                continue
-            case (_, Variable(name)) if name in free:
-                continue
-            case (ObjectPattern(fields), ObjectPattern(others)):
-                there = dict(fields)
-                if any(name not in there for name, _ in others):
-                    return False
-                todo.extend((there[name], inner) for name, inner in others)
-            case (ListPattern(items), ListPattern(others)):
-                if len(items) != len(others):
-                    return False
-                todo.extend(zip(items, others, strict=True))
-            case (one, other):
-                if one != other or isinstance(one, Anything):
-                    return False
+        one, other = todo.pop()
+        if isinstance(other, Anything) or (
+            isinstance(other, Variable) and names[other.name] == 1 and other.name not in bound
+        ):
+            continue
+        (own, parts), (head, demanded) = _opened(one), _opened(other)
+        if own != head or (head is None and one != other):
+            return False
+        there = dict(parts)
+        for name, inner in demanded:
+            if name not in there:
+                return False
+            todo.append((there[name], inner))
     return True
 
 
@@ -97,11 +99,10 @@ class Clash(Exception):
 
 @dataclass(slots=True, eq=False)
 class Unknown:
-    """A value of the least event, and what is known of it; with `same` it is that other one."""
+    """A value of the least event, and what is known of it and of its parts; with `same` it is that other one."""
 
-    literal: Literal | None = None
-    fields: "dict[str, Unknown] | None" = None
-    items: "list[Unknown] | None" = None
+    head: Head = None
+    parts: "dict[str | int, Unknown]" = field(default_factory=dict)
     same: "Unknown | None" = None
 
     def find(self) -> "Unknown":
@@ -111,17 +112,12 @@ class Unknown:
             value = value.same
         return value
 
-    @property
-    def free(self) -> bool:
-        """Whether nothing determines it."""
-        return self.literal is None and self.fields is None and self.items is None
-
 
 @dataclass(slots=True)
 class LeastEvent:
     """The least event that matches the patterns demanded so far."""
 
-    root: Unknown = field(default_factory=lambda: Unknown(fields={}))
+    root: Unknown = field(default_factory=lambda: Unknown("object"))
     bound: dict[str, Unknown] = field(default_factory=dict)
 
     def demand(self, pattern: Pattern) -> None:
@@ -131,40 +127,27 @@ class LeastEvent:
         while todo:
             part, value = todo.pop()
             known = value.find()
-            match part:
-                case Literal():
-                    _unify(known, Unknown(literal=part))
-                case Variable(name):
-                    _unify(self.bound.setdefault(name, known), known)
-                case Anything():
-                    pass
-                case ObjectPattern(fields):
-                    inside = {name: Unknown() for name, _ in fields}
-                    todo.extend((inner, inside[name]) for name, inner in fields)
-                    _unify(known, Unknown(fields=inside))
-                case ListPattern(items):
-                    places = [Unknown() for _ in items]
-                    todo.extend(zip(items, places, strict=True))
-                    _unify(known, Unknown(items=places))
+            if isinstance(part, Variable):
+                _unify(self.bound.setdefault(part.name, known), known)
+            head, parts = _opened(part)
+            if head is not None:
+                inside: dict[str | int, Unknown] = {}
+                for name, inner in parts:
+                    inside[name] = Unknown()
+                    todo.append((inner, inside[name]))
+                _unify(known, Unknown(head, inside))
 
     def finite(self) -> bool:
         """Whether no value would have to contain itself."""
-        done: set[int] = set()
-        path: set[int] = set()
-        todo = [(self.root.find(), False)]
+        below: dict[int, list[int]] = {}
+        todo = [self.root.find()]
         while todo:
-            value, left = todo.pop()
-            if left:
-                path.discard(id(value))
-                done.add(id(value))
-            elif id(value) in path:
-                return False
-            elif id(value) not in done:
-                path.add(id(value))
-                todo.append((value, True))
-                inner = [*(value.fields or {}).values(), *(value.items or ())]
-                todo.extend((part.find(), False) for part in inner if id(part.find()) not in done)
-        return True
+            value = todo.pop()
+            if id(value) not in below:
+                inner = [part.find() for part in value.parts.values()]
+                below[id(value)] = [id(part) for part in inner]
+                todo += inner
+        return not find_cycle(below)
 
     def satisfies(self, pattern: Pattern) -> bool:
         """Whether it matches a pattern, rigid variables as bound so far: then every event does that matches the patterns demanded."""
@@ -175,23 +158,15 @@ class LeastEvent:
         while todo:
             part, value = todo.pop()
             known = value.find()
-            match part:
-                case Literal():
-                    if known.literal != part:
-                        return False
-                case Variable(name):
-                    if not _equal(bound.setdefault(name, known), known):
-                        return False
-                case Anything():
-                    pass
-                case ObjectPattern(fields):
-                    if known.fields is None or not all(name in known.fields for name, _ in fields):
-                        return False
-                    todo.extend((inner, known.fields[name]) for name, inner in fields)
-                case ListPattern(items):
-                    if known.items is None or len(known.items) != len(items):
-                        return False
-                    todo.extend(zip(items, known.items, strict=True))
+            if isinstance(part, Variable) and not _equal(bound.setdefault(part.name, known), known):
+                return False
+            head, parts = _opened(part)
+            if head is not None and head != known.head:
+                return False
+            for name, inner in parts:
+                if name not in known.parts:
+                    return False
+                todo.append((inner, known.parts[name]))
         return True
 
 
@@ -219,31 +194,23 @@ def _unify(one: Unknown, other: Unknown) -> None:
         if a is b:
             continue
         b.same = a
-        if a.free:
-            a.literal, a.fields, a.items = b.literal, b.fields, b.items
-        elif b.free or (a.literal is not None and a.literal == b.literal):
-            continue
-        elif a.fields is not None and b.fields is not None:
-            for name, inner in b.fields.items():
-                if name in a.fields:
-                    todo.append((a.fields[name], inner))
-                else:
-                    a.fields[name] = inner
-        elif a.items is not None and b.items is not None and len(a.items) == len(b.items):
-            todo.extend(zip(a.items, b.items, strict=True))
-        else:
-            raise Clash
+        if a.head is None:
+            a.head, a.parts = b.head, b.parts
+        elif b.head is not None:
+            if a.head != b.head:
+                raise Clash
+            todo.extend((a.parts[name], inner) for name, inner in b.parts.items() if name in a.parts)
+            a.parts = b.parts | a.parts
 
 
 def _equal(one: Unknown, other: Unknown) -> bool:
     todo = [(one, other)]
     while todo:
         a, b = (value.find() for value in todo.pop())
-        if a is b or (a.literal is not None and a.literal == b.literal):
-            continue
-        if a.items is None or b.items is None or len(a.items) != len(b.items):
-            return False  # two objects differ in the field that occurs nowhere else
-        todo.extend(zip(a.items, b.items, strict=True))
+        if a is not b:
+            if a.head is None or a.head == "object" or a.head != b.head:
+                return False  # two objects differ in the field that occurs nowhere else
+            todo.extend((a.parts[name], b.parts[name]) for name in a.parts)
     return True
 
 
@@ -273,7 +240,7 @@ class Overlaps:
         self.patterns = patterns
         self._all = (1 << len(patterns)) - 1
         self._heads = [_heads(pattern) for pattern in patterns]
-        grouped: dict[Path, dict[Hashable, list[int]]] = {}
+        grouped: dict[Path, dict[Head, list[int]]] = {}
         for number, heads in enumerate(self._heads):
             for path, head in heads:
                 grouped.setdefault(path, {}).setdefault(head, []).append(number)
@@ -332,21 +299,14 @@ def _mask(members: int | list[int]) -> int:
     return members if isinstance(members, int) else mask_of(members)
 
 
-def _heads(pattern: Pattern) -> list[tuple[Path, Hashable]]:
+def _heads(pattern: Pattern) -> list[tuple[Path, Head]]:
     """What a pattern demands at each path. Two patterns are compatible exactly when they demand nothing different at any common path."""
-    found: list[tuple[Path, Hashable]] = []
+    found: list[tuple[Path, Head]] = []
     todo: list[tuple[Path, Pattern]] = [((), pattern)]
     while todo:
         path, part = todo.pop()
-        match part:
-            case Literal(value):
-                found.append((path, ("literal", key(value))))
-            case ObjectPattern(fields):
-                found.append((path, "object"))
-                todo.extend(((*path, name), inner) for name, inner in fields)
-            case ListPattern(items):
-                found.append((path, ("list", len(items))))
-                todo.extend(((*path, place), inner) for place, inner in enumerate(items))
-            case Variable() | Anything():
-                pass
+        head, parts = _opened(part)
+        if head is not None:
+            found.append((path, head))
+            todo.extend(((*path, name), inner) for name, inner in parts)
     return found

@@ -52,14 +52,16 @@ def instance(event: LeastEvent) -> tuple[Any, dict[str, Any]]:
     def build(value: Unknown) -> Any:
         value = value.find()
         if id(value) not in made:
-            if value.literal is not None:
-                made[id(value)] = value.literal.value
-            elif value.items is not None:
-                made[id(value)] = [build(item) for item in value.items]
-            elif value.fields is not None:
-                made[id(value)] = {"fresh": len(made), **{name: build(inner) for name, inner in value.fields.items()}}
-            else:
-                made[id(value)] = f"fresh {len(made)}"
+            inner = {name: build(part) for name, part in value.parts.items()}
+            match value.head:
+                case Literal(literal):
+                    made[id(value)] = literal
+                case int():
+                    made[id(value)] = [inner[place] for place in range(value.head)]
+                case "object":
+                    made[id(value)] = {"fresh": len(made), **inner}
+                case _:
+                    made[id(value)] = f"fresh {len(made)}"
         return made[id(value)]
 
     return build(event.root), {name: build(value) for name, value in event.bound.items()}

@@ -49,10 +49,10 @@ UNDEFINED: Final = _Undefined.UNDEFINED
 
 
 class OperatorFacts(NamedTuple):
-    """What is known of an operator.
+    """How tightly an operator binds (`level`), and the value it gives defined operands (None where not all of them are looked at).
 
-    `level` says how tightly it binds, `function` gives the value of defined operands (None where not all of them are looked at). Of a comparison, `negated`
-    is true where it is false (both are defined there), `mirrored` is the same with its sides exchanged, and `compare` is what Python has for it.
+    Of a comparison, `negated` is true where it is false (both are defined there), `mirrored` is the same with its sides exchanged, and
+    `compare` is what Python has for it.
     """
 
     level: int
@@ -246,8 +246,7 @@ _NUMBERS: Final = (int, float)
 def predicate(guard: Guard) -> Predicate:
     """`holds` as a function of a binding, made ready once for a guard that is asked of very many events.
 
-    Only what guards mostly are is made faster: a variable compared with a constant, and `and` over such. Where an operand has another type
-    than the constant, and for every other guard, `holds` itself is asked.
+    Made faster is a variable compared with a constant of its type, and `and` over such; else `holds` itself is asked.
     """
     match guard:
         case Operation(Operator.AND, operands):

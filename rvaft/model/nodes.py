@@ -215,10 +215,9 @@ class Relevant:
     when: Guard | None = None
 
 
-# Topics of ROS: what their names and message types look like, which names are one, and which topic a pattern asks for.
+# Topics of ROS.
 
 _NAME: Final = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z0-9_]+)*")
-_BETWEEN: Final = re.compile(r"[./:]+")
 
 
 def absolute(name: str) -> str:
@@ -237,7 +236,7 @@ def wrong_type(type_: str) -> str | None:
     """Why this is no message type as Python imports it, in a sentence that mends it, or None where it is one."""
     if _importable(type_.split(".")):
         return None
-    words = [word for word in _BETWEEN.split(type_) if word]
+    words = [word for word in re.split(r"[./:]+", type_) if word]
     words = [words[0], "msg", words[1]] if len(words) == 2 else words
     meant = ".".join(words) if _importable(words) else "package.msg.Name"
     return f'"{visible(type_)}" is no message type: it is written as Python imports it, "{meant}"'

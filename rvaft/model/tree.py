@@ -95,8 +95,6 @@ class RVAFT:
         stated = {"ignores": self.ignores, "topics": tuple(self.topics.values()), "causality": self.causality}
         return _rebuilt, (parts, {**stated, "part_of": self.part_of})
 
-    # -- order and structure ------------------------------------------------------------------------------------
-
     @cached_property
     def graph(self) -> "nx.DiGraph":
         """The nodes and their children as a frozen graph of networkx; a node of it has its `Node` as `node`."""
@@ -123,22 +121,20 @@ class RVAFT:
 
     def parents(self, name: str) -> tuple[str, ...]:
         """The reachable parents of a node, in a stable order."""
-        return self._parents.get(name, ())
+        return tuple(self._parents.get(name, ()))
 
     @cached_property
-    def _parents(self) -> Mapping[str, tuple[str, ...]]:
+    def _parents(self) -> Mapping[str, list[str]]:
         parents: dict[str, list[str]] = {}
         for node in self.top_down():
             for child in node.children:
                 parents.setdefault(child, []).append(node.name)
-        return {child: tuple(names) for child, names in parents.items()}
+        return parents
 
     @cached_property
     def shared(self) -> frozenset[str]:
         """The reachable nodes with more than one parent."""
         return frozenset(name for name, parents in self._parents.items() if len(parents) > 1)
-
-    # -- events -------------------------------------------------------------------------------------------------
 
     def pattern(self, name: str) -> Pattern | None:
         """The runtime event of a node with its arguments filled in, or None where it has none."""
@@ -204,8 +200,6 @@ class RVAFT:
         found: Iterator[Branch] = import_module("rvaft.analysis.branches").branches(self)  # branches are above the tree
         return found
 
-    # -- pictures -----------------------------------------------------------------------------------------------
-
     def to_dot(
         self,
         *,
@@ -238,18 +232,9 @@ class RVAFT:
         except (ToolMissing, ToolFailed):
             return None
 
-    # -- value semantics ----------------------------------------------------------------------------------------
-
     def _identity(self) -> tuple[object, ...]:
-        return (
-            self.root,
-            frozenset(self.nodes.values()),
-            frozenset(self.events.values()),
-            self.ignores,
-            frozenset(self.topics.values()),
-            self.causality,
-            self.part_of,
-        )
+        unordered = (frozenset(stated.values()) for stated in (self.nodes, self.events, self.topics))
+        return (self.root, *unordered, self.ignores, self.causality, self.part_of)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RVAFT) and self._identity() == other._identity()

@@ -100,7 +100,7 @@ def losses(tree: RVAFT) -> Iterator[str]:
     nodes = list(tree.top_down())
     counts = {
         "sand gate{} written as pand, which orders failures, not runtime events": sum(
-            node.gate is not None and node.gate.ordered for node in nodes
+            _gate(node)[0] == "pand" for node in nodes
         ),
         "runtime event{} left out": sum(node.on is not None for node in nodes),
         "guard{} left out": sum(node.when is not None for node in nodes),
@@ -121,21 +121,25 @@ def losses(tree: RVAFT) -> Iterator[str]:
         yield f"{count} basic event{'s' * (count != 1)} without a rate or probability, which most tools require"
 
 
-def _statement(node: Node) -> str:
-    children, gate = node.children, ""
+def _gate(node: Node) -> tuple[str, tuple[str, ...]]:
+    """The gate as Galileo calls it, and the children in its order."""
     match node.gate:
         case None:
-            pass
+            return "", node.children
         case Gate.VOT:
-            gate = f"{node.threshold}of{len(node.children)}"
+            return f"{node.threshold}of{len(node.children)}", node.children
         case Gate.SAND:
-            gate = "pand"
+            return "pand", node.children
         case Gate.SAND_RL:
-            gate, children = "pand", children[::-1]
+            return "pand", node.children[::-1]
         case Gate.AND | Gate.OR:
-            gate = node.gate.value
+            return node.gate.value, node.children
         case _ as never:
             assert_never(never)
+
+
+def _statement(node: Node) -> str:
+    gate, children = _gate(node)
     attributes = [f"{key}={value}" for key, value in node.attributes if _is_plain(key, value)]
     return " ".join(filter(None, [_name(node.name), gate, *map(_name, children), *attributes])) + ";"
 

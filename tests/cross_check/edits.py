@@ -27,44 +27,23 @@ def flat(value: Json, path: tuple[object, ...] = ()) -> dict[tuple[object, ...],
     return own | {place: part for name, below in inner for place, part in flat(below, (*path, name)).items()}
 
 
-def changed(before: list[Json], after: list[Json]) -> tuple[Json, Json] | None:
-    """The one value that is another now, and what it is, where nothing else changed."""
-    if len(before) != len(after):
-        return None
+def moved(before: list[Json], after: list[Json]) -> tuple[set[tuple[object, ...]], list[tuple[Json, Json]]]:
+    """The places that are there in one of them alone, without those further in, and the values that became others."""
     old, new = flat(before), flat(after)
-    if old.keys() - new.keys():  # a container became something else, or a field went
-        gone = {place for place in old if place not in new}
-        top = [
-            place
-            for place in new
-            if any(p[: len(place)] == place for p in gone) and repr(new[place]) != repr(old[place])
-        ]
-        rest = [p for p in new if p not in top and repr(new[p]) != repr(old.get(p))]
-        return (old[top[0]], new[top[0]]) if len(top) == 1 and not rest else None
-    places = [place for place in old if repr(old[place]) != repr(new[place])]
-    return (old[places[0]], new[places[0]]) if len(places) == 1 else None
+    gone = old.keys() ^ new.keys()
+    top = {place for place in gone if not any(place[:length] in gone for length in range(len(place)))}
+    return top, [(old[p], new[p]) for p in old.keys() & new.keys() if repr(old[p]) != repr(new[p])]
 
 
 def a_kind(value: Json) -> object:
     return "number" if is_number(value) else value if isinstance(value, type) else type(value)
 
 
-def replaced_throughout(before: list[Json], after: list[Json]) -> bool:
-    """Whether one value became one other wherever it stood."""
-    old, new = flat(before), flat(after)
-    if old.keys() != new.keys():
-        return False
-    places = [place for place in old if repr(old[place]) != repr(new[place])]
-    if not places:
-        return False
-    gone, came = old[places[0]], new[places[0]]
-    went = all(equal(old[place], gone) and repr(new[place]) == repr(came) for place in places)
-    return went and not any(equal(value, gone) for value in new.values() if not isinstance(value, type))
-
-
 def is_edit(kind: Disturbance, tree: RVAFT, before: list[Json], after: list[Json]) -> bool:
     """Whether one trace comes from another by one edit of a kind; told from the traces alone."""
-    added, change = inserted(before, after), changed(before, after)
+    added, (top, changes) = inserted(before, after), moved(before, after)
+    change = changes[0] if len(changes) == 1 and len(before) == len(after) else None
+    scalar = None if top else change
     match kind:
         case Disturbance.EXTRA:
             return added is not None
@@ -78,21 +57,16 @@ def is_edit(kind: Disturbance, tree: RVAFT, before: list[Json], after: list[Json
             pairs = [(a, b) for a, b in zip(written(before), written(after), strict=False) if a != b]
             return len(before) == len(after) and len(pairs) == 2 and pairs[0] == pairs[1][::-1]
         case Disturbance.BOUND:
-            return change is not None and is_number(change[0]) and is_number(change[1]) and not equal(*change)
+            return scalar is not None and is_number(scalar[0]) and is_number(scalar[1]) and not equal(*scalar)
         case Disturbance.TYPE:
             return change is not None and a_kind(change[0]) != a_kind(change[1])
         case Disturbance.NUMBER:
-            return change is not None and equal(*change) and type(change[0]) is not type(change[1])
+            return scalar is not None and equal(*scalar) and type(scalar[0]) is not type(scalar[1])
         case Disturbance.OTHER:
-            return change is not None and a_kind(change[0]) == a_kind(change[1]) and not equal(*change)
+            return scalar is not None and a_kind(scalar[0]) == a_kind(scalar[1]) and not equal(*scalar)
         case Disturbance.THROUGHOUT:
-            return replaced_throughout(before, after)
+            alike = all(equal(old, changes[0][0]) and repr(new) == repr(changes[0][1]) for old, new in changes)
+            left = [one for one in flat(after).values() if not isinstance(one, type)]
+            return bool(changes) and not top and alike and not any(equal(one, changes[0][0]) for one in left)
         case Disturbance.FIELD:
-            old, new = flat(before), flat(after)
-            gone = old.keys() - new.keys()
-            top = min(gone, key=len, default=())
-            return (
-                bool(gone)
-                and all(p[: len(top)] == top for p in gone)
-                and all(repr(new[p]) == repr(old.get(p, new)) for p in new)
-            )
+            return len(top) == 1 and not changes and top <= flat(before).keys()

@@ -3,6 +3,7 @@
 from random import Random
 from typing import Final
 
+from cross_check.letters import untied
 from rvaft.backend import Observed
 from rvaft.language.parser import parse_guard, parse_pattern
 from rvaft.model.guards import Guard, Operation, Operator
@@ -13,8 +14,6 @@ from rvaft.model.patterns import (
     ObjectPattern,
     Pattern,
     Variable,
-    rigid_variables,
-    substitute,
     variables,
 )
 from rvaft.model.values import Json, Scalar
@@ -32,23 +31,7 @@ STEPS: Final = (Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV)
 def question(text: str) -> Observed:
     """A question as it is written in a tree, `PATTERN when GUARD`, with variables of its own."""
     pattern, _, guard = text.partition(" when ")
-    return own(Observed(parse_pattern(pattern), parse_guard(guard) if guard else None))
-
-
-def own(question: Observed) -> Observed:
-    """The question with variables of its own."""
-    by: dict[str, Pattern] = {name: Variable(f"_{name}") for name in rigid_variables(question.pattern)}
-    return Observed(substitute(question.pattern, by), None if question.when is None else _own_guard(question.when))
-
-
-def _own_guard(guard: Guard) -> Guard:
-    match guard:
-        case Variable(name):
-            return Variable(f"_{name}")
-        case Operation(operator, operands):
-            return Operation(operator, tuple(_own_guard(operand) for operand in operands))
-        case _:
-            return guard
+    return untied(Observed(parse_pattern(pattern), parse_guard(guard) if guard else None))
 
 
 def random_question(random: Random, *, calculating: bool) -> Observed:

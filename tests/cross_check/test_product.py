@@ -15,24 +15,25 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 
-LETTERS: tuple[Json, ...] = ({}, {"event": "a"})
+A: Json = {"event": "a"}
 
 
 class Counting(Monitor):
-    """⊤ at the n-th `a`; ⊥ at the first other event, if `strict`."""
+    """⊤ at the n-th `a`, or before any event; ⊥ at the first other event, if `strict`."""
 
     def __init__(self, needed: int, *, strict: bool = False, fails_at: int | None = None) -> None:
         super().__init__()
         self.left = needed
         self.strict = strict
         self.fails_at = fails_at
+        self._verdict = Verdict.UNKNOWN if needed else Verdict.TRUE
 
     @property
     def state(self) -> Hashable:
         return self.left
 
     def _advance(self, event: Json) -> Verdict:
-        if event != LETTERS[1]:
+        if event != A:
             return Verdict.FALSE if self.strict else Verdict.UNKNOWN
         self.left -= 1
         if self.left == self.fails_at:
@@ -40,63 +41,32 @@ class Counting(Monitor):
         return Verdict.TRUE if self.left == 0 else Verdict.UNKNOWN
 
 
-def counting(name: str, needed: int, *, strict: bool = False, fails_at: int | None = None) -> Participant:
-    return Participant(name, lambda: Counting(needed, strict=strict, fails_at=fails_at))
+STRICT = partial(Counting, strict=True)
 
 
-def test_equal_monitors_are_proved_equal() -> None:
-    found = Exploration([counting("one", 3), counting("two", 3)], Letters(LETTERS, ""), limit=100)
-    assert (found.complete, found.differ, found.failed) == (True, {}, {})
-    assert found.verdicts == 8
-
-
-def test_a_difference_is_a_shortest_trace() -> None:
-    found = Exploration([counting("one", 3), counting("two", 5), counting("three", 3)], Letters(LETTERS, ""), limit=100)
-    assert found.differ == {1: ({"event": "a"},) * 3}
-    assert found.complete
-
-
-def test_each_that_differs_has_a_trace_of_its_own() -> None:
-    found = Exploration(
-        [counting("one", 2), counting("two", 1), counting("three", 2, strict=True)], Letters(LETTERS, ""), limit=100
-    )
-    assert found.differ == {1: ({"event": "a"},), 2: ({},)}
-
-
-def test_a_limit_leaves_it_open() -> None:
-    found = Exploration([counting("one", 50), counting("two", 50)], Letters(LETTERS, ""), limit=10)
-    assert not found.complete
-    assert found.differ == {}
-
-
-def test_a_limit_that_is_just_enough() -> None:
-    assert Exploration([counting("one", 3), counting("two", 3)], Letters(LETTERS, ""), limit=4).complete
-    assert not Exploration([counting("one", 3), counting("two", 3)], Letters(LETTERS, ""), limit=3).complete
-
-
-def test_who_fails_is_named_and_the_others_go_on() -> None:
-    found = Exploration(
-        [counting("one", 3), counting("two", 3, fails_at=1), counting("three", 4)], Letters(LETTERS, ""), limit=100
-    )
-    assert list(found.failed) == [1]
-    assert found.differ == {2: ({"event": "a"},) * 3}
-
-
-@pytest.mark.parametrize("first", [counting("one", 3, fails_at=2)])
-def test_without_the_first_nothing_is_compared(first: Participant) -> None:
-    found = Exploration([first, counting("two", 1)], Letters(LETTERS, ""), limit=100)
-    assert list(found.failed) == [0]
-    assert not found.complete
-
-
-def test_a_difference_before_any_event() -> None:
-    class Done(Counting):
-        def __init__(self) -> None:
-            super().__init__(1)
-            self._verdict = Verdict.TRUE
-
-    found = Exploration([counting("one", 1), Participant("done", Done)], Letters(LETTERS, ""), limit=100)
-    assert found.differ == {1: ()}
+@pytest.mark.parametrize(
+    ("monitors", "limit", "complete", "differ", "failed"),
+    [
+        ([partial(Counting, 3)] * 2, 100, True, {}, []),
+        # a difference is a shortest trace, and each that differs has one of its own
+        ([partial(Counting, 3), partial(Counting, 5), partial(Counting, 3)], 100, True, {1: (A, A, A)}, []),
+        ([partial(Counting, 2), partial(Counting, 1), partial(STRICT, 2)], 100, True, {1: (A,), 2: ({},)}, []),
+        ([partial(Counting, 1), partial(Counting, 0)], 100, True, {1: ()}, []),
+        # a limit leaves it open, unless it is just enough
+        ([partial(Counting, 50)] * 2, 10, False, {}, []),
+        ([partial(Counting, 3)] * 2, 4, True, {}, []),
+        ([partial(Counting, 3)] * 2, 3, False, {}, []),
+        # who fails is named and the others go on; without the first nothing is compared
+        ([partial(Counting, 3), partial(Counting, 3, fails_at=1), partial(Counting, 4)], 100, True, {2: (A,) * 3}, [1]),
+        ([partial(Counting, 3, fails_at=2), partial(Counting, 3)], 100, False, {}, [0]),
+    ],
+)
+def test_what_is_shown(
+    monitors: list[partial[Counting]], limit: int, complete: bool, differ: dict[int, object], failed: list[int]
+) -> None:
+    participants = [Participant(str(number), monitor) for number, monitor in enumerate(monitors)]
+    found = Exploration(participants, Letters(({}, A), ""), limit=limit)
+    assert (found.complete, found.differ, list(found.failed)) == (complete, differ, failed)
 
 
 class Remembering(Monitor):

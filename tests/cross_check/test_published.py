@@ -54,15 +54,10 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path, script: str) -> None:
     monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
 
 
-def test_a_folder_that_is_no_checkout(tmp_path: Path) -> None:
-    with pytest.raises(ToolMissing, match="RMLatDIBRIS/monitor") as caught:
-        run(SEQUENCE, [[A]], tmp_path, timeout=5)
-    assert str(tmp_path) in str(caught.value)
-    with pytest.raises(ToolMissing, match="is no checkout"):
-        run(SEQUENCE, [[A]], tmp_path / "nowhere", timeout=5)
-
-
-def test_no_swipl(monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path) -> None:
+def test_what_is_missing(monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(ToolMissing, match=f"{folder} is no checkout of it .*RMLatDIBRIS/monitor"):
+            run(SEQUENCE, [[A]], folder, timeout=5)
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(ToolMissing, match="swipl is not installed: install SWI-Prolog"):
         run(SEQUENCE, [[A]], checkout, timeout=5)
@@ -73,23 +68,24 @@ def test_other_prolog_is_refused(checkout: Path) -> None:
         run("trace_expression('Main', 1).", [[A]], checkout, timeout=5)
 
 
-def test_traces_that_are_not_reached_in_time_have_an_error(
-    monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    ("script", "answers"),
+    [
+        (
+            """echo '{"loaded": true}'; echo '{"verdicts": ["unknown"]}'; exec sleep 60""",
+            [Answer((Q,)), Answer(error="timeout: no answer within 1 s", expired=True)],
+        ),
+        (
+            """echo '{"loaded": true}'; echo '{"error": "type_error(x)"}'; printf '{"verd'; echo 'Stack!' >&2; exit 3""",
+            [Answer(error="type_error(x)"), Answer(error="the monitor ended early: Stack!")],
+        ),
+    ],
+)
+def test_who_is_late_or_dies_has_answered_what_it_has_answered(
+    monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path, script: str, answers: list[Answer]
 ) -> None:
-    pretend(monkeypatch, tmp_path, """echo '{"loaded": true}'; echo '{"verdicts": ["unknown"]}'; exec sleep 60""")
-    found = run(SEQUENCE, [[A], [B]], checkout, timeout=1)
-    assert found == [Answer((Q,)), Answer(error="timeout: no answer within 1 s", expired=True)]
-
-
-def test_a_monitor_that_dies_has_answered_what_it_has_answered(
-    monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path
-) -> None:
-    script = (
-        """echo '{"loaded": true}'; echo '{"error": "type_error(x)"}'; printf '{"verd'; echo 'Stack!' >&2; exit 3"""
-    )
     pretend(monkeypatch, tmp_path, script)
-    found = run(SEQUENCE, [[A], [B]], checkout, timeout=20)
-    assert found == [Answer(error="type_error(x)"), Answer(error="the monitor ended early: Stack!")]
+    assert run(SEQUENCE, [[A], [B]], checkout, timeout=1) == answers
 
 
 @pytest.mark.parametrize(
@@ -141,6 +137,9 @@ def test_exceptions_belong_to_their_trace(checkout: Path) -> None:
     assert errors[5].startswith("@(") or errors[5].startswith("f(f(")
     assert [found[i].verdicts for i in (1, 2, 3, 6, 7)] == [(Q, T, T), (Q,), (F, F), (Q, Q), ()]
     assert [result.verdicts is None for result in found] == [bool(error) for error in errors]
+    (checkout / "trace_expressions_semantics.pl").write_text(ODD.splitlines()[1] + "\nnext(")
+    with pytest.raises(ToolFailed, match=r"cannot load the specification: .*yntax error"):
+        run(SEQUENCE, [[A]], checkout, timeout=60)
 
 
 @pytest.mark.slow
@@ -151,15 +150,6 @@ def test_what_takes_all_memory_or_all_time(checkout: Path) -> None:
     assert "resource_error" in deep.error
     assert after == Answer((Q,))
     assert loop.error == never.error == "timeout: no answer within 25 s"
-
-
-@needs_swipl
-def test_a_monitor_that_does_not_load(checkout: Path) -> None:
-    (checkout / "trace_expressions_semantics.pl").write_text(
-        ":- module(trace_expressions, [next/3, may_halt/1]).\nnext("
-    )
-    with pytest.raises(ToolFailed, match=r"cannot load the specification: .*yntax error"):
-        run(SEQUENCE, [[A]], checkout, timeout=60)
 
 
 # -- the published monitor, and its copy in ROSMonitoring's RML oracle -------------------------------------------------

@@ -1,10 +1,7 @@
 """Many comparisons: one order, whatever the number of processes, and nothing lost when one dies."""
 
 import os
-import time
 from dataclasses import dataclass, replace
-
-import pytest
 
 from cross_check.campaign import Task, campaign, catalogue, run
 from cross_check.comparison import Roster
@@ -15,7 +12,6 @@ from rvaft.analysis.scenarios import most_scenarios
 from rvaft.language.printer import dumps
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import scenarios
-from rvaft.support.budget import Expired, within
 
 ROSTER = Roster(backends=("rml",))
 
@@ -57,19 +53,7 @@ def test_a_part_that_is_not_there_is_a_result() -> None:
     task = Task(loads("toplevel r; r or a b;"), Job("tree", Semantics.STRICT, branch=3), ROSTER, Effort())
     (result,) = task.run()
     assert result.status is Status.COULD_NOT_RUN
-    assert "no branch 3" in result.why or "branch 3" in result.why
-
-
-def spin() -> None:
-    while True:
-        pass
-
-
-def test_time_is_limited() -> None:
-    with pytest.raises(Expired), within(0.05):
-        spin()
-    with within(None):
-        time.sleep(0.06)  # the clock that ran before is stopped
+    assert "branch 3" in result.why
 
 
 def test_campaigns_depend_on_their_seed_alone() -> None:

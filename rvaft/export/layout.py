@@ -14,13 +14,11 @@ from enum import Enum
 from functools import cached_property
 from typing import Final, NamedTuple
 
-import networkx as nx
-
 from rvaft.analysis.branches import branch as branch_of
 from rvaft.errors import OptionError
 from rvaft.model.expressions import guard_text, on_text
 from rvaft.model.nodes import Gate, Kind, Node
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json
 from rvaft.monitors import Explanation
 from rvaft.support.terminal import visible
@@ -203,7 +201,9 @@ def view(tree: RVAFT, look: Look) -> View:
     nodes = tuple(node for node in tree.top_down() if node.name in drawn)
     cut = [node.name for node in nodes if not drawn.issuperset(node.children)]
     cut += [name for name in look.collapse if tree.nodes[name].children and name in drawn]
-    return View(nodes, {name: len(nx.descendants(tree.graph, name) - drawn) for name in cut})
+    return View(
+        nodes, {name: len(set(reachable(name, lambda above: tree.nodes[above].children)) - drawn) for name in cut}
+    )
 
 
 def gate_text(node: Node) -> str:

@@ -10,9 +10,11 @@ from failures; a refusal of what the caller requires is one. Of a backend that i
 is missing, `ToolMissing` goes through to the caller.
 """
 
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.resources import files
 from itertools import islice, product, zip_longest
 from random import Random
 from typing import Final, TypeAlias
@@ -22,7 +24,7 @@ from rvaft.api import loads
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.model.expressions import GATES
-from rvaft.model.guards import ORDERINGS, Guard, Operation, holds, walk
+from rvaft.model.guards import ORDERINGS, Operation, holds, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Literal, Variable, match, variables
 from rvaft.model.tree import RVAFT
@@ -53,80 +55,8 @@ class Example:
 WRITTEN_GATES = (*GATES, "1of{n}", "2of{n}", "3of{n}")
 EVENTS = "event at(k) = { k: k }; event px(p) = { x: p }; event py(p) = { y: p }; event pxy(p, q) = { x: p, y: q }; "
 
-SHARED = {
-    "a leaf under two and gates": "r and p q; p and a s; q and b s;",
-    "a leaf under two or gates": "r and p q; p or a s; q or b s;",
-    "a leaf that ends two sequences": "r and p q; p sand a s; q sand b s;",
-    "a leaf that starts two sequences": "r and p q; p sand s a; q sand s b;",
-    "a leaf that ends one sequence and starts another": "r and p q; p sand a s; q sand s b;",
-    "a leaf in a vote and outside": "r and v s; v 2of3 a b s;",
-    "a leaf in two votes": "r sand v w; v 2of3 a b s; w 1of2 s c;",
-    "a leaf in an alternative and a sequence": "r and p q; p or a s; q sand s b;",
-    "a sequence that only one alternative asks for": "r and p q t; p or s a; q or b c; t or u a; u sand b s;",
-    "a choice below two gates": "r and p q; p and c a; q and c b; c or d e;",
-    "a gate with an event below two gates": "r and p q; p sand a g; q sand b g; g and c on at(1);",
-    "a gate with an event below two alternatives": "r or p q; p sand a g; q sand g b; g and c on at(1);",
-    "an infeasible alternative": "r and s t; s or p a; p sand b c; t sand c b;",
-    "an infeasible sequence in a choice": "r or a p; p sand q t; q and b c; t and c a;",
-    "a shared choice in a sequence": "r sand p q; p or a c; q or c b;",
-}
-
-PLAIN = {
-    "a vote before an event": "r sand v d; v 2of3 a b c;",
-    "a vote after an event": "r sand d v; v 2of3 a b c;",
-    "a vote over a sequence": "r 2of3 s b c; s sand a d;",
-    "a vote over votes": "r 2of2 v w; v 1of2 a b; w 2of3 c d e;",
-    "alternatives with a common start": "r or p q; p sand a b; q sand a c;",
-    "alternatives of different length": "r sand p c; p or a q; q sand a b;",
-    "an event that returns": "r sand p q t; p and a on at(1); q and b on at(2); t and c on at(1);",
-    "an N": "r and s t; s sand a c; t sand b m; m and c d;",
-    "an event on a gate of alternatives": "r sand g c; g or a b on at(1);",
-    "an event on a vote": "r sand g d; g 2of3 a b c on at(1);",
-    "an event on the root": "r and a b on at(1);",
-    "a constant guard": "r or p b; p and a z; z when 1 > 2;",
-    "a guard that always holds": "r and a z; z when 1 < 2;",
-    "deep": "r sand a p; p or q t; q and b s; s sand c d; t sand_rl e u; u and b c;",
-}
-
-OVERLAPPING = {
-    "one event for two": "r and a b; a on px(1); b on py(1);",
-    "one event for two in sequence": "r sand a b; a on px(1); b on py(1);",
-    "one event for two alternatives": "r or p q; p sand a c; q sand b d; a on px(1); b on py(1);",
-    "two nodes with the same event": "r and a b c; a on at(1); b on at(1); c on at(2);",
-    "a general and a special event": "r sand p c; p and a b; a on px(_); b on px(1); c on py(_);",
-    "a vote over overlapping events": "r 2of3 a b c; a on px(1); b on py(1); c on pxy(_, _);",
-    "relevant by another node only": "r or p b; p sand a c; a on px(1); b on px(_); c on py(2);",
-    "same event along a sequence": "r sand a b c; a on at(1); b on at(1); c on at(1);",
-}
-
-IGNORING = {
-    "ignored by a guard": "ignore px(V) when V > 1; r sand a b; a on px(_); b on py(_);",
-    "ignored by the order of strings": 'ignore px(V) when V > "1"; r sand a b; a on px(_); b on py(_);',
-    "ignored outright": "ignore pxy(_, _); r and a b; a on px(1); b on py(1);",
-    "a node that waits for what is ignored": "ignore py(_); r sand a b; a on px(1); b on py(1);",
-}
-
-VARIABLES = {
-    "one value twice": "r sand a b; a on px(X); b on py(X);",
-    "one value in any order": "r and a b; a on px(X); b on py(X);",
-    "two values": "r and a b; a on px(X); b on py(Y);",
-    "two values that must differ": "r sand a b z; a on px(X); b on py(Y); z when X != Y;",
-    "two bindings at once": "r sand p c; p and a b; a on px(X); b on px(Y); c on pxy(X, Y);",
-    "a value given up": "r or p q; p sand a b; q sand c d; a on px(X); b on py(X); c on px(Y); d on pxy(Y, 1);",
-    "a guard on an event": "r sand a b; a on px(X) when X > 1; b on py(_);",
-    "a guard on a later event": "r sand a b; a on px(X); b on py(Y) when Y > X;",
-    "a guard on a gate": "r sand g c; g and a b when X == Y; a on px(X); b on py(Y); c on at(1);",
-    "guards as alternatives": "r sand a c; a on px(X); c or low high; low when X < 2; high when X > 2;",
-    "a guard or an event": "r sand a c b; a on px(X); c or big next; big when X > 2; next on at(1); b on py(_);",
-    "a guard in a vote": "r and a v; a on px(X); v 2of3 big b c; big when X > 1; b on at(1); c on at(2);",
-    "guards of a vote": "r and a v; a on px(X); v 2of3 s t u; s when X > 0; t when X > 1; u when X < 2;",
-    "a guard on a shared node": "r and p q; p and s a; q and s b; s on px(X) when X > 1; a on at(1); b on py(X);",
-    "a value inside one event": "r sand a b; a on pxy(X, X); b on px(X);",
-    "a guard of three variables": "r and a b c z; a on px(X); b on py(Y); c on at(Z); z when X + Y == Z;",
-    "bound by alternatives": "r sand p c; p or a b; a on px(X); b on py(X); c on at(X);",
-    "ignored by values": "ignore px(V) when V < 1; r sand a b; a on px(X); b on pxy(_, X);",
-    "undefined guards": "r sand a b; a on px(X); b or y z; y when X > 1; z when not (X > 1);",
-}
+GROUPS: dict[str, dict[str, str]] = tomllib.loads(files("backends").joinpath("conformance.toml").read_text("utf-8"))
+"""Trees by what they are about."""
 
 DETERMINATE = {
     "one value twice",
@@ -179,13 +109,13 @@ def examples() -> Iterator[Example]:
     for outer, inner in product((*GATES, "2of3"), repeat=2):
         text = f"r {outer} a g{' d' * (outer == '2of3')}; g {inner} b c{' e' * (inner == '2of3')};"
         yield _default(text, text)
-    for name, text in (PLAIN | SHARED).items():
+    for name, text in (GROUPS["plain"] | GROUPS["shared"]).items():
         yield _default(name, text)
         yield _default(f"{name}, bottom up", f"causality bottom_up; {text}")
     values: list[Json] = [{"x": 1}, {"y": 1}, {"x": 1, "y": 1}, {"x": 2}, {"y": 2}, {"k": 1}, {"k": 2}]
-    for name, text in (OVERLAPPING | IGNORING).items():
+    for name, text in (GROUPS["overlapping"] | GROUPS["ignoring"]).items():
         yield Example(name, _tree(text), tuple(values))
-    for name, text in VARIABLES.items():
+    for name, text in GROUPS["variables"].items():
         events = [event for event in VALUES if "k" not in event or "at(" in text]
         events += [*(PAIRS if "pxy" in text else ()), {"x": "1"}, {"x": 1.0}]
         yield Example(name, _tree(text), tuple(events), name in DETERMINATE)
@@ -251,14 +181,10 @@ def strings_ordered(tree: RVAFT, semantics: Semantics) -> bool:
     asked = [node.when for node in tree.top_down()]
     if semantics is Semantics.PROJECTED:
         asked += [entry.when for entry in tree.alphabet] + [ignore.when for ignore in tree.ignores]
-    return any(_orders_a_string(part) for guard in asked if guard is not None for part in walk(guard))
-
-
-def _orders_a_string(part: Guard) -> bool:
-    if not isinstance(part, Operation) or part.operator not in ORDERINGS:
-        return False
-    kinds = [type(one.value) if isinstance(one, Literal) else type(one) for one in part.operands]
-    return Variable in kinds and str in kinds
+    parts = [part for guard in asked if guard is not None for part in walk(guard)]
+    ordering = [part for part in parts if isinstance(part, Operation) and part.operator in ORDERINGS]
+    kinds = ([type(one.value) if isinstance(one, Literal) else type(one) for one in part.operands] for part in ordering)
+    return any(Variable in some and str in some for some in kinds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,7 +265,8 @@ def run(
             if backend.readable:
                 tried = list(traces(example, words, Random(f"{seed} {example.name}")))  # noqa: S311 -- no secret
                 try:
-                    found += _start(specification)
+                    if specification.monitor().verdict is not Verdict.UNKNOWN:
+                        found.append(("start", "the verdict before any event is not unknown", ()))
                 except LanguageError as error:
                     found.append(("readable", f"the backend cannot read its own text: {error.message}", ()))
                 else:
@@ -379,11 +306,6 @@ def _text(backend: Backend, tree: RVAFT, semantics: Semantics, specification: Sp
         yield "language", f"{specification.language} is not {backend.language}", ()
     if specification.metrics.symbols <= 0:
         yield "metrics", f"{specification.metrics.symbols} symbols", ()
-
-
-def _start(specification: Specification) -> Iterator[Finding]:
-    if specification.monitor().verdict is not Verdict.UNKNOWN:
-        yield "start", "the verdict before any event is not unknown", ()
 
 
 def _verdicts(

@@ -57,7 +57,7 @@ def advance(
     for (known, state), bound in slices.items():
         seen = {known}
         for binding in chain([bound], extensions(state, bound)):
-            assignment = known if binding is bound else _assignment(binding)
+            assignment = known if binding is bound else fingerprint(binding)
             if assignment in seen and binding is not bound:
                 continue
             seen.add(assignment)
@@ -68,7 +68,7 @@ def advance(
                 case Verdict.UNKNOWN:
                     if binding and matter is not None and not (names := matter(to)) >= binding.keys():
                         kept = {name: value for name, value in binding.items() if name in names}
-                        after[_assignment(kept), to] = kept
+                        after[fingerprint(kept), to] = kept
                     else:
                         after[assignment, to] = binding
                 case Verdict.FALSE:
@@ -89,10 +89,6 @@ def passes(guard: Guard, binding: Binding) -> bool:
     [True, True, True, False]
     """
     return not all(name in binding for name in variables(guard)) or holds(guard, binding)
-
-
-def _assignment(binding: Binding) -> Assignment:
-    return fingerprint(binding)
 
 
 def _is_redundant(assignment: Assignment, state: int, slices: Slices) -> bool:

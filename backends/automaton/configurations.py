@@ -116,10 +116,9 @@ class Plan:
         self._guards = mask_of(structure.guard_bits.values())
         self._choosing = mask_of(self.choices)
         self._events = mask_of(self.moments)
-        self._binders = {
-            guard: mask_of(event for event, moment in self.moments.items() if moment.bound >> guard & 1)
-            for guard in bits(self._guards)
-        }
+        self._binders = dict.fromkeys(bits(self._guards), 0)
+        for event, moment in self.moments.items():
+            self._binders.update((guard, self._binders[guard] | 1 << event) for guard in bits(moment.bound))
         self.width = self._events.bit_length()
         """How many bits its sets may have: what steps cost grows with it."""
         self.start = self._tidy(Remainder(number, mandatory[form.root]))

@@ -87,7 +87,7 @@ def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, *,
                 best = [*(other for other in best if not plans[one.plan].dominates(one, other)), one]
         start = best
     automaton = Automaton(numbered(frozenset(start)))
-    edges, cost = 0, 1 + max(plan.width for plan in plans) // 20
+    edges, cost = 0, 50 + max(plan.width for plan in plans) // 10  # steps for a letter
     for state in waiting:
         successors = _Successors(plans, sorted(state), scattered=scattered, work=work)
         row = StateRow(mask_of(successors.by_atom), {}, {})

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 from rvaft.analysis.unification import LeastEvent, Overlaps, least
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern, Variable, rigid_variables, substitute
-from rvaft.support.bits import bits, mask_of
+from rvaft.support.bits import bits, mask_of, union
 
 
 def apart(pattern: Pattern) -> Pattern:
@@ -44,8 +44,12 @@ class FeasibleLetters:
 
     def __init__(self, patterns: Sequence[Pattern], relevance: Relevance | None = None) -> None:
         self._patterns = tuple(patterns)
+        self._having: dict[str, int] = {}  # for each rigid variable the atoms that have it
+        for atom, pattern in enumerate(self._patterns):
+            self._having.update((name, self._having.get(name, 0) | 1 << atom) for name in rigid_variables(pattern))
         alphabet, ignored = ((), ()) if relevance is None else relevance
         entries = tuple(dict.fromkeys(apart(pattern) for pattern, _ in alphabet))
+        self._plain = ~union(self._having.values())
         self._decisive = (*self._patterns, *entries)
         self._entries = {entry: index for index, entry in enumerate(entries, len(self._patterns))}
         self._ignored = tuple(apart(pattern) for pattern, guard in ignored if guard is None)
@@ -129,4 +133,6 @@ class FeasibleLetters:
         return event is not None and any(event.satisfies(ignored) for ignored in self._ignored)
 
     def _satisfied(self, event: LeastEvent, among: int) -> int:
-        return mask_of(atom for atom in bits(among) if event.satisfies(self._patterns[atom]))
+        bound = union(self._having.get(name, 0) for name in event.bound)
+        possible = among & (bound | self._plain)  # a variable without a value is that of no event
+        return mask_of(atom for atom in bits(possible) if event.satisfies(self._patterns[atom]))

@@ -20,7 +20,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.tree import RVAFT
-from rvaft.support.bits import mask_of, union
+from rvaft.support.bits import union
 
 STEPS: Final = 1000
 """How many steps of the construction the limit allows for each state it allows."""
@@ -68,11 +68,10 @@ class Structure:
     @cached_property
     def bound(self) -> tuple[int, ...]:
         """For each atom the guards that have one of its variables."""
-        needs = [(number, set(variables(guard))) for guard, number in self.guard_bits.items()]
-        return tuple(
-            mask_of(number for number, names in needs if not names.isdisjoint(rigid_variables(pattern)))
-            for pattern in self.patterns
-        )
+        having: dict[str, int] = {}
+        for guard, number in self.guard_bits.items():
+            having.update((name, having.get(name, 0) | 1 << number) for name in variables(guard))
+        return tuple(union(having.get(name, 0) for name in rigid_variables(pattern)) for pattern in self.patterns)
 
 
 def structure(tree: RVAFT) -> Structure:

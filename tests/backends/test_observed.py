@@ -1,4 +1,4 @@
-"""What backends say that their texts ask of events, held against their readers: equal answers, equal effects."""
+"""Random trees through the suite, and what backends say that their texts ask of events: no event is outside of it."""
 
 from collections.abc import Mapping
 from random import Random
@@ -6,7 +6,7 @@ from random import Random
 import pytest
 
 from backends import conformance
-from backends.conformance import examples
+from backends.conformance import Example, examples
 from backends.rml import RmlBackend
 from cross_check.generate.traces import random_event
 from cross_check.generate.trees import VARIABLE_FREE, Shape, random_tree
@@ -19,14 +19,9 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from tests.backends.observing import differing
 
 SHAPE = Shape(max_nodes=7, variables=0, typed_events=0.8, guards=0.4, ignores=0.6)
 BACKENDS = ["rml", "rml-paper", *(pytest.param(name, marks=pytest.mark.spot) for name in ("ltlf", "automaton"))]
-
-
-REFUSALS = (NotExpressible, TooLarge, TreeError)
-"""`rml-paper` finds no branch in some valid trees."""
 
 
 def pool(random: Random, tree: RVAFT, size: int) -> list[Json]:
@@ -38,67 +33,57 @@ def pool(random: Random, tree: RVAFT, size: int) -> list[Json]:
     return [{}, {"noise": 1}, *events]
 
 
-@pytest.mark.parametrize("name", BACKENDS)
-@pytest.mark.parametrize("semantics", list(Semantics))
-def test_equal_answers_have_equal_effects(name: str, semantics: Semantics) -> None:
+def asked(name: str, tree: RVAFT, semantics: Semantics) -> tuple[Observed, ...] | None:
+    """What the text of a tree asks; None where it has none (`rml-paper` finds no branch in some valid trees)."""
     if name in ("ltlf", "automaton"):
         pytest.importorskip("spot")
-    made, compared = backend(name), 0
-    for seed in range(40):
-        random = Random(f"{seed} {semantics}")
+    try:
+        return backend(name).observed(backend(name).translate(tree, semantics).text)
+    except (NotExpressible, TooLarge, TreeError):
+        return None
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_random_trees_conform_and_equal_answers_have_equal_effects(name: str) -> None:
+    trees = []
+    for seed in range(30):
+        random = Random(seed)
         tree = random_tree(random, SHAPE if seed % 4 else VARIABLE_FREE)
-        try:
-            specification = made.translate(tree, semantics)
-        except REFUSALS:
-            continue
-        questions = made.observed(specification.text)
-        assert questions is not None
-        assert all(name.startswith("_") for question in questions for name in variables(question.pattern))
-        events = pool(random, tree, 30)
-        compared += 1
-        for _ in range(3):
-            monitor = specification.monitor()
-            for event in random.sample(events, random.randint(0, 3)):
-                monitor.step(event)
-            assert differing(monitor, questions, events) == [], (seed, specification.text)
-    assert compared >= 15 or name == "rml-paper"
+        questions = asked(name, tree, Semantics.PROJECTED)
+        if questions is not None:
+            assert all(word.startswith("_") for question in questions for word in variables(question.pattern))
+            trees.append(Example(str(seed), tree, tuple(pool(random, tree, 9))))
+    report = conformance.run(backend(name), Reference, required=lambda *_: False, trees=trees, words=4)
+    wrong = [failure for failure in report.failures if name != "rml-paper" or failure.check == "observed"]
+    assert wrong == []
+    assert report.translations >= 40 or name == "rml-paper"
 
 
 @pytest.mark.parametrize("name", BACKENDS)
 def test_no_event_is_outside_the_letters_of_a_text(name: str) -> None:
-    if name in ("ltlf", "automaton"):
-        pytest.importorskip("spot")
-    made, complete = backend(name), 0
+    complete = 0
     for seed in range(40):
         random = Random(seed)
         tree = random_tree(random, SHAPE)
-        try:
-            questions = made.observed(made.translate(tree, Semantics.PROJECTED).text)
-            assert questions is not None
-            found = letters(questions)
-        except REFUSALS:
+        questions = asked(name, tree, Semantics.PROJECTED)
+        if questions is None:
             continue
-        if found.gap:
-            assert found.gap != VARIABLES
-            continue
-        complete += 1
-        known = {answers(questions, event) for event in found.events}
-        for event in pool(random, tree, 60):
-            assert answers(questions, event) in known, (seed, event)
+        found = letters(questions)
+        assert found.gap != VARIABLES
+        if not found.gap:
+            complete += 1
+            known = {answers(questions, event) for event in found.events}
+            for event in pool(random, tree, 60):
+                assert answers(questions, event) in known, (seed, event)
     assert complete >= 10
 
 
 @pytest.mark.parametrize("name", BACKENDS)
 def test_variables_are_told(name: str) -> None:
-    if name in ("ltlf", "automaton"):
-        pytest.importorskip("spot")
-    made, told = backend(name), 0
+    told = 0
     for seed in range(30):
         tree = random_tree(Random(seed), Shape(max_nodes=4, variables=1, typed_events=1, guards=0.3))
-        try:
-            questions = made.observed(made.translate(tree, Semantics.STRICT).text)
-        except REFUSALS:
-            continue
+        questions = asked(name, tree, Semantics.STRICT)
         if questions is not None and tree.variables:
             told += letters(questions).gap != ""
     assert told >= 3

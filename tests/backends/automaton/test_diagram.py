@@ -16,7 +16,7 @@ from backends.automaton.hoa_writer import Cube, write
 from backends.automaton.structure import Work
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
-from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
+from rvaft import NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
 from rvaft.analysis.branches import restrict
 from rvaft.backend import all_backends, backend
 from rvaft.export import picture
@@ -44,18 +44,13 @@ def edges(dot: str) -> dict[tuple[str, str], list[str]]:
 
 def test_a_sequence() -> None:
     dot = drawn("top sand a b;", "strict")
-    assert edges(dot) == {
-        ("start", "s0"): [],
-        ("s0", "s2"): ["a"],
-        ("s0", "s1"): ["else"],
-        ("s2", "s3"): ["b"],
-        ("s2", "s1"): ["else"],
-    }
+    leading = {("s0", "s2"): ["a"], ("s0", "s1"): ["else"], ("s2", "s3"): ["b"], ("s2", "s1"): ["else"]}
+    assert edges(dot) == {("start", "s0"): [], **leading}
     assert "s3 [label=<⊤>, shape=doublecircle]" in dot
     assert "s1 [label=<⊥>" in dot
 
 
-def test_events_and_guards_stand_for_propositions() -> None:
+def test_events_and_guards_stand_for_propositions_and_lines_that_go_on_are_indented() -> None:
     dot = AutomatonBackend().diagram(load(PRUNED), Semantics.PROJECTED)
     lines = [line for label in edges(dot).values() for line in label]
     assert 'result(Waypoint, "success")' in lines
@@ -63,6 +58,9 @@ def test_events_and_guards_stand_for_propositions() -> None:
     assert 'move(NewWp, T2) [NewWp != "entrance"; not (T2 >= T1 + 10)]' in lines
     assert "radiation(Value, T1) [Value >= 250]" in lines, "T2 has no value yet, so nothing is asked of it"
     assert not any("guard_" in line or "alive" in line for line in lines)
+    one, other = re.findall(r"<td [^>]*>(.*?)</td>", re.findall(r"s0 -> s2 \[label=<(.*)>\];", dot)[0])
+    assert one == 'move(Waypoint, _)<br align="left"/>'
+    assert other == 'result(Waypoint,<br align="left"/>&#160;&#160;&quot;success&quot;)<br align="left"/>'
 
 
 @pytest.mark.parametrize("semantics", list(Semantics))
@@ -91,8 +89,9 @@ def test_letters_that_share_events_say_so() -> None:
 
 def test_joining_keeps_the_letters() -> None:
     random = Random("joined")
-    for _ in range(200):
-        those = [_cube(random) for _ in range(random.randint(1, 8))]
+    for _ in range(100):
+        words = [(random.randrange(64), random.randrange(64)) for _ in range(random.randint(1, 8))]
+        those = [Cube(yes, no & ~yes) for yes, no in words]
         after = joined(those, 0b111)
         assert len(after) <= len(set(those))
         for letter in range(64):
@@ -100,40 +99,33 @@ def test_joining_keeps_the_letters() -> None:
             assert any(c.covers(held) for c in those) == any(c.covers(held) for c in after)
 
 
-def _cube(random: Random) -> Cube:
-    yes = random.randrange(64)
-    return Cube(yes, random.randrange(64) & ~yes)
+WIDE = f"top and {' '.join(f'a{n}' for n in range(9))};"
+TOO_MUCH = [
+    (WIDE, "projected", None, r"513 states are too many to draw \(limit 100\)"),
+    (f"top or {' '.join(f'a{n}' for n in range(40))};", "strict", 3, "labels are too many to draw"),
+    (
+        f"top and {' '.join(f'a{n}' for n in range(60))};",
+        "strict",
+        None,
+        r"states of the automaton, too many to draw \(limit 100\)",
+    ),
+]
 
 
-def test_a_drawing_has_its_limit() -> None:
-    wide = f"top and {' '.join(f'a{n}' for n in range(9))};"
-    with pytest.raises(TooLarge, match=r"513 states are too many to draw \(limit 100\)"):
-        drawn(wide)
-    with pytest.raises(TooLarge, match=r"labels are too many to draw"):
-        drawn("top or " + " ".join(f"a{n}" for n in range(40)) + ";", "strict", limit=3)
-    huge = f"top and {' '.join(f'a{n}' for n in range(60))};"
-    with pytest.raises(TooLarge, match=r"states of the automaton, too many to draw \(limit 100\)"):
-        drawn(huge)
-    assert len(edges(drawn(wide, limit=600))) > 2000
+@pytest.mark.parametrize(("tree", "semantics", "limit", "message"), TOO_MUCH)
+def test_a_drawing_has_its_limit(tree: str, semantics: str, limit: int | None, message: str) -> None:
+    with pytest.raises(TooLarge, match=message):
+        drawn(tree, semantics, limit)
 
 
-def test_other_languages_have_nothing_to_draw() -> None:
-    tree = loads("top sand a b;")
-    for name in all_backends():
-        if name != "automaton":
-            with pytest.raises(NotExpressible, match="no graphs"):
-                backend(name).diagram(tree, Semantics.STRICT)
+def test_the_limit_can_be_raised_and_other_languages_have_nothing_to_draw() -> None:
+    assert len(edges(drawn(WIDE, limit=600))) > 2000
+    for name in all_backends().keys() - {"automaton"}:
+        with pytest.raises(NotExpressible, match="no graphs"):
+            backend(name).diagram(loads("top sand a b;"), Semantics.STRICT)
 
 
-def test_lines_that_go_on_are_indented_and_alternatives_are_not() -> None:
-    dot = AutomatonBackend().diagram(load(PRUNED), Semantics.PROJECTED)
-    one, other = re.findall(r"<td [^>]*>(.*?)</td>", re.findall(r"s0 -> s2 \[label=<(.*)>\];", dot)[0])
-    assert one == 'move(Waypoint, _)<br align="left"/>'
-    assert other == 'result(Waypoint,<br align="left"/>&#160;&#160;&quot;success&quot;)<br align="left"/>'
-
-
-@pytest.mark.parametrize("branch", [None, 3])
-@pytest.mark.parametrize("kind", [None, "attack"])
+@pytest.mark.parametrize(("branch", "kind"), [(None, None), (3, None), (None, "attack"), (3, "attack")])
 def test_the_title_says_which_part_of_the_tree_it_is(branch: int | None, kind: str | None) -> None:
     part = restrict(load(PRUNED), branch=branch, kind=kind)
     words = ["damaged", *(["branch 3"] if branch else []), *(["attack"] if kind else []), "projected"]
@@ -145,8 +137,7 @@ def test_the_title_says_which_part_of_the_tree_it_is(branch: int | None, kind: s
 
 @needs_dot
 def test_no_name_leaves_its_place() -> None:
-    tree = awkward()
-    dot = AutomatonBackend().diagram(tree, Semantics.STRICT)
+    dot = AutomatonBackend().diagram(awkward(), Semantics.STRICT)
     document = minidom.parseString(picture(dot, "svg"))
     states = [g for g in document.getElementsByTagName("g") if g.getAttribute("class") == "node"]
     assert len(states) == len(re.findall(r"^  s\d+ \[label", dot, re.MULTILINE))
@@ -160,28 +151,14 @@ def test_no_name_leaves_its_place() -> None:
 
 @needs_dot
 @pytest.mark.parametrize("tree", ["gates/vot", "gates/and", "remote_inspection/pruned", "pressure_tank/tank"])
-@pytest.mark.parametrize("semantics", list(Semantics))
-def test_nothing_overlaps(tree: str, semantics: Semantics) -> None:
-    dot = AutomatonBackend().diagram(load(TREES / f"{tree}.rvaft"), semantics)
-    found = measured(picture(dot, "svg"))
-    assert overlaps(found) == []
-    assert found.smallest >= 10
+def test_nothing_overlaps(tree: str) -> None:
+    for semantics in Semantics:
+        found = measured(picture(AutomatonBackend().diagram(load(TREES / f"{tree}.rvaft"), semantics), "svg"))
+        assert overlaps(found) == []
+        assert found.smallest >= 10
 
 
 # What a drawing leaves out never happens: without it the automaton gives the same verdicts.
-
-SHAPE = Shape(max_nodes=7, sharing=0.3, variables=1, guards=0.6, typed_events=0.9)
-
-
-def both(tree: RVAFT, semantics: Semantics) -> tuple[str, str]:
-    """The text of the whole automaton, and that of what is possible in it."""
-    work = Work(10_000)
-    automaton, parts, letters = _built(tree, semantics, work)
-    whole, rest = (
-        write(one, parts, letters, name="", relevance=_relevance(tree, semantics), work=work)[0]
-        for one in (automaton, possible(automaton, parts))
-    )
-    return whole, rest
 
 
 @pytest.mark.spot
@@ -191,23 +168,25 @@ def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:
     random = Random("possible")
     different = 0
     for _ in range(30):
-        tree = random_tree(random, SHAPE)
-        whole, rest = both(tree, semantics)
+        tree = random_tree(random, Shape(max_nodes=7, sharing=0.3, variables=1, guards=0.6, typed_events=0.9))
+        work = Work(10_000)
+        automaton, parts, letters = _built(tree, semantics, work)
+        relevance = _relevance(tree, semantics)
+        whole, rest = (
+            write(one, parts, letters, name="", relevance=relevance, work=work)[0]
+            for one in (automaton, possible(automaton, parts))
+        )
         different += whole != rest
-        if whole != rest:
-            for trace in (random_trace(random, tree) for _ in range(5)):
-                one, other = (AutomatonBackend().read(text) for text in (whole, rest))
-                assert list(one.run(trace)) == list(other.run(trace))
+        for trace in (random_trace(random, tree) for _ in range(5 if whole != rest else 0)):
+            one, other = (AutomatonBackend().read(text) for text in (whole, rest))
+            assert list(one.run(trace)) == list(other.run(trace))
     assert different >= 5
 
 
 def test_states_behind_guards_that_cannot_fail_yet_are_left_out() -> None:
-    """`T2` has its value from the event that comes after."""
+    """`T2` has its value from the event that comes after; without guards nothing is left out."""
     automaton, parts, _ = _built(load(PRUNED), Semantics.PROJECTED, Work(1000))
     assert len(automaton.in_order()) == 8
     assert len(possible(automaton, parts).in_order()) == 7
-
-
-def test_without_guards_nothing_is_left_out() -> None:
     automaton, parts, _ = _built(loads("top 2of3 a b c;"), Semantics.STRICT, Work(1000))
     assert possible(automaton, parts) == automaton

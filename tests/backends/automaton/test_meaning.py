@@ -1,4 +1,4 @@
-"""Random trees against the reference, the hand-written cases, and the language as Spot sees it."""
+"""Random trees against the reference, the hand-written cases, the language as Spot sees it, and that no two states are equivalent."""
 
 from itertools import combinations
 from random import Random
@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from backends.automaton import AutomatonBackend
-from backends.automaton.hoa_reader import HoaMonitor, HoaProgram
+from backends.automaton.hoa_reader import HoaMonitor, program
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft.analysis.branches import restrict
@@ -16,7 +16,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from tests.semantics.cases import CASES, Case
+from tests.semantics.cases import CASES
 
 pytestmark = pytest.mark.spot
 spot: Any = pytest.importorskip("spot")
@@ -30,26 +30,33 @@ SHAPES = (
     Shape(max_nodes=7, sharing=0.4, variables=1, guards=0.4, typed_events=0.8),
 )
 SIGNS = {"true": "T", "false": "F", "unknown": "?"}
+VALUES = loads("event a(x) = { a: x }; event b(x) = { b: x }; toplevel r; r sand m n; m on a(X); n on b(X);")
 
 
-@pytest.mark.parametrize("seed", range(180))
-def test_random_tree(seed: int) -> None:
-    random = Random(seed)
-    tree = random_tree(random, SHAPES[seed % len(SHAPES)])
-    traces = [random_trace(random, tree) for _ in range(5)]
-    for semantics in Semantics:
-        specification = AutomatonBackend().translate(tree, semantics)
-        for trace in traces:
-            assert list(specification.monitor().run(trace)) == list(Reference(tree, semantics).run(trace))
+def text_of(tree: str, semantics: str) -> str:
+    return AutomatonBackend().translate(loads(f"toplevel r; {tree}"), Semantics(semantics)).text
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_case(case: Case) -> None:
-    tree = loads(case.tree)
-    if case.branch is not None or case.kind is not None:
-        tree = restrict(tree, branch=case.branch, kind=case.kind)
-    monitor = AutomatonBackend().translate(tree, Semantics(case.semantics)).monitor()
-    assert "".join(SIGNS[verdict.value] for verdict in monitor.run(case.events)) == case.verdicts
+@pytest.mark.parametrize("shape", SHAPES)
+def test_random_trees(shape: Shape) -> None:
+    for seed in range(25):
+        random = Random(seed)
+        tree = random_tree(random, shape)
+        traces = [random_trace(random, tree) for _ in range(5)]
+        for semantics in Semantics:
+            specification = AutomatonBackend().translate(tree, semantics)
+            for trace in traces:
+                expected = list(Reference(tree, semantics).run(trace))
+                assert list(specification.monitor().run(trace)) == expected, (seed, tree, trace)
+
+
+def test_cases() -> None:
+    for case in CASES:
+        tree = loads(case.tree)
+        if case.branch is not None or case.kind is not None:
+            tree = restrict(tree, branch=case.branch, kind=case.kind)
+        monitor = AutomatonBackend().translate(tree, Semantics(case.semantics)).monitor()
+        assert "".join(SIGNS[verdict.value] for verdict in monitor.run(case.events)) == case.verdicts, case.name
 
 
 FORMULAS = [
@@ -67,8 +74,8 @@ FORMULAS = [
 
 @pytest.mark.parametrize(("tree", "semantics", "formula"), FORMULAS)
 def test_language_is_that_of_a_formula(tree: str, semantics: str, formula: str) -> None:
-    """Over words of exclusive letters, Spot finds the text equivalent to a formula on finite words."""
-    text = AutomatonBackend().translate(loads(f"toplevel r; {tree}"), Semantics(semantics)).text
+    """Over words of exclusive letters, Spot finds the text equivalent to a formula on finite words, and reads it as it is."""
+    text = text_of(tree, semantics)
     names = [name for name in "abc" if f'"{name}"' in text]
     exclusive = " & ".join(f"G!({one} & {other})" for one, other in combinations(names, 2))
     if semantics == "projected":
@@ -77,84 +84,68 @@ def test_language_is_that_of_a_formula(tree: str, semantics: str, formula: str) 
     expected = spot.translate(spot.from_ltlf(spot.formula(formula)))
     ours = spot.automaton(text)
     assert spot.is_deterministic(ours)
+    assert spot.are_equivalent(ours, spot.automaton(ours.to_str("hoa")))
     assert spot.are_equivalent(spot.product(ours, words), spot.product(expected, words))
 
 
-def test_the_text_alone_is_run() -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "verdicts"),
+    [
+        ("", "", "??T"),
+        ("[0&1] 2", "[0&1] 3", "?FF"),
+        ("[0&1] 2", "[0&1] 1", "FFF"),
+        ("[0&2] 3", "[0&2] 4", "?TT"),
+        ('event: 2 "{ event: \\"b\\" }"', 'event: 2 "{ event: \\"z\\" }"', "?FF"),
+    ],
+)
+def test_the_text_alone_is_run(old: str, new: str, verdicts: str) -> None:
     """With the tree gone, another target of one edge gives other verdicts, and so does another event of one proposition."""
-    text = AutomatonBackend().translate(loads("toplevel r; r sand a b c;"), Semantics.STRICT).text
-    trace = [{"event": name} for name in "abc"]
-
-    def verdicts(changed: str) -> str:
-        return "".join(SIGNS[verdict.value] for verdict in AutomatonBackend().read(changed).run(trace))
-
-    assert verdicts(text) == "??T"
-    assert verdicts(text.replace("[0&1] 2", "[0&1] 3")) == "?FF"
-    assert verdicts(text.replace("[0&1] 2", "[0&1] 1")) == "FFF"
-    assert verdicts(text.replace("[0&2] 3", "[0&2] 4")) == "?TT"
-    assert verdicts(text.replace('event: 2 "{ event: \\"b\\" }"', 'event: 2 "{ event: \\"z\\" }"')) == "?FF"
+    monitor = AutomatonBackend().read(text_of("r sand a b c;", "strict").replace(old, new))
+    assert "".join(SIGNS[verdict.value] for verdict in monitor.run({"event": name} for name in "abc")) == verdicts
 
 
-def test_slices_follow_each_value() -> None:
-    tree = loads("event a(x) = { a: x }; event b(x) = { b: x }; toplevel r; r sand m n; m on a(X); n on b(X);")
-    specification = AutomatonBackend().translate(tree, Semantics.SCATTERED)
+def test_slices_follow_each_value_and_are_limited() -> None:
+    specification = AutomatonBackend().translate(VALUES, Semantics.SCATTERED)
     monitor = specification.monitor()
     for value in (1, 2, 3, 1.0, True):
         monitor.step({"a": value})
     state = monitor.state
     monitor.step({"a": 1})
     assert monitor.state == state
-    assert [verdict.value for verdict in monitor.run([{"b": 4}, {"b": "1"}, {"b": 3.0}])] == [
-        "unknown",
-        "unknown",
-        "true",
-    ]
-
-
-def test_too_many_slices() -> None:
-    tree = loads("event a(x) = { a: x }; event b(x) = { b: x }; toplevel r; r sand m n; m on a(X); n on b(X);")
-    text = AutomatonBackend().translate(tree, Semantics.SCATTERED).text
-    monitor = HoaMonitor(HoaProgram(text, {}), limit=10)
+    assert [SIGNS[verdict.value] for verdict in monitor.run([{"b": 4}, {"b": "1"}, {"b": 3.0}])] == ["?", "?", "T"]
+    few = HoaMonitor(program(specification.text, {}), limit=10)
     with pytest.raises(TooLarge, match="slices, one for each assignment of X"):
-        list(monitor.run({"a": value} for value in range(20)))
+        list(few.run({"a": value} for value in range(20)))
 
 
 # No two states of an emitted automaton can be merged, by a way of minimising that is not the backend's.
 
-TREES = [
-    "r or a b c;",
-    "r and a b c d;",
-    "r sand a b c;",
-    "r 2of4 a b c d;",
-    "r and p q; p sand a b; q sand c d;",
-    "r or p q; p sand a b; q sand a c;",
-    "r or p q; p sand a c; q sand b c;",
-    "r and p q; p or a s; q or b s;",
-    "r and p q; p sand a s; q sand s b;",
-    "r sand v d; v 2of3 a b c;",
-    "r 2of3 s b c; s sand a d;",
-    "r or p q t; p and a b; q sand a b; t sand b a;",
-    "r or a p; p sand a b;",
-]
+TREES = """r or a b c;
+r and a b c d;
+r sand a b c;
+r 2of4 a b c d;
+r and p q; p sand a b; q sand c d;
+r or p q; p sand a b; q sand a c;
+r or p q; p sand a c; q sand b c;
+r and p q; p or a s; q or b s;
+r and p q; p sand a s; q sand s b;
+r sand v d; v 2of3 a b c;
+r 2of3 s b c; s sand a d;
+r or p q t; p and a b; q sand a b; t sand b a;
+r or a p; p sand a b;"""
 
 
-def exclusive(tree: RVAFT, semantics: Semantics) -> Any:
-    """The emitted automaton over words of letters that exclude each other, completed where they do."""
+def distinct(tree: RVAFT, semantics: Semantics) -> bool:
+    """Moore's algorithm over letters that exclude each other: whether every state of the text is a class of its own."""
+    import buddy
+
     automaton = spot.automaton(AutomatonBackend().translate(tree, semantics).text)
     names = [ap.ap_name() for ap in automaton.ap() if ap.ap_name() not in {"alive", "relevant"}]
     condition = " & ".join(f"!({one} & {other})" for one, other in combinations(names, 2)) or "1"
     if semantics is Semantics.PROJECTED:
-        condition += " & " + " & ".join(f"({name} -> relevant)" for name in names)
-        condition += f" & (relevant -> ({' | '.join(names)}))"
-    return automaton, spot.formula_to_bdd(condition, automaton.get_dict(), automaton)
-
-
-def distinct(automaton: Any, feasible: Any) -> bool:
-    """Moore's algorithm over the feasible letters: whether every state is a class of its own."""
-    import buddy
-
+        condition += "".join(f" & ({name} -> relevant)" for name in names) + f" & (relevant -> ({' | '.join(names)}))"
     states = range(automaton.num_states())
-    letters = [feasible]
+    letters = [spot.formula_to_bdd(condition, automaton.get_dict(), automaton)]
     for edge in automaton.edges():
         letters = [part for one in letters for part in (one & edge.cond, one - edge.cond) if part != buddy.bddfalse]
 
@@ -175,6 +166,6 @@ def distinct(automaton: Any, feasible: Any) -> bool:
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_no_two_states_are_equivalent(semantics: Semantics) -> None:
     shape = Shape(gate_events=0, typed_events=0, variables=0, guards=0, ignores=0, sharing=0.4, max_nodes=8)
-    trees = [loads(f"toplevel r; {text}") for text in TREES]
-    for tree in trees + [random_tree(Random(seed), shape) for seed in range(60)]:
-        assert distinct(*exclusive(tree, semantics)), tree
+    trees = [loads(f"toplevel r; {text}") for text in TREES.splitlines()]
+    for tree in trees + [random_tree(Random(seed), shape) for seed in range(40)]:
+        assert distinct(tree, semantics), tree

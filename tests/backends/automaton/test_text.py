@@ -1,6 +1,10 @@
-"""The text itself, pinned: what every HOA tool reads."""
+"""The text itself, pinned: what every HOA tool reads; its names, and its letters."""
 
 import re
+from collections.abc import Sequence
+from itertools import product
+from random import Random
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -8,8 +12,12 @@ from hypothesis import strategies as st
 
 from backends.automaton import AutomatonBackend
 from backends.automaton.hoa_writer import ALIVE, RELEVANT, atom_name
+from backends.automaton.letters import FeasibleLetters, Relevance
 from rvaft.api import loads
+from rvaft.language.parser import parse_pattern
+from rvaft.model.patterns import ObjectPattern, Pattern, match
 from rvaft.model.verdict import Semantics
+from rvaft.support.bits import union
 
 HEADER = """HOA: v1
 name: "{name}"
@@ -79,14 +87,6 @@ def test_the_header_carries_patterns_guards_and_relevance_but_no_gate() -> None:
     assert "sand" not in text
 
 
-@pytest.mark.parametrize("semantics", list(Semantics))
-def test_and_over_twelve_exclusive_letters_is_the_subset_lattice(semantics: Semantics) -> None:
-    tree = loads(f"toplevel r; r and {' '.join(f'a{i}' for i in range(12))};")
-    metrics = AutomatonBackend().translate(tree, semantics).metrics
-    assert metrics.states == 4096 + (semantics is not Semantics.SCATTERED) + 1
-    assert (metrics.edges or 0) >= 28_674
-
-
 NAMES = st.one_of(
     st.text(),
     st.text(alphabet="_x5f1a", max_size=8),
@@ -103,3 +103,58 @@ def test_different_nodes_have_different_names_that_every_tool_reads(one: str, ot
 
 def test_a_plain_name_is_kept() -> None:
     assert [atom_name(name) for name in ("ev10", "take_reading")] == ["ev10", "take_reading"]
+
+
+# The feasible letters against all events over a grid of values.
+
+LEAVES = [parse_pattern(text) for text in ("1", "2", '"a"', "_", "_1", "[1, _]", "[_1, _]", "{ k: 1 }", "{}")]
+VALUES: list[Any] = [1, 2, "a", "other", None, [1, 1], [1, 2], [2, 1], ["other", 1], [], {}]
+VALUES += [{"k": 1}, {"k": 2}, {"k": 1, "l": 3}]
+GRID = [{"x": x, "y": y} for x, y in product(VALUES, repeat=2)] + [{}, *({name: v} for name in "xy" for v in VALUES)]
+GRID += [event for v in VALUES for event in ({"x": v, "y": [v, "other"]}, {"x": [v, "other"], "y": v})]
+
+
+def random_pattern(random: Random) -> ObjectPattern:
+    fields = random.choice((("x",), ("y",), ("x", "y")))
+    return ObjectPattern(tuple((name, random.choice(LEAVES)) for name in fields))
+
+
+def holding(patterns: Sequence[Pattern], event: Any) -> int:
+    return sum(1 << index for index, pattern in enumerate(patterns) if match(pattern, event, {}) is not None)
+
+
+def test_letters_are_those_of_concrete_events() -> None:
+    for seed in range(60):
+        random = Random(seed)
+        patterns = list(dict.fromkeys(random_pattern(random) for _ in range(random.randint(1, 5))))
+        letters = FeasibleLetters(patterns)
+        found = {holding(patterns, event) for event in GRID}
+        for some in range(1 << len(patterns)):
+            assert set(letters.over(some)) == {letter & some for letter in found}, (patterns, some)
+
+
+def test_relevant_letters_are_those_of_relevant_events() -> None:
+    for seed in range(60):
+        random = Random(1000 + seed)
+        patterns = list(dict.fromkeys(random_pattern(random) for _ in range(random.randint(1, 3))))
+        entries = patterns + [random_pattern(random) for _ in range(random.randint(0, 2))]
+        ignored = [random_pattern(random) for _ in range(random.randint(0, 1))]
+        relevant = [event for event in GRID if holding(entries, event) and not holding(ignored, event)]
+        found = {holding(patterns, event) for event in relevant}
+        seen = union(found)  # a pattern that only ignored events match keeps its letters
+        relevance = Relevance(tuple((one, None) for one in entries), tuple((one, None) for one in ignored))
+        claimed = FeasibleLetters(patterns, relevance).over((1 << len(patterns)) - 1)
+        assert found == {letter for letter in claimed if not letter & ~seen}, (patterns, entries, ignored)
+
+
+@pytest.mark.parametrize(
+    ("patterns", "letters"),
+    [
+        (("{ x: X }", "{ x: Y }", "{ x: X, y: 1 }"), {0b000, 0b001, 0b010, 0b011, 0b101, 0b111}),  # false while unbound
+        (("{ a: X, b: { k: Y } }", "{ a: { k: Y }, b: X }"), {0b00, 0b01, 0b10, 0b11}),
+        (("{ a: X, b: X }", "{ a: [X] }"), {0b00, 0b01, 0b10}),  # a value that would contain itself is impossible
+    ],
+)
+def test_rigid_variables_are_shared(patterns: Sequence[str], letters: set[int]) -> None:
+    parsed = [parse_pattern(text) for text in patterns]
+    assert set(FeasibleLetters(parsed).over((1 << len(parsed)) - 1)) == letters

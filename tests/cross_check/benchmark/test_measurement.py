@@ -1,7 +1,11 @@
-"""What is measured: sizes, traces and speeds; the three words, and what goes wrong."""
+"""What is compared and measured: gates, walks, sizes and speeds; the three words, and what goes wrong."""
 
 import multiprocessing
+import os
+import signal
 import time
+from collections import Counter
+from collections.abc import Callable
 from contextlib import closing
 from typing import Any, ClassVar
 
@@ -9,89 +13,199 @@ import pytest
 
 import rvaft
 from backends.rml.reader.monitor import RmlMonitor, rules
-from cross_check.benchmark import Cell, Measurement, Outcome, Settings, Subject, gate_subjects, measured, measurement
-from cross_check.benchmark.measurement import EVENTS, READERS, walks
-from rvaft.backend import backend
+from cross_check.benchmark import (
+    Cell,
+    Measurement,
+    Outcome,
+    Settings,
+    Subject,
+    cells_of,
+    default_languages,
+    gate_subjects,
+    measured,
+    measurement,
+)
+from cross_check.benchmark.measurement import EVENTS, LONGEST, READERS, walks
+from rvaft import backend as registry
+from rvaft.backend import Backend, Metrics, Specification, backend
+from rvaft.engine import Engine
+from rvaft.errors import OptionError
 from rvaft.model.nodes import Gate
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
+from rvaft.rules import require_valid
 from tests.cli.runs import PRUNED
-from tests.cross_check.benchmark.backends_of_others import (
-    Odd,
-    broken,
-    endless,
-    greedy,
-    killed,
-    plant,
-    reading,
-    waiting,
+
+SUBJECTS = {subject.name: subject for subject in gate_subjects()}
+STRICT, PROJECTED, SCATTERED = Semantics
+
+
+def test_every_gate_with_every_number_of_children_and_every_threshold() -> None:
+    sizes = range(1, 13)
+    votes = [f"vot {k}/{n}" for n in sizes for k in range(1, n + 1)]
+    plain = {str(gate): [f"{gate} {n}" for n in sizes] for gate in Gate}
+    assert [*SUBJECTS] == [name for gate in Gate for name in (votes if gate is Gate.VOT else plain[str(gate)])]
+    assert len({subject.digest for subject in SUBJECTS.values()}) == len(SUBJECTS)
+    for subject in SUBJECTS.values():
+        require_valid(subject.tree)
+
+
+def test_cells_are_in_order_and_the_languages_all_but_second_forms_the_unfaithful_last() -> None:
+    cells = cells_of(gate_subjects([Gate.AND], 2), iter(Semantics), iter(["rml", "ltlf"]))
+    names = [(name, choice, one) for name in ("and 1", "and 2") for choice in Semantics for one in ("rml", "ltlf")]
+    assert [(cell.subject.name, cell.semantics, cell.language) for cell in cells] == names
+    assert default_languages() == ("automaton", "ltlf", "rml", "rml-paper")
+
+
+@pytest.mark.parametrize(
+    ("subjects", "semantics", "languages", "message"),
+    [
+        ([], [STRICT], ["rml"], "nothing to compare"),
+        ([SUBJECTS["or 1"]], [], ["rml"], "nothing to compare"),
+        ([SUBJECTS["or 1"]], [STRICT], [], "nothing to compare"),
+        (
+            [SUBJECTS["and 2"], Subject("and 2", SUBJECTS["or 2"].tree)],
+            [STRICT],
+            ["rml"],
+            r"2 trees are called and 2: .* as \./and 2",
+        ),
+    ],
 )
+def test_what_is_refused(subjects: Any, semantics: Any, languages: Any, message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        cells_of(subjects, semantics, languages)
 
-SUBJECTS = {subject.name: subject for subject in gate_subjects(max_arity=8)}
+
+@pytest.mark.parametrize("semantics", Semantics)
+def test_walks(semantics: Semantics) -> None:
+    """The same for the same seed, all of them of use, and with the verdicts of the tree."""
+    tree = rvaft.load(PRUNED)
+    found = walks(tree, semantics, 5)
+    assert found == walks(tree, semantics, 5)
+    assert found != walks(tree, semantics, 6)
+    assert sum(len(walk.events) for walk in found) == EVENTS
+    for walk in found:
+        assert 0 < len(walk.events) <= LONGEST
+        assert tuple(Engine(tree, semantics).run(walk.events)) == walk.verdicts
+        assert not any(verdict.final for verdict in walk.verdicts[:-1])
+    assert any(walk.verdicts[-1] is Verdict.TRUE for walk in found)
+    assert walks(tree, semantics, 5, seconds=0) == ()
 
 
-def one(cell: Cell, settings: Settings | None = None) -> Measurement:
-    ((_, row),) = measured([cell], settings or Settings())
+@pytest.mark.parametrize("gate", Gate)
+@pytest.mark.parametrize("semantics", Semantics)
+def test_walks_through_gates_detect_or_lose_all_hope(gate: Gate, semantics: Semantics) -> None:
+    tree = SUBJECTS["vot 3/5" if gate is Gate.VOT else f"{gate} 5"].tree
+    ends = Counter(walk.verdicts[-1] for walk in walks(tree, semantics, 0))
+    assert ends[Verdict.UNKNOWN] <= 1  # the last, which ends where the events do
+    hopeless = semantics is STRICT or (semantics is PROJECTED and gate is not Gate.OR)
+    assert (ends[Verdict.FALSE] >= ends.total() // 4 - 1) if hopeless else ends[Verdict.FALSE] == 0
+    assert ends[Verdict.TRUE] >= ends.total() // 2
+
+
+# Backends that misbehave, put in the place of the real ones.
+
+
+class Odd(Backend):
+    """Does something else where it should translate, or where it should read."""
+
+    name: ClassVar[str] = "odd"
+    language: ClassVar[str] = "odd"
+    suffix: ClassVar[str] = ".odd"
+    default_limit: ClassVar[int] = 1
+
+    def __init__(
+        self, translating: Callable[[], object] | None = None, reader: Callable[[str], Any] | None = None
+    ) -> None:
+        self.translating, self.reader = translating, reader
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:  # noqa: ARG002
+        if self.translating is not None:
+            self.translating()
+        return Specification("text", "odd", Metrics(symbols=7), self.read)
+
+    def read(self, text: str, *, atoms: object = None) -> Monitor:  # noqa: ARG002
+        assert self.reader is not None
+        found: Monitor = self.reader(text)
+        return found
+
+
+def endless(*_text: str) -> None:
+    while True:
+        pass
+
+
+def waiting() -> None:
+    time.sleep(60)
+
+
+def greedy(*_text: str) -> None:
+    bytearray(2**40)
+
+
+def killed(*_text: str) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def broken() -> None:
+    raise ZeroDivisionError("a defect\nof somebody")
+
+
+def plant(monkeypatch: pytest.MonkeyPatch, odd: Odd) -> None:
+    """Let `odd` be measured; processes are forked, so they have it too. Nothing warms it up."""
+    real, warm_up = registry.backend, measurement._warm_up
+    monkeypatch.setattr(measurement, "backend", lambda name: odd if name == "odd" else real(name))
+    monkeypatch.setattr(measurement, "_warm_up", lambda name, semantics: name == "odd" or warm_up(name, semantics))
+
+
+def one(
+    subject: str | Subject = "and 2", semantics: Semantics = STRICT, language: str = "odd", **settings: Any
+) -> Measurement:
+    cell = Cell(SUBJECTS[subject] if isinstance(subject, str) else subject, semantics, language)
+    ((_, row),) = measured([cell], Settings(**settings))
     return row
 
 
-def odd_cell(semantics: Semantics = Semantics.STRICT) -> Cell:
-    return Cell(SUBJECTS["and 2"], semantics, "odd")
+ODD: list[
+    tuple[Odd, dict[str, Any], tuple[Outcome, str, Outcome | None, str]]
+] = [  # how translation and run ended, and why
+    (Odd(endless), {"timeout": 0.2}, (Outcome.TIMEOUT, "not within 0.2 s", None, "")),
+    (Odd(waiting), {"timeout": 0.02}, (Outcome.TIMEOUT, "not within 0.2 s by the clock", None, "")),
+    (Odd(reader=endless), {"timeout": 1}, (Outcome.OK, "", Outcome.TIMEOUT, "not within 1 s")),
+    (Odd(greedy), {"memory": 5000}, (Outcome.TOO_LARGE, "megabytes of memory (limit 5000)", None, "")),
+    (Odd(reader=greedy), {"memory": 5000}, (Outcome.OK, "", Outcome.TOO_LARGE, "megabytes of memory (limit 5000)")),
+    (Odd(killed), {}, (Outcome.FAILED, "the process that measured it was killed (SIGKILL)", None, "")),
+    (Odd(reader=killed), {}, (Outcome.OK, "", Outcome.FAILED, "the process that measured it was killed (SIGKILL)")),
+    (Odd(broken), {}, (Outcome.FAILED, "ZeroDivisionError: a defect of somebody", None, "")),
+]
 
 
-def test_what_a_language_cannot_say() -> None:
-    row = one(Cell(SUBJECTS["and 2"], Semantics.SCATTERED, "rml-paper"))
+@pytest.mark.parametrize(("odd", "settings", "ended"), ODD)
+def test_what_goes_wrong_is_in_the_row(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], odd: Odd, settings: dict[str, Any], ended: Any
+) -> None:
+    """Whoever only waits is ended by the clock; what a reader does wrong does not cost the sizes."""
+    plant(monkeypatch, odd)
+    monkeypatch.setattr(measurement, "GRACE", 0 if odd.translating is waiting else measurement.GRACE)
+    start = time.monotonic()
+    row = one(**settings)
+    assert time.monotonic() - start < 10
+    assert (row.result, row.reason, row.run, row.run_reason) == ended
+    assert row.symbols == (7 if row.result is Outcome.OK else None)
+    assert row.events_per_second is None
+    assert capfd.readouterr().err == ""
+
+
+def test_what_a_language_cannot_say_what_is_larger_than_the_limit_and_who_is_not_there() -> None:
+    row = one("and 2", SCATTERED, "rml-paper")
     assert (row.result, row.reason, row.run) == (Outcome.NOT_EXPRESSIBLE, "the paper does not say how", None)
     assert row.symbols is row.seconds is row.events is None
-
-
-def test_what_is_larger_than_the_limit() -> None:
-    row = one(Cell(SUBJECTS["and 8"], Semantics.STRICT, "automaton"), Settings(limit=20))
-    assert row.result is Outcome.TOO_LARGE
+    row = one("and 8", STRICT, "automaton", limit=20)
+    assert (row.result, row.limit) == (Outcome.TOO_LARGE, 20)
     assert "(limit 20)" in row.reason
-    assert row.limit == 20
-
-
-def test_a_translation_that_takes_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant(monkeypatch, Odd(translating=endless))
-    start = time.monotonic()
-    row = one(odd_cell(), Settings(timeout=0.2))
-    assert time.monotonic() - start < 5
-    assert (row.result, row.reason, row.run, row.symbols) == (Outcome.TIMEOUT, "not within 0.2 s", None, None)
-
-
-def test_a_reader_that_takes_too_long_does_not_cost_the_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant(monkeypatch, reading(endless))
-    row = one(odd_cell(), Settings(timeout=1))
-    assert (row.result, row.symbols, row.run, row.run_reason) == (Outcome.OK, 7, Outcome.TIMEOUT, "not within 1 s")
-    assert row.events_per_second is None
-
-
-def test_time_is_that_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever only waits is ended by the clock, a good while later."""
-    plant(monkeypatch, Odd(translating=waiting))
-    monkeypatch.setattr(measurement, "GRACE", 0)
-    start = time.monotonic()
-    row = one(odd_cell(), Settings(timeout=0.02))
-    assert 0.2 <= time.monotonic() - start < 5
-    assert (row.result, row.reason) == (Outcome.TIMEOUT, "not within 0.2 s by the clock")
-
-
-def test_a_run_has_the_time_that_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant(monkeypatch, reading(endless))
-    start = time.monotonic()
-    one(odd_cell(), Settings(timeout=0.3))
-    assert time.monotonic() - start < 5
-
-
-@pytest.mark.parametrize("odd", [Odd(translating=greedy), reading(greedy)], ids=["translating", "reading"])
-def test_what_needs_more_memory(monkeypatch: pytest.MonkeyPatch, odd: Odd, capfd: pytest.CaptureFixture[str]) -> None:
-    plant(monkeypatch, odd)
-    row = one(odd_cell(), Settings(memory=5000))
-    assert Outcome.TOO_LARGE in (row.result, row.run)
-    assert "megabytes of memory (limit 5000)" in (row.reason, row.run_reason)
-    assert capfd.readouterr().err == ""
+    assert one(language="nobody").result is Outcome.FAILED
 
 
 def test_events_are_not_found_at_the_expense_of_a_language(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,49 +216,25 @@ def test_events_are_not_found_at_the_expense_of_a_language(monkeypatch: pytest.M
         return walks(*arguments, **options)
 
     monkeypatch.setattr(measurement, "walks", slow)
-    row = one(Cell(SUBJECTS["and 1"], Semantics.STRICT, "rml"), Settings(timeout=0.5))
+    row = one("and 1", STRICT, "rml", timeout=0.5)
     assert (row.run, row.events) == (Outcome.OK, 240)
 
 
 def test_a_tree_that_is_too_much_for_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measurement, "walks", lambda *_arguments, **_options: endless())
     monkeypatch.setattr(measurement, "WALKING", 0.05)
-    row = one(Cell(SUBJECTS["and 1"], Semantics.STRICT, "rml"))
+    row = one("and 1", STRICT, "rml")
     assert (row.run, row.walks, row.events, row.events_per_second) == (Outcome.OK, 0, 0, None)
     assert row.run_reason.startswith("no events: ")
 
 
-def test_a_process_that_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant(monkeypatch, Odd(translating=killed))
-    row = one(odd_cell())
-    assert (row.result, row.reason) == (Outcome.FAILED, "the process that measured it was killed (SIGKILL)")
-    plant(monkeypatch, reading(killed))
-    row = one(odd_cell())
-    assert (row.result, row.run) == (Outcome.OK, Outcome.FAILED)
-
-
-def test_a_backend_with_a_defect(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant(monkeypatch, Odd(translating=broken))
-    row = one(odd_cell())
-    assert (row.result, row.reason) == (Outcome.FAILED, "ZeroDivisionError: a defect of somebody")
-
-
-def test_a_backend_that_is_not_there() -> None:
-    assert one(odd_cell()).result is Outcome.FAILED
-
-
-def test_several_at_a_time_hinder_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant(monkeypatch, Odd(translating=endless))
-    cells = [odd_cell(), *(Cell(SUBJECTS[f"and {n}"], Semantics.STRICT, "rml") for n in range(1, 6))]
-    rows = dict(measured(cells, Settings(timeout=1.5), jobs=2))
-    assert set(rows) == set(cells)
-    assert [rows[cell].result for cell in cells] == [Outcome.TIMEOUT, *[Outcome.OK] * 5]
-
-
-def test_nothing_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant(monkeypatch, Odd(translating=endless))
-    cells = [Cell(SUBJECTS["and 1"], Semantics.STRICT, "rml"), odd_cell(), odd_cell(Semantics.PROJECTED)]
-    with closing(measured(cells, Settings(), jobs=3)) as found:
+def test_several_at_a_time_hinder_nobody_and_nothing_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    plant(monkeypatch, Odd(endless))
+    odd = Cell(SUBJECTS["and 2"], STRICT, "odd")
+    cells = [odd, *(Cell(SUBJECTS[f"and {n}"], STRICT, "rml") for n in range(1, 4))]
+    rows = dict(measured(cells, Settings(timeout=1.0), jobs=2))
+    assert [rows[cell].result for cell in cells] == [Outcome.TIMEOUT, *[Outcome.OK] * 3]
+    with closing(measured([cells[1], odd, Cell(SUBJECTS["and 2"], PROJECTED, "odd")], Settings(), jobs=3)) as found:
         next(found)
         assert multiprocessing.active_children()
     assert not multiprocessing.active_children()
@@ -154,23 +244,19 @@ def test_nothing_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("language", ["automaton", "ltlf", "rml", "rml-paper"])
 def test_a_whole_measurement(language: str) -> None:
     pytest.importorskip("spot") if language in ("automaton", "ltlf") else None
-    last = one(Cell(SUBJECTS["vot 2/3"], Semantics.PROJECTED, language), Settings(seed=3))
+    last = one("vot 2/3", PROJECTED, language, seed=3)
     assert (last.result, last.run) == (Outcome.OK, Outcome.OK)
     assert (last.tree, last.gate, last.children, last.threshold) == ("vot 2/3", Gate.VOT, 3, 2)
     assert (last.events, last.differing, last.seed) == (EVENTS, 0, 3)
-    assert last.first_events is not None
-    assert 1 <= last.first_events <= EVENTS
+    assert 1 <= (last.first_events or 0) <= EVENTS
     for number in (last.seconds, last.read_seconds, last.events_per_second, last.again_per_second):
-        assert number is not None
-        assert 0 < number < float("inf")
+        assert 0 < (number or 0) < float("inf")
 
 
 def test_the_papers_translation_is_caught() -> None:
     """Its union of branches commits to the first, and misses what the others would detect."""
-    tree = rvaft.load(PRUNED)
-    wrong, right = (
-        one(Cell(Subject("pruned", tree), Semantics.PROJECTED, language)) for language in ("rml-paper", "rml")
-    )
+    pruned = Subject("pruned", rvaft.load(PRUNED))
+    wrong, right = (one(pruned, PROJECTED, language) for language in ("rml-paper", "rml"))
     assert wrong.differing
     assert right.differing == 0
     assert wrong.walks == right.walks
@@ -194,6 +280,15 @@ class Slow(Monitor):
         return self.verdict
 
 
+def test_the_first_time_is_that_of_readers_that_have_met_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under OR each trace is one event, nearly always one of five: one reader for all of them would have met it."""
+    plant(monkeypatch, Odd(reader=lambda _text: Slow()))
+    row = one("or 5")
+    assert row.first_events == READERS
+    assert 0 < (row.events_per_second or 0) <= 500
+    assert (row.again_per_second or 0) > 5000
+
+
 class Deaf(RmlMonitor):
     """Never says that no hope is left."""
 
@@ -202,25 +297,11 @@ class Deaf(RmlMonitor):
         return verdict if verdict is Verdict.TRUE else Verdict.UNKNOWN
 
 
-def test_the_first_time_is_that_of_readers_that_have_met_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Under OR each trace is one event, nearly always one of five: one reader for all of them would have met it."""
-    plant(monkeypatch, Odd(reader=lambda _text: Slow()))
-    row = one(Cell(SUBJECTS["or 5"], Semantics.STRICT, "odd"))
-    assert row.first_events == READERS
-    assert row.events_per_second is not None
-    assert row.again_per_second is not None
-    assert row.events_per_second <= 500
-    assert row.again_per_second > 5000
-
-
-@pytest.mark.parametrize("semantics", [Semantics.STRICT, Semantics.PROJECTED])
+@pytest.mark.parametrize("semantics", [STRICT, PROJECTED])
 def test_a_text_that_never_says_that_hope_is_lost_is_found(
     monkeypatch: pytest.MonkeyPatch, semantics: Semantics
 ) -> None:
-    subject = SUBJECTS["sand 4"]
-    text = backend("rml").translate(subject.tree, semantics).text
+    text = backend("rml").translate(SUBJECTS["sand 4"].tree, semantics).text
     plant(monkeypatch, Odd(reader=lambda _text: Deaf(rules(text))))
-    row = one(Cell(subject, semantics, "odd"))
-    assert row.walks is not None
-    assert row.differing is not None
-    assert 0 < row.differing < row.walks
+    row = one("sand 4", semantics)
+    assert 0 < (row.differing or 0) < (row.walks or 0)

@@ -37,17 +37,17 @@ def choices(tree: RVAFT) -> list[dict[str, str]]:
     return [{n: kept[0] for n, kept in b.items() if tree.nodes[n].gate is Gate.OR} for b in listed(tree)]
 
 
-@pytest.mark.parametrize("seed", range(400))
-def test_branches_are_those_of_the_definition_in_their_order(seed: int) -> None:
-    tree = silly_tree(Random(seed), 1 + seed % 14)
-    found = list(branches(tree))
-    assert [dict(b.choices) for b in found] == choices(tree)
-    assert [b.number for b in found] == list(range(1, len(found) + 1))
-    assert all(number_of(tree, b.choices) == b.number for b in found)
+def test_branches_are_those_of_the_definition_in_their_order() -> None:
+    for seed in range(400):
+        tree = silly_tree(Random(seed), 1 + seed % 14)
+        found = list(branches(tree))
+        assert [dict(b.choices) for b in found] == choices(tree), seed
+        assert [b.number for b in found] == list(range(1, len(found) + 1))
+        assert all(number_of(tree, b.choices) == b.number for b in found), seed
 
 
 @pytest.mark.parametrize("kind", Kind)
-@pytest.mark.parametrize("seed", range(400))
+@pytest.mark.parametrize("seed", range(0, 400, 2))
 def test_a_kind_has_exactly_the_branches_that_have_it(seed: int, kind: Kind) -> None:
     tree = silly_tree(Random(seed), 1 + seed % 12)
     wanted = {frozenset(c.items()) for c, b in zip(choices(tree), listed(tree), strict=True) if kind in kinds(tree, b)}

@@ -1,34 +1,34 @@
-"""The rules about scenarios against enumeration, on thousands of small random trees."""
+"""The rules about scenarios: against enumeration, on thousands of small random trees, and on large and deep ones."""
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from itertools import product
 from random import Random
 
 import pytest
 
+from rvaft.analysis.scenarios import inevitable
 from rvaft.analysis.unification import overlaps
-from rvaft.model.guards import holds
+from rvaft.model.guards import Operation, Operator, holds
 from rvaft.model.guards import variables as guard_variables
+from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.rules import check_tree
 from rvaft.rules.rule import Finding
 from rvaft.semantics import Scenario, feasible_scenarios, scenarios
 from tests.analysis.random_trees import random_tree
 
-SEEDS = range(10)
+SEEDS = range(6)
 TREES = 200
-
-
-def _trees(seed: int) -> list[RVAFT]:
-    random = Random(seed)
-    return [random_tree(random) for _ in range(TREES)]
 
 
 @cache
 def _checked(seed: int) -> list[tuple[RVAFT, list[Finding], list[Scenario]]]:
     """Each tree with the findings on it and its feasible scenarios."""
-    return [(tree, check_tree(tree), feasible_scenarios(tree)) for tree in _trees(seed)]
+    random = Random(seed)
+    return [(tree, check_tree(tree), feasible_scenarios(tree)) for tree in (random_tree(random) for _ in range(TREES))]
 
 
 def _dead(scenario: Scenario) -> set[str]:
@@ -151,3 +151,65 @@ def test_shared_under_order_agrees_with_enumeration(seed: int) -> None:
 def _ordered(tree: RVAFT, name: str) -> bool:
     gate = tree.nodes[name].gate
     return gate is not None and gate.ordered
+
+
+# Every rule answers, without recursion and without enumerating anything.
+
+EVENT = EventType("at", ("k", "v"), ObjectPattern((("kind", Variable("k")), ("value", Variable("v")))))
+
+
+@pytest.mark.parametrize("gate", [Gate.AND, Gate.OR, Gate.SAND, Gate.SAND_RL])
+def test_a_chain_of_five_thousand_gates(gate: Gate) -> None:
+    nodes = [Node("g5000")]
+    for index in range(5000):
+        nodes += [Node(f"g{index}", gate, (f"g{index + 1}", f"l{index}")), Node(f"l{index}")]
+    assert check_tree(RVAFT("g0", nodes)) == []
+
+
+def _wide(gate: Gate, count: int, *, same: bool, guarded: bool = False) -> RVAFT:
+    nodes = [Node("top", gate, tuple(f"n{i}" for i in range(count)))]
+    for index in range(count):
+        on = On("at", (Literal("same" if same else f"k{index}"), Variable(f"V{index}") if guarded else Anything()))
+        when = Operation(Operator.GT, (Variable(f"V{index}"), Literal(index))) if guarded else None
+        nodes.append(Node(f"n{index}", on=on, when=when))
+    return RVAFT("top", nodes, [EVENT])
+
+
+def test_ten_thousand_leaves_told_apart_by_a_field() -> None:
+    assert check_tree(_wide(Gate.AND, 10_000, same=False)) == []
+
+
+def test_ten_thousand_leaves_with_one_event_in_sequence_or_as_alternatives() -> None:
+    assert check_tree(_wide(Gate.SAND, 10_000, same=True)) == []
+    assert check_tree(_wide(Gate.OR, 10_000, same=True)) == []
+
+
+def test_scenarios_are_not_enumerated() -> None:
+    """2 to the 200 branches, with guards on a common variable in each of them."""
+    nodes = [
+        Node("top", Gate.SAND, ("first", *(f"o{i}" for i in range(200)))),
+        Node("first", on=On("at", (Literal(0), Variable("V")))),
+    ]
+    for index in range(200):
+        nodes += [Node(f"o{index}", Gate.OR, (f"a{index}", f"b{index}")), Node(f"b{index}")]
+        nodes.append(Node(f"a{index}", when=Operation(Operator.GT, (Variable("V"), Literal(index)))))
+    assert check_tree(RVAFT("top", nodes, [EVENT])) == []
+
+
+def test_guards_take_room_for_some_thousand_variables_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def counted(tree: RVAFT, marks: Mapping[str, int], full: int) -> dict[str, int]:
+        asked.append(full.bit_length())
+        return inevitable(tree, marks, full)
+
+    monkeypatch.setattr("rvaft.rules.scenarios.inevitable", counted)
+    assert check_tree(_wide(Gate.SAND, 2_000, same=False, guarded=True)) == []
+    assert asked == []  # every guard has the variable of its own event
+    names = [f"V{index}" for index in range(5_000)]
+    on = [Node(f"n{name}", on=On("at", (Literal(name), Variable(name)))) for name in names]
+    when = [Node(f"w{name}", when=Operation(Operator.GT, (Variable(name), Literal(1)))) for name in names]
+    top = Node("top", Gate.SAND, tuple(node.name for node in (*on, *when)))
+    assert check_tree(RVAFT("top", [top, *on, *when], [EVENT])) == []
+    assert len(asked) == 2
+    assert max(asked) < 5_000

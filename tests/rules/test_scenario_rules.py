@@ -211,5 +211,4 @@ def test_guards_take_room_for_some_thousand_variables_at_once(monkeypatch: pytes
     when = [Node(f"w{name}", when=Operation(Operator.GT, (Variable(name), Literal(1)))) for name in names]
     top = Node("top", Gate.SAND, tuple(node.name for node in (*on, *when)))
     assert check_tree(RVAFT("top", [top, *on, *when], [EVENT])) == []
-    assert len(asked) == 2
-    assert max(asked) < 5_000
+    assert 4_000 < max(asked) < 5_000

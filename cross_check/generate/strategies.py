@@ -1,11 +1,8 @@
-"""Hypothesis strategies for traces that are led through a tree (needs the extra `rvaft[testing]`).
-
-Those for trees, and for traces that only have to do with one, are in `rvaft.strategies`.
-"""
+"""Hypothesis strategies for trees and traces (needs the extra `rvaft[testing]`)."""
 
 from collections.abc import Callable
 from random import Random
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from hypothesis import reject
 from hypothesis import strategies as st
@@ -17,7 +14,8 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 
-# Hypothesis strategies for trees and traces (needs the extra `rvaft[testing]`).
+T = TypeVar("T")
+ANY: Final = Shape()
 
 
 def randoms() -> st.SearchStrategy[Random]:
@@ -25,7 +23,7 @@ def randoms() -> st.SearchStrategy[Random]:
     return st.integers(min_value=0, max_value=2**32 - 1).map(Random)
 
 
-def trees(shape: Shape = Shape()) -> st.SearchStrategy[RVAFT]:  # noqa: B008 -- immutable
+def trees(shape: Shape = ANY) -> st.SearchStrategy[RVAFT]:
     """Valid random trees of a shape."""
     return randoms().map(lambda random: random_tree(random, shape))
 
@@ -36,17 +34,10 @@ def traces(tree: RVAFT, *, max_length: int = 8) -> st.SearchStrategy[list[Json]]
 
 
 @st.composite
-def trees_with_traces(
-    draw: st.DrawFn,
-    shape: Shape = Shape(),  # noqa: B008 -- immutable
-    max_length: int = 8,
-) -> tuple[RVAFT, list[Json]]:
+def trees_with_traces(draw: st.DrawFn, shape: Shape = ANY, max_length: int = 8) -> tuple[RVAFT, list[Json]]:
     """A tree and a trace for it."""
     tree = draw(trees(shape))
     return tree, draw(traces(tree, max_length=max_length))
-
-
-T = TypeVar("T")
 
 
 def semantics() -> st.SearchStrategy[Semantics]:
@@ -70,10 +61,7 @@ def near_misses(tree: RVAFT, semantics: Semantics = Semantics.PROJECTED) -> st.S
 
 
 @st.composite
-def trees_with_guided_traces(
-    draw: st.DrawFn,
-    shape: Shape = Shape(),  # noqa: B008 -- immutable
-) -> tuple[RVAFT, Semantics, list[Json]]:
+def trees_with_guided_traces(draw: st.DrawFn, shape: Shape = ANY) -> tuple[RVAFT, Semantics, list[Json]]:
     """A valid tree, a semantics, and a trace that is led through the tree under it, disturbed or not."""
     tree, chosen = draw(trees(shape)), draw(semantics())
     return tree, chosen, draw(st.one_of(detecting_traces(tree, chosen), disturbed_traces(tree, chosen)))

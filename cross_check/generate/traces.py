@@ -10,6 +10,7 @@ from random import Random
 from typing import Final, TypeAlias
 
 from cross_check.generate.values import (
+    LOGGED,
     Demand,
     LogValues,
     Unmet,
@@ -30,8 +31,6 @@ from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.rules.rule import listing
-
-_NAMES: Final = ("heartbeat", "status", "log")
 
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
@@ -66,7 +65,7 @@ def some_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
 def noise(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json | None:
     """An event that is not relevant to the tree, or None where none was met."""
     for _ in range(10):
-        event: Json = {"event": random.choice(_NAMES), "value": random.choice(values)}
+        event: Json = {"event": random.choice(LOGGED), "value": random.choice(values)}
         if random.random() < 0.3:
             event = some_event(random, tree, values)
             event.pop(random.choice(sorted(event)), None) if event else None

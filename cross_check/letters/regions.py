@@ -8,6 +8,8 @@ from itertools import chain, count, pairwise, product
 from math import prod
 from typing import Final, TypeAlias, TypeVar
 
+import networkx as nx
+
 from cross_check.letters.unification import ROOT, Demands, Fresh, Place, plain
 from rvaft.errors import TooLarge
 from rvaft.model.guards import (
@@ -374,12 +376,10 @@ class Choices:
 
 def _groups(placed: Iterable[Placed], *, together: bool) -> list[list[Place]]:
     """The places of guards, those together that are in one guard, or in guards with a common place."""
-    groups: list[set[Place]] = []
+    graph = nx.Graph()
     for _, where in placed:
-        joined = set(where.values())
-        touched = groups if together else [group for group in groups if group & joined]
-        groups = [*(group for group in groups if group not in touched), joined.union(*touched)]
-    return [sorted(group) for group in groups]
+        nx.add_path(graph, where.values())
+    return [sorted(graph)] if together else [sorted(group) for group in nx.connected_components(graph)]
 
 
 def _parts(pattern: Pattern, kind: type[T]) -> Iterator[tuple[tuple[str | int, ...], T]]:

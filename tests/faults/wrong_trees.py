@@ -28,26 +28,24 @@ def rebuilt(tree: RVAFT, nodes: Iterable[Node] | None = None, **others: Any) -> 
     return RVAFT(tree.root, nodes, [*tree.events.values(), *named], **{**kept, **others})
 
 
-def each(change: Callable[[Node], Node]) -> Mistake:
-    """The mistake that every node is another one."""
-    return lambda tree: rebuilt(tree, map(change, tree.nodes.values()))
+def each(change: Callable[[Node], Mapping[str, Any] | None]) -> Mistake:
+    """The mistake that every node has these fields instead, where there is something to change."""
+    return lambda tree: rebuilt(tree, (replace(node, **(change(node) or {})) for node in tree.nodes.values()))
 
 
-def regated(old: Gate, new: Gate | None, *, threshold: int | None = None) -> Mistake:
+def regated(old: Gate, new: Gate, *, threshold: int | None = None) -> Mistake:
     """The mistake that every gate of one type with two children or more is of another type."""
     return each(
-        lambda node: (
-            replace(node, gate=new, threshold=threshold) if node.gate is old and len(node.children) > 1 else node
-        )
+        lambda node: {"gate": new, "threshold": threshold} if node.gate is old and len(node.children) > 1 else None
     )
 
 
 def thresholds(change: int) -> Mistake:
     """The mistake that K is another number, where a vote can have it."""
 
-    def changed(node: Node) -> Node:
+    def changed(node: Node) -> Mapping[str, Any] | None:
         wrong = (node.threshold or 0) + change
-        return replace(node, threshold=wrong) if node.gate is Gate.VOT and 1 <= wrong <= len(node.children) else node
+        return {"threshold": wrong} if node.gate is Gate.VOT and 1 <= wrong <= len(node.children) else None
 
     return each(changed)
 
@@ -71,22 +69,22 @@ def exactly(tree: RVAFT) -> RVAFT:
 
 def without_last(*gates: Gate) -> Mistake:
     """The mistake that the last child of such gates is not there."""
-    return each(
-        lambda node: (
-            replace(node, children=node.children[:-1])
-            if node.gate in gates and len(node.children) > max(1, node.threshold or 0)
-            else node
-        )
-    )
+
+    def changed(node: Node) -> Mapping[str, Any] | None:
+        spare = node.gate in gates and len(node.children) > max(1, node.threshold or 0)
+        return {"children": node.children[:-1]} if spare else None
+
+    return each(changed)
 
 
 def order_of_events_alone(tree: RVAFT) -> RVAFT:
     """A sequence orders its leaves and not what is below its gates."""
 
-    def nested(node: Node) -> bool:
-        return node.gate in (Gate.SAND, Gate.SAND_RL) and any(tree.nodes[child].children for child in node.children)
+    def changed(node: Node) -> Mapping[str, Any] | None:
+        nested = any(tree.nodes[child].children for child in node.children)
+        return {"gate": Gate.AND} if nested and node.gate in (Gate.SAND, Gate.SAND_RL) else None
 
-    return each(lambda node: replace(node, gate=Gate.AND) if nested(node) else node)(tree)
+    return each(changed)(tree)
 
 
 def doubled(tree: RVAFT) -> RVAFT:
@@ -110,13 +108,13 @@ def doubled(tree: RVAFT) -> RVAFT:
 def merged(tree: RVAFT) -> RVAFT:
     """Two children of one gate that have the same event are one."""
 
-    def changed(node: Node) -> Node:
+    def changed(node: Node) -> Mapping[str, Any]:
         first: dict[object, str] = {}
         for child in node.children:
             below = tree.nodes[child]
             first.setdefault((below.on, below.when) if below.leaf and below.on else child, child)
         few = node.threshold is not None and node.threshold > len(first)
-        return replace(node, children=tuple(first.values()), threshold=len(first) if few else node.threshold)
+        return {"children": tuple(first.values()), "threshold": len(first) if few else node.threshold}
 
     return each(changed)(tree)
 
@@ -138,26 +136,14 @@ def guards(change: Callable[[Guard], Guard]) -> Mistake:
     return wrong
 
 
-def operators(by: Mapping[Operator, Operator]) -> Mistake:
-    """The mistake that guards have other operators."""
+def operators(by: Mapping[Operator, Operator | None]) -> Mistake:
+    """The mistake that guards have other operators, or for None the first operand alone."""
 
     def changed(guard: Guard) -> Guard:
         if not isinstance(guard, Operation):
             return guard
-        return Operation(by.get(guard.operator, guard.operator), tuple(map(changed, guard.operands)))
-
-    return guards(changed)
-
-
-def instead(operator: Operator) -> Mistake:
-    """The mistake that of an operation only the first operand is there."""
-
-    def changed(guard: Guard) -> Guard:
-        if not isinstance(guard, Operation):
-            return guard
-        if guard.operator is operator:
-            return changed(guard.operands[0])
-        return Operation(guard.operator, tuple(map(changed, guard.operands)))
+        other = by.get(guard.operator, guard.operator)
+        return changed(guard.operands[0]) if other is None else Operation(other, tuple(map(changed, guard.operands)))
 
     return guards(changed)
 
@@ -165,20 +151,15 @@ def instead(operator: Operator) -> Mistake:
 def unguarded(which: Callable[[Node], bool]) -> Mistake:
     """The mistake that such nodes have no guard; a leaf that has nothing else keeps one that holds."""
     true = Operation(Operator.EQ, (Literal(1), Literal(1)))
-
-    def changed(node: Node) -> Node:
-        silent = node.leaf and node.on is None
-        return replace(node, when=true if silent else None) if node.when and which(node) else node
-
-    return each(changed)
+    return each(
+        lambda node: {"when": true if node.leaf and node.on is None else None} if which(node) and node.when else None
+    )
 
 
 def arguments(change: Callable[[Any], Any]) -> Mistake:
     """The mistake that the arguments of events are others."""
     return each(
-        lambda node: (
-            replace(node, on=replace(node.on, arguments=tuple(map(change, node.on.arguments)))) if node.on else node
-        )
+        lambda node: {"on": replace(node.on, arguments=tuple(map(change, node.on.arguments)))} if node.on else None
     )
 
 
@@ -194,30 +175,23 @@ def as_text(value: Any) -> Any:
 
 def unshared(tree: RVAFT) -> RVAFT:
     """A variable that an earlier node has is another one in a later node."""
-    seen: set[str] = set()
-
-    def changed(node: Node) -> Node:
-        if node.on is None:
-            return node
-        given = [
-            Variable(f"{one.name}0") if isinstance(one, Variable) and one.name in seen else one
-            for one in node.on.arguments
-        ]
-        seen.update(one.name for one in node.on.arguments if isinstance(one, Variable))
-        return replace(node, on=replace(node.on, arguments=tuple(given)))
-
-    return rebuilt(tree, map(changed, tree.nodes.values()))
+    nodes, seen = [], set[str]()
+    for node in tree.nodes.values():
+        given = list(node.on.arguments if node.on else ())
+        names = {one.name for one in given if isinstance(one, Variable)}
+        given = [Variable(f"{one.name}0") if isinstance(one, Variable) and one.name in seen else one for one in given]
+        nodes.append(replace(node, on=node.on and replace(node.on, arguments=tuple(given))))
+        seen |= names
+    return rebuilt(tree, nodes)
 
 
 def unified(tree: RVAFT) -> RVAFT:
     """All variables of the tree that stand at one place of an event are one."""
 
-    def changed(node: Node) -> Node:
-        if node.on is None:
-            return node
-        numbered = enumerate(node.on.arguments)
+    def changed(node: Node) -> Mapping[str, Any] | None:
+        numbered = enumerate(node.on.arguments if node.on else ())
         given = (Variable(f"V{number}") if isinstance(one, Variable) else one for number, one in numbered)
-        return replace(node, on=replace(node.on, arguments=tuple(given)))
+        return {"on": replace(node.on, arguments=tuple(given))} if node.on else None
 
     return tree if any(node.when for node in tree.nodes.values()) else each(changed)(tree)
 
@@ -258,9 +232,9 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     "the last child of an and or a sequence forgotten": without_last(Gate.AND, Gate.SAND, Gate.SAND_RL),
     "an order lost through a nested gate": order_of_events_alone,
     # events
-    "a gate's own event forgotten": each(lambda node: replace(node, on=None) if node.children else node),
+    "a gate's own event forgotten": each(lambda node: {"on": None} if node.children else None),
     "a leaf's event taken for that of its name": each(
-        lambda node: replace(node, on=None) if node.leaf and not node.when else node
+        lambda node: {"on": None} if node.leaf and not node.when else None
     ),
     "a shared node twice": doubled,
     "one event for two nodes": merged,
@@ -277,16 +251,16 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     "`or` for `and`": operators({Operator.AND: Operator.OR}),
     "`and` for `or`": operators({Operator.OR: Operator.AND}),
     "`-` for `+`": operators({Operator.ADD: Operator.SUB}),
-    "a `not` dropped": instead(Operator.NOT),
-    "the first of two conditions alone": instead(Operator.AND),
-    "the first term of a sum alone": instead(Operator.ADD),
+    "a `not` dropped": operators({Operator.NOT: None}),
+    "the first of two conditions alone": operators({Operator.AND: None}),
+    "the first term of a sum alone": operators({Operator.ADD: None}),
     # values
     'the number 1 as the text "1"': literals(as_text),
     'the text "1" as the number 1': literals(lambda value: int(value) if value == "1" else value),
     "true as 1": literals(lambda value: 1 if value is True else value),
     "literals not looked at": arguments(lambda one: Anything() if isinstance(one, Literal) else one),
     "arguments in the other order": each(
-        lambda node: replace(node, on=replace(node.on, arguments=node.on.arguments[::-1])) if node.on else node
+        lambda node: {"on": replace(node.on, arguments=node.on.arguments[::-1])} if node.on else None
     ),
     "a variable not shared": unshared,
     "two variables taken for one": unified,
@@ -298,5 +272,5 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     ),
     "the events of one branch alone relevant": lambda tree: rebuilt(tree, part_of=None),
     "an event relevant whatever its guard says": relevance(unguarded(lambda _: True)),
-    "the events of gates not relevant": relevance(each(lambda node: replace(node, on=None) if node.children else node)),
+    "the events of gates not relevant": relevance(each(lambda node: {"on": None} if node.children else None)),
 }

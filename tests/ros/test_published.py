@@ -214,8 +214,8 @@ def test_the_rml_oracle_can_be_asked_instead(
     alone = monitor(load(ROS), branch=branch)
     raw = {Verdict.TRUE: "true", Verdict.FALSE: "false", Verdict.UNKNOWN: "currently_false"}
     with rml_oracle(line, tmp_path, port):
-        module = loaded(tmp_path, entry["id"], port, monkeypatch)
-        with closing(OwnClient(module, tmp_path)) as client:
+        module = generated(tmp_path, entry["id"], port, monkeypatch)
+        with closing(Client(module, tmp_path)) as client:
             for event in read(TRACES / "table2_row3.jsonl"):
                 assert client.receive(event) == (True, raw[alone.step(event)])
             assert alone.verdict is Verdict.TRUE

@@ -25,11 +25,9 @@ from rvaft.model.patterns import Anything, ObjectPattern, Pattern
 
 _OPENING: Final = re.compile(r"\s*/\* rvaft(?!\w)")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
-_LINE: Final = re.compile(r"\s*(?:(atom|relevant|ignored)\s+)?([a-z_][a-z0-9_]*)\s*:=\s*(.*\S)\s*")
+_CONTENT: Final = re.compile(r"[^\n]*\S")
+_LINE: Final = re.compile(r"\s*(?:(atom|relevant|ignored)\s+)?([a-z_][a-z0-9_]*)\s*:=\s*(.*\S)")
 _STRING_OR_WHEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\]]|(?<!\w)when(?!\w)')
-
-Place = tuple[int, int]
-"""Line and column, from 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +57,8 @@ class Header:
     relevant: dict[str, list[Observation]] = field(default_factory=dict)
     ignored: dict[str, list[Observation]] = field(default_factory=dict)
     definitions: dict[str, str] = field(default_factory=dict)
-    places: dict[str, Place] = field(default_factory=dict)
-    """Of each definition where its formula begins."""
+    places: dict[str, int] = field(default_factory=dict)
+    """Of each definition where its formula begins in the text."""
 
     def __str__(self) -> str:
         lines = [f"atom {name} := {observation}" for name, observation in self.atoms.items()]
@@ -69,68 +67,61 @@ class Header:
         lines += [f"{name} := {formula}" for name, formula in self.definitions.items()]
         return "\n".join(["/* rvaft", *lines, "*/"]) + "\n"
 
-    def read_line(self, line: str, number: int) -> None:
-        """Add what a line says; raises `LanguageError` for one that says none of the things above, or says them twice."""
-        found = _LINE.fullmatch(line)
-        if found is None:
-            message = "a line of the header reads `atom NAME := PATTERN when GUARD` or `NAME := FORMULA`"
-            raise _malformed(message, line, (number, len(line) - len(line.lstrip()) + 1))
-        kind, name, what = found.groups()
-        several = {"relevant": self.relevant, "ignored": self.ignored}
-        if name in self.atoms or name in self.definitions or (kind not in several and name in self.relevant):
-            raise _malformed(f"{name} is defined twice", line, (number, found.start(2) + 1))
-        if kind is None:
-            self.definitions[name] = what
-            self.places[name] = (number, found.start(3) + 1)
-        elif kind == "atom":
-            self.atoms[name] = _observation(found, number)
-        else:
-            several[kind].setdefault(name, []).append(_observation(found, number))
 
+def split(text: str) -> tuple[Header, int]:
+    """The header of a text, empty where it has none, and where it ends.
 
-def split(text: str) -> tuple[Header, str]:
-    """The header of a text (empty where it has none) and the text with the header blanked out, places unchanged."""
+    Raises `LanguageError` for a line that says none of the things above, or says them twice.
+    """
     header = Header()
+    several = {"relevant": header.relevant, "ignored": header.ignored}
     opening = _OPENING.match(text)
     if opening is None:
-        return header, text
+        return header, 0
     end = text.find("*/", opening.end())
     if end < 0:
-        message = "the comment is not closed: write */ after its last line"
-        raise _malformed(message, text, (1, len(text) - len(text.lstrip()) + 1))
-    for number, line in enumerate((_blank(opening[0]) + text[opening.end() : end]).split("\n"), 1):
-        if line.strip():
-            header.read_line(line, number)
-    return header, _blank(text[: end + 2]) + text[end + 2 :]
+        start = len(text) - len(text.lstrip())
+        raise _malformed("the comment is not closed: write */ after its last line", text, start)
+    for line in _CONTENT.finditer(text, opening.end(), end):
+        found = _LINE.fullmatch(text, *line.span())
+        if found is None:
+            message = "a line of the header reads `atom NAME := PATTERN when GUARD` or `NAME := FORMULA`"
+            raise _malformed(message, text, line.end() - len(line[0].lstrip()))
+        kind, name, what = found.groups()
+        if name in header.atoms or name in header.definitions or (kind not in several and name in header.relevant):
+            raise _malformed(f"{name} is defined twice", text, found.start(2))
+        if kind is None:
+            header.definitions[name] = what
+            header.places[name] = found.start(3)
+        elif kind == "atom":
+            header.atoms[name] = _observation(text, *found.span(3))
+        else:
+            several[kind].setdefault(name, []).append(_observation(text, *found.span(3)))
+    return header, end + 2
 
 
-def _blank(text: str) -> str:
-    return re.sub(r".", " ", text)
-
-
-def _observation(found: re.Match[str], number: int) -> Observation:
+def _observation(text: str, start: int, stop: int) -> Observation:
     """The pattern and the guards between the words `when` that stand outside of strings and brackets."""
-    line, (start, stop), depth = found.string, found.span(3), 0
-    cuts = [start]
-    for token in _STRING_OR_WHEN.finditer(line, start, stop):
+    cuts, depth = [start], 0
+    for token in _STRING_OR_WHEN.finditer(text, start, stop):
         depth += (token[0] in "{[") - (token[0] in "}]")
         if token[0] == "when" and depth == 0:
-            cuts += [token.start(), token.end()]
-    cuts.append(stop)
+            cuts += token.span()
     parts: list[Any] = []
-    for begin, end in zip(cuts[::2], cuts[1::2], strict=True):
+    for begin, end in zip(cuts[::2], [*cuts[1::2], stop], strict=True):
         try:
-            parts.append((parse_guard if parts else parse_pattern)(line[begin:end]))
+            parts.append((parse_guard if parts else parse_pattern)(text[begin:end]))
         except LanguageError as error:
-            raise _malformed(error.message, line, (number, begin + error.column)) from None
+            raise _malformed(error.message, text, begin + error.column - 1) from None
         if not isinstance(parts[0], ObjectPattern | Anything):
-            message = "an event is an object: expected a pattern such as { field: 1 }, or _"
-            raise _malformed(message, line, (number, start + 1))
+            raise _malformed("an event is an object: expected a pattern such as { field: 1 }, or _", text, start)
     return Observation(parts[0], tuple(parts[1:]))
 
 
-def _malformed(message: str, source: str, place: Place) -> LanguageError:
-    return LanguageError(message, file="<ltlf>", line=place[0], column=place[1], source=source)
+def _malformed(message: str, text: str, offset: int) -> LanguageError:
+    line = text.count("\n", 0, offset)
+    column = offset - text.rfind("\n", 0, offset)
+    return LanguageError(message, file="<ltlf>", line=line + 1, column=column, source=text.split("\n")[line])
 
 
 # Formulas, read by Spot's own parser.
@@ -181,61 +172,45 @@ def spot() -> Any:
 
 def formula_of(text: str, formulas: Formulas) -> tuple[Header, int]:
     """What the header of a text says, and its formula; raises `LanguageError` and `ToolMissing`."""
-    header, rest = split(text)
+    header, end = split(text)
     known: dict[str, int] = {}
 
     def atom(name: str) -> int:
         if name in header.definitions and name not in known:
             unknown = next(one for one in header.definitions if one not in known)  # the one that is being read
-            raise _malformed(f"{name} is used before it is defined", "", header.places[unknown])
+            raise _malformed(f"{name} is used before it is defined", text, header.places[unknown])
         return known[name] if name in known else formulas.atom(name)
 
+    def parsed(start: int, formula: str) -> int:
+        """A formula that stands in the text from `start` on."""
+        try:
+            root = spot().formula(formula.replace("\n", " "))
+        except SyntaxError as error:  # Spot writes the text, a caret below the fault, and what it is, for each fault
+            found = _CARET.match(str(error).strip("\n").split("\n\n")[0])
+            if found is None:
+                raise _malformed("no formula of Spot's LTLf syntax", text, start) from None
+            offset = min(max(len(found["pad"]) - len(">>> "), 0), len(formula))
+            raise _malformed(found["message"].strip().replace("\n", " "), text, start + offset) from None
+        made: dict[int, int] = {}
+        todo = [root]
+        while todo:
+            current = todo[-1]
+            missing = [inner for inner in current if inner.id() not in made]
+            todo.extend(missing)
+            if not missing:
+                todo.pop()
+                kind = current.kindstr()
+                if kind == "ap":
+                    made[current.id()] = atom(current.ap_name())
+                elif kind in _OPERATORS:
+                    made[current.id()] = _OPERATORS[kind](formulas, *(made[inner.id()] for inner in current))
+                else:
+                    raise _malformed(f"{kind} is no operator of LTL on finite traces", text, start)
+        return made[root.id()]
+
     for name, definition in header.definitions.items():
-        known[name] = _parsed(definition, formulas, atom, header.places[name])
-    formula = rest.lstrip()
-    skipped = rest[: len(rest) - len(formula)]
-    place = _behind(skipped, (1, 1))
-    if not formula:
-        raise _malformed("there is no formula after the comment" if skipped else "there is no formula", "", place)
-    return header, _parsed(formula.rstrip(), formulas, atom, place)
-
-
-def _parsed(text: str, formulas: Formulas, atom: Callable[[str], int], place: Place) -> int:
-    """The formula that a text stands for, which begins at that place; `atom` gives the formula of a name."""
-
-    def malformed(message: str, offset: int = 0) -> LanguageError:
-        line, column = _behind(text[:offset], place)
-        rows = (" " * (place[1] - 1) + text).split("\n")
-        return _malformed(message, rows[line - place[0]], (line, column))
-
-    try:
-        root = spot().formula(text.replace("\n", " "))
-    except SyntaxError as error:  # Spot writes the text, a caret below the fault, and what it is, for each fault
-        found = _CARET.match(str(error).strip("\n").split("\n\n")[0])
-        if found is None:
-            raise malformed("no formula of Spot's LTLf syntax") from None
-        offset = min(max(len(found["pad"]) - len(">>> "), 0), len(text))
-        raise malformed(found["message"].strip().replace("\n", " "), offset) from None
-    known: dict[int, int] = {}
-    todo = [root]
-    while todo:
-        current = todo[-1]
-        missing = [inner for inner in current if inner.id() not in known]
-        todo.extend(missing)
-        if not missing:
-            todo.pop()
-            kind = current.kindstr()
-            if kind == "ap":
-                known[current.id()] = atom(current.ap_name())
-            elif kind in _OPERATORS:
-                known[current.id()] = _OPERATORS[kind](formulas, *(known[inner.id()] for inner in current))
-            else:
-                raise malformed(f"{kind} is no operator of LTL on finite traces")
-    return known[root.id()]
-
-
-def _behind(text: str, place: Place) -> Place:
-    """The place behind a text that begins at a place."""
-    line, column = place
-    breaks = text.count("\n")
-    return line + breaks, len(text) - text.rfind("\n") if breaks else column + len(text)
+        known[name] = parsed(header.places[name], definition)
+    start = len(text) - len(text[end:].lstrip())
+    if start == len(text):
+        raise _malformed("there is no formula after the comment" if text else "there is no formula", text, start)
+    return header, parsed(start, text[start:].rstrip())

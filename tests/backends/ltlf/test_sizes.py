@@ -90,12 +90,12 @@ def counted_alike(tree: RVAFT, semantics: Semantics) -> None:
         made = BACKEND.translate(tree, semantics, limit=3_000)
     except (TooLarge, TreeError):
         return
-    header, rest = split(made.text)
+    header, end = split(made.text)
     known: dict[str, Any] = {}
     for name, definition in header.definitions.items():
         known[name] = expanded(spot().formula(definition), known)
     seen: set[int] = set()
-    todo = [expanded(spot().formula(rest.strip()), known)]
+    todo = [expanded(spot().formula(made.text[end:].strip()), known)]
     while todo:
         formula = todo.pop()
         if formula.id() not in seen:

@@ -1,18 +1,6 @@
 """A tree for other programs: all of it as JSON, and its static part in Galileo's format for fault-tree tools.
 
-Schema of the JSON, version 1 (fields are only ever added)::
-
-    {"format": "rvaft", "version": 1, "root": NAME, "causality": "top_down" | "bottom_up",
-     "nodes":   [{"name", "gate": null | "or" | "and" | "sand" | "sand_rl" | "vot", "threshold": null | K,
-                  "children": [NAME], "on": null | CALL, "when": null | GUARD, "kind": null | "fault" | "attack",
-                  "label": null | TEXT, "attributes": [[KEY, VALUE]]}],
-     "events":  [{"name", "parameters": [NAME], "pattern": PATTERN}],
-     "ignores": [{"on": CALL, "when": null | GUARD}],
-     "topics":  [{"name", "type", "publishers": [NAME]}]}
-
-CALL is `{"event": NAME, "arguments": [PATTERN]}`; PATTERN one of `{"literal": VALUE}`, `{"variable": NAME}`, `{"any": true}`,
-`{"object": {FIELD: PATTERN}}`, `{"list": [PATTERN]}`; GUARD a text in the language of guards. Nodes stand in the order of
-their declaration.
+The schema of the JSON is in `docs/drawing.md`.
 
 Galileo has no SAND: it becomes the priority AND (`pand`), `sand_rl` with its children turned round. Events, guards,
 kinds, labels and `ignore` have no form there either; `losses` says what is lost, so that nobody takes the result for the tree.
@@ -20,11 +8,12 @@ kinds, labels and `ignore` have no form there either; `losses` says what is lost
 
 import json
 from collections.abc import Iterator
-from typing import Any, assert_never
+from typing import Any, Final, assert_never
 
+from rvaft.analysis.normal_form import Op, body
 from rvaft.errors import OptionError
 from rvaft.model.expressions import WORD, bare_value, guard_text
-from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.nodes import Causality, Node
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -98,50 +87,37 @@ def galileo_text(tree: RVAFT) -> str:
 def losses(tree: RVAFT) -> Iterator[str]:
     """What the Galileo text does not say, one clause each."""
     nodes = list(tree.top_down())
-    counts = {
-        "sand gate{} written as pand, which orders failures, not runtime events": sum(
-            _gate(node)[0] == "pand" for node in nodes
-        ),
-        "runtime event{} left out": sum(node.on is not None for node in nodes),
-        "guard{} left out": sum(node.when is not None for node in nodes),
-        "fault or attack mark{} left out": sum(node.kind is not None for node in nodes),
-        "label{} left out": sum(node.label is not None for node in nodes),
-        "attribute{} left out whose name or value Galileo cannot write": sum(
-            not _is_plain(*pair) for node in nodes for pair in node.attributes
-        ),
-    }
-    yield from (f"{lost} {what.format('s' * (lost != 1))}" for what, lost in counts.items() if lost)
+    ordered = sum(body(node).op is Op.SEQUENCE for node in nodes)
+    unwritable = sum(not _is_plain(*pair) for node in nodes for pair in node.attributes)
+    unrated = sum(node.leaf and not node.attributes for node in nodes)
+    for lost, what in (
+        (ordered, "sand gate{} written as pand, which orders failures, not runtime events"),
+        (sum(node.on is not None for node in nodes), "runtime event{} left out"),
+        (sum(node.when is not None for node in nodes), "guard{} left out"),
+        (sum(node.kind is not None for node in nodes), "fault or attack mark{} left out"),
+        (sum(node.label is not None for node in nodes), "label{} left out"),
+        (unwritable, "attribute{} left out whose name or value Galileo cannot write"),
+    ):
+        if lost:
+            yield f"{lost} {what.format('s' * (lost != 1))}"
     if tree.ignores:
         yield "ignore declarations left out"
     if tree.topics:
         yield "topic declarations left out"
     if tree.causality is Causality.BOTTOM_UP:
         yield "causality bottom_up left out"
-    if count := sum(node.leaf and not node.attributes for node in nodes):
-        yield f"{count} basic event{'s' * (count != 1)} without a rate or probability, which most tools require"
+    if unrated:
+        yield f"{unrated} basic event{'s' * (unrated != 1)} without a rate or probability, which most tools require"
 
 
-def _gate(node: Node) -> tuple[str, tuple[str, ...]]:
-    """The gate as Galileo calls it, and the children in its order."""
-    match node.gate:
-        case None:
-            return "", node.children
-        case Gate.VOT:
-            return f"{node.threshold}of{len(node.children)}", node.children
-        case Gate.SAND:
-            return "pand", node.children
-        case Gate.SAND_RL:
-            return "pand", node.children[::-1]
-        case Gate.AND | Gate.OR:
-            return node.gate.value, node.children
-        case _ as never:
-            assert_never(never)
+_GATES: Final = {Op.ALL: "and", Op.ONE: "or", Op.SEQUENCE: "pand", Op.AT_LEAST: "{}of{}"}
 
 
 def _statement(node: Node) -> str:
-    gate, children = _gate(node)
+    below = body(node)
+    gate = [] if node.leaf else [_GATES[below.op].format(below.need, len(below.children))]
     attributes = [f"{key}={value}" for key, value in node.attributes if _is_plain(key, value)]
-    return " ".join(filter(None, [_name(node.name), gate, *map(_name, children), *attributes])) + ";"
+    return " ".join([_name(node.name), *gate, *map(_name, below.children), *attributes]) + ";"
 
 
 def _name(name: str) -> str:

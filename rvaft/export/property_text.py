@@ -1,18 +1,8 @@
 """The property of a tree or of a branch as papers print it: in LaTeX's mathematics, or in Unicode.
 
 The signs are those of Cardoso, Ferrando and Fisher, Extending Attack-Fault Trees with Runtime Verification (FMAS 2022), with one
-difference. There the formulas φ, φ₁, φ₂, … (section 4.2) join everything by ∧, which for want of another sign also stands for one after the
-other (its footnote says so), while the gates (section 3.2) tell the two apart. Here
-
-| sign | what it joins | gate |
-| --- | --- | --- |
-| · | one after the other | SAND; a node before (or, bottom up, after) what is below it |
-| ∧ | all, in any order (the paper's gate: a bar) | AND |
-| ∨ | one of them | OR |
-| VOT k/n | at least k of these n, in any order | VOT |
-
-and a condition stands in square brackets where its node stands. For display only; nothing is run from it, and a node that
-several parents share stands wherever it is used.
+difference, a sign of its own for one after the other; `docs/cli.md` has their table. For display only; nothing is run from it, and a
+node that several parents share stands wherever it is used.
 """
 
 import re

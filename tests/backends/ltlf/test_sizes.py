@@ -33,6 +33,7 @@ def subformulas(tree: RVAFT, semantics: Semantics) -> int:
         ("top sand a b c;", "scattered", "a b c, Fc, X[!]Fc, b&…, F…, X[!]…, a&…, all"),
         ("top 2of3 a b c;", "scattered", "a b c, Fa, Fb, Fc, b|c, a&(b|c), b&c, all"),
         ("top and x c; x and a b;", "scattered", "a b c, Fa, Fb, Fc, all"),
+        ("top or x y; x and a b; y and b a;", "scattered", "a b, Fa, Fb, all"),
     ],
 )
 def test_by_hand(tree: str, semantics: str, listed: str) -> None:

@@ -359,13 +359,13 @@ class HoaProgram:
 
 
 @lru_cache(maxsize=8)
-def _program(text: str, atoms: tuple[tuple[str, Pattern], ...]) -> HoaProgram:
-    return HoaProgram(text, dict(atoms))
+def _program(text: str) -> HoaProgram:
+    return HoaProgram(text, {})
 
 
 def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
     """The program of a text, kept for its other monitors; raises `LanguageError`, `ToolMissing`, `TooLarge`."""
-    return _program(text, tuple((atoms or {}).items()))
+    return _program(text) if atoms is None else HoaProgram(text, atoms)  # atoms may refuse a name, which no copy does
 
 
 class HoaMonitor(Monitor):

@@ -14,25 +14,13 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from cross_check import results as reports
 from cross_check.campaign import EFFORT, MAX_NODES, Entry, Task, campaign, catalogue, run
 from cross_check.comparison import PATIENCE, Roster
 from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
 from cross_check.participants import handwritten, is_specification
-from cross_check.results import (
-    Job,
-    Result,
-    Status,
-    Totals,
-    csv_text,
-    difference_lines,
-    exit_status,
-    json_text,
-    junit_text,
-    markdown_text,
-    result_lines,
-    summary_lines,
-)
+from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import Effort
 from rvaft.api import load, narrowed
 from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
@@ -42,10 +30,10 @@ from rvaft.support.files import deliver
 from rvaft.support.terminal import columns, visible
 
 _FORMATS: Final[dict[str, Callable[[Iterable[Result], str], str]]] = {
-    "json": json_text,
-    "csv": csv_text,
-    "junit": junit_text,
-    "markdown": markdown_text,
+    "json": reports.json_text,
+    "csv": reports.csv_text,
+    "junit": reports.junit_text,
+    "markdown": reports.markdown_text,
 }
 _SHOWN: Final = 20
 """Disagreements of which the trace is printed."""
@@ -91,7 +79,8 @@ class Reports:
                     for result in differing if every <= _SHOWN else ():
                         baseline = "the others" if result.difference is None else result.difference.baseline
                         where = f"{result.participant} differs from {baseline}: {_job(result)}"
-                        click.echo("\n".join([visible(where), *(f"  {line}" for line in difference_lines(result)), ""]))
+                        shown = [f"  {line}" for line in reports.difference_lines(result)]
+                        click.echo("\n".join([visible(where), *shown, ""]))
                     if bogus is not None:
                         for case in self.failures.collect(partial(shrunk, task), differing):
                             for folder in self.failures.collect(partial(save, folder=bogus), [case]):
@@ -100,9 +89,9 @@ class Reports:
                         break
             except KeyboardInterrupt:
                 note = f"interrupted after {done} of {count} comparisons"
-        totals = Totals(self.results)
+        totals = reports.Totals(self.results)
         if self.results:
-            click.echo("\n".join(result_lines(self.results) if self.every else summary_lines(totals)))
+            click.echo("\n".join(reports.result_lines(self.results) if self.every else reports.summary_lines(totals)))
         if not self.every:
             for result in totals.unable[:_SHOWN]:
                 click.echo(visible(f"{result.participant} on {_job(result)}: {result.text}"))
@@ -212,8 +201,8 @@ def cross_check_command(
     for path in files.values():
         if not (folder := Path(path).absolute().parent).is_dir():
             raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", path)
-    reports = Reports(files, every=bool(trees))
-    failures = reports.failures
+    collected = Reports(files, every=bool(trees))
+    failures = collected.failures
     roster = Roster(
         options.some_backends(given["backends"]),
         tuple(failures.collect(handwritten, [*against, *texts])),
@@ -223,8 +212,8 @@ def cross_check_command(
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )
     if cases is not None:
-        reports.replay(cases, roster)
-        return FAILED if failures.met else exit_status(reports.results)
+        collected.replay(cases, roster)
+        return FAILED if failures.met else exit_status(collected.results)
     entries: Iterable[Entry]
     states, seed = given["states"], given["seed"]
     if random is not None:
@@ -246,10 +235,10 @@ def cross_check_command(
     chosen = semantics or ((Semantics.PROJECTED,) if against else tuple(Semantics))
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e in entries for s in chosen)
     jobs = given["jobs"] or os.cpu_count() or 1
-    reports.compare(tasks, count * len(chosen), jobs, bogus=given["save_bogus"], stop=given["stop_on_error"])
+    collected.compare(tasks, count * len(chosen), jobs, bogus=given["save_bogus"], stop=given["stop_on_error"])
     fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
     asked = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}
-    return FAILED if failures.met else exit_status(reports.results, failing=asked)
+    return FAILED if failures.met else exit_status(collected.results, failing=asked)
 
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:

@@ -13,18 +13,9 @@ from rvaft.export import fired_text
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
+from rvaft.monitoring import detection
 from rvaft.monitoring.checkpoint import CheckpointFile
-from rvaft.monitoring.detection import (
-    Hooks,
-    counted,
-    expected,
-    explained,
-    other_fields,
-    places,
-    told_fields,
-    unlike,
-    variables,
-)
+from rvaft.monitoring.detection import Hooks, counted
 from rvaft.monitoring.monitor_set import Per
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, VerdictChange
@@ -146,7 +137,7 @@ class Reporter(Listener):
         self.key = settings.plan.key
         self.columns = settings.plan.monitors.columns
         self.sink = sink
-        self.fields = told_fields(settings.tree)
+        self.fields = detection.told_fields(settings.tree)
         self._ends = 0
 
     def ends(self, change: VerdictChange) -> dict[int, Ended]:
@@ -185,9 +176,9 @@ class _JsonLines(Reporter):
                 said["again"] = True
             details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
             for column, explanation in change.explanations.items():
-                details[column] = explained(explanation, self.settings.tree, change.events, self.fields)
+                details[column] = detection.explained(explanation, self.settings.tree, change.events, self.fields)
             for column, ended in self.ends(change).items():
-                details[column] = {"expected": expected(ended.pending)}
+                details[column] = {"expected": detection.expected(ended.pending)}
             said |= details.pop(0, {})
             if details:
                 said["columns"] = {self.columns[column].label: detail for column, detail in details.items()}
@@ -238,7 +229,7 @@ class _Text(Reporter):
         changed = ", ".join(f"{titles[place]} {verdicts[place]}" for place in change.columns)
         again = " (told before)" if change.number <= self.told_before else ""
         yield f"{where}event {change.number}: {changed if many else verdicts[0]}{again}"
-        for which, explanation in unlike(change.explanations):
+        for which, explanation in detection.unlike(change.explanations):
             title = f"{', '.join(titles[place] for place in which)}: " if many else ""
             if self.settings.drawn:
                 drawing = fired_text(self.settings.tree, explanation, change.events)
@@ -267,13 +258,13 @@ class _Text(Reporter):
             label = tree.nodes[node].label if node in tree.nodes else None
             place = " (no longer known)"
             if number in events:
-                known = places(events[number])
+                known = detection.places(events[number])
                 said = [f" {word} {_short(known[it])}" for word, it in (("at", "time"), ("on", "topic")) if it in known]
-                others = other_fields(node, events[number], tree, self.fields)
+                others = detection.other_fields(node, events[number], tree, self.fields)
                 more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())
                 place = "".join(said) + (f" with {more}" if more else "")
             yield f"event {number}{place} is {node}{f' ({label})' if label else ''}"
-        for variable, value in variables(explanation, tree).items():
+        for variable, value in detection.variables(explanation, tree).items():
             yield f"{variable} = {_json(value)}"
 
 

@@ -19,12 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def number(
-    *names: str,
-    text: str,
-    least: int = 1,
-    most: int | None = None,
-    default: int | None = None,
-    metavar: str | None = "N",
+    *names: str, text: str, least: int = 1, most: int | None = None, default: int | None = None, metavar: str = "N"
 ) -> Callable[[F], F]:
     """An option whose value is a whole number, `least` or more."""
     kind, shown = click.IntRange(least, most), default is not None

@@ -14,19 +14,7 @@ from rvaft.cli import options, warn
 from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.monitoring.monitor_set import Per
-from rvaft.ros.configuration import (
-    SUFFIXES,
-    Action,
-    NoConfiguration,
-    Oracle,
-    RosOptions,
-    RosVersion,
-    commands_text,
-    configuration_text,
-    leftover,
-    planned,
-    specifications,
-)
+from rvaft.ros import configuration as ros
 from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from rvaft.ros.server import CONNECTIONS, LOCAL, PORT, Address, origin, serve
 from rvaft.support.files import place
@@ -49,12 +37,14 @@ _ORACLE: Final = "Who answers the monitors: rvaft serve, or the RML oracle of RO
 )
 @options.part_options
 @options.semantics_option
-@options.choice("--action", words=Action, text=_ACTION)
-@options.choice("--oracle", words=Oracle, text=_ORACLE, default=Oracle.RVAFT)
+@options.choice("--action", words=ros.Action, text=_ACTION)
+@options.choice("--oracle", words=ros.Oracle, text=_ORACLE, default=ros.Oracle.RVAFT)
 @click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Where the oracles are.")
-@options.number("--port", most=65535, default=PORT, metavar=None, text="That of the first oracle; others follow.")
+@options.number(
+    "--port", most=65535, default=PORT, metavar="INTEGER RANGE", text="That of the first oracle; others follow."
+)
 @options.choice(
-    "--ros-version", words=RosVersion, text="Which ROS the monitors are generated for.", default=RosVersion.ROS2
+    "--ros-version", words=ros.RosVersion, text="Which ROS the monitors are generated for.", default=ros.RosVersion.ROS2
 )
 @click.option("--id", "name", metavar="NAME", help="What the monitors are called; default: as the root of the tree.")
 @click.option("--force", is_flag=True, help="Replace files that are there already, and remove those of an earlier run.")
@@ -74,29 +64,29 @@ def rosmonitoring_command(
     All files are written or none.
     """
     options.refuse(output in ("", "-"), f"-o names a folder, and '{output}' is none")
-    wanted = RosOptions(**how)
+    wanted = ros.RosOptions(**how)
     loaded = load(tree)
-    if wanted.oracle is Oracle.RVAFT:
+    if wanted.oracle is ros.Oracle.RVAFT:
         folder = Path(tree).parent.resolve()
         passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)
         if passing or not Path(tree).is_file():  # a stream, or standard input by a name of its own
             raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
-    monitors = planned(loaded, wanted, per=per, branch=branch, kind=kind, name=name)
-    files: dict[str, str | None] = {CONFIGURATION: configuration_text(monitors, wanted)}
+    monitors = ros.planned(loaded, wanted, per=per, branch=branch, kind=kind, name=name)
+    files: dict[str, str | None] = {CONFIGURATION: ros.configuration_text(monitors, wanted)}
     left_out: list[str] = []
     for monitor in monitors:
         try:
-            files.update(specifications(monitor, wanted.semantics))
+            files.update(ros.specifications(monitor, wanted.semantics))
         except (NotExpressible, TooLarge) as error:
-            names = [f"{monitor.id}{suffix}" for suffix in SUFFIXES.values()]
+            names = [f"{monitor.id}{suffix}" for suffix in ros.SUFFIXES.values()]
             left_out.append(f"{' and '.join(names)} left out: {error}")
-            if wanted.oracle is Oracle.RML:
-                raise NoConfiguration(f"there is nothing for the RML oracle to load: {left_out[0]}") from error
+            if wanted.oracle is ros.Oracle.RML:
+                raise ros.NoConfiguration(f"there is nothing for the RML oracle to load: {left_out[0]}") from error
             files.update(dict.fromkeys(names))
     path = tree if Path(tree).is_absolute() else os.path.relpath(tree, output)
-    files[COMMANDS] = commands_text(monitors, wanted, tree=path, configuration=CONFIGURATION)
+    files[COMMANDS] = ros.commands_text(monitors, wanted, tree=path, configuration=CONFIGURATION)
     with suppress(OSError, UnicodeDecodeError):  # the specifications of the monitors of an earlier run
-        for gone in leftover(Path(output), (Path(output) / CONFIGURATION).read_text(encoding="utf-8")):
+        for gone in ros.leftover(Path(output), (Path(output) / CONFIGURATION).read_text(encoding="utf-8")):
             files.setdefault(gone, None)
     place(Path(output), files, force=force)
     for reason in left_out:
@@ -110,7 +100,7 @@ _MEBIBYTE: Final = 1024 * 1024
 @click.command("serve")
 @options.tree_argument
 @click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Listen at this address.")
-@options.number("--port", least=0, most=65535, default=PORT, metavar=None, text="0 is any that is free.")
+@options.number("--port", least=0, most=65535, default=PORT, metavar="INTEGER RANGE", text="0 is any that is free.")
 @click.option("--origin", multiple=True, metavar="URL", help="Let web pages from there in; may be repeated.")
 @click.option("--shared", is_flag=True, help="One monitor for all connections instead of one for each.")
 @options.semantics_option

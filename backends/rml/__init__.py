@@ -43,7 +43,7 @@ class RmlBackend(Backend):
     Trees without variables are expressed under every semantics, with one exception: RML cannot order strings, so `projected` is
     refused where relevance depends on their order, by a guard of `ignore` (or, in a part of a tree, by one of a node outside it).
     Under `strict` and `projected` also trees with variables are expressed, unless a guard orders strings. `limit` counts scenarios,
-    and alternatives of the equations, ten symbols of the text being allowed for each.
+    and alternatives of the equations; for each, ten symbols of the text and fifty steps of looking for it are allowed.
     """
 
     name: ClassVar[str] = "rml"

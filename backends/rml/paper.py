@@ -348,7 +348,7 @@ class RmlPaperBackend(RmlBackend):
 
     Not faithful: RML's union commits to its left operand, so a union of branches with a common start misses the later ones, and
     the unrolled VOT means exactly K and loses interleavings of compound children. `limit` counts the terms written,
-    ten symbols of the unrolled VOT gates being allowed for each.
+    ten symbols of the unrolled VOT gates and a hundred characters of one term being allowed for each.
     """
 
     name: ClassVar[str] = "rml-paper"

@@ -158,7 +158,7 @@ def _leaves_unbound(program: s.RmlProgram) -> bool:
     def taken(one: s.Value | s.TypeUse) -> frozenset[str]:
         if not isinstance(one, s.TypeUse):
             return s.fold(one, bound_by)
-        parents = [(zip(d.parameters, one.parameters, strict=True), bound(d)) for d in known.get(one.signature, ())]
+        parents = [(zip(d.parameters, one.parameters, strict=True), bound(d)) for d in known.get(s.signature(one), ())]
         ways = [frozenset(p.name for name, p in pairs if isinstance(p, s.Name) and name in b) for pairs, b in parents]
         return frozenset.intersection(*ways) if ways else frozenset()
 

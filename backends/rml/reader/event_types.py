@@ -118,7 +118,7 @@ class EventTypes:
 
     def _ways(self, use: s.TypeUse, event: Json, bound: Bound) -> Iterator[Bound]:
         """The ways a use matches, as bindings of the variables around it."""
-        for declaration in self._declared.get(use.signature, ()):
+        for declaration in self._declared.get(s.signature(use), ()):
             inner: dict[str, Json] = {}
             pairs = list(zip(declaration.parameters, use.parameters, strict=True))
             for name, given in pairs:
@@ -270,7 +270,7 @@ class _Questions:
 
     def ways(self, use: s.TypeUse, scope: _Scope) -> Iterator[_Way]:
         """The ways to match a use; their scope is that around the use."""
-        for declaration in self._declared.get(use.signature, ()):
+        for declaration in self._declared.get(s.signature(use), ()):
             inner = _inward(declaration, use, scope)
             if inner is None:
                 continue

@@ -85,11 +85,6 @@ class TypeUse:
     place: Position = field(default=(1, 1), compare=False)
 
     @property
-    def signature(self) -> tuple[str, int]:
-        """What its declarations are found by."""
-        return self.name, len(self.parameters)
-
-    @property
     def variables(self) -> frozenset[str]:
         """The variables among the arguments."""
         return frozenset(parameter.name for parameter in self.parameters if isinstance(parameter, Name))
@@ -105,10 +100,10 @@ class Declaration:
     alternatives: tuple[Value | TypeUse, ...]
     guard: Data | None = None
 
-    @property
-    def signature(self) -> tuple[str, int]:
-        """What uses of it are found by."""
-        return self.name, len(self.parameters)
+
+def signature(one: TypeUse | Declaration) -> tuple[str, int]:
+    """What the declarations of an event type are found by."""
+    return one.name, len(one.parameters)
 
 
 EVERYWHERE: Final = (
@@ -155,7 +150,7 @@ class RmlProgram:
         """The declarations of each event type, those that every specification has among them."""
         found: dict[tuple[str, int], list[Declaration]] = {}
         for declaration in (*self.declarations, *EVERYWHERE):
-            found.setdefault(declaration.signature, []).append(declaration)
+            found.setdefault(signature(declaration), []).append(declaration)
         return found
 
     def reachable(self, names: Iterable[str] = ("Main",)) -> Iterator[Equation]:
@@ -277,9 +272,9 @@ def _check_derived(program: RmlProgram) -> None:
             if any(isinstance(part, Either) for part in walk(parent)):
                 raise refusal(f"{parent.name}: no `|` inside an argument", parent.place)
         for parent in parents:
-            if parent.signature == declaration.signature:
+            if signature(parent) == signature(declaration):
                 raise refusal(f"the event type {declaration.name} is derived from itself", parent.place)
-            graph.add_edge(declaration.signature, parent.signature, place=parent.place)
+            graph.add_edge(signature(declaration), signature(parent), place=parent.place)
     cycle = next((c for c in nx.strongly_connected_components(graph) if len(c) > 1), None)
     if cycle is not None:
         name = min(cycle)

@@ -116,6 +116,7 @@ def one_of(choices: type[Choice], value: Choice | str) -> Choice:
         raise OptionError(f"unknown {choices.__name__.lower()} {value!r}; known: {known}") from None
 
 
+@no_collections()
 def loads(text: str, file: str = "<text>") -> RVAFT:
     """The tree that a text stands for; imports are relative to the folder of `file`.
 
@@ -129,6 +130,7 @@ def loads(text: str, file: str = "<text>") -> RVAFT:
     return _checked(parse(text, file))
 
 
+@no_collections()
 def load(path: os.PathLike[str] | str) -> RVAFT:
     """The tree in a file, Galileo's static part included; raises as `loads` does, and `OSError` where it cannot be read.
 
@@ -140,7 +142,6 @@ def load(path: os.PathLike[str] | str) -> RVAFT:
     return _checked(parse_file(path))
 
 
-@no_collections()
 def _checked(draft: Draft) -> RVAFT:
     """The tree of a draft; raises the first error that a rule finds, with its place."""
     _raise_first(check_draft(draft))

@@ -156,9 +156,9 @@ class RVAFT:
         event = self.events[on.event]
         by: dict[str, Pattern] = {}
         for number, (parameter, argument) in enumerate(zip(event.parameters, on.arguments, strict=True), 1):
-            uses = sum(part == Variable(parameter) for part in walk(event.pattern))
-            fresh = isinstance(argument, Anything) and uses > 1
-            by[parameter] = Variable(f"_{number}") if fresh else argument
+            by[parameter] = argument
+            if isinstance(argument, Anything) and list(walk(event.pattern)).count(Variable(parameter)) > 1:
+                by[parameter] = Variable(f"_{number}")
         return substitute(event.pattern, by)
 
     @cached_property

@@ -10,7 +10,7 @@ from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import EventType, On, Place, absolute, topic_of, wrong_name, wrong_type
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.patterns import variables as pattern_variables
-from rvaft.model.tree import RVAFT, find_cycle, knots
+from rvaft.model.tree import RVAFT, find_cycle, knots, sorted_topologically
 from rvaft.rules.rule import RuleReport, did_you_mean, listing
 
 
@@ -94,7 +94,7 @@ def cycle(draft: Draft) -> Iterator[RuleReport]:
         name: [child.value for child in node.children() if child.value in draft.nodes]
         for name, node in draft.nodes.items()
     }
-    if not find_cycle(below):
+    if sum(1 for _ in sorted_topologically(below)) == len(below):
         return
     rank = {name: index for index, name in enumerate(below)}
     for members in sorted(

@@ -80,6 +80,7 @@ class MatchFinder:
         self.tree = tree
         self.strategy = strategy
         self._names = [tree.origins.get(name, name) for name in strategy.compiled.names]
+        self._number = {name: node for node, name in enumerate(self._names)}
 
     def find(self, choices: Choices) -> FoundMatch | None:
         """A match of a scenario in which each of these choices keeps the child chosen."""
@@ -148,7 +149,7 @@ class MatchFinder:
 
     def is_possible(self, gate: str, child: str) -> bool:
         """False only where certainly no match keeps this child of a choice (or, if it is the first, does without the choice)."""
-        node, kept = self._names.index(gate), self._names.index(child)
+        node, kept = self._number[gate], self._number[child]
         able, unavoidable = self._limits
         is_first = self.strategy.compiled.children[node][0] == kept
         return kept in able or (is_first and node not in unavoidable)

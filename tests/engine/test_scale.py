@@ -1,6 +1,9 @@
 """Trees too large for anything but an incremental monitor, and traces too long to remember."""
 
+import subprocess
+import sys
 from random import Random
+from typing import Any
 
 import pytest
 
@@ -12,7 +15,7 @@ from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
 
-MANY = 5_000
+MANY = 4_000
 LEAVES = [f"l{index}" for index in range(MANY)]
 
 
@@ -78,31 +81,30 @@ def test_a_scattered_log_does_not_grow() -> None:
     assert monitor.step({"event": "g"}) is Verdict.TRUE
 
 
-def test_too_many_values_are_refused_by_name() -> None:
-    tree = rvaft.loads("event p(v) = { p: v }; event q(v) = { q: v }; top sand a b; a on p(First); b on q(First);")
-    monitor = Engine(tree, "scattered", limit=100)
-    with pytest.raises(TooLarge, match="First") as caught:
-        list(monitor.run({"p": number} for number in range(101)))
-    assert caught.value.limit == 100
+REFUSED: dict[str, tuple[str, str, int, list[Any], str]] = {
+    "values": (
+        "event p(v) = { p: v }; event q(v) = { q: v }; top sand a b; a on p(First); b on q(First);",
+        *("scattered", 100, [{"p": number} for number in range(101)], "First"),
+    ),
+    "a log": (
+        "top sand x y z; x or a b; y or c d; z or e f;",
+        *("scattered", 2, [{"event": word} for word in "acb"], "most of them for a, c, b"),
+    ),
+    "ways": (  # leaves of which each wants another field of the same events: every subset is a way
+        "".join(f"event e{i}(x) = {{ f{i}: x }}; l{i} on e{i}(_);" for i in range(20))
+        + f"top and {' '.join(f'l{i}' for i in range(20))};",
+        *("projected", 1000, [{f"f{i}": 1 for i in range(20)}] * 10, "l0"),
+    ),
+}
 
 
-def test_a_log_too_large_is_refused_by_name() -> None:
-    tree = rvaft.loads("top sand x y z; x or a b; y or c d; z or e f;")
-    monitor = Engine(tree, "scattered", limit=2)
-    with pytest.raises(TooLarge, match="most of them for") as caught:
-        list(monitor.run({"event": word} for word in "acb"))
-    assert caught.value.limit == 2
-    assert "a, c, b" in str(caught.value)
-
-
-def test_too_many_ways_are_refused_by_name() -> None:
-    """An `and` over leaves, each of which wants another field of the same events: every subset is a way."""
-    types = "".join(f"event e{i}(x) = {{ f{i}: x }}; " for i in range(20))
-    leaves = "".join(f" l{i} on e{i}(_);" for i in range(20))
-    names = " ".join(f"l{i}" for i in range(20))
-    monitor = Engine(rvaft.loads(f"{types} top and {names};{leaves}"), limit=1_000)
-    with pytest.raises(TooLarge, match="l0"):
-        list(monitor.run([{f"f{i}": 1 for i in range(20)}] * 10))
+@pytest.mark.parametrize("what", REFUSED)
+def test_too_much_is_refused_by_name(what: str) -> None:
+    tree, semantics, limit, events, said = REFUSED[what]
+    monitor = Engine(rvaft.loads(tree), semantics, limit=limit)
+    with pytest.raises(TooLarge, match=said) as caught:
+        list(monitor.run(events))
+    assert caught.value.limit == limit
 
 
 def test_resolutions_of_a_core_are_bounded() -> None:
@@ -120,3 +122,61 @@ def test_resolutions_of_a_core_are_bounded() -> None:
     monitor = Engine(tree, limit=200)
     with pytest.raises(TooLarge, match="o0"):
         list(monitor.run({"event": leaf} for leaf in used))
+
+
+PROGRAM = """
+import sys
+from itertools import islice
+import rvaft
+
+TREE = '''
+event go(w, t)   = { do: "go", where: w, time: t };
+event stay(w, t) = { do: "stay", where: w, time: t };
+event read(v, t) = { value: v, time: t };
+top or round high;
+round sand p q never;
+p on go(W, T1);
+q on stay(W, T2);
+never when T2 + 10 <= T1;
+high sand r s;
+r on go(U, _);
+s sand t h;
+t on read(V, T3);
+h when V >= 250 and T3 >= 0;
+'''
+
+def events():
+    number = 0
+    while True:
+        where = f"w{number * 7 % 10}"
+        yield {"do": "go", "where": where, "time": number}
+        yield {"value": number % 250, "time": number}
+        yield {"do": "stay", "where": where, "time": number + 1}
+        yield {"other": number, "name": f"n{number % 1000}"}
+        number += 1
+
+def resident():
+    with open("/proc/self/statm") as status:
+        return int(status.read().split()[1]) * 4096 / 1e6
+
+few, many = int(sys.argv[1]), int(sys.argv[2])
+monitor = rvaft.monitor(rvaft.loads(TREE), semantics=sys.argv[3])
+stream = events()
+for event in islice(stream, few):
+    monitor.step(event)
+before = resident()
+for event in islice(stream, many - few):
+    verdict = monitor.step(event)
+assert verdict is rvaft.Verdict.UNKNOWN
+print(resident() - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize(
+    ("few", "many", "most"), [(20_000, 80_000, 2), pytest.param(10**6, 10**7, 5, marks=pytest.mark.slow)]
+)
+def test_memory_stays(few: int, many: int, most: float) -> None:
+    """A trace without end does not take memory without end, where the values that matter are bounded."""
+    command = [sys.executable, "-c", PROGRAM, str(few), str(many), "scattered"]
+    assert float(subprocess.run(command, capture_output=True, text=True, check=True).stdout) < most

@@ -1,6 +1,6 @@
 """Dropping partial matches that another can replace: what makes a guard monotone, and that nothing is lost."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from random import Random
 from typing import Any, Final
 
@@ -76,20 +76,20 @@ def test_a_monotone_guard_that_holds_goes_on_to_hold(seed: int) -> None:
     """Whatever the other values, at the borders of rounding and of what is finite too."""
     random = Random(seed)
     held = 0
-    for _ in range(6_000):
+    for _ in range(3_000):
         guard = random_guard(random)
         sign = tendency(guard, "X")
         assert (sign == 0) == ("X" not in variables(guard))
         if not sign:
             continue
-        for _ in range(25):
+        for _ in range(15):
             low, high = ordered(random)
             others = dict(zip("YZ", random.choices(VALUES, k=2), strict=True))
             worse, better = (low, high) if sign > 0 else (high, low)
             if holds(guard, {**others, "X": worse}):
                 held += 1
                 assert holds(guard, {**others, "X": better}), (guard, others, worse, better)
-    assert held > 500
+    assert held > 200
 
 
 TYPES: Final = "event e(n, v) = { n: n, v: v }; event f(n, v, w) = { n: n, v: v, w: w }; "
@@ -156,7 +156,7 @@ def test_nothing_is_lost(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Verdicts are those without dominance and those of the definition; an explanation is a match of the lowest branch."""
     random = Random(seed)
     dropped = detected = 0
-    for tree in trees(random, 120):
+    for tree in trees(random, 80):
         trace = random_events(random, 10)
         lean, verdicts, sizes = followed(tree, trace)
         with monkeypatch.context() as patch:
@@ -170,41 +170,37 @@ def test_nothing_is_lost(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
             assert lean.explanation is not None
             assert full.explanation is not None
             assert lean.explanation.branch == full.explanation.branch
-    assert dropped > 15
-    assert detected > 10
+    assert dropped > 8
+    assert detected > 5
 
 
-def test_ever_later_times_are_not_all_kept() -> None:
-    tree = rvaft.loads(TYPES + 'top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 10;')
-    monitor = Engine(tree, "scattered", limit=5)
-    for time in range(1000):
-        assert monitor.step({"n": "a", "v": time}) is Verdict.UNKNOWN
-    assert monitor.step({"n": "b", "v": 9}) is Verdict.UNKNOWN
-    assert monitor.step({"n": "b", "v": 10}) is Verdict.TRUE
-    assert monitor.explanation is not None
-    assert monitor.explanation.matched == {"a": 1, "b": 1002}
+LATE = 'top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 10;'
 
 
-def test_an_earlier_time_that_comes_later_takes_over() -> None:
-    tree = rvaft.loads(TYPES + 'top sand a b late; a on e("a", T1); b on e("b", T2); late when T2 >= T1 + 10;')
-    monitor = Engine(tree, "scattered", limit=5)
-    for time in range(1000, 0, -1):
-        assert monitor.step({"n": "a", "v": time}) is Verdict.UNKNOWN
+@pytest.mark.parametrize(("times", "matched"), [(range(1000), (1, 0)), (range(1000, 0, -1), (1000, 1))])
+def test_of_ever_later_or_earlier_times_one_is_kept(times: Sequence[int], matched: tuple[int, int]) -> None:
+    monitor = Engine(rvaft.loads(TYPES + LATE), "scattered", limit=5)
+    position, time = matched
+    for value in times:
+        assert monitor.step({"n": "a", "v": value}) is Verdict.UNKNOWN
     assert isinstance(monitor._strategy, ScatteredMatches)
     for group in monitor._strategy._groups.values():  # what was dropped is found nowhere
         for index in group._by_values.values():
             assert sum(map(len, index.values())) <= len(group.members) == 1
-    assert monitor.step({"n": "b", "v": 11}) is Verdict.TRUE
+    assert monitor.step({"n": "b", "v": time + 9}) is Verdict.UNKNOWN
+    assert monitor.step({"n": "b", "v": time + 10}) is Verdict.TRUE
     assert monitor.explanation is not None
-    assert monitor.explanation.variables == {"T1": 1, "T2": 11}
+    assert (monitor.explanation.matched, monitor.explanation.variables) == (
+        {"a": position, "b": 1002},
+        {"T1": time, "T2": time + 10},
+    )
 
 
 def test_values_of_two_types_stay_side_by_side() -> None:
     """2**53 and 2.0**53 are equal, but what is added to them is rounded for one of them only."""
-    guard = "T2 >= T1 + 11"
-    tree = rvaft.loads(TYPES + f'top sand a b late; a on e("a", T1); b on e("b", T2); late when {guard};')
-    for first, second in ((2**53, 2.0**53), (2.0**53, 2**53)):
+    tree = rvaft.loads(TYPES + LATE.replace("10", "11"))
+    for values in ((2**53, 2.0**53), (2.0**53, 2**53)):
         monitor = Engine(tree, "scattered")
-        monitor.step({"n": "a", "v": first})
-        monitor.step({"n": "a", "v": second})
+        for value in values:
+            monitor.step({"n": "a", "v": value})
         assert monitor.step({"n": "b", "v": 2**53 + 11}) is Verdict.TRUE

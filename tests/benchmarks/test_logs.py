@@ -24,35 +24,25 @@ def type_of(event: dict[str, Any]) -> str | None:
     return event["name"] if found is None else found or None
 
 
-@pytest.fixture(params=["telemetry", "inspections", "even"])
-def log(request: pytest.FixtureRequest, tmp_path: Path) -> Log:
-    match request.param:
-        case "telemetry":
-            return telemetry(tmp_path / "log.jsonl", 20_000)
-        case "inspections":
-            return inspections(tmp_path / "log.jsonl", 3_000)
-        case _:
-            return inspections(tmp_path / "log.jsonl", 3_000, readings=1)
-
-
-def test_what_is_known_of_a_log_is_so(log: Log) -> None:
+@pytest.mark.parametrize(
+    ("make", "events", "readings"),
+    [(telemetry, 20_000, {}), (inspections, 3_000, {}), (inspections, 3_000, {"readings": 1})],
+)
+def test_what_is_known_of_a_log_is_so(tmp_path: Path, make: Any, events: int, readings: dict[str, int]) -> None:
+    log: Log = make(tmp_path / "log.jsonl", events, **readings)
     lines = log.file.read_bytes().splitlines()
-    events = [json.loads(line) for line in lines]
-    types = [type_of(event) for event in events]
-    assert len(events) == log.events
+    found = [json.loads(line) for line in lines]
+    types = [type_of(event) for event in found]
+    assert len(found) == log.events
     assert Counter(name for name in types if name) == log.types
     assert types[-5:] == ["move", "inspect", "radiation", "move", "goal"]
     assert [number for number, name in enumerate(types, 1) if name][1] == log.lost
-    assert sum(event["topic"].endswith("sensor_1") for event in events) == log.near_misses
+    assert sum(event["topic"].endswith("sensor_1") for event in found) == log.near_misses
     assert all(100 <= len(line) <= 500 for line in lines)
-    assert all(before["time"] < after["time"] for before, after in pairwise(events))
-
-
-def test_nothing_comes_of_it_before_the_last_five_events(log: Log) -> None:
-    events = [json.loads(line) for line in log.file.read_bytes().splitlines()[:-5]]
-    readings = [event for event in events if "value" in event]
-    assert max(reading["value"] for reading in readings) < BOUND
-    waypoints = {event.get("waypoint", event.get("goal")) for event in events if type_of(event)} - {None}
+    assert all(before["time"] < after["time"] for before, after in pairwise(found))
+    before = found[:-5]  # nothing comes of it before the last five events
+    assert max(event["value"] for event in before if "value" in event) < BOUND
+    waypoints = {event.get("waypoint", event.get("goal")) for event in before if type_of(event)} - {None}
     assert waypoints <= set(WAYPOINTS)
 
 

@@ -1,0 +1,224 @@
+"""What trees, translations, comparisons and starts cost: seconds, memory, sizes, and how they grow.
+
+`pytest tests/benchmarks/test_speed.py -s` prints the tables. What is asserted are ratios within one run.
+"""
+
+import contextlib
+import io
+import json
+import re
+import statistics
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from rvaft import dumps
+from rvaft.analysis.branches import branch, branches
+from rvaft.api import loads
+from rvaft.backend import backend
+from rvaft.cli import main
+from rvaft.engine import Engine
+from rvaft.errors import NotExpressible, TooLarge
+from rvaft.model.nodes import Gate
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+from tests.benchmarks.logs import TREE
+from tests.benchmarks.trees import chain, flat, text_of_size
+
+pytestmark = pytest.mark.benchmark
+
+SIZES = (10, 100, 1_000, 10_000)
+GATES = (Gate.AND, Gate.OR, Gate.VOT, Gate.SAND)
+SEMANTICS = ("scattered", "projected")
+NOISE = [{"event": "something else", "time": number} for number in range(1_000)]
+
+
+def seconds(call: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def shortest(call: Callable[[], object], rounds: int) -> float:
+    return min(seconds(call) for _ in range(rounds))
+
+
+# -- events ---------------------------------------------------------------------------------------------------------
+
+
+@cache
+def measured(gate: Gate, size: int, semantics: str) -> tuple[float, float, float]:
+    """Seconds per event that fits nothing, per event that fits, and for a whole trace that ends with detection."""
+    count = {Gate.OR: 1, Gate.VOT: size // 2}.get(gate, size)
+    trace = [{"event": f"e{number}", "time": number} for number in range(count)]
+
+    def fresh() -> Engine:
+        return Engine(flat(gate, size, size // 2 if gate is Gate.VOT else None), semantics)
+
+    def total() -> float:
+        monitor = fresh()
+        taken = seconds(lambda: [monitor.step(event) for event in trace])
+        assert monitor.verdict.value == "true"
+        return taken
+
+    monitor, whole = fresh(), min(total() for _ in range(2 if size == SIZES[-1] else 5))
+    idle = shortest(lambda: [monitor.step(event) for event in NOISE], 7) / len(NOISE)
+    return idle, whole / count, whole
+
+
+def test_table_of_events(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [f"{'':14} {'leaves':>7} {'µs/other event':>15} {'µs/event taken':>15} {'s to detection':>15}"]
+    for semantics in SEMANTICS:
+        for gate in GATES:
+            for size in SIZES:
+                miss, hit, whole = measured(gate, size, semantics)
+                rows.append(f"{gate:4} {semantics:9} {size:7} {miss * 1e6:15.2f} {hit * 1e6:15.2f} {whole:15.4f}")
+    with capsys.disabled():
+        print("", *rows, sep="\n")
+
+
+@pytest.mark.parametrize("gate", GATES)
+@pytest.mark.parametrize("semantics", SEMANTICS)
+def test_an_event_that_fits_nothing_costs_the_same_in_every_tree(gate: Gate, semantics: str) -> None:
+    assert measured(gate, 10_000, semantics)[0] < 2 * measured(gate, 10, semantics)[0]
+
+
+@pytest.mark.parametrize("gate", [Gate.AND, Gate.VOT, Gate.SAND])
+@pytest.mark.parametrize("semantics", SEMANTICS)
+def test_total_work_is_linear(gate: Gate, semantics: str) -> None:
+    """A hundred times the events in a hundred times the tree: about a hundred times the work, where quadratic is ten thousand."""
+    assert measured(gate, 10_000, semantics)[2] < 400 * measured(gate, 100, semantics)[2]
+
+
+@pytest.mark.parametrize("semantics", SEMANTICS)
+def test_total_work_from_file_to_verdict_is_linear(semantics: str, tmp_path: Path) -> None:
+    """`rvaft monitor` for an AND of so many leaves, each of which has one event, without reading the tree."""
+
+    def end_to_end(size: int) -> float:
+        tree, log, empty = tmp_path / f"{size}.rvaft", tmp_path / f"{size}.jsonl", tmp_path / "empty.jsonl"
+        tree.write_text(dumps(flat(Gate.AND, size, None)), encoding="utf-8")
+        log.write_text("".join(json.dumps({"event": f"e{number}"}) + "\n" for number in range(size)), encoding="utf-8")
+        empty.touch()
+
+        def monitor(trace: Path) -> None:
+            with contextlib.redirect_stdout(io.StringIO()):
+                main(["monitor", str(tree), str(trace), "--semantics", semantics], standalone_mode=False)
+
+        return shortest(lambda: monitor(log), 3) - shortest(lambda: monitor(empty), 3)
+
+    assert end_to_end(10_000) < 40 * end_to_end(1_000)
+
+
+# -- trees and translations -----------------------------------------------------------------------------------------
+
+
+def test_a_chain_of_choices_takes_quadratic_time(capsys: pytest.CaptureFixture[str]) -> None:
+    def taken(gates: int) -> float:
+        tree = chain(gates)
+        return shortest(lambda: deque(branches(tree), maxlen=0), 3)
+
+    short, long, tree = taken(100), taken(300), chain(300)
+    assert sum(1 for _ in branches(tree)) == 301
+    alone = seconds(lambda: branch(tree, 300))
+    with capsys.disabled():
+        print(f"\n300 gates: {long:.2f} s for all branches, {alone:.2f} s for one")
+    assert long / short < 18  # 9 is quadratic, 27 cubic
+
+
+FLAT = {
+    **{f"AND/{n}": flat(Gate.AND, n) for n in (3, 6, 9, 12)},
+    **{f"SAND/{n}": flat(Gate.SAND, n) for n in (3, 6, 9, 12)},
+    **{f"VOT {k}/12": flat(Gate.VOT, 12, k) for k in range(1, 13)},
+}
+
+
+def row(name: str, tree: RVAFT, language: str, semantics: Semantics) -> str:
+    start = time.perf_counter()
+    try:
+        metrics = backend(language).translate(tree, semantics).metrics
+    except (NotExpressible, TooLarge) as error:
+        return f"{name:9} {language:9} {semantics:9} {type(error).__name__}"
+    taken = time.perf_counter() - start
+    sizes = f"symbols {metrics.symbols:7} subformulas {metrics.subformulas or '-':>6} states {metrics.states or '-':>6}"
+    return f"{name:9} {language:9} {semantics:9} {taken:7.3f} s  {sizes}"
+
+
+@pytest.mark.parametrize("language", ["rml", "ltlf", "automaton"])
+def test_table_of_translations(language: str, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [row(name, tree, language, semantics) for name, tree in FLAT.items() for semantics in Semantics]
+    with capsys.disabled():
+        print("", *rows, sep="\n")
+    assert all("NotExpressible" not in line for line in rows)
+
+
+def test_and_12_to_hoa(benchmark: BenchmarkFixture) -> None:
+    """Aim: under 3 s."""
+    spec = benchmark.pedantic(backend("automaton").translate, (FLAT["AND/12"], Semantics.STRICT), rounds=3)
+    benchmark.extra_info.update(states=spec.metrics.states, bytes=len(spec.text))
+    assert spec.metrics.states == 2**12 + 2
+
+
+def test_loading_ten_thousand_nodes(benchmark: BenchmarkFixture) -> None:
+    tree = benchmark.pedantic(loads, (text_of_size(10_000),), rounds=3)
+    assert len(tree.nodes) >= 9_999
+
+
+# -- processes ------------------------------------------------------------------------------------------------------
+
+PEAK = """import resource, sys
+from rvaft.cli import main
+main(standalone_mode=False)
+print('peak', max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "aim"),
+    [
+        ("", 10),
+        # Trees of up to 8 occurrences, 20 traces each, all participants that need no tool, all semantics.
+        ("--random 100 --max-nodes 9 --traces 20 --seed 1", 18),
+        ("--random 1000 --max-nodes 9 --traces 20 --seed 1", 180),
+    ],
+)
+def test_cross_check(arguments: str, aim: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """Seconds, and the largest memory of a process."""
+    command = [sys.executable, "-c", PEAK, "cross-check", *arguments.split(), "--json", "/dev/stderr"]
+    start = time.perf_counter()
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    taken = time.perf_counter() - start
+    peak = re.search(r"peak (\d+)", done.stdout)
+    assert peak is not None
+    totals = json.loads(done.stderr)["totals"]
+    memory = int(peak[1]) / 1024
+    with capsys.disabled():
+        print(f"\n{arguments or 'no argument'}: {taken:.1f} s (aim {aim} s), largest process {memory:.0f} MB, {totals}")
+    assert totals["disagreements"] == 0
+    assert memory < 500
+
+
+@pytest.mark.parametrize(
+    ("arguments", "aim"),
+    [("--help", 0.2), (f"check {TREE}", 0.6), (f"monitor {TREE}", 0.6)],
+    ids=lambda one: str(one)[:7],
+)
+def test_cold_start(arguments: str, aim: float, capsys: pytest.CaptureFixture[str]) -> None:
+    """The median of eleven fresh processes, against that of an empty Python in the same run."""
+
+    def median(*words: str) -> float:
+        def process() -> None:
+            subprocess.run([sys.executable, *words], input="", capture_output=True, text=True, check=True)
+
+        return statistics.median(seconds(process) for _ in range(11))
+
+    bare, ours = median("-c", "pass"), median("-c", "from rvaft.cli import main; main()", *arguments.split())
+    with capsys.disabled():
+        print(f"\nrvaft {arguments[:7]}: {ours:.3f} s (aim {aim} s), {ours / bare:.1f} x an empty Python")
+    assert ours / bare < 60

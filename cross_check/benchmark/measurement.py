@@ -526,19 +526,50 @@ def walks(
     tree: RVAFT, semantics: Semantics, seed: int, *, events: int = EVENTS, seconds: float = math.inf
 ) -> tuple[Walk, ...]:
     """So many events in traces that each end with a final verdict or when they are long; fewer where the engine gives up or takes longer."""
-    until = process_time() + seconds
-    guide, start = _Guide(tree, semantics, Random(f"{seed} {semantics}")), Engine(tree, semantics)  # noqa: S311 (no secret)
+    until, start = process_time() + seconds, Engine(tree, semantics)
+    random = Random(f"{seed} {semantics}")  # noqa: S311 (no secret)
+    values = [value for value in interesting_values(tree) if isinstance(value, _SCALARS)]
+
+    def fitted(node: str, variables: Mapping[str, Json]) -> Json:
+        bound = {name: Literal(value) for name, value in variables.items() if isinstance(value, _SCALARS)}
+        return fitting(random, substitute(tree.pattern(node) or Anything(), bound), values)
+
+    def some_nodes() -> list[str]:
+        return random.sample(tree.occurrences, min(len(tree.occurrences), _TRIES))
+
+    def hopeless(monitor: Engine) -> Json | None:
+        """An event that leaves no hope, if one is found: most often one of the tree's own."""
+        tried = [fitted(node, {}) for node in some_nodes()]
+        tried.insert(random.randrange(len(tried) + 1), {_FOREIGN: 0})
+        return next((event for event in tried if monitor.fork().step(event) is Verdict.FALSE), None)
+
+    def candidates(monitor: Engine) -> Iterator[tuple[str, Mapping[str, Json]]]:
+        """Nodes whose events to try, with values that are bound; what is waited for is only asked where trying is no cheaper."""
+        if semantics is not Semantics.SCATTERED and not tree.variables:  # a wrong guess shows at once
+            yield from ((node, {}) for node in some_nodes())
+        awaited = [(one.node, record.variables) for record in monitor.pending(limit=1) for one in record.awaited]
+        yield from (random.choice(awaited) for _ in range(_TRIES if awaited else 0))
+
+    def hopeful(monitor: Engine) -> Json:
+        """An event that is waited for, and, if one is found, leaves hope."""
+        event: Json = {}
+        for node, variables in candidates(monitor):
+            event = fitted(node, variables)
+            if monitor.fork().step(event) is not Verdict.FALSE:
+                break
+        return event
+
     found: list[Walk] = []
     while events > 0 and process_time() < until:
         doomed = semantics is not Semantics.SCATTERED and len(found) % _DOOMED == _DOOMED - 1  # there hope never ends
-        doom = guide.random.randrange(len(found[-1].events)) if doomed else LONGEST
+        doom = random.randrange(len(found[-1].events)) if doomed else LONGEST
         monitor, taken, verdicts = start.fork(), list[Json](), list[Verdict]()
         with suppress(RvaftError):  # more partial matches than the engine follows; what there is will do
             while len(taken) < min(events, LONGEST) and not monitor.verdict.final and process_time() < until:
-                event = guide.hopeless(monitor) if len(taken) >= doom else None
+                event = hopeless(monitor) if len(taken) >= doom else None
                 if event is None:
-                    noise = semantics is not Semantics.STRICT and guide.random.random() < _NOISE
-                    event = {_FOREIGN: len(taken)} if noise else guide.hopeful(monitor)
+                    noise = semantics is not Semantics.STRICT and random.random() < _NOISE
+                    event = {_FOREIGN: len(taken)} if noise else hopeful(monitor)
                 verdicts.append(monitor.step(event))
                 taken.append(event)
         if not taken:
@@ -546,44 +577,3 @@ def walks(
         found.append(Walk(tuple(taken), tuple(verdicts)))
         events -= len(taken)
     return tuple(found)
-
-
-class _Guide:
-    """Leads walks through a tree with the help of the engine."""
-
-    def __init__(self, tree: RVAFT, semantics: Semantics, random: Random) -> None:
-        self.random = random
-        self._tree = tree
-        self._hope_ends = semantics is not Semantics.SCATTERED
-        self._values = [value for value in interesting_values(tree) if isinstance(value, _SCALARS)]
-
-    def _fitting(self, node: str, variables: Mapping[str, Json]) -> Json:
-        bound = {name: Literal(value) for name, value in variables.items() if isinstance(value, _SCALARS)}
-        return fitting(self.random, substitute(self._tree.pattern(node) or Anything(), bound), self._values)
-
-    def _some_nodes(self) -> list[str]:
-        return self.random.sample(self._tree.occurrences, min(len(self._tree.occurrences), _TRIES))
-
-    def hopeless(self, monitor: Engine) -> Json | None:
-        """An event that leaves no hope, if one is found: most often one of the tree's own."""
-        tried = [self._fitting(node, {}) for node in self._some_nodes()]
-        tried.insert(self.random.randrange(len(tried) + 1), {_FOREIGN: 0})
-        return next((event for event in tried if monitor.fork().step(event) is Verdict.FALSE), None)
-
-    def hopeful(self, monitor: Engine) -> Json:
-        """An event that is waited for, and, if one is found, leaves hope."""
-        event: Json = {}
-        for node, variables in self._candidates(monitor):
-            event = self._fitting(node, variables)
-            if monitor.fork().step(event) is not Verdict.FALSE:
-                break
-        return event
-
-    def _candidates(self, monitor: Engine) -> Iterator[tuple[str, Mapping[str, Json]]]:
-        """Nodes whose events to try, with values that are bound; what is waited for is only asked where trying is no cheaper."""
-        if self._hope_ends and not self._tree.variables:  # a wrong guess shows at once
-            yield from ((node, {}) for node in self._some_nodes())
-        awaited: Sequence[tuple[str, Mapping[str, Json]]] = [
-            (one.node, record.variables) for record in monitor.pending(limit=1) for one in record.awaited
-        ]
-        yield from (self.random.choice(awaited) for _ in range(_TRIES if awaited else 0))

@@ -11,6 +11,7 @@ from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import Kept, ScenarioSpace, inevitable, path
 from rvaft.analysis.unification import Overlaps
 from rvaft.model.guards import Guard, variables
+from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, Pattern, Variable, rigid_variables, substitute, walk
 from rvaft.model.tree import RVAFT, knots
 from rvaft.rules.rule import RuleReport, branch_of, did_you_mean, listing
@@ -226,14 +227,11 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
     for occurrence in tree.occurrences:
         for name in rigid_variables(tree.pattern(occurrence) or Anything()):
             binders.setdefault(name, []).append(occurrence)
-    asked = [
-        (node, name)
-        for node in tree.top_down()
-        if node.when is not None
-        for own in [rigid_variables(tree.pattern(node.name) or Anything())]
-        for name in variables(node.when)
-        if name not in own
-    ]
+    asked: list[tuple[Node, str]] = []  # a guard with a variable that its node's own event does not bind
+    for node in tree.top_down():
+        bound_here = rigid_variables(tree.pattern(node.name) or Anything())
+        names = variables(node.when) if node.when is not None else ()
+        asked += ((node, name) for name in names if name not in bound_here)
     wanted = list(dict.fromkeys(name for _, name in asked)) if space.resolutions else []
     lacking: set[tuple[str, str]] = set()
     for start in range(0, len(wanted), _AT_ONCE):

@@ -171,7 +171,8 @@ def test_a_deviation_is_counted_only_where_it_shows() -> None:
 
 
 def test_with_too_little_effort_nothing_is_proved_or_tested() -> None:
-    assert compare(Effort(states=0), same=same())["same"].status is Status.TESTED
+    found = compare(Effort(states=0, words=0, traces=7), same=same())
+    assert (found["same"].status, found["same"].traces) == (Status.TESTED, 7)
     found = compare(Effort(words=0, traces=0), same=same(None))
     assert found["same"].text == "could not run: there was no trace to try"
     assert exit_status(found.values()) == 2
@@ -195,6 +196,11 @@ def test_time_is_limited() -> None:
         spin()
     with within(None):
         time.sleep(0.06)  # the clock that ran before is stopped
+
+
+def test_nothing_is_proved_where_it_is_not_known_what_the_first_asks() -> None:
+    found = compare(reference=same(None), one=same(), two=same())
+    assert [one.status for one in found.values()] == [Status.BASELINE, Status.TESTED, Status.TESTED]
 
 
 def test_alone_nobody_agrees() -> None:

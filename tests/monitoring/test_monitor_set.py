@@ -81,6 +81,8 @@ def test_what_concerns_nothing_counts_as_read(semantics: Semantics) -> None:
     for number, name in enumerate(["x", "a", "x", "x", "b"], 1):
         monitors.step({"event": name}, number)
         assert monitors.serves is (name != "x")
+    monitors.step({"event": "b"}, 6)  # the verdict is final
+    assert monitors.serves is False
     explanation = monitors.explanation(0)
     assert explanation is not None
     assert explanation.matched == {"a": 2, "b": 5}

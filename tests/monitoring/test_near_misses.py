@@ -50,6 +50,9 @@ def test_another_type_is_no_near_miss() -> None:
     for number, topic in enumerate(["a", "/A", "a/"], 7):
         statistics.add({"topic": topic, "value": 1, "other": 1}, number)
     assert [(miss.type, miss.field, miss.count) for miss in statistics.near_misses.values()] == [("a", ("topic",), 3)]
+    fresh = Statistics(EventTypeIndex(TREE))
+    fresh.add({"topic": "/b", "value": 1, "other": 1}, 10)
+    assert list(fresh.near_misses) == [("b", ("level",))]
 
 
 def test_topics_without_end_are_not_remembered() -> None:

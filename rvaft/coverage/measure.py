@@ -199,13 +199,11 @@ class BranchFollower(Engine):
             if size == self._size:
                 return
             self._size = size
-        alike: dict[Hashable, tuple[int, Configuration]] = {}  # of those that lack the same, the one that came first
+        alike: dict[Hashable, Configuration] = {}  # of those that lack the same, the one that came first
         for match in partial:
+            alike.setdefault((match.taken, match.dead, match.inversions), match)
+        for match in alike.values():
             last = 0 if match.witness is None else match.witness.position
-            place = match.taken, match.dead, match.inversions
-            if place not in alike or last < alike[place][0]:
-                alike[place] = last, match
-        for last, match in alike.values():
             taken = {self._names[step.node]: step.position for step in history(match.witness)}
             lacking, _ = self._shortest.fewest(taken, [self._names[node] for node in bits(match.dead)])
             if (lacking, last) < (self._lacking, self._last):

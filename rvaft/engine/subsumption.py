@@ -5,14 +5,13 @@ belongs to all that the configuration can still become and taking it costs nothi
 whatever the configuration could do later, it can do with the event taken, within the same branch (so that the explanation still
 finds the lowest).
 
-**Different values.** Take two partial matches that have come equally far (the same occurrences taken, the same guards decided, with the same outcome, the
-same orders broken) and whose bindings agree but for some variables. Such a variable is of no consequence but through the
-guards still open if no occurrence to come mentions it. Say an open guard is *for greater values* of it if, whatever the values of
-the other variables, the guard holds for y where it holds for x < y; and likewise for smaller values. If all open guards that mention the
-variable are for greater values of it, a completion of the match with x is a completion of the match with y > x: the same events for the
-same occurrences, so every guard of the completed scenario that held for x holds for y, and it is the same scenario, of
-the same branches. With several such variables replace one after the other. So the match with the lesser value may be dropped, now and as
-long as the other, or one that can do all that it can, is kept; verdicts stay what they are, and so does the lowest branch.
+**Different values.** Take two partial matches that have come equally far (the same taken, decided with the same outcome, and broken)
+and whose bindings agree but for some variables that no occurrence to come mentions: these are of consequence through the guards still
+open alone. An open guard is *for greater values* of such a variable if, whatever the values of the others, it holds for y where it holds
+for x < y; and likewise for smaller values. If all open guards that mention the variable are for greater values of it, a completion of the
+match with x is one of the match with y > x: the same events for the same occurrences, the same scenario, of the same branches. With
+several such variables replace one after the other. So the match with the lesser value may be dropped as long as the other, or one that
+can do all that it can, is kept.
 
 What makes a guard one for greater (smaller) values, as `rvaft.model.guards` evaluates it:
 

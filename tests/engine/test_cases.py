@@ -67,7 +67,7 @@ OWN = [
 
 def test_an_event_after_a_gate_and_a_silent_child_is_kept_for_the_explanation() -> None:
     """An `a` before the gate's own event must not stand for the one after it."""
-    tree = rvaft.loads(E + 'top or g z; g sand h a d on e("b"); h when 1 < 2; a; d; z;')
+    tree = rvaft.loads(E + 'top or g z; g sand h a d on e("b"); h when 1 < 2; a; d; z on e("d");')
     trace = [{"event": word} for word in ["a", "b", "a", "d"]]
     compare(tree, trace, "scattered")
     compare(tree, trace, "scattered", branch=1)

@@ -18,7 +18,7 @@ from math import comb, prod
 from typing import ClassVar, Final, assert_never
 
 from backends.rml import RmlBackend
-from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted
+from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted, spellings
 from rvaft.analysis.branches import Branch, branches, or_gates
 from rvaft.analysis.normal_form import Body, Op, body
 from rvaft.errors import NotExpressible, TooLarge
@@ -37,7 +37,6 @@ from rvaft.model.patterns import (
     variables,
 )
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Scalar
 from rvaft.model.verdict import Semantics
 
 SYMBOLS: Final = 10
@@ -128,25 +127,16 @@ class PaperTypes:
                 return "_"
             case Variable(name):
                 return self.variable(f"local{name}" if pattern.local else name)
+            case Literal(str() | bool() | None as value):
+                return "".join(spellings(value) or ())
+            case Literal(int() | float() as value) if 0 <= value <= LARGEST:
+                return format(Decimal(repr(value)), "f")
             case Literal(value):
-                return self._literal(value, node)
+                raise _refusal(f"RML has no number {value} in a pattern", self._semantics, node)
             case ObjectPattern(fields):
                 return f"{{{', '.join(f'{quoted(name)}: {self._pattern(p, node)}' for name, p in fields)}}}"
             case ListPattern(items):
                 return f"[{', '.join(self._pattern(item, node) for item in items)}]"
-
-    def _literal(self, value: Scalar, node: str) -> str:
-        match value:
-            case None:
-                return "null"
-            case bool():
-                return "true" if value else "false"
-            case str():
-                return quoted(value)
-            case _ if value < 0 or abs(value) > LARGEST:
-                raise _refusal(f"RML has no number {value} in a pattern", self._semantics, node)
-            case _:
-                return format(Decimal(repr(value)), "f")
 
     def _data(self, guard: Guard, node: str) -> str:
         """A guard over numbers as a data expression, every operation in parentheses."""

@@ -133,6 +133,7 @@ def test_what_is_marked_is_a_scenario_of_the_reference(shape: str, semantics: st
         fitting = [scenario for scenario in scenarios if scenario.kept == explanation.scenario]
         assert [scenario.occurrences for scenario in fitting] == [set(explanation.matched)]
         assert marked(fired_text(part, explanation, {})) == set(explanation.scenario)
+        assert fired_text(part, explanation, {}) == fired_text(tree, explanation, {}), "the whole tree is drawn"
         check_graph(tree, explanation)
 
 

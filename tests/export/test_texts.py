@@ -92,6 +92,7 @@ def test_no_text_leaves_its_place() -> None:
     assert re.sub(commands, "", escaped(plain)) == ""
     assert len(re.findall(commands, escaped(plain))) == len(plain)
     assert "\n" not in escaped("a\nb")
+    assert escaped("--") == r"-{\kern0pt}-", "no dash"
 
 
 def test_the_language_and_a_static_fault_tree_in_galileo_read_back() -> None:

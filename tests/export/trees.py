@@ -27,6 +27,7 @@ AWKWARD = (
     "list [ decontaminations ]",
     "]]",
     "a &nbsp; b &lt; c",
+    "star\n* [x]\n[y]",
     "Größe ≥ 5 °C → µΩ “½” –",
 )
 """Labels that try to leave their place."""

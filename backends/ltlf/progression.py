@@ -38,7 +38,8 @@ class _Diagrams:
         """Variable, function where it is false, function where it is true."""
         self._index: dict[tuple[int, int, int], int] = {}
         self._choices: dict[tuple[int, int, int], int] = {}
-        self.support = cache(self._support)
+        self.support = cache(lambda f: sorted({self.nodes[node][0] for node in self._below(f)}, reverse=True))
+        """The variables that a function depends on, from the top."""
 
     def variable(self, number: int) -> int:
         return self._node(number, BOTTOM, TOP)
@@ -102,10 +103,6 @@ class _Diagrams:
                 seen.add(node)
                 todo.extend(self.nodes[node][1:])
         return sorted(seen)[2:]
-
-    def _support(self, f: int) -> list[int]:
-        """The variables that f depends on, from the top."""
-        return sorted({self.nodes[node][0] for node in self._below(f)}, reverse=True)
 
     def compose(self, f: int, by: Mapping[int, int]) -> int:
         """The function with every variable replaced by a function."""

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, assert_never
 from cross_check.generate.traces import WILD, Manner, detecting, noise, some_event
 from cross_check.generate.values import (
     COMMON,
-    Fields,
+    EventFields,
     LogValues,
     Path,
     around,
@@ -110,7 +110,7 @@ def _swapped(random: Random, trace: list[Json]) -> list[Json] | None:
 
 def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
     """Bounds of a field are the constants it is compared with, the numbers there, and the sums of both (`T2 >= T1 + 10`)."""
-    fields = Fields(tree)
+    fields = EventFields(tree)
 
     def near(path: Path, old: Json) -> list[Json]:
         if not is_number(old):

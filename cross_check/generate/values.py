@@ -129,7 +129,7 @@ def leaves(pattern: Pattern, field: str = "event") -> Iterator[tuple[str, Patter
             yield field, pattern
 
 
-class Fields:
+class EventFields:
     """The fields of a tree's events: where variables stand, which literals there are, and what guards compare."""
 
     def __init__(self, tree: RVAFT) -> None:
@@ -355,7 +355,7 @@ class LogValues:
 
     def __init__(self, random: Random, tree: RVAFT) -> None:
         self.random = random
-        self._fields = fields = Fields(tree)
+        self._fields = fields = EventFields(tree)
         known = {field for entry in tree.alphabet for field, _ in leaves(entry.pattern)}
         self._times = {field for field in known if field.lower() in TIMES}
         self._numeric: set[str] = set()

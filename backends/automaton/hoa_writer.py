@@ -74,11 +74,11 @@ def cubes(row: StateRow) -> dict[int, list[Cube]]:
     for letter, target in row.targets.items():
         own[target] = own.get(target, 0) | letter
     everywhere, repeated = union(own.values()), in_at_least(2, own.values())
+    elsewhere = {target: everywhere & ~mine | repeated for target, mine in own.items()}
     found: dict[int, list[Cube]] = {}
     for letter, target in row.targets.items():
-        elsewhere = everywhere & ~own[target] | repeated
         seen = row.sees | row.asks[letter & row.sees]
-        found.setdefault(target, []).append(Cube(letter, elsewhere & seen & ~letter))
+        found.setdefault(target, []).append(Cube(letter, elsewhere[target] & seen & ~letter))
     return {target: _needed(those) for target, those in found.items()}
 
 

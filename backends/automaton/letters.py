@@ -105,7 +105,9 @@ class FeasibleLetters:
 
     def _can_be_relevant(self, letter: int, some: int) -> bool:
         """Whether some relevant event makes exactly this letter true, as far as `some` atoms see it."""
-        found, more = self._relevant.setdefault(letter, (set(), self._find_relevant(letter)))
+        if letter not in self._relevant:
+            self._relevant[letter] = (set(), self._find_relevant(letter))
+        found, more = self._relevant[letter]
         if any(atoms & some == letter for atoms in found):
             return True
         for atoms in more:

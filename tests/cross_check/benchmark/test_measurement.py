@@ -137,6 +137,12 @@ def endless(*_text: str) -> None:
         pass
 
 
+def busy(*_text: str) -> None:
+    end = time.thread_time() + 0.4
+    while time.thread_time() < end:
+        pass
+
+
 def waiting() -> None:
     time.sleep(60)
 
@@ -174,6 +180,7 @@ ODD: list[
     (Odd(endless), {"timeout": 0.2}, (Outcome.TIMEOUT, "not within 0.2 s", None, "")),
     (Odd(waiting), {"timeout": 0.02}, (Outcome.TIMEOUT, "not within 0.2 s by the clock", None, "")),
     (Odd(reader=endless), {"timeout": 1}, (Outcome.OK, "", Outcome.TIMEOUT, "not within 1 s")),
+    (Odd(busy, busy), {"timeout": 0.6}, (Outcome.OK, "", Outcome.TIMEOUT, "not within 0.6 s")),  # for both together
     (Odd(greedy), {"memory": 5000}, (Outcome.TOO_LARGE, "megabytes of memory (limit 5000)", None, "")),
     (Odd(reader=greedy), {"memory": 5000}, (Outcome.OK, "", Outcome.TOO_LARGE, "megabytes of memory (limit 5000)")),
     (Odd(killed), {}, (Outcome.FAILED, "the process that measured it was killed (SIGKILL)", None, "")),

@@ -18,7 +18,11 @@ def bits(mask: int) -> Iterator[int]:
 
 
 def mask_of(numbers: Iterable[int]) -> int:
-    """The set of these numbers."""
+    """The set of these numbers.
+
+    >>> bin(mask_of([0, 3]))
+    '0b1001'
+    """
     return union(1 << number for number in numbers)
 
 

@@ -104,13 +104,14 @@ class Engine(Monitor):
         if type(event) is not dict or self._verdict is not _UNKNOWN:
             return super().step(event)
         self._read += 1  # what follows is for very many events
-        self._verdict = self._advance(event)
+        self._position += 1
+        strategy = self._strategy
+        self._verdict = strategy.advance(strategy.read(event), self._position)
         return self._verdict
 
     def _advance(self, event: Json) -> Verdict:
         self._position += 1
-        strategy = self._strategy
-        return strategy.advance(strategy.read(event), self._position)
+        return self._strategy.advance(self._strategy.read(event), self._position)
 
     def fork(self) -> Self:
         """An independent monitor that has read the same events."""

@@ -283,7 +283,8 @@ class ScatteredMatches(Following):
                     hopeful = any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves)
                     watch.hopeful[held] = hopeful
                 if hopeful:
-                    name = (letter, *[exact(values[name]) for name in watch.names])
+                    told = [values[name] for name in watch.names]
+                    name = (letter, *[value if type(value) is str else exact(value) for value in told])
                     if name not in self._quiet:
                         loud.append(LoudHit(values, watch, held, name))
         return Reading(False, loud) if loud else _QUIET if fits else NOTHING

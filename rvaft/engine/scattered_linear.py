@@ -321,10 +321,10 @@ class Earliest:
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means, as far as that matters now: letters that nobody waits for are not tried."""
-        listening = None if self.useful is not None else self.run.listening
+        unheard = None if self.useful is not None else self.run.listening.isdisjoint
         hits = []
         for letter, nodes, _, test, values_of in (self.letters.sketch(event) if sketch is None else sketch).serving:
-            if (listening is None or not listening.isdisjoint(nodes)) and (test is None or test(event)):
+            if (unheard is None or not unheard(nodes)) and (test is None or test(event)):
                 values = values_of(event)
                 if values is not None:
                     hits.append(Hit(letter, nodes, values))

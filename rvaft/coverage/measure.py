@@ -17,8 +17,8 @@ from rvaft.engine import Engine
 from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness, history
 from rvaft.engine.explanation import awaited, chosen_part
-from rvaft.engine.matching import Following
 from rvaft.engine.monitor import DEFAULT_LIMIT
+from rvaft.engine.partial_matches import Following
 from rvaft.engine.scattered_linear import Earliest, EarliestRun
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.nodes import Kind

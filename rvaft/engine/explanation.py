@@ -19,7 +19,7 @@ from rvaft.analysis.branches import branches, number_of, or_gates
 from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Witness, history
-from rvaft.engine.matching import Following, Matching
+from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.scattered_linear import Earliest, EarliestRun, possible_nodes
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import name_text, on_text

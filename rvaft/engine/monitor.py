@@ -5,7 +5,7 @@ from typing import Any, Final, Self
 
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, TreeLetters
 from rvaft.engine.explanation import explain, pending
-from rvaft.engine.matching import Contiguous, Following
+from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import Earliest, linear_starts
 from rvaft.model.tree import RVAFT

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness
-from rvaft.engine.matching import Following, Matching
+from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.subsumption import at_least, commits, directions, scale
 from rvaft.model.guards import Predicate
 from rvaft.model.values import Json, exact, key

@@ -40,7 +40,7 @@ from typing import Final, assert_never
 from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import MORE, POSSIBLE, SURE, TOUCHED, Configuration
-from rvaft.engine.matching import Matching
+from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import Guard, Operation, Operator, variables
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json, is_number

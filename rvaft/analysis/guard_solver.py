@@ -134,12 +134,12 @@ _NUMBER, _STRING = "number", "string"
 def refuted(guards: Iterable[Guard]) -> bool:
     """Whether it is proved that no values make all guards hold; False says nothing."""
     try:
-        return all(_Facts(way).contradict() for way in _alternatives(guards))
+        return all(_GuardFacts(way).contradict() for way in _alternatives(guards))
     except TooManyAlternatives:
         return False
 
 
-class _Facts:
+class _GuardFacts:
     """Terms with what is known of their sorts and order: pairs of terms that are `<=`, those that are `<`, those that are `!=`.
 
     That a term occurs in a true comparison says that it is defined, and so of which sort its operands are.

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise, permutations
 from random import Random
@@ -27,23 +28,30 @@ from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
 from tests.trees import shipped
 
+STRICT, PROJECTED, SCATTERED = Semantics
 MANNERS: Final = {"wild": WILD, "plain": PLAIN}
+ONCE: Final = replace(WILD, attempts=1)
 PRUNED: Final = shipped.load("remote_inspection/pruned")
+EVENT: Final = "event e(x) = { x: x };"
 
 # -- detection ------------------------------------------------------------------------------------------------------
 
 
+def detects(tree: RVAFT, semantics: Semantics, trace: list[Json], **part: Any) -> bool:
+    """Whether the reference says ⊤ after the last event, and nothing before."""
+    return verdicts(tree, semantics, trace, **part) == [*[Verdict.UNKNOWN] * (len(trace) - 1), Verdict.TRUE]
+
+
 @pytest.mark.parametrize("shape", [*SHAPES, *DENSE])
 def test_the_reference_detects_at_the_last_event_and_not_before(shape: str) -> None:
-    made = 0
-    for random, tree in small_trees(shape, 8):
-        for semantics in Semantics:
-            trace = found(detecting, random, tree, semantics)
-            if trace is not None:
-                made += 1
-                assert verdicts(tree, semantics, trace)[:-1] == [Verdict.UNKNOWN] * (len(trace) - 1)
-                assert verdicts(tree, semantics, trace)[-1] is Verdict.TRUE
-    assert made > 8
+    made = [
+        detects(tree, semantics, trace)
+        for random, tree in small_trees(shape, 6)
+        for semantics in Semantics
+        if (trace := found(detecting, random, tree, semantics)) is not None
+    ]
+    assert all(made)
+    assert len(made) > 6
 
 
 @pytest.mark.parametrize("shape", ["everything", "guarded", "heavily shared"])
@@ -60,33 +68,36 @@ def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypa
 def test_shipped_trees(name: str, manner: str) -> None:
     for seed, semantics in enumerate(Semantics):
         trace = detecting(Random(seed), shipped.load(name), semantics, MANNERS[manner])
-        assert verdicts(shipped.load(name), semantics, trace)[-1] is Verdict.TRUE
+        assert detects(shipped.load(name), semantics, trace)
 
 
 @pytest.mark.parametrize("part", [{"branch": 2}, {"branch": 3}, {"kind": "attack"}, {"kind": "fault"}])
 def test_a_branch_and_a_kind(part: dict[str, Any]) -> None:
     for semantics in Semantics:
-        trace = detecting(Random(1), restrict(PRUNED, **part), semantics)
-        assert verdicts(PRUNED, semantics, trace, **part)[-1] is Verdict.TRUE
+        assert detects(PRUNED, semantics, detecting(Random(1), restrict(PRUNED, **part), semantics), **part)
 
 
 def test_a_monitor_that_does_not_detect_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    tree = loads("top sand a b;")
     other = loads("top sand b a; a; b;")
     monkeypatch.setattr("cross_check.generate.traces.Engine", lambda _, semantics: Engine(other, semantics))
     with pytest.raises(AssertionError, match="does not detect top under strict"):
-        detecting(Random(0), tree, Semantics.STRICT)
+        detecting(Random(0), loads("top sand a b;"), STRICT)
 
 
-def test_noise_comes_where_it_does_no_harm() -> None:
+def test_noise_is_never_relevant_and_comes_where_it_does_no_harm() -> None:
     tree = loads("top and a b c;")
     noisy = Counter[Semantics]()
-    for seed in range(60):
+    for seed in range(40):
         for semantics in Semantics:
-            trace = guided(Random(seed), tree, semantics)
-            noisy[semantics] += any(not relevant(tree, event) for event in trace)
-    assert noisy[Semantics.STRICT] == 0
-    assert min(noisy[Semantics.PROJECTED], noisy[Semantics.SCATTERED]) > 5
+            noisy[semantics] += any(not relevant(tree, event) for event in guided(Random(seed), tree, semantics))
+    assert noisy[STRICT] == 0
+    assert min(noisy[PROJECTED], noisy[SCATTERED]) > 3
+    tree = loads(
+        "event any(x) = { event: x }; event y(x) = { y: x }; top and a b; a on any(_); b on y(_); ignore any(0);"
+    )
+    seen = [event for seed in range(100) if (event := noise(Random(seed), tree, (0, "x"))) is not None]
+    assert seen
+    assert not any(relevant(tree, event) for event in seen)
 
 
 # -- nothing is left out --------------------------------------------------------------------------------------------
@@ -113,7 +124,7 @@ def test_every_feasible_scenario_is_drawn(shape: str) -> None:
 @pytest.mark.parametrize("shape", ["plain", "everything", "shared order", "heavily shared", "silent"])
 def test_every_order_that_keeps_the_precedence_comes_out_and_no_other(shape: str) -> None:
     compared = 0
-    for random, tree in small_trees(shape, 40):
+    for random, tree in small_trees(shape, 30):
         for scenario in feasible_scenarios(tree)[:3]:
             if len(scenario.occurrences) > 4:
                 continue
@@ -125,82 +136,104 @@ def test_every_order_that_keeps_the_precedence_comes_out_and_no_other(shape: str
             drawn = {tuple(random_order(random, tree, scenario.kept)) for _ in range(40 * len(wanted))}
             assert drawn == wanted
             compared += len(wanted) > 1
-    assert compared >= 5
+    assert compared >= 4
 
 
-@pytest.mark.parametrize(
-    ("parts", "leaves"),
-    [
-        ("s{0} or t{0} f{0}; t{0} sand x{0} y{0}; x{0} and z{0}; y{0} and z{0};", "f"),  # the whole of it is not chosen
-        (
-            "s{0} sand x{0} y{0}; x{0} or z{0} f{0}; y{0} and z{0} g{0};",
-            "fzg",
-        ),  # all other edges of the cycle are needed
-    ],
-)
-def test_a_cycle_is_avoided_though_only_one_choice_in_many_has_none(parts: str, leaves: str) -> None:
-    names = " ".join(f"s{i}" for i in range(12))
-    tree = loads(f"top and {names}; {''.join(parts.format(i) for i in range(12))}")
-    for seed in range(3):
-        trace = guided(Random(seed), tree, Semantics.STRICT)
-        assert {event["event"] for event in trace} == {f"{leaf}{i}" for leaf in leaves for i in range(12)}
+def names(trace: list[Json]) -> list[str]:
+    return sorted(event["event"] for event in trace)
 
 
-def test_noise_is_never_relevant() -> None:
-    tree = loads(
-        "event any(x) = { event: x }; event y(x) = { y: x }; top and a b; a on any(_); b on y(_); ignore any(0);"
-    )
-    seen = [noise(Random(seed), tree, (0, "x")) for seed in range(100)]
-    assert not any(relevant(tree, event) for event in seen if event is not None)
-    assert any(event is not None for event in seen)
+def twelve(parts: str) -> str:
+    """The same twelve times, all of it needed."""
+    tops = " ".join(f"s{i}" for i in range(12))
+    return f"top and {tops}; {''.join(parts.format(i) for i in range(12))}"
 
 
-def test_choices() -> None:
-    """What cannot hold is not drawn; a vote has more than K children now and then."""
-    dead = loads("event p(x) = { p: x }; top 2of4 a b c d; b on p(1) when 1 > 2; d and e f; f on p(2) when 2 > 3;")
-    for seed in range(10):
-        trace = guided(Random(seed), dead, Semantics.STRICT, replace(WILD, attempts=1))
-        assert sorted(e["event"] for e in trace) == ["a", "c"]
-    lengths = Counter(len(guided(Random(seed), loads("top 2of4 a b c d;"), Semantics.STRICT)) for seed in range(200))
+def chained(count: int) -> str:
+    """Variables that separate guards tie to their neighbours."""
+    leaves = [f"l{i} on r(V{i}, T{i}) when T{i} >= T{i - 1} + 10 and V{i} > 250;" for i in range(1, count)]
+    every = " ".join(f"l{i}" for i in range(count))
+    return f"event r(v, t) = {{ v: v, t: t }}; top sand {every}; l0 on r(V0, T0); {' '.join(leaves)}"
+
+
+NEVER: Final = "".join(f"l{i} on e(X{i}) when X{i} > 5 and X{i} < 5;" for i in range(60))
+LAWS: Final[dict[str, tuple[str, Semantics, Any, int, Callable[[list[Json]], bool]]]] = {
+    # a tree, how it is led through, for how many seeds, and what is so of each trace
+    "a cycle is avoided: the whole of it is not chosen": (
+        twelve("s{0} or t{0} f{0}; t{0} sand x{0} y{0}; x{0} and z{0}; y{0} and z{0};"),
+        *(STRICT, WILD, 3, lambda trace: names(trace) == sorted(f"f{i}" for i in range(12))),
+    ),
+    "a cycle is avoided: all its other edges are needed": (
+        twelve("s{0} sand x{0} y{0}; x{0} or z{0} f{0}; y{0} and z{0} g{0};"),
+        *(STRICT, WILD, 3, lambda trace: set(names(trace)) == {f"{leaf}{i}" for leaf in "fzg" for i in range(12)}),
+    ),
+    "what cannot hold is not drawn": (
+        "event p(x) = { p: x }; top 2of4 a b c d; b on p(1) when 1 > 2; d and e f; f on p(2) when 2 > 3;",
+        *(STRICT, ONCE, 10, lambda trace: names(trace) == ["a", "c"]),
+    ),
+    "a choice without values is not made": (
+        f"{EVENT} top or {' '.join(f'l{i}' for i in range(60))} good; good; {NEVER}",
+        *(STRICT, WILD, 1, lambda trace: trace == [{"event": "good"}]),
+    ),
+    "many variables tied together": (
+        chained(150),
+        *(STRICT, ONCE, 1, lambda trace: all(later["t"] >= earlier["t"] + 10 for earlier, later in pairwise(trace))),
+    ),
+    "where ignored values do no harm": (
+        f"{EVENT} top and a; a on e(X); ignore e(_);",
+        *(STRICT, WILD, 1, lambda trace: len(trace) == 1),
+    ),
+    "a time that is left open beside one that is not": (
+        "event e(t) = { times: [t, _] }; top sand a b; a on e(S); b on e(T) when T > S + 5;",
+        *(STRICT, PLAIN, 10, lambda trace: all(isinstance(time, int) for event in trace for time in event["times"])),
+    ),
+    "a longest length, by the choices": (
+        f"top and {' '.join(f'o{i}' for i in range(14))};"
+        + "".join(f"o{i} or l{i} s{i}; l{i} and x{i} y{i};" for i in range(14)),
+        *(STRICT, replace(WILD, longest=14), 1, lambda trace: names(trace) == sorted(f"s{i}" for i in range(14))),
+    ),
+    "a longest length, by the noise": (
+        "top or l s; l and a b c d e f g h i; s 3of9 a b c d e f g h i;",
+        *(SCATTERED, replace(WILD, longest=3), 20, lambda trace: len(trace) == 3),
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "semantics", "manner", "seeds", "so"), LAWS.values(), ids=LAWS)
+def test_what_is_so_of_each_trace(
+    text: str, semantics: Semantics, manner: Any, seeds: int, so: Callable[[list[Json]], bool]
+) -> None:
+    tree = loads(text)
+    for seed in range(seeds):
+        trace = guided(Random(seed), tree, semantics, manner)
+        assert so(trace), trace
+
+
+def test_a_vote_has_more_than_k_children_now_and_then() -> None:
+    lengths = Counter(len(guided(Random(seed), loads("top 2of4 a b c d;"), STRICT)) for seed in range(200))
     assert set(lengths) == {2, 3, 4}
     assert lengths[2] > lengths[3]
 
 
 # -- values ---------------------------------------------------------------------------------------------------------
 
-GUARDS: Final = {
-    "bound": "X >= 250 and X <= 250",
-    "next to a bound": "X > 250 and X < 252",
-    "between": "X > 1 and X < 2",
-    "string": 'X == "entrance"',
-    "strings in order": '"b" < X and X <= "ba"',
-    "sum": "Y >= X + 10 and Y <= X + 10",
-    "difference": "10 - X == 3",
-    "product": "X * 4 == 36",
-    "quotient": "100 / X == 8",
-    "minus": "-X == 77",
-    "nested": "2 * (X - 3) + 1 == 41",
-    "variable twice": "X + X == X * 2",
-    "chain": "X < Y and Y < Z and Z < X + 3",
-    "boolean": "X and not Y",
-    "null": "X == null or X != X",
-    "choice": "X == 1000 or X == 2000",
-    "not": "not (X < 100000) and not (X > 100001)",
-    "different": "X != Y and Y != Z and X != Z",
-    "wrong types": 'X != 1 and Y == "a" and not Z',
-}
+GUARDS: Final = """
+X >= 250 and X <= 250; X > 250 and X < 252; X > 1 and X < 2; X == "entrance"; "b" < X and X <= "ba"; Y >= X + 10 and Y <= X + 10
+10 - X == 3; X * 4 == 36; 100 / X == 8; -X == 77; 2 * (X - 3) + 1 == 41; X + X == X * 2; X < Y and Y < Z and Z < X + 3
+X and not Y; X == null or X != X; X == 1000 or X == 2000; not (X < 100000) and not (X > 100001)
+X != Y and Y != Z and X != Z; X != 1 and Y == "a" and not Z
+"""
 
 
-@pytest.mark.parametrize("guard", GUARDS.values(), ids=GUARDS)
+@pytest.mark.parametrize("guard", GUARDS.strip().replace("\n", "; ").split("; "))
 @pytest.mark.parametrize("manner", MANNERS)
 def test_values_under_which_a_guard_holds(guard: str, manner: str) -> None:
     tree = loads(
         "event e(k, x) = { k: k, x: x }; top and a b c d;"
         f' a on e("a", X); b on e("b", Y); c on e("c", Z); d on e("d", _) when {guard};'
     )
-    for seed in range(3):
-        trace = detecting(Random(seed), tree, Semantics.STRICT, MANNERS[manner])
-        assert verdicts(tree, Semantics.STRICT, trace)[-1] is Verdict.TRUE
+    for seed in range(2):
+        assert detects(tree, STRICT, detecting(Random(seed), tree, STRICT, MANNERS[manner]))
 
 
 @pytest.mark.parametrize("manner", MANNERS)
@@ -208,88 +241,57 @@ def test_bounds_are_met_exactly_and_narrowly(manner: str) -> None:
     tree = loads(
         "event e(v, t) = { v: v, t: t }; top sand a b; a on e(V, S); b on e(_, T) when V >= 250 and T > S + 10;"
     )
-    seen: Counter[tuple[str, float]] = Counter()
-    for seed in range(150):
-        first, second = guided(Random(seed), tree, Semantics.STRICT, MANNERS[manner])
-        seen["v", first["v"]] += 1
-        seen["t", second["t"] - first["t"]] += 1
-    assert seen["v", 250]
-    assert seen["v", 251]
-    assert seen["t", 11]
-
-
-def test_many_variables_tied_together_by_separate_guards() -> None:
-    count = 150
-    leaves = [f"l{i} on r(V{i}, T{i}) when T{i} >= T{i - 1} + 10 and V{i} > 250;" for i in range(1, count)]
-    names = " ".join(f"l{i}" for i in range(count))
-    tree = loads(f"event r(v, t) = {{ v: v, t: t }}; top sand {names}; l0 on r(V0, T0); {' '.join(leaves)}")
-    trace = guided(Random(0), tree, Semantics.STRICT, replace(WILD, attempts=1))
-    assert all(later["t"] >= earlier["t"] + 10 for earlier, later in pairwise(trace))
+    pairs = [guided(Random(seed), tree, STRICT, MANNERS[manner]) for seed in range(150)]
+    assert {first["v"] for first, _ in pairs} >= {250, 251}
+    assert 11 in {second["t"] - first["t"] for first, second in pairs}
 
 
 def test_an_early_value_that_leaves_none_for_a_later_variable_is_given_up() -> None:
-    tree = loads("event e(x) = { x: x }; top sand a b; a on e(X); b on e(Y) when Y > X and Y < 4;")
-    once = replace(WILD, attempts=1)
-    traces = [found(guided, Random(seed), tree, Semantics.STRICT, once) for seed in range(100)]
+    tree = loads(f"{EVENT} top sand a b; a on e(X); b on e(Y) when Y > X and Y < 4;")
+    traces = [found(guided, Random(seed), tree, STRICT, ONCE) for seed in range(100)]
     assert sum(trace is not None for trace in traces) > 80
 
 
 @pytest.mark.parametrize("shape", ["guarded", "variables", "shared variables"])
 def test_where_none_is_found_another_search_finds_no_values_either(shape: str) -> None:
-    missed = 0
-    for random, tree in small_trees(shape, 12):
-        if found(guided, random, tree) is None:
-            missed += 1
-            for scenario in feasible_scenarios(tree):
-                assert witness([node.when for node in scenario.nodes if node.when is not None]) is None
-    assert missed < 8
-
-
-def test_a_choice_without_values_is_not_made() -> None:
-    never = "".join(f"l{i} on e(X{i}) when X{i} > 5 and X{i} < 5;" for i in range(60))
-    names = " ".join(f"l{i}" for i in range(60))
-    tree = loads(f"event e(x) = {{ x: x }}; top or {names} good; good; {never}")
-    assert detecting(Random(0), tree, Semantics.STRICT) == [{"event": "good"}]
+    missed = [tree for random, tree in small_trees(shape, 12) if found(guided, random, tree) is None]
+    for tree in missed:
+        for scenario in feasible_scenarios(tree):
+            assert witness([node.when for node in scenario.nodes if node.when is not None]) is None
+    assert len(missed) < 8
 
 
 @pytest.mark.parametrize(
-    ("text", "nodes", "said"),
+    ("text", "nodes", "longest", "said"),
     [
-        ("top and a b; a on e(X) when X > 5; b on e(X) when X < 5;", {"a", "b"}, "the guards of a and b do not hold"),
-        ("top and a b; a on e(X) when X > 5 and X < 5; b;", {"a"}, "the guard of a does not hold"),
-        ("top and a b; a on e(_); b; ignore e(_);", {"a"}, "`ignore` takes the events of a"),
-        ("top and a b; a on e(3); b; ignore e(X) when X > 2;", {"a"}, "`ignore` takes the events of a"),
+        ("top and a b; a on e(X) when X > 5; b on e(X) when X < 5;", "ab", None, "the guards of a and b do not hold"),
+        ("top and a b; a on e(X) when X > 5 and X < 5; b;", "a", None, "the guard of a does not hold"),
+        ("top and a b; a on e(_); b; ignore e(_);", "a", None, "`ignore` takes the events of a"),
+        ("top and a b; a on e(3); b; ignore e(X) when X > 2;", "a", None, "`ignore` takes the events of a"),
+        ("top or l s; l and a b c d; s 3of4 a b c d;", "", 2, "the shortest scenario met has 3 events"),
     ],
 )
-def test_what_is_in_the_way_is_named(text: str, nodes: set[str], said: str) -> None:
-    tree = loads(f"event e(x) = {{ x: x }}; {text}")
+def test_what_is_in_the_way_is_named(text: str, nodes: str, longest: int | None, said: str) -> None:
     with pytest.raises(NoTraceFound, match=said) as caught:
-        guided(Random(0), tree, Semantics.PROJECTED, replace(WILD, attempts=40))
-    assert set(caught.value.nodes) <= nodes
+        guided(Random(0), loads(f"{EVENT} {text}"), PROJECTED, replace(WILD, attempts=40, longest=longest))
+    assert set(caught.value.nodes) <= set(nodes)
     assert "40 attempts" in str(caught.value)
 
 
-def test_ignored_values_are_avoided_only_where_that_matters() -> None:
-    event = "event e(x) = { x: x };"
-    tree = loads(f"{event} top and a b; a on e(X); b on e(_); ignore e(X) when X < 1000 or not X > 1000;")
-    for seed in range(5):
-        trace = guided(Random(seed), tree, Semantics.PROJECTED)
-        assert verdicts(tree, Semantics.PROJECTED, trace)[-1] is not Verdict.UNKNOWN
-    ignoring = loads(f"{event} top and a; a on e(X); ignore e(_);")
-    assert len(guided(Random(0), ignoring, Semantics.STRICT)) == 1
-
-
-def test_a_longest_length() -> None:
-    gates = " ".join(f"o{i}" for i in range(14))
-    many = loads(f"top and {gates};" + "".join(f"o{i} or l{i} s{i}; l{i} and x{i} y{i};" for i in range(14)))
-    trace = guided(Random(0), many, Semantics.STRICT, replace(WILD, longest=14))
-    assert sorted(event["event"] for event in trace) == sorted(f"s{i}" for i in range(14))
-    tree, three = loads("top or l s; l and a b c d e f g h i; s 3of9 a b c d e f g h i;"), replace(WILD, longest=3)
-    for seed in range(20):
-        assert len(guided(Random(seed), tree, Semantics.SCATTERED, three)) == 3
-        assert len(near_miss(Random(seed), tree, Semantics.PROJECTED, three).trace) <= 3
-    with pytest.raises(NoTraceFound, match="the shortest scenario met has 3 events"):
-        guided(Random(0), tree, Semantics.PROJECTED, replace(WILD, longest=2))
+@pytest.mark.parametrize(
+    ("text", "semantics"),
+    [
+        (f"{EVENT} top and a b; a on e(X); b on e(_); ignore e(X) when X < 1000 or not X > 1000;", PROJECTED),
+        ("event anything() = {}; top sand a b; a on anything(); b;", STRICT),
+    ],
+)
+def test_ignored_values_are_avoided_and_an_event_without_fields_is_one(text: str, semantics: Semantics) -> None:
+    tree = loads(text)
+    for seed in range(30):
+        random = Random(seed)
+        trace = detecting(random, tree, semantics)
+        assert detects(tree, semantics, trace)
+        assert all(isinstance(event, dict) for event in [*disturbed(random, trace, tree), *random_trace(random, tree)])
 
 
 LOG: Final = loads(
@@ -307,7 +309,7 @@ LOG: Final = loads(
 
 @pytest.mark.parametrize("semantics", Semantics)
 def test_people_believe_a_plain_log(semantics: Semantics) -> None:
-    for seed in range(20):
+    for seed in range(12):
         trace = detecting(Random(seed), LOG, semantics, PLAIN)
         near = near_miss(Random(seed), LOG, semantics, PLAIN).trace
         assert verdicts(LOG, semantics, trace)[-1] is Verdict.TRUE
@@ -318,13 +320,6 @@ def test_people_believe_a_plain_log(semantics: Semantics) -> None:
             assert all(isinstance(time, int) and 0 <= time < 200 for time in times)
             assert {event["user"] for event in log if "user" in event} <= {"alice", "bob", "carol", "dave", "erin"}
         assert all(5000 <= event["bytes"] <= 5010 for event in trace if "bytes" in event)
-
-
-def test_a_time_that_is_left_open_beside_one_that_is_not() -> None:
-    tree = loads("event e(t) = { times: [t, _] }; top sand a b; a on e(S); b on e(T) when T > S + 5;")
-    for seed in range(10):
-        first, second = (event["times"] for event in guided(Random(seed), tree, Semantics.STRICT, PLAIN))
-        assert all(isinstance(time, int) for time in (*first, *second))
 
 
 @pytest.mark.parametrize("gate", [Gate.SAND_RL, Gate.OR])
@@ -372,12 +367,3 @@ def test_a_strategy_for_trees_too(example: tuple[RVAFT, Semantics, list[Json]]) 
     tree, semantics, trace = example
     if small_and_valid(tree):
         assert verdicts(tree, semantics, trace) == list(monitor(tree, semantics=semantics).run(trace))
-
-
-def test_an_event_without_fields_is_led_through_and_disturbed_too() -> None:
-    tree = loads("event anything() = {}; top sand a b; a on anything(); b;")
-    for seed in range(100):
-        random = Random(seed)
-        trace = detecting(random, tree, Semantics.STRICT)
-        assert verdicts(tree, Semantics.STRICT, trace)[-1] is Verdict.TRUE
-        assert all(isinstance(event, dict) for event in [*disturbed(random, trace, tree), *random_trace(random, tree)])

@@ -3,21 +3,28 @@
 from itertools import product
 from random import Random
 from time import perf_counter
+from typing import Final
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cross_check.letters import UNBOUND, VARIABLES, Letters, answers, letters
+from cross_check.letters import UNBOUND, VARIABLES, Letters, answers, letters, untied
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
 from rvaft.language.parser import parse_guard, parse_pattern
-from rvaft.model.guards import Operation, Operator
-from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.model.values import Json
-from tests.cross_check.questions import question, random_event, random_question
+from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, variables
+from rvaft.model.values import Json, Scalar
+from tests.tables import rows
 
 ABSENT = object()
+
+
+def question(text: str) -> Observed:
+    """A question as it is written in a tree, `PATTERN when GUARD`, with variables of its own."""
+    pattern, _, guard = text.partition(" when ")
+    return untied(Observed(parse_pattern(pattern), parse_guard(guard) if guard else None))
 
 
 def default(name: str) -> Observed:
@@ -28,83 +35,7 @@ def words(found: Letters, questions: list[Observed]) -> set[str]:
     return {"".join("01"[one] for one in answers(questions, event)) for event in found.events}
 
 
-CASES = [
-    # questions; the combinations of answers, in their order; why
-    ([], "", "nothing is asked: one event"),
-    (['{event: "a"}', '{event: "b"}'], "00 10 01", "one value is one literal at most"),
-    (["{x: _}", "{y: _}"], "00 10 01 11", "other fields say nothing"),
-    (["{x: _}", "{x: 1}", "{x: 1.0}"], "000 100 111", "1 and 1.0 are equal"),
-    (["{x: 1}", "{x: true}", '{x: "1"}'], "000 100 010 001", "and nothing else is"),
-    (["{}", "{x: 1}"], "10 11", "every event is an object"),
-    (["_", "{x: 1}"], "10 11", "`_` as well"),
-    (["[_]", "1", "{x: 1}"], "000 001", "and none is a list or a number"),
-    (["{x: {y: 1}}", "{x: {z: 1}}", "{x: {}}", "{x: _}"], "0000 0001 0011 1011 0111 1111", "nested"),
-    (["{x: [_, 1]}", "{x: [2, _]}", "{x: [_]}", "{x: []}"], "0000 1000 0100 1100 0010 0001", "lists have a length"),
-    (["{x: X, y: X}"], "0 1", "a variable used twice"),
-    (["{x: X, y: X}", "{x: 1}", "{y: 1}"], "000 100 010 001 111", "no x = y where only one of them is 1"),
-    (["{x: X, y: X}", "{x: {a: 1}}", "{y: {b: 1}}"], "000 100 010 110 001 101 011 111", "objects may have more fields"),
-    (["{x: X, y: X}", "{x: {}}", "{y: {}}"], "000 100 010 001 011 111", "two objects need not be equal"),
-    (["{x: X, y: X}", "{x: []}", "{y: []}"], "000 100 010 001 111", "two empty lists are"),
-    (["{x: X, y: X}", "{x: [_]}", "{y: [1]}"], "000 100 010 110 001 011 111", "two lists, if their items are"),
-    (["{x: X, y: {a: X}}", "{x: {a: X}, y: X}"], "00 10 01", "no value contains itself"),
-    (["{x: X, y: X}", "{y: Y, z: Y}", "{x: Z, z: Z}"], "000 100 010 001 111", "equality is transitive"),
-    (["{v: V} when V < 250", "{v: V}"], "00 01 11", "on either side of a bound, and no number"),
-    (["{v: V} when V < 250", "{v: V} when V > 250", "{v: _}"], "000 001 101 011", "250 or a string: neither"),
-    (["{v: V} when V < 250", "{v: V} when V >= 250", "{v: _}"], "000 001 101 011", "a string: neither"),
-    (["{v: V} when V >= 1", "{v: V} when V > 1"], "00 10 11", "on the bound"),
-    (["{v: V} when V > 1", "{v: V} when V < 2"], "00 10 01 11", "between neighbouring integers lies 1.5"),
-    (["{v: V} when V > 1", "{v: V} when V < 1.0000000000000002"], "00 10 01", "no double lies between two neighbours"),
-    (["{v: V} when not V < 1", "{v: V} when V < 1", "{v: _}"], "000 001 101 011", "undefined is not false"),
-    (["{v: V} when V == 1", "{v: 1}"], "00 11", ""),
-    (["{v: V} when V != 1", "{v: _}"], "00 01 11", ""),
-    (["{v: V} when V", "{v: V} when not V", "{v: _}"], "000 001 101 011", "truth values"),
-    (["{v: V} when V == null", "{v: _}"], "00 01 11", ""),
-    (['{v: V} when V < "b"', '{v: V} when V > "a"', "{v: _}"], "000 001 101 011 111", "strings in between"),
-    (['{v: V} when V < "a\\u0000"', '{v: V} when V > "a"'], "00 10 01", "no string in between"),
-    (['{v: V} when V < ""', '{v: V} when V <= ""'], "00 01", "nothing is below the empty string"),
-    (["{v: V} when V < 1", '{v: V} when V < "a"'], "00 10 01", "a number is no string"),
-    (["{v: V, w: W} when V < W", "{v: V, w: W} when V > W", "{v: _, w: _}"], "000 001 101 011", "two values"),
-    (["{v: V, w: W} when V == W", "{v: X, w: X}"], "00 11", "a guard and a pattern that say the same"),
-    (["{v: V, w: W} when V < W", "{v: 3}", "{w: 3}"], "000 010 001 011 100 110 101", "bounded by literals"),
-    (["{v: V, w: W} when V < W", "{v: V} when V > 5", "{w: W} when W < 5"], "000 100 010 001 101 110 011", "and by bounds"),
-    (["{v: V, w: W} when V <= W", "{v: V, w: W} when V >= W", "{v: X, w: X}"], "000 001 100 010 111", "null is not ordered"),
-    (["{v: V} when V > 1", "{w: W} when W > 1", "{v: X, w: X}"], "000 100 010 110 001 111", "equality across guards"),
-    (["{v: V} when V / 2 < 1", "{v: V} when V >= 2"], "00 10 01", "one step of arithmetic"),
-    (["{v: V} when V + 1 == 2", "{v: 1}", "{v: _}"], "000 001 101 111", "doubles: 0.9999999999999999 + 1 is 2"),
-    (["{v: V} when V * 2 > 3", "{v: V} when V > 1.5", "{v: _}"], "000 001 111 011", "doubles overflow: 1.7e308 * 2 is undefined"),
-    (["{v: V} when 1 < 2", "{v: V} when 2 < 1", "{v: _}"], "000 101", "a guard without variables"),
-    (["{v: V} when 1 / 0 == 1", "{v: _}"], "00 01", "is never true where it is undefined"),
-    (['{x: "~1"}', "{x: _}"], "00 01 11", "a fresh value is none that is asked for"),
-    (['{e: "a", v: 1}', '{e: "a", w: 1}'], "00 10 01 11", "one literal in common"),
-    (["{v: V} when not V == 1", "{v: [_]}"], "00 10 11", "a value without order is no list that is asked for"),
-    (['{v: V} when V < "\\u0000"'], "0 1", "the empty string alone"),
-    (
-        ["{w: W} when W > 0", "{v: V} when V > 1", "{v: V} when V < 1.0000000000000004"],
-        "000 010 011 001 100 110 111 101",
-        "one double only, and two guards",
-    ),
-    (
-        [
-            "{v: V} when V > 1 and V < 1.0000000000000007",
-            "{w: W} when W > 1 and W < 1.0000000000000007",
-            "{v: X, w: X}",
-            "{u: U} when U > 1",
-        ],
-        "0000 1000 0100 1100 0010 1110 0001 1001 0101 1101 0011 1111",
-        "two doubles, equal or not",
-    ),
-    (["{v: 9007199254740992}", "{v: V} when V + 1 > 9007199254740992"], "00 01 10 11", "the integer and the double"),
-    (["{v: V} when V > 1", "{v: 2, k: _}", "{k: _}"], "000 100 001 101 111", "a value that is no literal elsewhere"),
-    (
-        ["{v: V} when V > 1", "{v: V} when V < 1.0000000000000004", "{v: 1.0000000000000002, k: _}"],
-        "000 010 110 100 111",
-        "but that one where there is no other",
-    ),
-    (["{v: V} when (V < 1) == true", "{v: V} when V < 1"], "00 11", "a condition compared with a truth value"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("asked", "expected", "why"), CASES)
+@pytest.mark.parametrize(("asked", "expected", "why"), rows(__file__, "letters.txt"))
 def test_by_hand(asked: list[str], expected: str, why: str) -> None:
     questions = [question(one) for one in asked]
     found = letters(questions)
@@ -195,6 +126,103 @@ def test_speed_of_the_common_case() -> None:
             best = min(best, perf_counter() - start)
         assert len(found.events) == count
         assert best < 0.01  # 0.4 ms where nothing else runs
+
+
+# -- random questions, and random events that have to do with them ---------------------------------------------------
+
+FIELDS: Final = ("x", "y", "z")
+LITERALS: Final[tuple[Scalar, ...]] = (0, 1, 2, "a", "b", True, None, 1.5)
+VALUES: Final[tuple[Json, ...]] = (
+    *(0, 1, 2, 1.5, -1, 3, 0.5, 1.0, 1.25, 1.75, 1.9, 4, 6, 5, 100, 2**53 + 1, -0.0),
+    *("", "a", "b", "aa", "A", "c", "ab", True, False, None),
+)
+COMPARISONS: Final = (Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE)
+STEPS: Final = (Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV)
+
+
+def random_question(random: Random, *, calculating: bool) -> Observed:
+    """A pattern, half of the time with a guard on its variables."""
+    pattern = _object(random, 2)
+    names = variables(pattern)
+    return Observed(pattern, _guard(random, names, calculating) if names and random.random() < 0.5 else None)
+
+
+def _object(random: Random, depth: int) -> Pattern:
+    names = random.sample(FIELDS, random.randint(0 if depth < 2 else 1, 2))
+    return ObjectPattern(tuple((name, _inner(random, depth - 1)) for name in names))
+
+
+def _inner(random: Random, depth: int) -> Pattern:
+    dice = random.random()
+    if dice < 0.3:
+        return Literal(random.choice(LITERALS))
+    if dice < 0.65:
+        return Variable(random.choice(("_1", "_2", "_3")))
+    if dice < 0.75 or not depth:
+        return Anything()
+    if dice < 0.85:
+        return ListPattern(tuple(_inner(random, depth - 1) for _ in range(random.randint(0, 2))))
+    return _object(random, depth)
+
+
+def _guard(random: Random, names: tuple[str, ...], calculating: bool, depth: int = 1) -> Guard:
+    dice = random.random()
+    if depth and dice < 0.3:
+        both = (_guard(random, names, calculating, 0), _guard(random, names, calculating, 0))
+        return Operation(random.choice((Operator.AND, Operator.OR)), both)
+    if depth and dice < 0.4:
+        return Operation(Operator.NOT, (_guard(random, names, calculating, 0),))
+    if dice < 0.45:
+        return Variable(random.choice(names))
+    left: Guard = Variable(random.choice(names))
+    right: Guard = Variable(random.choice(names)) if random.random() < 0.3 else Literal(random.choice(LITERALS))
+    if calculating and random.random() < 0.3:
+        left = Operation(random.choice(STEPS), (left, Literal(random.choice((2, 3, 0.5, -1)))))
+        right = Literal(random.choice(LITERALS))
+    return Operation(random.choice(COMPARISONS), (left, right) if random.random() < 0.7 else (right, left))
+
+
+def random_value(random: Random, depth: int) -> Json:
+    """Any value, mostly a scalar."""
+    dice = random.random()
+    if depth and dice < 0.12:
+        return [random_value(random, depth - 1) for _ in range(random.randint(0, 3))]
+    if depth and dice < 0.3:
+        names = random.sample((*FIELDS, "w"), random.randint(0, 3))
+        return {name: random_value(random, depth - 1) for name in names}
+    return random.choice(VALUES)
+
+
+def random_event(random: Random, questions: list[Observed]) -> Json:
+    """Any event, or one that fits some of the patterns at once; values often repeat."""
+    if random.random() < 0.5:
+        pool = [random_value(random, 2) for _ in range(2)]
+        names = random.sample(FIELDS, random.randint(1, 3))
+        return {name: random.choice(pool) if random.random() < 0.35 else random_value(random, 2) for name in names}
+    event: Json = {}
+    for one in random.sample(questions, random.randint(1, min(3, len(questions)))):
+        event = _merged(event, _fitting(random, one.pattern, {}))
+    return event
+
+
+def _fitting(random: Random, pattern: Pattern, chosen: dict[str, Json]) -> Json:
+    match pattern:
+        case Literal(value):
+            return value
+        case Variable(name):
+            return chosen.setdefault(name, random_value(random, 1))
+        case Anything():
+            return random_value(random, 1)
+        case ObjectPattern(fields):
+            return {name: _fitting(random, inner, chosen) for name, inner in fields}
+        case ListPattern(items):
+            return [_fitting(random, item, chosen) for item in items]
+
+
+def _merged(one: Json, other: Json) -> Json:
+    if isinstance(one, dict) and isinstance(other, dict):
+        return {**one, **{name: _merged(one[name], value) if name in one else value for name, value in other.items()}}
+    return other
 
 
 @settings(max_examples=80, deadline=None)

@@ -24,6 +24,7 @@ from rvaft.model.patterns import Literal
 from rvaft.model.values import Json
 from rvaft.rules import require_valid
 from tests.faults.wrong_trees import MISTAKES, rebuilt
+from tests.tables import rows
 
 Trace = list[Json]
 
@@ -64,98 +65,12 @@ late  sand_rl first second;
 first;
 second       on read(5, _);
 """
-READ: dict[str, Any] = {"topic": "/sensor", "value": 251, "time": 7, "more": [1, {"a": None}]}
-MOVE: dict[str, Any] = {"topic": "/command", "name": "move", "waypoint": "w1", "time": 1.5}
-
-PLANTED: list[tuple[str, str, str, Trace, str, Trace]] = [
-    # wrong reading, semantics, tree, trace, the smallest tree, the smallest trace
-    (
-        "K+1 for K",
-        "projected",
-        LARGE,
-        [{"noise": 1}, READ, {"spare": 9}, *word("y x2"), MOVE, {"spare": 1}, *word("x2 y")],
-        "toplevel done;\ndone 1of2 x1 y;\nx1;\ny;\n",
-        word("y"),
-    ),
-    (
-        "a sand reversed",
-        "strict",
-        LARGE,
-        [READ, *word("y"), MOVE, *word("x2 x2")],
-        "toplevel early;\nearly sand seen x;\nseen;\nx;\n",
-        word("seen"),
-    ),
-    (
-        "a sand reversed",
-        "scattered",
-        LARGE,
-        [{"a": 1}, READ, *word("y y"), MOVE, {"spare": 0}, *word("x2 q")],
-        "toplevel z;\nz  sand y x2;\ny;\nx2;\n",
-        word("y x2"),
-    ),
-    (
-        "a sand_rl from left to right",
-        "projected",
-        LARGE,
-        [{**READ, "value": 5}, *word("first")],
-        "toplevel late;\nlate   sand_rl first second;\nfirst;\nsecond;\n",
-        word("second"),
-    ),
-    (
-        "an or that wants all",
-        "scattered",
-        LARGE,
-        [{**READ, "value": 5}, *word("y first")],
-        "toplevel top;\ntop    or seen second;\nseen;\nsecond;\n",
-        word("second"),
-    ),
-    (
-        "causality turned",
-        "projected",
-        "event go(p) = { go: p };\ncausality bottom_up;\ntop and p c;\np sand a b on go(1);\na;\nb;\nc;\n",
-        [*word("a c b"), {"go": 1}],
-        "event e() = { go: _ };\n\ntoplevel p;\np or a on e();\na;\n",
-        word("a"),
-    ),
-    (
-        "no guard on an event",
-        "projected",
-        LARGE,
-        [{**READ, "value": 200, "time": 3}, {**READ, "value": 5}],
-        "event e(p) = { value: p };\n\ntoplevel seen;\nseen on e(V) when V;\n",
-        [{"value": 5}],
-    ),
-    (
-        "`>` for `>=`",
-        "scattered",
-        "event r(v, s) = { v: v, s: { deep: s } };\ntop sand a b; a on r(V, S) when V >= 250; b on r(W, S) when W < V;",
-        [{"v": 250, "s": {"deep": 1}}, {"v": 3, "s": {"deep": 1.0, "x": 2}}],
-        "event e(p) = { v: p };\n\ntoplevel a;\na on e(V) when V >= 250;\n",
-        [{"v": 250}],
-    ),
-    (
-        "`ignore` forgotten",
-        "projected",
-        LARGE,
-        [{"spare": 9}, {**READ, "value": 5}, *word("first")],
-        "event e() = {};\n\nignore e();\n\ntoplevel x1;\nx1;\n",
-        word("x1"),
-    ),
-    (
-        "a shared node twice",
-        "projected",
-        "event e(n) = { n: n };\ntop and p q r;\np and s x;\nq sand y s;\nr;\ns on e(1);\nx;\ny;\n",
-        [*word("r y x"), {"n": 1}],
-        "toplevel top;\ntop and s q;\nq   or s;\ns;\n",
-        word("s"),
-    ),
-]
 
 
-@pytest.mark.parametrize("planted", PLANTED, ids=[f"{wrong}, {semantics}" for wrong, semantics, *_ in PLANTED])
-def test_a_planted_fault_shrinks_to_its_core(planted: tuple[str, str, str, Trace, str, Trace]) -> None:
+@pytest.mark.parametrize("planted", rows(__file__, "planted.txt"), ids=lambda row: f"{row[0]}, {row[1]}")
+def test_a_planted_fault_shrinks_to_its_core(planted: list[Any]) -> None:
     wrong, semantics, text, trace, smallest, left = planted
-    tree, found = shrink(loads(text), trace, differ(wrong, semantics))
+    tree, found = shrink(loads(LARGE if text == "large" else text), trace, differ(wrong, semantics))
     assert (dumps(tree), found) == (smallest, left)
 
 

@@ -34,6 +34,7 @@ TYPES: Final = {
     "move_base_msgs.msg": ["MoveBaseActionGoal", "MoveBaseActionResult"],
 }
 
+pytest.importorskip("websocket", reason="needs websocket-client")
 pytestmark = [
     pytest.mark.published,
     pytest.mark.skipif(
@@ -103,31 +104,33 @@ class Client:
     """A generated monitor of which ROS has been left out: messages come in as events and go out as names of topics."""
 
     def __init__(self, module: ModuleType, folder: Path) -> None:
-        self.monitor = getattr(module, f"ROSMonitor_{module.MONITOR_ID}").__new__(
-            getattr(module, f"ROSMonitor_{module.MONITOR_ID}")
-        )
+        kind = getattr(module, f"ROSMonitor_{module.MONITOR_ID}")
+        self.monitor = kind.__new__(kind)
         self.interfaces = {interface["name"]: interface for interface in module.INTERFACES}
         self.warnings: list[str] = []
+        self.shutdowns: list[object] = []
+        self.status: dict[str, Any] = {}
         self.monitor.lock = threading.Lock()
         self.monitor.log_file = (folder / "events.jsonl").open("w", encoding="utf-8")
         self.monitor.status_file = (folder / "status.jsonl").open("w", encoding="utf-8")
-        self.status = folder / "status.jsonl"
+        self.statuses = folder / "status.jsonl"
         self.monitor._log_info = str
         self.monitor._log_warning = self.warnings.append
-        self.monitor._shutdown_runtime = str
+        self.monitor._shutdown_runtime = lambda *why: self.shutdowns.append(why)
         self.monitor.oracle = self.monitor._connect_oracle()
         assert self.monitor.oracle is not None, self.warnings
 
     def receive(self, event: dict[str, Json]) -> tuple[bool, str]:
         """Whether the message of an event passes, and the verdict."""
-        interface = self.interfaces[event["topic"]]
-        made = self.monitor._event(
-            interface, {key: value for key, value in event.items() if key not in ("topic", "time")}
-        )
-        made["time"] = event.get("time", made["time"])
-        passes = self.monitor._handle_event(interface, made, object())
-        last = json.loads(self.status.read_text(encoding="utf-8").splitlines()[-1])
-        return passes, self.monitor._normalize_verdict(last["verdict_raw"])
+        interface = self.interfaces.get(event["topic"], self.interfaces["/move_base/goal"])
+        if event["topic"] in self.interfaces:
+            payload = {key: value for key, value in event.items() if key not in ("topic", "time")}
+            made = self.monitor._event(interface, payload)
+            event = {**made, "time": event.get("time", made["time"])}
+        passes = self.monitor._handle_event(interface, event, object())
+        lines = map(json.loads, self.statuses.read_text(encoding="utf-8").splitlines())
+        self.status = [line for line in lines if line["status"] == "event"][-1]
+        return passes, self.monitor._normalize_verdict(self.status["verdict_raw"])
 
     def close(self) -> None:
         """Let go of files and connection."""
@@ -150,34 +153,69 @@ def test_the_generated_monitor_uses_the_message_types(tmp_path: Path, monkeypatc
         )
 
 
+@contextmanager
+def asking(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, *options: object, more: tuple[str, ...] = ()
+) -> Iterator[Client]:
+    """The generated monitor, connected to the oracle that run.txt starts, though at a free port."""
+    (entry,) = written(folder, *options)
+    (line, *_) = [line for line in (folder / "run.txt").read_text().splitlines() if line.startswith("rvaft serve")]
+    words = shlex.split(line)[2:]
+    del words[words.index("--port") : words.index("--port") + 2]
+    with serving(*words, *more) as (_, url):
+        module = generated(folder, entry["id"], int(url.rpartition(":")[2]), monkeypatch)
+        with closing(Client(module, folder)) as client:
+            yield client
+
+
 @pytest.mark.parametrize(
-    ("options", "part", "trace"),
+    ("options", "part", "trace", "vocabulary"),
     [
-        ([], {}, "table2_row1"),
-        (["--branch", 1], {"branch": 1}, "table2_row1"),
-        (["--kind", "attack"], {"kind": "attack"}, "table2_row3"),
-        ([], {}, "low_reading_breaks"),
+        (["--branch", 1], {"branch": 1}, "table2_row1", "rml"),
+        (["--kind", "attack"], {"kind": "attack"}, "table2_row3", "strings"),
+        *(([], {}, path.stem, ("rml", "strings")[n % 2]) for n, path in enumerate(sorted(TRACES.iterdir()))),
     ],
 )
 def test_the_commands_and_the_monitor_work_together(
-    options: list[object], part: dict[str, Any], trace: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    options: list[object],
+    part: dict[str, Any],
+    trace: str,
+    vocabulary: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    (entry,) = written(tmp_path, *options)
     alone = monitor(load(ROS), **part)
     raw = {Verdict.TRUE: "false", Verdict.FALSE: "true", Verdict.UNKNOWN: "currently_true"}
-    (line, *_) = [line for line in (tmp_path / "run.txt").read_text().splitlines() if line.startswith("rvaft serve")]
-    words = shlex.split(line)[2:]
-    del words[words.index("--port") : words.index("--port") + 2]
-    with serving(*words) as (_, url):
-        module = generated(tmp_path, entry["id"], int(url.rpartition(":")[2]), monkeypatch)
-        with closing(Client(module, tmp_path)) as client:
-            for event in read(TRACES / f"{trace}.jsonl"):
-                verdict = alone.step(event)
-                blocked = verdict is Verdict.TRUE and event["topic"] == "/command"
-                assert client.receive(event) == (not blocked, raw[verdict])
-            command = {"topic": "/command", "name": "move", "waypoint": 1, "time": 9000.5}
-            verdict = alone.step(command)
-            assert client.receive(command) == (verdict is not Verdict.TRUE, raw[verdict])
+    command: dict[str, Json] = {"topic": "/command", "name": "move", "waypoint": 1, "time": 9000.5}
+    with asking(tmp_path, monkeypatch, *options, more=("--vocabulary", vocabulary)) as client:
+        for event in [*read(TRACES / f"{trace}.jsonl"), command]:
+            verdict = alone.step(event)
+            blocked = verdict is Verdict.TRUE and event["topic"] == "/command"
+            assert client.receive(event) == (not blocked, raw[verdict])
+            assert ("matched" in client.status["oracle_response"]) is (verdict is Verdict.TRUE)
+            assert client.status["terminal"] is verdict.final
+            told = client.status["oracle_response"]
+            assert {key: told[key] for key in event if key != "topic"} | {"topic": event["topic"]} == event
+        assert bool(client.warnings) is (alone.verdict is Verdict.TRUE)
+
+
+def test_an_error_reply_neither_stops_it_nor_counts_as_a_violation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with asking(tmp_path, monkeypatch, "--action", "log") as client:
+        assert client.receive({"topic": "/image", "data": "x" * 2_000_000}) == (True, "currently_true")
+        assert "error" in client.status["oracle_response"]
+        assert client.receive({"topic": "/other"}) == (True, "currently_true")
+        assert (client.shutdowns, client.warnings) == ([], [])
+
+
+def test_a_passive_monitor_stops_at_a_detection(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    events = list(read(TRACES / "table2_row1.jsonl"))
+    detected = [verdict.final for verdict in monitor(load(PRUNED)).run(events)].index(True)
+    with asking(tmp_path, monkeypatch, "--action", "log") as client:
+        for number, event in enumerate(events[: detected + 1]):
+            client.receive(event)
+            assert len(client.shutdowns) == (number == detected)
 
 
 @contextmanager
@@ -220,120 +258,3 @@ def test_the_rml_oracle_can_be_asked_instead(
                 assert client.receive(event) == (True, raw[alone.step(event)])
             assert alone.verdict is Verdict.TRUE
             assert client.warnings == []
-
-
-# -- the monitor that its generator writes, without ROS -----------------------------------------------------------------
-
-
-@pytest.fixture
-def importable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The checkout that ROSMONITORING names can be imported from."""
-    pytest.importorskip("websocket", reason="needs websocket-client")
-    monkeypatch.syspath_prepend(str(CHECKOUT / "src"))
-    yield
-    for name in [name for name in sys.modules if name.partition(".")[0] == "rosmonitoring"]:
-        del sys.modules[name]
-
-
-def loaded(folder: Path, url: str, *, action: str) -> ModuleType:
-    """The module that ROSMonitoring generates for one monitor of one topic."""
-    config, generator = (importlib.import_module(f"rosmonitoring.{name}") for name in ("config", "generator"))
-    host, port = url.removeprefix("ws://").split(":")
-    topic = {"name": "command", "type": "std_msgs.msg.String", "action": action}
-    oracle = {"url": host, "port": int(port), "action": "nothing", "timeout": 20}
-    parsed = config.parse_config(
-        {"monitors": [{"monitor": {"id": "damaged", "log": "x", "oracle": oracle, "topics": [topic]}}]}
-    )
-    (file := folder / "damaged.py").write_text(
-        generator.render_monitor_source(parsed.monitors[0], "ros2"), encoding="utf-8"
-    )
-    spec = importlib.util.spec_from_file_location("damaged", file)
-    assert spec is not None
-    assert spec.loader is not None
-    spec.loader.exec_module(module := importlib.util.module_from_spec(spec))
-    return module
-
-
-class OwnClient:
-    """A generated monitor of which ROS has been left out."""
-
-    def __init__(self, module: ModuleType, folder: Path) -> None:
-        self.monitor = module.ROSMonitor_damaged.__new__(module.ROSMonitor_damaged)
-        self.interface = module.INTERFACES[0]
-        self.shutdowns = 0
-        self.warnings: list[str] = []
-        self.monitor.lock = threading.Lock()
-        self.monitor.log_file = (folder / "events.jsonl").open("w", encoding="utf-8")
-        self.monitor.status_file = (folder / "status.jsonl").open("w", encoding="utf-8")
-        self.status = folder / "status.jsonl"
-        self.monitor._log_info = str
-        self.monitor._log_warning = self.warnings.append
-        self.monitor._shutdown_runtime = self._shut_down
-        self.monitor.oracle = self.monitor._connect_oracle()
-        assert self.monitor.oracle is not None, self.warnings
-
-    def _shut_down(self) -> None:
-        self.shutdowns += 1
-
-    def event(self, event: dict[str, Any]) -> bool:
-        """Whether the monitor lets the message of an event pass."""
-        allowed: bool = self.monitor._handle_event(self.interface, event, object())
-        return allowed
-
-    def statuses(self) -> list[dict[str, Any]]:
-        """What it wrote of each event."""
-        lines = map(json.loads, self.status.read_text(encoding="utf-8").splitlines())
-        return [line for line in lines if line["status"] == "event"]
-
-    def close(self) -> None:
-        """Let go of files and connection."""
-        self.monitor.oracle.close()
-        self.monitor.log_file.close()
-        self.monitor.status_file.close()
-
-
-@pytest.fixture(scope="module", params=["rml", "strings"])
-def speaking(request: pytest.FixtureRequest) -> Iterator[str]:
-    """The URL of a server that says definitive verdicts in either way."""
-    with serving(PRUNED, "--vocabulary", request.param) as (_, url):
-        yield url
-
-
-@pytest.mark.parametrize("trace", sorted(path.name for path in TRACES.iterdir()))
-@pytest.mark.usefixtures("importable")
-def test_it_reads_our_verdicts_as_they_are_meant(trace: str, speaking: str, tmp_path: Path) -> None:
-    alone = monitor(load(PRUNED))
-    raw = {Verdict.TRUE: "false", Verdict.FALSE: "true", Verdict.UNKNOWN: "currently_true"}
-    with closing(OwnClient(loaded(tmp_path, speaking, action="filter"), tmp_path)) as client:
-        for event in read(TRACES / trace):
-            sent = {key: value.removeprefix("/") if key == "topic" else value for key, value in event.items()}
-            verdict = alone.step(event)
-            assert client.event(sent) is (verdict is not Verdict.TRUE)
-            status = client.statuses()[-1]
-            assert client.monitor._normalize_verdict(status["verdict_raw"]) == raw[verdict]
-            assert {key: status["oracle_response"][key] for key in sent} == sent
-            assert ("matched" in status["oracle_response"]) is (verdict is Verdict.TRUE)
-            assert status["terminal"] is verdict.final
-        assert bool(client.warnings) is (alone.verdict is Verdict.TRUE)
-
-
-@pytest.mark.usefixtures("importable")
-def test_an_error_reply_neither_stops_it_nor_counts_as_a_violation(tmp_path: Path) -> None:
-    with serving(PRUNED) as (_, url), closing(OwnClient(loaded(tmp_path, url, action="log"), tmp_path)) as client:
-        assert client.event({"topic": "/image", "data": "x" * 2_000_000})
-        assert "error" in client.statuses()[-1]["oracle_response"]
-        assert client.event({"topic": "/other"})
-        assert [status["verdict_raw"] for status in client.statuses()] == ["currently_true", "currently_true"]
-        assert (client.shutdowns, client.warnings) == (0, [])
-
-
-@pytest.mark.usefixtures("importable")
-def test_a_passive_monitor_stops_at_a_detection(tmp_path: Path) -> None:
-    events = list(read(TRACES / "table2_row1.jsonl"))
-    detected = [verdict.final for verdict in monitor(load(PRUNED)).run(events)].index(True)
-    with serving(PRUNED) as (_, url), closing(OwnClient(loaded(tmp_path, url, action="log"), tmp_path)) as client:
-        for event in events[:detected]:
-            client.event(event)
-        assert client.shutdowns == 0
-        client.event(events[detected])
-        assert client.shutdowns == 1

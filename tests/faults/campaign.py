@@ -1,7 +1,7 @@
 """Mutants of a room of the product, held against the verdicts of the reference: `python -m tests.faults.campaign ROOM`.
 
 The reference gives its verdicts before anything is changed; each mutant lives in a process of its own, which runs the participants
-on the same traces. A mutant is killed where a verdict differs, somebody raises, or the time is over.
+on the same traces. A mutant is killed where a verdict differs, somebody raises, or the time is over; each is told in a line of JSON.
 """
 
 import gc
@@ -11,62 +11,47 @@ import pickle
 import resource
 import signal
 from argparse import ArgumentParser
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from random import Random
-from typing import Any, Final
+from types import CodeType
+from typing import Any, Final, NamedTuple
 
 import rvaft
 from backends.conformance import examples
 from cross_check.campaign import catalogue
-from cross_check.participants import Participant, reference_of
+from cross_check.participants import ENGINE, Participant, reference_of
 from cross_check.results import Job
 from cross_check.traces import Effort, letters_of, trials
-from rvaft import RVAFT, Monitor, NotExpressible, Semantics, TooLarge, Verdict
+from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, Verdict
 from rvaft.analysis.branches import restrict
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
 from tests.engine.dense import dense_tree
-from tests.faults.mutations import Mutant, Source, forget_caches, live_functions
+from tests.faults.mutations import Source, forget_caches, live_functions
 
 ROOT: Final = Path(rvaft.__file__).parent.parent
-ENGINE: Final = "engine"
 MEMORY: Final = 4 << 30
 """Bytes that a mutant may take."""
 SECONDS: Final = 1.0, 0.04
 """Of processor time that it may take: once, and for each exercise and participant."""
-
-
-@dataclass(frozen=True, slots=True)
-class Room:
-    """A part of the product by its folders, and the participants that are wrong where it is."""
-
-    files: tuple[str, ...]
-    participants: tuple[str, ...]
-
-
 BACKENDS: Final = ("automaton", "ltlf", "rml")
-ROOMS: Final = {
-    ENGINE: Room(("rvaft/engine/**/*.py",), (ENGINE,)),
-    **{name: Room((f"backends/{name}/**/*.py",), (name,)) for name in BACKENDS},
-    "shared": Room(
-        ("rvaft/*.py", "rvaft/support/**/*.py", "rvaft/model/**/*.py", "rvaft/analysis/**/*.py"), (ENGINE, *BACKENDS)
-    ),
+ROOMS: Final[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
+    ENGINE: (("rvaft/engine",), (ENGINE,)),
+    **{name: ((f"backends/{name}",), (name,)) for name in BACKENDS},
+    "shared": (("rvaft", "rvaft/support", "rvaft/model", "rvaft/analysis"), (ENGINE, *BACKENDS)),
 }
-"""What the reference has no part in: it has given its verdicts before a mutant is made."""
-
+"""The folders of each, and who is wrong where they are. The reference has no part in them."""
 EFFORT: Final = Effort(words=60, traces=16)
 LONG: Final = 10
 """Events in further traces, drawn from those that the tree tells apart."""
 
 
-@dataclass(frozen=True, slots=True)
-class Exercise:
+class Exercise(NamedTuple):
     """A tree under one semantics, traces, and the verdicts of the reference after each of their prefixes."""
 
     name: str
@@ -76,25 +61,19 @@ class Exercise:
     expected: Sequence[Sequence[Verdict]]
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What became of a mutant: who differed on which tree, or what was raised; nothing where nobody saw it."""
-
-    mutant: Mutant
-    killed: str
-
-
-def jobs() -> Iterator[tuple[RVAFT, Job]]:
-    """The trees of the cross-checker, those of the conformance suite, and some random ones, each under every semantics."""
+def exercises(seed: int, share: float) -> list[Exercise]:
+    """A share of all exercises, in no order: the trees of the cross-checker, those of the conformance suite, and some random ones."""
     trees = [(entry.tree, entry.name, entry.branch, entry.kind) for entry in catalogue()]
     trees += [(example.tree, example.name, None, None) for example in examples()]
     for shape, dense in DENSE.items():
         random = Random(shape)
         made = (tree for _ in range(200) if small_and_valid(tree := dense_tree(random, dense), 30))
         trees += [(tree, f"random {number}, {shape}", None, None) for number, tree in enumerate(islice(made, 12))]
-    for tree, name, branch, kind in trees:
-        for semantics in Semantics:
-            yield tree, Job(name, semantics, branch, kind)
+    random = Random(seed)
+    every = ((tree, Job(name, semantics, *part)) for tree, name, *part in trees for semantics in Semantics)
+    chosen = [one for one in every if random.random() < share]
+    random.shuffle(chosen)
+    return [found for tree, job in chosen if (found := exercise(tree, job)) is not None]
 
 
 def exercise(tree: RVAFT, job: Job) -> Exercise | None:
@@ -112,23 +91,19 @@ def exercise(tree: RVAFT, job: Job) -> Exercise | None:
     return Exercise(f"{job.title} under {job.semantics}", fresh, job.semantics, traces, expected)
 
 
-def monitor_of(participant: str, tree: RVAFT, semantics: Semantics) -> Monitor | None:
-    """The monitor of a participant, or None where its language cannot say the tree."""
-    if participant == ENGINE:
-        return rvaft.monitor(tree, semantics=semantics)
-    try:
-        return rvaft.translate(tree, participant, semantics=semantics).monitor()
-    except (NotExpressible, TooLarge):
-        return None
-
-
 def wrong(participants: Sequence[str], work: Sequence[Exercise]) -> str:
-    """The first exercise in which a participant is wrong, or nothing."""
+    """The first exercise in which a participant is wrong, or nothing; whose language cannot say the tree is not."""
     for one in work:
         for participant in participants:
-            monitor = monitor_of(participant, one.tree, one.semantics)
+            try:
+                if participant == ENGINE:
+                    monitor = rvaft.monitor(one.tree, semantics=one.semantics)
+                else:
+                    monitor = rvaft.translate(one.tree, participant, semantics=one.semantics).monitor()
+            except (NotExpressible, TooLarge):
+                continue
             for trace, expected in zip(one.traces, one.expected, strict=True):
-                if monitor is not None and list(monitor.fork().run(trace)) != expected:
+                if list(monitor.fork().run(trace)) != expected:
                     return f"{participant} differs: {one.name}"
     return ""
 
@@ -156,30 +131,24 @@ def in_a_child(work: Callable[[], Any], seconds: float) -> Any:
     return "the time is over" if os.WTERMSIG(status) == signal.SIGPROF else f"died of signal {os.WTERMSIG(status)}"
 
 
-def sources(room: Room) -> list[Source]:
+def sources(folders: Sequence[str]) -> list[Source]:
     """The modules of a room that can be imported, all of them imported."""
     found = []
-    for path in sorted({path for pattern in room.files for path in ROOT.glob(pattern) if path.stem != "__main__"}):
+    paths = {path for folder in folders for path in (ROOT / folder).glob("*.py" if folder == "rvaft" else "**/*.py")}
+    for path in sorted(path for path in paths if path.stem != "__main__"):
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
         with suppress(ImportError):  # what needs a tool of others
             found.append(Source(import_module(name)))
     return found
 
 
-def exercises(seed: int, share: float) -> list[Exercise]:
-    """A share of all exercises, in no order."""
-    random = Random(seed)
-    chosen = [job for job in jobs() if random.random() < share]
-    random.shuffle(chosen)
-    return [one for tree, job in chosen if (one := exercise(tree, job)) is not None]
-
-
-def campaign(room: Room, work: Sequence[Exercise], mutants: int, *, seed: int, tries: int) -> list[Outcome]:
-    """What becomes of so many mutants, drawn from the sites that the exercises reach.
+def campaign(room: str, work: Sequence[Exercise], mutants: int, *, seed: int, tries: int) -> Iterator[tuple[str, str]]:
+    """So many mutants, drawn from the sites that the exercises reach, and what kills each; nothing where nobody sees it.
 
     Each runs at most so many exercises (`tries`), all of which reach its site.
     """
-    modules = sources(room)
+    folders, participants = ROOMS[room]
+    modules = sources(folders)
     gc.unfreeze()  # what is frozen is not found
     live = live_functions()
     forget_caches()
@@ -193,32 +162,29 @@ def campaign(room: Room, work: Sequence[Exercise], mutants: int, *, seed: int, t
             source.mark(numbers.add, live)
         told = []
         for one in work:
-            differs = wrong(room.participants, [one])
+            differs = wrong(participants, [one])
             assert not differs, f"without any mutant {differs}"
             told.append([sorted(numbers) for numbers in reached])
             for numbers in reached:
                 numbers.clear()
         return told
 
+    def judged(source: Source, code: CodeType, work: Sequence[Exercise]) -> str:
+        source.put(code, live)
+        return wrong(participants, work)
+
     told = in_a_child(reaches, 600)
     assert isinstance(told, list), told
-    by_site: dict[tuple[int, int], list[Exercise]] = {}
+    by_site: dict[tuple[int, int], list[Exercise]] = defaultdict(list)
     for one, places in zip(work, told, strict=True):
         for place, numbers in enumerate(places):
             for number in numbers:
-                by_site.setdefault((place, number), []).append(one)
-
-    def judged(source: Source, mutant: Mutant, work: Sequence[Exercise]) -> str:
-        source.change(mutant, live)
-        return wrong(room.participants, work)
-
-    found = []
+                by_site[place, number].append(one)
     for place, number in Random(seed).sample(sorted(by_site), min(mutants, len(by_site))):
-        mutant = modules[place].mutant(number)
+        where, code = modules[place].mutant(number)
         asked = by_site[place, number][:tries]
-        seconds = SECONDS[0] + SECONDS[1] * len(asked) * len(room.participants)
-        found.append(Outcome(mutant, in_a_child(partial(judged, modules[place], mutant, asked), seconds)))
-    return found
+        seconds = SECONDS[0] + SECONDS[1] * len(asked) * len(participants)
+        yield where, in_a_child(lambda: judged(modules[place], code, asked), seconds)  # noqa: B023 (called at once)
 
 
 def main() -> None:
@@ -229,20 +195,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--share", type=float, default=0.4, help="of the exercises")
     parser.add_argument("--tries", type=int, default=60, help="exercises for each mutant")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     work = exercises(given.seed, given.share)
-    found = {
-        name: campaign(ROOMS[name], work, given.mutants, seed=given.seed, tries=given.tries) for name in given.rooms
-    }
-    if given.json:
-        told = {name: [{"mutant": str(o.mutant), "killed": o.killed} for o in found[name]] for name in found}
-        print(json.dumps(told))
-        return
-    for name, outcomes in found.items():
-        for one in outcomes:
-            print(f"{one.mutant}\n    {one.killed or 'SURVIVED'}")
-        print(f"{name}: {sum(bool(one.killed) for one in outcomes)} of {len(outcomes)} killed")
+    for room in given.rooms:
+        for mutant, killed in campaign(room, work, given.mutants, seed=given.seed, tries=given.tries):
+            print(json.dumps({"room": room, "mutant": mutant, "killed": killed}))
 
 
 if __name__ == "__main__":

@@ -8,53 +8,31 @@ import ast
 import gc
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from copy import deepcopy
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Final, TypeAlias
 
-Definition: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef
-Other: TypeAlias = Callable[[], ast.expr]
-"""Another expression, made when it is wanted."""
-Live: TypeAlias = Mapping[tuple[str, str, int], list[FunctionType]]
+Key: TypeAlias = tuple[str, str, int]
+Live: TypeAlias = Mapping[Key, list[FunctionType]]
+Ask: TypeAlias = Callable[[ast.expr, list[ast.expr]], ast.expr]
+"""What is to stand in the place of an expression, given the others that may stand there."""
 
-_COMPARISONS: Final[Mapping[type[ast.cmpop], type[ast.cmpop]]] = {
-    one: other
-    for pair in ((ast.Lt, ast.LtE), (ast.Gt, ast.GtE), (ast.Eq, ast.NotEq), (ast.In, ast.NotIn), (ast.Is, ast.IsNot))
-    for one, other in (pair, pair[::-1])
-}
-_OPERATIONS: Final[Mapping[type[ast.operator], type[ast.operator]]] = {
-    one: other
-    for pair in ((ast.Add, ast.Sub), (ast.BitAnd, ast.BitOr), (ast.LShift, ast.RShift))
-    for one, other in (pair, pair[::-1])
-}
-_FUNCTIONS: Final = {"any": "all", "all": "any", "min": "max", "max": "min"}
-_SMALL: Final = 8
-_SKIPPED: Final = (ast.Assert, ast.Raise, ast.pattern, ast.arguments)
-_NO_EXPRESSIONS: Final = ("annotation", "returns", "decorator_list", "type_params")
-_SWITCH: Final = "_site_is_changed_"
-_MARK: Final = "_site_is_reached_"
-
-
-@dataclass(frozen=True, slots=True)
-class Mutant:
-    """A module with one change; `str` says where and what."""
-
-    module: str
-    function: str
-    line: int
-    change: str
-    code: CodeType
-
-    def __str__(self) -> str:
-        return f"{self.module}:{self.line} {self.function}: {self.change}"
+PAIRS: Final = (
+    *((ast.Lt, ast.LtE), (ast.Gt, ast.GtE), (ast.Eq, ast.NotEq), (ast.In, ast.NotIn), (ast.Is, ast.IsNot)),
+    *((ast.Add, ast.Sub), (ast.BitAnd, ast.BitOr), (ast.LShift, ast.RShift), (ast.And, ast.Or)),
+)
+OPERATORS: Final = {one: other for pair in PAIRS for one, other in (pair, pair[::-1])}
+FUNCTIONS: Final = {"any": "all", "all": "any", "min": "max", "max": "min"}
+SKIPPED: Final = (ast.Assert, ast.Raise, ast.pattern, ast.arguments)
+NO_EXPRESSIONS: Final = ("annotation", "returns", "decorator_list", "type_params")
+SWITCH: Final = "_site_is_changed_"
+MARK: Final = "_site_is_reached_"
 
 
 def live_functions() -> Live:
     """All functions of this process by file, qualified name and first line, however they are wrapped."""
-    found: dict[tuple[str, str, int], list[FunctionType]] = defaultdict(list)
+    found: dict[Key, list[FunctionType]] = defaultdict(list)
     for one in gc.get_objects():
         if isinstance(one, FunctionType):
             found[_key(one.__code__)].append(one)
@@ -75,44 +53,49 @@ class Source:
         assert module.__file__ is not None
         self.module = module
         self.path = module.__file__
-        self._text = Path(self.path).read_text(encoding="utf-8")
 
     def mark(self, reached: Callable[[int], object], live: Live) -> None:
         """From now on the module tells whenever a site is reached, by its number."""
 
-        def marked(_: str, original: ast.expr, first: int, others: list[Other]) -> ast.expr:
-            calls: list[ast.expr] = [_call(_MARK, first + offset) for offset in range(len(others))]
+        def marked(_: str, original: ast.expr, first: int, others: list[ast.expr]) -> ast.expr:
+            numbers = (ast.Constant(first + offset) for offset in range(len(others)))
+            calls: list[ast.expr] = [ast.Call(ast.Name(MARK, ast.Load()), [number], []) for number in numbers]
             return ast.Subscript(ast.Tuple([*calls, original], ast.Load()), ast.Constant(-1), ast.Load())
 
-        vars(self.module)[_MARK] = reached
-        self._put(self._compiled(marked), live)
+        vars(self.module)[MARK] = reached
+        self.put(self._compiled(marked), live)
 
-    def mutant(self, number: int) -> Mutant:
-        """The module with the change at one site."""
-        where: list[tuple[str, int, str]] = []
+    def mutant(self, number: int) -> tuple[str, CodeType]:
+        """The module with the change at one site, and where and what it is."""
+        where = ""
 
-        def changed(function: str, original: ast.expr, first: int, others: list[Other]) -> ast.expr:
+        def changed(function: str, original: ast.expr, first: int, others: list[ast.expr]) -> ast.expr:
+            nonlocal where
             if not 0 <= number - first < len(others):
                 return original
-            new = others[number - first]()
-            where.append((function, original.lineno, f"`{ast.unparse(new)}` for `{ast.unparse(original)}`"))
+            new = others[number - first]
+            change = f"`{ast.unparse(new)}` for `{ast.unparse(original)}`"
+            where = f"{self.module.__name__}:{original.lineno} {function}: {change}"
             # what a function sees of the functions around it must stay the same, so the original stays in the text
-            return ast.IfExp(ast.Name(_SWITCH, ast.Load()), new, original)
+            return ast.IfExp(ast.Name(SWITCH, ast.Load()), new, original)
 
         code = self._compiled(changed)
-        return Mutant(self.module.__name__, *where[0], code)
+        return where, code
 
-    def change(self, mutant: Mutant, live: Live) -> None:
-        """From now on the functions of the module are those of the mutant."""
-        vars(self.module)[_SWITCH] = True
-        self._put(mutant.code, live)
+    def put(self, module: CodeType, live: Live) -> None:
+        """From now on the functions of the module are these."""
+        vars(self.module)[SWITCH] = True
+        for code in _codes(module):
+            for function in live.get(_key(code), ()):
+                if function.__code__.co_freevars == code.co_freevars:
+                    function.__code__ = code
 
-    def _compiled(self, at: Callable[[str, ast.expr, int, list[Other]], ast.expr]) -> CodeType:
+    def _compiled(self, at: Callable[[str, ast.expr, int, list[ast.expr]], ast.expr]) -> CodeType:
         """The text with another expression at each site."""
-        tree = ast.parse(self._text)
+        tree = ast.parse(Path(self.path).read_text(encoding="utf-8"))
         numbers = 0
 
-        def ask(function: str, original: ast.expr, others: list[Other]) -> ast.expr:
+        def ask(function: str, original: ast.expr, others: list[ast.expr]) -> ast.expr:
             nonlocal numbers
             numbers += len(others)
             return ast.copy_location(at(function, original, numbers - len(others), others), original)
@@ -123,15 +106,8 @@ class Source:
                 _visit(statement, partial(ask, name), truth=truth)
         return compile(ast.fix_missing_locations(tree), self.path, "exec", dont_inherit=True)
 
-    @staticmethod
-    def _put(module: CodeType, live: Live) -> None:
-        for code in _codes(module):
-            for function in live.get(_key(code), ()):
-                if function.__code__.co_freevars == code.co_freevars:
-                    function.__code__ = code
 
-
-def _key(code: CodeType) -> tuple[str, str, int]:
+def _key(code: CodeType) -> Key:
     return code.co_filename, code.co_qualname, code.co_firstlineno
 
 
@@ -142,7 +118,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
             yield from _codes(inner)
 
 
-def _functions(body: Iterable[ast.stmt], prefix: str) -> Iterator[tuple[str, Definition]]:
+def _functions(body: Iterable[ast.stmt], prefix: str) -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
     """The functions of a module and of its classes, not those inside functions."""
     for statement in body:
         match statement:
@@ -152,73 +128,49 @@ def _functions(body: Iterable[ast.stmt], prefix: str) -> Iterator[tuple[str, Def
                 yield from _functions(inner, f"{prefix}{name}.")
 
 
-def _visit(parent: ast.AST, ask: Callable[[ast.expr, list[Other]], ast.expr], *, truth: bool) -> None:
+def _visit(parent: ast.AST, ask: Ask, *, truth: bool) -> None:
     """Ask for another expression at each site below, inner ones first; `truth`: what is returned there is a bool."""
     for field, value in ast.iter_fields(parent):
-        several = isinstance(value, list)
-        for index, child in enumerate(value if several else [value]):
-            if field in _NO_EXPRESSIONS or not isinstance(child, ast.AST) or isinstance(child, _SKIPPED):
+        for index, child in enumerate(value if isinstance(value, list) else [value]):
+            if field in NO_EXPRESSIONS or not isinstance(child, ast.AST) or isinstance(child, SKIPPED):
                 continue
-            others = [*_by_place(parent, field, child, truth), *_by_form(child)] if isinstance(child, ast.expr) else []
+            others = list(_others(parent, field, child, truth)) if isinstance(child, ast.expr) else []
             _visit(child, ask, truth=truth and not isinstance(child, ast.FunctionDef))
             if others and isinstance(child, ast.expr):
-                new = ask(child, others)
-                if several:
-                    value[index] = new
+                if isinstance(value, list):
+                    value[index] = ask(child, others)
                 else:
-                    setattr(parent, field, new)
+                    setattr(parent, field, ask(child, others))
 
 
-def _by_place(parent: ast.AST, field: str, child: ast.expr, truth: bool) -> Iterator[Other]:
-    """What may stand in the place of an expression because of where it is."""
+def _others(parent: ast.AST, field: str, child: ast.expr, truth: bool) -> Iterator[ast.expr]:
+    """What may stand in the place of an expression because of where it is, and because of what it is."""
     match parent:
         case ast.If() | ast.IfExp() | ast.match_case() if field in ("test", "guard"):
-            yield partial(_negated, child)
+            yield ast.UnaryOp(ast.Not(), child)
         case ast.comprehension() if field == "ifs":
-            yield partial(ast.Constant, True)
+            yield ast.Constant(True)
         case ast.Return() if isinstance(child, ast.Constant) and isinstance(child.value, bool):
-            yield partial(ast.Constant, not child.value)
+            yield ast.Constant(not child.value)
         case ast.Return() if truth and not isinstance(child, ast.Compare):
-            yield partial(_negated, child)
+            yield ast.UnaryOp(ast.Not(), child)
         case ast.Expr() if isinstance(child, ast.Call):
-            yield partial(ast.Constant, None)
-
-
-def _by_form(child: ast.expr) -> Iterator[Other]:
-    """What may stand in the place of an expression because of what it is."""
+            yield ast.Constant(None)
     match child:
-        case ast.Compare(ops=operators):
+        case ast.Compare(left, operators, right):
             for index, operator in enumerate(operators):
-                other = [*operators[:index], _COMPARISONS[type(operator)](), *operators[index + 1 :]]
-                yield partial(_with, child, ops=other)
-        case ast.BoolOp(op=operator):
-            yield partial(_with, child, op=ast.Or() if isinstance(operator, ast.And) else ast.And())
-        case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=operand):
-            yield partial(deepcopy, operand)
-        case ast.BinOp(op=operation) if type(operation) in _OPERATIONS:
-            yield partial(_with, child, op=_OPERATIONS[type(operation)]())
-        case ast.Constant(value=int(value)) if not isinstance(value, bool) and 0 <= value <= _SMALL:
-            yield from (partial(ast.Constant, near) for near in (value + 1, value - 1) if near >= 0)
-        case ast.Call(func=ast.Name(id=name)) if name in _FUNCTIONS:
-            yield partial(_with, child, func=ast.Name(_FUNCTIONS[name], ast.Load()))
-        case ast.Call(func=ast.Name(id="reversed"), args=[operand]):
-            yield partial(deepcopy, operand)
-        case ast.Subscript(value=value, slice=ast.Slice(None, None, ast.UnaryOp(ast.USub(), ast.Constant(1)))):
-            yield partial(deepcopy, value)
-
-
-def _negated(value: ast.expr) -> ast.expr:
-    if isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.Not):
-        return deepcopy(value.operand)
-    return ast.UnaryOp(ast.Not(), deepcopy(value))
-
-
-def _with(node: ast.expr, **fields: object) -> ast.expr:
-    new = deepcopy(node)
-    for name, value in fields.items():
-        setattr(new, name, value)
-    return new
-
-
-def _call(name: str, number: int) -> ast.expr:
-    return ast.Call(ast.Name(name, ast.Load()), [ast.Constant(number)], [])
+                yield ast.Compare(
+                    left, [*operators[:index], OPERATORS[type(operator)](), *operators[index + 1 :]], right
+                )
+        case ast.BoolOp(op, values):
+            yield ast.BoolOp(OPERATORS[type(op)](), values)
+        case ast.BinOp(left, op, right) if type(op) in OPERATORS:
+            yield ast.BinOp(left, OPERATORS[type(op)](), right)
+        case ast.UnaryOp(ast.Not() | ast.Invert(), operand) | ast.Call(ast.Name("reversed"), [operand]):
+            yield operand
+        case ast.Constant(int(value)) if not isinstance(value, bool) and 0 <= value <= 8:
+            yield from (ast.Constant(near) for near in (value + 1, value - 1) if near >= 0)
+        case ast.Call(ast.Name(name), arguments, keywords) if name in FUNCTIONS:
+            yield ast.Call(ast.Name(FUNCTIONS[name], ast.Load()), arguments, keywords)
+        case ast.Subscript(value, ast.Slice(None, None, ast.UnaryOp(ast.USub(), ast.Constant(1)))):
+            yield value

@@ -24,7 +24,6 @@ from rvaft.model.values import Scalar
 
 T = TypeVar("T")
 Items: TypeAlias = list[Any]
-
 CONSTANTS: Final[dict[str, Scalar]] = {"true": True, "false": False, "null": None}
 _WORD: Final = re.compile(r"\w+")
 
@@ -124,20 +123,16 @@ def number_of(token: Token) -> int | float:
     return number
 
 
-def _nested(parts: Sequence[Term], what: str, token: Token) -> int:
-    """How deep a term of these parts is."""
+def _compound(value: Any, parts: Sequence[Term], what: str, token: Token) -> Term:
+    """A term that is made of these parts."""
     depth = max((part.depth for part in parts), default=0)
     if depth >= MAX_DEPTH:
         raise Slip(f"this {what} is nested deeper than {MAX_DEPTH}", token)
-    return depth + 1
+    return Term(value, depth + 1, tuple([word for part in parts for word in part.words]))
 
 
 def _values(parts: Iterable[Term]) -> tuple[Any, ...]:
     return tuple([part.value for part in parts])
-
-
-def _words_in(parts: Iterable[Term]) -> tuple[Token, ...]:
-    return tuple(word for part in parts for word in part.words)
 
 
 def _gate(token: Token, children: Sequence[Word]) -> Clause:
@@ -164,7 +159,7 @@ def _between_commas(_: "Build", items: Items) -> Items:
 class Build(Transformer[Token, Any]):
     """The callbacks of the grammar's rules."""
 
-    arguments = fields = items = parameters = publishers = _between_commas
+    arguments = field = fields = items = parameters = publishers = _between_commas
 
     def only_pattern(self, items: Items) -> Any:
         return items[0].value
@@ -199,17 +194,16 @@ class Build(Transformer[Token, Any]):
 
     def event(self, items: Items) -> Statement:
         name, words, term = items[1], items[3] or [], items[6]
-        parameters: list[str] = []
-        for word in words:
-            _check_parameter(word, parameters)
-            parameters.append(word.value)
+        for index, word in enumerate(words):
+            _check_parameter(word, words[:index])
+        parameters = tuple([word.value for word in words])
         for word in term.words:
             if word not in parameters:
                 raise Slip(f"{shown(word)} is no parameter of {shown(name)}; text stands in quotes", word)
 
         def add(page: Page) -> None:
             said = page.said(name, name.value)
-            page.draft.events.append(EventType(said.value, tuple(parameters), term.value, said.place))
+            page.draft.events.append(EventType(said.value, parameters, term.value, said.place))
 
         return add
 
@@ -228,9 +222,7 @@ class Build(Transformer[Token, Any]):
         name, *clauses, _ = items
 
         def add(page: Page) -> None:
-            node = page.draft.nodes.get(name.value)
-            if node is None:
-                node = page.draft.nodes[name.value] = DraftNode(name.value)
+            node = page.draft.nodes.setdefault(name.value, DraftNode(name.value))
             node.statements.append(page.said(name, None).place)
             for part, start, value in filter(None, clauses):
                 if part == "gates":
@@ -308,29 +300,26 @@ class Build(Transformer[Token, Any]):
                 raise Slip(f"the field {shown(name)} stands twice in one object", key)
             named[name] = inner.value
         parts = [inner for _, inner in fields]
-        return Term(ObjectPattern(tuple(named.items())), _nested(parts, "pattern", items[0]), _words_in(parts))
-
-    def field(self, items: Items) -> Items:
-        return items[::2]
+        return _compound(ObjectPattern(tuple(named.items())), parts, "pattern", items[0])
 
     def sequence(self, items: Items) -> Term:
         parts: list[Term] = items[1] or []
-        return Term(ListPattern(_values(parts)), _nested(parts, "pattern", items[0]), _words_in(parts))
+        return _compound(ListPattern(_values(parts)), parts, "pattern", items[0])
 
     # -- guards -----------------------------------------------------------------------------------------------------
 
     def binary(self, items: Items) -> Term:
         operands = items[::2]
-        return Term(Operation(Operator(items[1]), _values(operands)), _nested(operands, "guard", items[1]))
+        return _compound(Operation(Operator(items[1]), _values(operands)), operands, "guard", items[1])
 
     junction = binary
 
     def unary(self, items: Items) -> Term:
         token, operand = items
-        depth = _nested([operand], "guard", token)
         if token.type != "NOT" and operand.unsigned:  # a minus right before a number belongs to the number
             return Term(Literal(-operand.value.value))
-        return Term(Operation(Operator.NOT if token.type == "NOT" else Operator.NEGATE, (operand.value,)), depth)
+        operator = Operator.NOT if token.type == "NOT" else Operator.NEGATE
+        return _compound(Operation(operator, (operand.value,)), [operand], "guard", token)
 
     def parentheses(self, items: Items) -> Term:
         term: Term = items[1]

@@ -6,7 +6,6 @@ does, the message says what the grammar expected.
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import chain
 from typing import Final, NamedTuple, TypeAlias
@@ -48,10 +47,13 @@ _GROUPS: Final = (
     ("from", "FROM", ""),
     ("top_down or bottom_up", "TOP_DOWN", "BOTTOM_UP"),
     ("the end", "$END", ""),
-    *((f"`{sign}`", name, "") for sign, name in zip(";,:=", ("SEMICOLON", "COMMA", "COLON", "EQUALS"), strict=True)),
     *(
         (f"`{sign}`", name, "")
-        for sign, name in zip("(){}[]", ["LPAR", "RPAR", "LBRACE", "RBRACE", "LBRACKET", "RBRACKET"], strict=True)
+        for sign, name in zip(
+            ";,:=(){}[]",
+            ["SEMICOLON", "COMMA", "COLON", "EQUALS", "LPAR", "RPAR", "LBRACE", "RBRACE", "LBRACKET", "RBRACKET"],
+            strict=True,
+        )
     ),
 )
 
@@ -80,7 +82,7 @@ _LONGEST_LINE: Final = 300
 
 
 class _Lexeme(NamedTuple):
-    """A piece of text: a string with its quotes, a word or number, a sign; the empty text stands for the end."""
+    """A piece of text: a string with its quotes, a word or number, a sign; the empty text stands for the start or the end."""
 
     text: str
     start: int
@@ -103,29 +105,19 @@ class _Lexeme(NamedTuple):
         return self.text in GATES or _VOTE.fullmatch(self.text) is not None
 
 
-@dataclass(frozen=True, slots=True)
-class _Situation:
-    """Where a text went wrong: the statement so far, what cannot stand there, the two pieces that follow, what could stand there.
-
-    `last` is the piece before the bad one (empty at the start of the text), `following` the one after it (empty at the end).
-    """
+class _Situation(NamedTuple):
+    """Where a text went wrong: the statement so far, its last piece, what cannot stand there, the two pieces that follow."""
 
     before: tuple[_Lexeme, ...]
+    last: _Lexeme
     bad: _Lexeme
     after: tuple[_Lexeme, ...]
+    following: _Lexeme
     possible: frozenset[str]
 
     def can(self, *terminals: str) -> bool:
         """Whether all these terminals could stand there."""
         return self.possible.issuperset(terminals)
-
-    @property
-    def last(self) -> _Lexeme:
-        return self.before[-1] if self.before else _Lexeme("", 0, self.bad.line)
-
-    @property
-    def following(self) -> _Lexeme:
-        return self.after[0] if self.after else _Lexeme("", -1, self.bad.line)
 
     @property
     def is_on_new_line(self) -> bool:
@@ -143,7 +135,7 @@ def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
             position = len(text)
     parser = getattr(error, "interactive_parser", None)
     at = _situation(text, position, frozenset(parser.accepts()) if parser is not None else frozenset())
-    slips = chain(_lexical_slips(at), _topic_slips(at), _statement_slips(at), _term_slips(at))
+    slips = chain.from_iterable(find(at) for find in (_lexical_slips, _topic_slips, _statement_slips, _term_slips))
     expected = expectation(at.possible)
     unexpected = f"unexpected {shown(at.bad.text)}: expected {expected}", at.bad.start
     early = f"the text ends too early: expected {expected}", at.last.end
@@ -179,8 +171,10 @@ def _situation(text: str, position: int, possible: frozenset[str]) -> _Situation
             else:
                 before.append(lexeme)
         line += piece.count("\n")
-    bad = around[0] if around else _Lexeme("", len(text), line)
-    return _Situation(tuple(before), bad, tuple(around[1:]), possible)
+    bad, *after = around or [_Lexeme("", len(text), line)]
+    last = before[-1] if before else _Lexeme("", 0, bad.line)
+    following = after[0] if after else _Lexeme("", -1, bad.line)
+    return _Situation(tuple(before), last, bad, tuple(after), following, possible)
 
 
 def _meant(word: str, known: tuple[str, ...]) -> str | None:
@@ -202,10 +196,9 @@ Advice: TypeAlias = Iterator[tuple[str, int]]
 def _lexical_slips(at: _Situation) -> Advice:
     """Slips that leave no lexeme to reason about."""
     bad, last = at.bad, at.last
-    if bad.text == "/" and at.following.text == "*" and at.following.start == bad.end:
-        yield "this comment has no end: it is closed by */", bad.start
-    if bad.text == "*" and last.text == "/" and last.end == bad.start:
-        yield "this comment has no end: it is closed by */", last.start
+    for sign, star in ((bad, at.following), (last, bad)):
+        if (sign.text, star.text) == ("/", "*") and star.start == sign.end:
+            yield "this comment has no end: it is closed by */", sign.start
     if bad.text == '"':
         yield 'this string has no end: the closing " must be on the same line', bad.start
     if bad.text.startswith('"') and any(c < " " for c in bad.text):
@@ -221,13 +214,8 @@ _NAME_IN_QUOTES: Final = 'a name with other characters than letters, digits and 
 def _topic_slips(at: _Situation) -> Advice:
     bad, following = at.bad, at.following
     words = [lexeme.text for lexeme in at.before]
-    if (
-        len(words) == 1
-        and words[0] != TOPIC
-        and bad.is_string
-        and following.text == "type"
-        and _meant(words[0], (TOPIC,))
-    ):
+    starts_topic = len(words) == 1 and bad.is_string and following.text == "type"
+    if starts_topic and words != [TOPIC] and _meant(words[0], (TOPIC,)):
         yield f"unknown statement {shown(words[0])}: did you mean {TOPIC}?", at.before[0].start
     if words == [TOPIC] and at.can("K_OF_N"):
         if bad.text in ("/", "~") or (bad.is_word and following.text == "type"):
@@ -250,7 +238,11 @@ def _statement_slips(at: _Situation) -> Advice:
     """Slips in the words of a statement: its first word, its gate, its clauses, its end."""
     bad, last, following = at.bad, at.last, at.following
     starts_node = len(at.before) == 1 and at.can("K_OF_N")
-    yield from _foreign_gates(at)
+    name, gate, *_ = (*at.before, bad, _Lexeme("", 0, 0))
+    names_node = (name.is_word or name.is_string) and name.text not in RESERVED
+    if names_node and gate.text.lower() in DYNAMIC:  # of Galileo and its relatives, also in the form `pdep=0.2`
+        of = shown(name.text.strip('"'))
+        yield f"the gate {shown(gate.text)} of {of} has no meaning here yet", gate.start
     if at.can("K_OF_N") and bad.text[:1].isdigit():
         found = re.match(r"([0-9]+)of([0-9]+)", "".join(x.text for x in (bad, *at.after)))
         yield f"K of N is written without spaces, as in {f'{found[1]}of{found[2]}' if found else '2of3'}", bad.start
@@ -259,7 +251,9 @@ def _statement_slips(at: _Situation) -> Advice:
     if len(at.before) >= 2 and at.can("SEMICOLON") and not at.can("PLUS"):
         yield from _second_gate(at)
     if at.can("SEMICOLON") and at.before:
-        starts_line = at.is_on_new_line and (bad.is_word or bad.is_string) and not _goes_on(at)
+        follows_a_name = following.is_gate or following.text in ("", *CLAUSES, ";", "=")
+        goes_on = not follows_a_name and _meant(bad.text, (*OPERATOR_WORDS, *CLAUSES)) is not None
+        starts_line = at.is_on_new_line and (bad.is_word or bad.is_string) and not goes_on
         if not bad.text or bad.text in (*STATEMENTS, TOPIC) or starts_line:
             yield f"a `;` is missing after {shown(last.text)}", last.end
     if starts_node and bad.is_word:
@@ -268,9 +262,8 @@ def _statement_slips(at: _Situation) -> Advice:
         known = _meant(bad.text, (*GATES, *CLAUSES))
         mend = f"did you mean {known}?" if known else f"the gates are {', '.join(GATES)} and KofN (2of3)"
         yield f"unknown {'word' if known in CLAUSES else 'gate'} {shown(bad.text)}: {mend}", bad.start
-    possible = tuple(
-        word for word in (*OPERATOR_WORDS, *CLAUSES, "top_down", "bottom_up") if word.upper() in at.possible
-    )
+    words = (*OPERATOR_WORDS, *CLAUSES, "top_down", "bottom_up")
+    possible = tuple(word for word in words if word.upper() in at.possible)
     if bad.is_word and (known := _meant(bad.text, possible)):
         yield f"unknown word {shown(bad.text)}: did you mean {known}?", bad.start
     if last.text in ("NOT", "AND", "OR") and at.can("PLUS"):
@@ -284,35 +277,19 @@ def _statement_slips(at: _Situation) -> Advice:
         yield "names are separated by blanks, not by commas", bad.start
 
 
-def _foreign_gates(at: _Situation) -> Advice:
-    """Gates of Galileo and its relatives that are refused, also in the form `pdep=0.2`."""
-    name, gate, *_ = (*at.before, at.bad, _Lexeme("", 0, 0))
-    names_node = (name.is_word or name.is_string) and name.text not in RESERVED
-    if names_node and gate.text.lower() in DYNAMIC:
-        of = shown(name.text.strip('"'))
-        yield f"the gate {shown(gate.text)} of {of} has no meaning here yet", gate.start
-
-
 def _second_gate(at: _Situation) -> Advice:
     """A gate where a child or a clause stands: a forgotten semicolon, or two gates in one statement."""
     bad, previous, name = at.bad, at.before[-2], at.before[-1]
     starts_statement = at.can("NAME") and len(at.before) > 3 and previous.line < name.line
     if starts_statement and (bad.is_gate or bad.text in DYNAMIC):
         yield f"a `;` is missing after {shown(previous.text)}", previous.end
-    elif bad.is_gate and not at.before[1].is_gate:
+    if bad.is_gate and not at.before[1].is_gate:
         yield "the gate stands right after the name, before on, when and the rest", bad.start
-    elif bad.is_gate and not at.can("NAME"):
+    if bad.is_gate and not at.can("NAME"):
         yield "a node has one gate, and this one has one already", bad.start
-    elif bad.is_gate:
+    if bad.is_gate:
         mend = f"end the statement before {shown(name.text)} with `;`, or give the inner gate a node of its own"
         yield f"a node has one gate: {mend}", bad.start
-
-
-def _goes_on(at: _Situation) -> bool:
-    """Whether a word on a new line looks like a misspelt operator or clause and not like the name of a node."""
-    if _meant(at.bad.text, (*OPERATOR_WORDS, *CLAUSES)) is None or not at.after:
-        return False
-    return not (at.following.is_gate or at.following.text in CLAUSES or at.following.text in (";", "="))
 
 
 def _odd_names(at: _Situation) -> Advice:
@@ -330,16 +307,8 @@ def _odd_names(at: _Situation) -> Advice:
 
 
 _COMPARISONS: Final = ("==", "!=", "<=", ">=", "<", ">")
-_SPELLINGS: Final = {
-    "and": ("&&", "&", "∧"),
-    "or": ("||", "|", "∨"),
-    "not": ("!", "¬"),
-    "==": ("=",),
-    "!=": ("<>", "≠"),
-    "<=": ("=<", "≤"),
-    ">=": ("=>", "≥"),
-}
-_FOREIGN_SIGNS: Final = {sign: ours for ours, signs in _SPELLINGS.items() for sign in signs}
+_SPELLINGS: Final = ("and && & ∧", "or || | ∨", "not ! ¬", "== =", "!= <> ≠", "<= =< ≤", ">= => ≥")
+_FOREIGN_SIGNS: Final = {sign: ours for ours, *signs in map(str.split, _SPELLINGS) for sign in signs}
 """The signs of other languages in a guard, and how they are written here."""
 
 

@@ -9,3 +9,9 @@ def rows(test: str, name: str) -> list[Any]:
     """The rows of the table of that name in the folder of a test."""
     lines = Path(test).with_name(name).read_text(encoding="utf-8").split("\n")
     return [json.loads(line) for line in lines if line and not line.startswith("#")]
+
+
+def spelled(text: str | list[str | list[Any]]) -> bytes:
+    """The bytes of a text, each a character: a list holds its pieces, and pairs of a piece and how often it stands there."""
+    pieces = [text] if isinstance(text, str) else [one if isinstance(one, str) else one[0] * one[1] for one in text]
+    return "".join(pieces).encode("latin-1")

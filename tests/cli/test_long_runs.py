@@ -94,7 +94,7 @@ def kept_events(state: Path) -> int:
     return int(json.loads(state.read_bytes().split(b"\n")[2])["events"]) if state.exists() else 0
 
 
-@pytest.mark.parametrize("option", ["", "--per branch", "--key robot", "--order-by time --window 3"])
+@pytest.mark.parametrize("option", ["--per branch", "--key robot --order-by time --window 3"])
 def test_a_run_that_was_killed_goes_on_with_the_same_verdicts(option: str, tmp_path: Path) -> None:
     options, state, part = option.split(), tmp_path / "state", tmp_path / "part.jsonl"
     events = [{"topic": "/clock", "time": number / 1000, "robot": "r"} for number in range(500)]
@@ -192,15 +192,6 @@ def test_what_waits_for_its_turn_belongs_in_the_checkpoint(options: list[str], e
     assert json.loads(said[0])["event"] <= 13
 
 
-def test_checkpoints_after_every_event_take_no_longer_than_the_events(tmp_path: Path) -> None:
-    log = written(tmp_path / "log.jsonl", lines([{"event": "a", "time": number} for number in range(4000)]))
-    words = [SAND, log, "--order-by", "time", "--window", 1, "--semantics", "strict"]
-    begun = time.monotonic()
-    kept = run("monitor", *words, "--checkpoint", tmp_path / "state", "--checkpoint-every", 1)
-    assert time.monotonic() - begun < 15
-    assert kept.stdout == run("monitor", *words).stdout
-
-
 # -- commands ---------------------------------------------------------------------------------------------------------
 
 
@@ -244,14 +235,6 @@ def test_a_failing_command_is_reported_and_stops_nothing() -> None:
 
 
 # -- drawings ---------------------------------------------------------------------------------------------------------
-
-
-def test_the_tree_is_drawn_in_place_of_the_list_of_events() -> None:
-    result = run("monitor", PRUNED, "--explain", ROW1)
-    assert result.exit_code == 1
-    assert result.stdout.startswith("event 4: true\n")
-    assert "event 1, time 10.4, topic /command" in result.stdout
-    assert run("monitor", PRUNED, ROW1, "--explain").stdout == result.stdout
 
 
 @pytest.mark.parametrize(("name", "start"), [("a.dot", b"digraph"), ("a.svg", b"<?xml"), ("a.txt", "●".encode())])

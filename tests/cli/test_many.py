@@ -59,13 +59,6 @@ def test_each_branch_has_its_verdict_and_its_explanation() -> None:
     ]
 
 
-def test_each_kind_has_its_verdict() -> None:
-    said = jsonl(PRUNED, LOGS / "table2_row3.jsonl", "--per", "kind")
-    assert said[-1]["verdicts"] == {"tree": "true", "fault": "false", "attack": "true"}
-    assert said[-1]["columns"]["attack"]["branch"] == 3
-    assert said[3]["columns"]["fault"]["expected"][0]["branch"] == 1
-
-
 def test_a_long_table_leaves_out_events_that_change_nothing(tmp_path: Path) -> None:
     events = [{"event": name} for name in ("x",) * 2000 + ("a", "b", "c", "x")]
     log = written(tmp_path / "log.jsonl", lines(events))

@@ -54,15 +54,6 @@ def test_the_format_follows_the_suffix_unless_it_is_named(tmp_path: Path) -> Non
     assert loads(run("show", PRUNED, "--format", "rvaft").stdout) == load(PRUNED)
 
 
-def test_galileo_warns_of_what_it_cannot_say() -> None:
-    result = run("show", PRUNED, "--format", "galileo")
-    warnings = result.stderr.splitlines()
-    assert result.exit_code == 0
-    assert result.stdout.startswith('toplevel "damaged";\n')
-    assert all(line.startswith("rvaft: warning: galileo: ") for line in warnings)
-    assert any("pand" in line for line in warnings)
-
-
 def test_the_options_of_a_drawing_are_those_of_python() -> None:
     tree = load(FULL)
     expected = tree.to_dot(

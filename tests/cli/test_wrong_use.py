@@ -68,14 +68,13 @@ def test_a_path_that_is_no_tree(command: str, tmp_path: Path) -> None:
         failed(run(command, tree, *more), str(tree), "Permission denied")
 
 
-@pytest.mark.parametrize("case", BAD)
-@pytest.mark.parametrize("form", ["text", "jsonl"])
-def test_a_malformed_line_of_a_trace(case: str, form: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("case", [case for case in BAD if not case.startswith("for a tree")])
+def test_a_malformed_line_of_a_trace(case: str, tmp_path: Path) -> None:
     log = tmp_path / "log.jsonl"
     log.write_bytes(b'{"event": "a"}\n' + BAD[case].split(b"\n")[0] + b"\n")
-    result = run("monitor", SAND, log, "--format", form)
+    result = run("monitor", SAND, log, "--format", "jsonl")
     failed(result, f"{log}:2: ")
-    assert result.stdout == ('{"event": 1, "verdict": "unknown"}\n' if form == "jsonl" else "")
+    assert result.stdout == '{"event": 1, "verdict": "unknown"}\n'
 
 
 def test_a_line_of_a_hundred_megabytes(tmp_path: Path) -> None:

@@ -2,10 +2,7 @@
 
 import os
 import signal
-import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, Self, cast
@@ -242,20 +239,6 @@ def test_an_endless_line_is_given_in_parts(log: Log) -> None:
         assert stream.readline() == b""
 
 
-def test_many_lines_are_read_fast(log: Log) -> None:
-    count = 200_000
-    log.write(b'{"event": "something", "time": 1.5}\n' * count)()
-    size = log.path.stat().st_size
-    stream: FollowedFile = following(log.path, stop=lambda: stream.offset == size)
-    begun = time.perf_counter()
-    assert len(lines(stream)) == count
-    followed = time.perf_counter() - begun
-    begun = time.perf_counter()
-    with log.path.open("rb") as plain:
-        assert len(list(iter(plain.readline, b""))) == count
-    assert followed < 30 * (time.perf_counter() - begun) + 0.5
-
-
 def test_what_cannot_be_followed(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "log.gz").touch()
@@ -278,24 +261,3 @@ def test_a_signal_asks_for_the_end(asked: signal.Signals) -> None:
     with stopping() as stop:
         assert not stop()
     assert signal.getsignal(asked) is before
-
-
-FOLLOW = """
-import sys
-from rvaft.monitoring.follow import FollowedFile, stopping
-with stopping() as stop, FollowedFile(sys.argv[1], stop=stop, changed=print, idle=lambda: None) as stream:
-    for line in stream:
-        print(line.decode().strip(), flush=True)
-print("ended at", stream.offset)
-"""
-
-
-def test_a_process_that_follows_ends_cleanly(log: Log) -> None:
-    log.write(b"1\n")()
-    with subprocess.Popen([sys.executable, "-c", FOLLOW, log.path], stdout=subprocess.PIPE, text=True) as running:
-        assert running.stdout is not None
-        assert running.stdout.readline() == "1\n"
-        log.write(b"2\nhalf")()
-        running.send_signal(signal.SIGTERM)
-        assert running.communicate(timeout=20)[0].splitlines()[-1] in ("ended at 2", "ended at 4")
-    assert running.returncode == 0

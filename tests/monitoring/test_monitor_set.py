@@ -24,20 +24,6 @@ def set_of(tree: RVAFT, per: Per, semantics: Semantics = Semantics.PROJECTED) ->
 
 
 @pytest.mark.parametrize("semantics", Semantics)
-@pytest.mark.parametrize("name", shipped.names())
-def test_every_column_gets_the_verdicts_stored_with_the_tree(name: str, semantics: Semantics) -> None:
-    fresh = set_of(shipped.load(name), Per.BRANCH, semantics)
-    for trace, events in shipped.traces(name):
-        monitors = fresh.fork()
-        said = ["" for _ in monitors.columns]
-        for number, event in enumerate(events, 1):
-            monitors.step(event, number)
-            said = [signs + verdict.symbol for signs, verdict in zip(said, monitors.verdicts, strict=True)]
-        stored = shipped.expected(name)[trace][semantics]
-        assert {column.label: signs for column, signs in zip(monitors.columns, said, strict=True)} == stored
-
-
-@pytest.mark.parametrize("semantics", Semantics)
 @pytest.mark.parametrize("per", Per)
 def test_changes_are_told_once_and_explained_as_a_monitor_alone_does(per: Per, semantics: Semantics) -> None:
     fresh = set_of(shipped.load(PRUNED), per, semantics)

@@ -180,6 +180,7 @@ def test_the_commands_and_the_monitor_work_together(
     options: list[object],
     part: dict[str, Any],
     trace: str,
+    *,
     vocabulary: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

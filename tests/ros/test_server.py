@@ -21,7 +21,6 @@ from rvaft.ros.server import Address, allowed, serve
 from rvaft.ros.server import origin as origin_of
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
 from tests.ros.clients import SEQUENCE, A, B, asked, connected, served, websockets
-from tests.ros.test_protocol import BROKEN
 
 MANY: Final = 200
 UPGRADE: Final = (
@@ -43,31 +42,6 @@ async def opened(url: str, *, more: str = "") -> tuple[asyncio.StreamReader, asy
     writer.write(UPGRADE.format(host=urlsplit(url).netloc, more=more).encode())
     head = await reader.readuntil(b"\r\n\r\n")
     return reader, writer, head.decode().splitlines()[0]
-
-
-def test_a_conversation() -> None:
-    async def scenario() -> None:
-        async with served() as url:
-            assert url.startswith("ws://127.0.0.1:")
-            async with connected(url) as connection:
-                first, second = await asked(connection, A, json.dumps(B).encode())
-        assert first == {**A, "verdict": "currently_true"}
-        assert (second["verdict"], second["branch"], second["kinds"]) == (False, 1, ["attack", "fault"])
-
-    asyncio.run(scenario())
-
-
-def test_messages_that_are_no_events_sent_before_a_reply_is_read() -> None:
-    async def scenario() -> None:
-        async with served() as url, connected(url) as connection:
-            for message in (json.dumps(A), *BROKEN, json.dumps(B)):
-                await connection.send(message)
-            first, *broken, last = [json.loads(await connection.recv()) for _ in range(len(BROKEN) + 2)]
-        assert {reply["verdict"] for reply in (first, *broken)} == {"currently_true"}
-        assert all("error" in reply for reply in broken)
-        assert last["verdict"] is False
-
-    asyncio.run(scenario())
 
 
 @pytest.mark.parametrize("shared", [False, True])

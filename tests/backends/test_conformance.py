@@ -1,23 +1,42 @@
 """Every faithful backend against the reference, by the suite that ships with the package."""
 
-from collections.abc import Hashable, Mapping
+import sys
+from collections.abc import Mapping
 from importlib.util import find_spec
-from itertools import count
+from itertools import count, product
+from random import Random
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from backends import conformance
 from backends.conformance import AT_A, EVENTS, Required, examples
+from backends.rml import writer
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.backend import Backend, Metrics, Specification, all_backends, backend
-from rvaft.errors import LanguageError, NotExpressible
-from rvaft.model.patterns import Pattern
+from rvaft.errors import LanguageError, NotExpressible, ToolMissing
+from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.model.patterns import Literal, ObjectPattern, Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
+from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 from rvaft.semantics import Reference
+from tests.backends.texts import agreeing, readable, signs
+from tests.semantics.cases import CASES
 
+SHAPES = {
+    "plain": PLAIN,
+    "variable-free": VARIABLE_FREE,
+    "shared": Shape(max_nodes=7, sharing=0.5),
+    "read-once": Shape(sharing=0, typed_events=0.1, variables=0, guards=0.1, ignores=0.1, max_nodes=11),
+    "variables": Shape(max_nodes=7, variables=1, guards=0.5, typed_events=0.9),
+    "shared variables": Shape(max_nodes=6, sharing=0.4, variables=1, guards=0.4, typed_events=0.8),
+}
 REQUIRED: dict[str, Required] = {
     "automaton": conformance.everything,
     "ltlf": conformance.everything,
@@ -25,34 +44,82 @@ REQUIRED: dict[str, Required] = {
 }
 """What must be expressible; `rml-paper` is not faithful and not here; `rml-prolog` is `rml` in another form, with tests of its own."""
 
-NEEDS_SPOT = {"automaton", "ltlf"}
-
 EXAMPLES = tuple(examples())
 
 
-def oracle(tree: RVAFT, semantics: Semantics) -> Monitor:
-    return Reference(tree, semantics)
-
-
-def faithful() -> list[object]:
-    return [
-        pytest.param(
-            name,
-            marks=[
-                pytest.mark.spot,
-                pytest.mark.skipif(find_spec("spot") is None, reason="its reader needs Spot (spottl)"),
-            ]
-            if name in NEEDS_SPOT
-            else [],
-        )
-        for name in REQUIRED
-    ]
-
-
-@pytest.mark.parametrize("name", faithful())
+@pytest.mark.parametrize("name", readable(*REQUIRED))
 def test_backend_conforms(name: str) -> None:
-    report = conformance.run(backend(name), oracle, required=REQUIRED[name], trees=EXAMPLES, words=6)
+    report = conformance.run(backend(name), Reference, required=REQUIRED[name], trees=EXAMPLES, words=6)
     assert report.passed, report
+
+
+@pytest.fixture(params=readable(*REQUIRED, "rml, votes counted"))
+def translator(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Backend:
+    """A backend; that of RML also with small votes counted like large ones."""
+    name, _, counted = request.param.partition(", ")
+    if counted:
+        monkeypatch.setattr(writer, "SMALL", 0)
+    return backend(name)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_random_trees(translator: Backend, shape: str) -> None:
+    random, compared = Random(shape), 0
+    for _ in range(12):
+        tree = random_tree(random, SHAPES[shape])
+        traces = [random_trace(random, tree) for _ in range(4)]
+        compared += sum(agreeing(translator, tree, semantics, traces) for semantics in Semantics)
+    assert compared > (100 if translator.name != "rml" else 30 if "variables" in shape else 80)
+
+
+def test_hand_written_cases(translator: Backend) -> None:
+    """On their own traces; whole trees also on random ones, under each semantics."""
+    for case in CASES:
+        tree = restrict(loads(case.tree), branch=case.branch, kind=case.kind)
+        assert agreeing(translator, tree, Semantics(case.semantics), [case.events]) or translator.name == "rml"
+        traces = [random_trace(Random(seed), tree) for seed in range(3)]
+        for semantics in Semantics if tree.part_of is None else ():
+            agreeing(translator, tree, semantics, traces)
+
+
+NAMES = st.text(max_size=5) | st.text(alphabet="_x5f1aA 2", max_size=5)
+NAMES |= st.sampled_from(
+    ["alive", "relevant", "rel", "guard_1", "X", "F", "s1", "s 1", "true", "xor", "é", "Ärger", 'q"']
+)
+NAMES |= st.sampled_from(["all", "any", "with", "Main", "matches", "min", "S1", "not_a", "_", "*/ 1 /*", "//", "a-b"])
+
+
+@pytest.mark.parametrize("name", readable(*REQUIRED))
+@given(st.lists(NAMES.filter(str.strip), min_size=2, max_size=4, unique=True))
+@settings(max_examples=30)
+def test_any_names_are_told_apart_and_leave_no_place(name: str, leaves: list[str]) -> None:
+    root = max(leaves, key=len) + "!"
+    tree = RVAFT(root, [Node(root, Gate.SAND, tuple(leaves)), *map(Node, leaves)])
+    for semantics in Semantics:
+        monitor = backend(name).translate(tree, semantics).monitor()
+        trace: list[Json] = [{"event": leaf} for leaf in leaves]
+        assert signs(monitor, trace) == "?" * (len(leaves) - 1) + "T"
+
+
+def test_strings_stay_in_their_place() -> None:
+    event = EventType("*/ 1 /*", (), ObjectPattern((("*/", Literal("*/ 1 /*")), ("when", Literal("when\n//")))))
+    for name, semantics in product(("ltlf", "rml"), Semantics):
+        tree = RVAFT("t", [Node("t", Gate.SAND, ("a", "b")), Node("a", on=On("*/ 1 /*", ())), Node("b")], [event])
+        text = backend(name).translate(tree, semantics).text
+        assert text.count("*/") == text.count("/*") == 1 or name == "rml"
+        if name == "rml" or find_spec("spot"):
+            trace: list[Json] = [{"*/": "*/ 1 /*", "when": "when\n//"}, {"event": "b"}]
+            assert signs(backend(name).read(text), trace) == "?T"
+
+
+@pytest.mark.parametrize("name", ["automaton", "ltlf"])
+def test_without_spot_the_error_says_what_to_install_and_translating_needs_none(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "spot", None)
+    text = backend(name).translate(loads("toplevel r; r and never_read_before b;"), Semantics.STRICT).text
+    with pytest.raises(ToolMissing, match="pip install spottl"):
+        backend(name).read(text).step({})
 
 
 def test_every_registered_faithful_backend_is_held_to_it() -> None:
@@ -81,9 +148,9 @@ class Stubborn(Backend):
 
 def test_a_refusal_counts_as_a_failure_only_where_it_is_required() -> None:
     two = EXAMPLES[:2]
-    strict = conformance.run(Stubborn(), oracle, trees=two)
+    strict = conformance.run(Stubborn(), Reference, trees=two)
     assert len(strict.refusals) == len(strict.failures) == 6
-    lenient = conformance.run(Stubborn(), oracle, trees=two, required=lambda *_: False)
+    lenient = conformance.run(Stubborn(), Reference, trees=two, required=lambda *_: False)
     assert (len(lenient.refusals), lenient.failures) == (6, [])
     assert not lenient.passed
 
@@ -115,11 +182,11 @@ class Restless(Emitted):
 
 
 def test_a_text_that_its_backend_cannot_read_is_a_failure_unless_it_is_only_emitted() -> None:
-    report = conformance.run(Mumbling(), oracle, trees=EXAMPLES[:1])
+    report = conformance.run(Mumbling(), Reference, trees=EXAMPLES[:1])
     assert {failure.check for failure in report.failures} == {"readable"}
     assert not report.passed
-    assert conformance.run(Emitted(), oracle, trees=EXAMPLES[:1]).passed
-    report = conformance.run(Restless(), oracle, trees=EXAMPLES[:1])
+    assert conformance.run(Emitted(), Reference, trees=EXAMPLES[:1]).passed
+    report = conformance.run(Restless(), Reference, trees=EXAMPLES[:1])
     assert {failure.check for failure in report.failures} == {"repeatable", "language", "metrics"}
 
 
@@ -140,27 +207,14 @@ def test_what_is_easily_misread_has_an_example(right: str, wrong: str) -> None:
     assert False in found
 
 
-class Swapped(Monitor):
-    """A monitor of another semantics."""
-
-    def __init__(self, tree: RVAFT, semantics: Semantics) -> None:
-        super().__init__()
-        other = Semantics.STRICT if semantics is Semantics.SCATTERED else Semantics.SCATTERED
-        self.inner = Reference(tree, other)
-
-    def _advance(self, event: Json) -> Verdict:
-        return self.inner.step(event)
-
-    @property
-    def state(self) -> Hashable:
-        return self.inner.state
-
-
 @pytest.mark.spot
 def test_a_wrong_meaning_is_found() -> None:
     pytest.importorskip("spot")
     example = next(example for example in EXAMPLES if example.name == "r sand a b c;")
-    report = conformance.run(backend("automaton"), Swapped, trees=[example])
+    other = {Semantics.STRICT: Semantics.SCATTERED, Semantics.SCATTERED: Semantics.STRICT}
+    report = conformance.run(
+        backend("automaton"), lambda tree, one: Reference(tree, other.get(one, Semantics.STRICT)), trees=[example]
+    )
     assert any(failure.check == "verdict" for failure in report.failures)
 
 

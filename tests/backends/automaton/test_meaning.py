@@ -1,4 +1,4 @@
-"""Random trees against the reference, the hand-written cases, the language as Spot sees it, and that no two states are equivalent."""
+"""The language as Spot sees it, texts that run alone, slices, and that no two states are equivalent."""
 
 from itertools import combinations
 from random import Random
@@ -8,55 +8,21 @@ import pytest
 
 from backends.automaton import AutomatonBackend
 from backends.automaton.hoa_reader import HoaMonitor, program
-from cross_check.generate.traces import random_trace
-from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
-from rvaft.analysis.branches import restrict
+from cross_check.generate.trees import Shape, random_tree
 from rvaft.api import loads
 from rvaft.errors import TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.semantics import Reference
-from tests.semantics.cases import CASES
+from tests.backends.texts import signs
 
 pytestmark = pytest.mark.spot
 spot: Any = pytest.importorskip("spot")
 
-SHAPES = (
-    PLAIN,
-    VARIABLE_FREE,
-    Shape(max_nodes=7),
-    Shape(max_nodes=7, sharing=0.5),
-    Shape(max_nodes=7, variables=1, guards=0.5, typed_events=0.9),
-    Shape(max_nodes=7, sharing=0.4, variables=1, guards=0.4, typed_events=0.8),
-)
-SIGNS = {"true": "T", "false": "F", "unknown": "?"}
 VALUES = loads("event a(x) = { a: x }; event b(x) = { b: x }; toplevel r; r sand m n; m on a(X); n on b(X);")
 
 
 def text_of(tree: str, semantics: str) -> str:
     return AutomatonBackend().translate(loads(f"toplevel r; {tree}"), Semantics(semantics)).text
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_random_trees(shape: Shape) -> None:
-    for seed in range(25):
-        random = Random(seed)
-        tree = random_tree(random, shape)
-        traces = [random_trace(random, tree) for _ in range(5)]
-        for semantics in Semantics:
-            specification = AutomatonBackend().translate(tree, semantics)
-            for trace in traces:
-                expected = list(Reference(tree, semantics).run(trace))
-                assert list(specification.monitor().run(trace)) == expected, (seed, tree, trace)
-
-
-def test_cases() -> None:
-    for case in CASES:
-        tree = loads(case.tree)
-        if case.branch is not None or case.kind is not None:
-            tree = restrict(tree, branch=case.branch, kind=case.kind)
-        monitor = AutomatonBackend().translate(tree, Semantics(case.semantics)).monitor()
-        assert "".join(SIGNS[verdict.value] for verdict in monitor.run(case.events)) == case.verdicts, case.name
 
 
 FORMULAS = [
@@ -101,7 +67,7 @@ def test_language_is_that_of_a_formula(tree: str, semantics: str, formula: str) 
 def test_the_text_alone_is_run(old: str, new: str, verdicts: str) -> None:
     """With the tree gone, another target of one edge gives other verdicts, and so does another event of one proposition."""
     monitor = AutomatonBackend().read(text_of("r sand a b c;", "strict").replace(old, new))
-    assert "".join(SIGNS[verdict.value] for verdict in monitor.run({"event": name} for name in "abc")) == verdicts
+    assert signs(monitor, "a b c") == verdicts
 
 
 def test_slices_follow_each_value_and_are_limited() -> None:
@@ -112,7 +78,7 @@ def test_slices_follow_each_value_and_are_limited() -> None:
     state = monitor.state
     monitor.step({"a": 1})
     assert monitor.state == state
-    assert [SIGNS[verdict.value] for verdict in monitor.run([{"b": 4}, {"b": "1"}, {"b": 3.0}])] == ["?", "?", "T"]
+    assert signs(monitor, [{"b": 4}, {"b": "1"}, {"b": 3.0}]) == "??T"
     few = HoaMonitor(program(specification.text, {}), limit=10)
     with pytest.raises(TooLarge, match="slices, one for each assignment of X"):
         list(few.run({"a": value} for value in range(20)))

@@ -1,10 +1,7 @@
 """Any HOA text: written by hand, by Spot, with other acceptance; texts that are none; and what texts ask of events."""
 
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,26 +9,22 @@ import pytest
 from backends.automaton import AutomatonBackend
 from rvaft import loads
 from rvaft.backend import Observed
-from rvaft.errors import LanguageError, ToolMissing
+from rvaft.errors import LanguageError
 from rvaft.language.parser import parse_guard, parse_pattern
 from rvaft.model.guards import renamed
 from rvaft.model.verdict import Semantics
-
-SIGNS = {"true": "T", "false": "F", "unknown": "?"}
-
-needs_spot = pytest.mark.usefixtures("spot")
+from tests.backends.texts import signs
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def spot() -> Any:
     return pytest.importorskip("spot")
 
 
 def verdicts(text: str, word: str | Sequence[Any], **options: Any) -> str:
-    events = [{"event": letter} for letter in word.split()] if isinstance(word, str) else word
     monitor = AutomatonBackend().read(text, **options)
     assert monitor.verdict.value == "unknown"
-    return "".join(SIGNS[verdict.value] for verdict in monitor.run(events))
+    return signs(monitor, word)
 
 
 HAND = """HOA: v1
@@ -77,7 +70,6 @@ ALTERNATING = hoa(
 pytestmark = pytest.mark.spot
 
 
-@needs_spot
 @pytest.mark.parametrize(
     ("text", "word", "expected"),
     [
@@ -96,7 +88,6 @@ def test_by_hand(text: str, word: str, expected: str) -> None:
     assert verdicts(text, word) == expected
 
 
-@needs_spot
 def test_given_atoms() -> None:
     atoms = {"a": parse_pattern("{ go: X }"), "b": parse_pattern("{ stop: X }")}
     events = [{"go": 1}, {"stop": 2}, {"go": 2}, {"stop": 1}]
@@ -127,7 +118,6 @@ def said(line: str) -> str:
     return HAND.replace("acc-name", f"{line}\nacc-name")
 
 
-@needs_spot
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -162,7 +152,6 @@ def test_malformed(text: str, message: str) -> None:
         assert error.value.line >= 1
 
 
-@needs_spot
 @pytest.mark.parametrize(
     ("text", "line", "column", "source"),
     [
@@ -176,24 +165,6 @@ def test_the_place_of_an_error(text: str, line: int, column: int, source: str) -
     assert (error.value.line, error.value.column, error.value.source) == (line, column, source)
 
 
-def test_without_spot_the_error_says_what_to_install_and_translating_needs_none(tmp_path: Path) -> None:
-    program = f"""import sys
-sys.modules['spot'] = None
-from rvaft import ToolMissing, loads
-from backends.automaton import AutomatonBackend
-AutomatonBackend().translate(loads('toplevel r; r and a b;'), 'projected')
-assert not {{'buddy', 'sympy', 'rich', 'hypothesis'}} & set(sys.modules)
-try:
-    AutomatonBackend().read({HAND!r})
-except ToolMissing as error:
-    print(error)
-"""
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, capture_output=True, text=True)
-    assert "pip install spottl" in done.stdout
-    assert issubclass(ToolMissing, RuntimeError)
-
-
-@needs_spot
 def test_a_guard_that_its_pattern_does_not_bind_never_holds() -> None:
     text = AutomatonBackend().translate(loads("toplevel r; r sand a b; a; b;"), Semantics.PROJECTED).text
     odd = text.replace('alphabet: "', 'alphabet: "{ v: V }" "W < 250"\nalphabet: "', 1)
@@ -216,7 +187,6 @@ ASKED = [  # the propositions, the lines of the header, what is asked: patterns,
 ]
 
 
-@needs_spot
 @pytest.mark.parametrize(("names", "lines", "patterns", "guarded"), ASKED)
 def test_what_a_text_asks_of_events(names: str, lines: Sequence[str], patterns: Sequence[str], guarded: Any) -> None:
     text = hoa(names, "{0} [t] 0", header="".join(f"{line}\n" for line in lines))

@@ -7,21 +7,29 @@ from typing import Any
 
 import pytest
 
+from backends.ltlf import LtlfBackend
 from backends.ltlf.reader import spot
 from rvaft.errors import LanguageError
 from rvaft.language.parser import parse_pattern
 from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
 from rvaft.model.values import Json
-from tests.backends.ltlf.building import BACKEND, events, needs_spot, verdicts
+from tests.backends.texts import SPOT, events, signs
 from tests.tables import rows
 
-pytestmark = [pytest.mark.spot, needs_spot]
+BACKEND = LtlfBackend()
+
+
+def signed(text: str, trace: str | list[Json]) -> str:
+    return signs(BACKEND.read(text), trace)
+
+
+pytestmark = [*SPOT]
 
 
 @pytest.mark.parametrize(("formula", "word", "expected", "why"), rows(__file__, "verdicts.txt"))
 def test_by_hand(formula: str, word: str, expected: str, why: str) -> None:
-    assert verdicts(formula, events(word)) == expected, why
+    assert signed(formula, word) == expected, why
 
 
 def test_empty_trace_is_unknown() -> None:
@@ -36,11 +44,11 @@ def test_atoms_of_the_caller() -> None:
 
 @pytest.mark.parametrize(("lines", "trace", "expected"), rows(__file__, "headers.txt"))
 def test_with_a_header(lines: list[str], trace: list[Json], expected: str) -> None:
-    assert verdicts("\n".join(["/* rvaft", *lines[:-1], "*/", lines[-1]]), trace) == expected
+    assert signed("\n".join(["/* rvaft", *lines[:-1], "*/", lines[-1]]), trace) == expected
 
 
 def test_other_comments_are_comments() -> None:
-    assert verdicts("/* any text: a := b */ F /* here too */ a", events("a")) == "T"
+    assert signed("/* any text: a := b */ F /* here too */ a", "a") == "T"
 
 
 @pytest.mark.parametrize(("text", "line", "column", "message"), rows(__file__, "malformed.txt"))
@@ -168,5 +176,5 @@ def test_random_formulas() -> None:
     for _ in range(250):
         text = random_formula(random, random.randint(1, 5))
         words = [[random.choice(LETTERS) for _ in range(random.randint(1, 6))] for _ in range(3)]
-        for word, signs in zip(words, by_spot(text, words), strict=True):
-            assert verdicts(HEADER + text, [dict.fromkeys(letter, True) for letter in word]) == signs, (text, word)
+        for word, expected in zip(words, by_spot(text, words), strict=True):
+            assert signed(HEADER + text, [dict.fromkeys(letter, True) for letter in word]) == expected, (text, word)

@@ -5,15 +5,17 @@ from pathlib import Path
 
 import pytest
 
+from backends.ltlf import LtlfBackend
 from rvaft.api import loads
-from rvaft.errors import TreeError
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
-from tests.backends.ltlf.building import BACKEND, events, needs_spot, verdicts
+from tests.backends.texts import events, needs_spot
 from tests.tables import rows
+
+BACKEND = LtlfBackend()
 
 FORMULAS = rows(__file__, "formulas.txt")
 
@@ -60,22 +62,3 @@ def test_names_are_legal_and_different() -> None:
     given = [line.split()[1] for line in lines if line.startswith("atom ")]
     assert len(set(given)) == len(leaves)
     assert all(name.isascii() and name == name.lower() and not name[0].isdigit() for name in given)
-
-
-@pytest.mark.spot
-@needs_spot
-def test_names_and_strings_that_could_end_the_comment() -> None:
-    tree = 't sand "Ärger" "X" "s1" "s 1" rel; "Ärger" on e("*/ 1 /*"); event e(p) = { "*/": p, "when": "when" };'
-    for semantics in Semantics:
-        text = BACKEND.translate(loads(tree), semantics).text
-        assert text.count("*/") == text.count("/*") == 1
-        start: list[Json] = [{"*/": "*/ 1 /*", "when": "when"}]
-        trace = [*start, *({"event": name} for name in ("X", "s1", "s 1", "rel"))]
-        assert verdicts(text, trace) == "????T"
-
-
-def test_no_feasible_scenario() -> None:
-    nodes = [Node("t", Gate.SAND, ("a", "b")), Node("a", Gate.AND, ("s",)), Node("b", Gate.AND, ("s",)), Node("s")]
-    for semantics in Semantics:
-        with pytest.raises(TreeError, match="no-scenario"):
-            BACKEND.translate(RVAFT("t", nodes), semantics)

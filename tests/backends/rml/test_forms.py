@@ -3,7 +3,7 @@
 The published monitor judges the Prolog form, see `test_published`.
 """
 
-from time import process_time
+from typing import Any
 
 import pytest
 
@@ -12,15 +12,15 @@ from backends.rml.prolog import HEADER, prolog
 from cross_check.participants import Absent, faithful_backends, translated
 from rvaft.api import loads
 from rvaft.backend import backend
-from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge
+from rvaft.errors import LanguageError, NotExpressible, OptionError
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.semantics import Reference
-from tests.backends.rml.programs import CASES, SIGNS
+from tests.backends.rml.programs import CASES
+from tests.backends.texts import signs
 from tests.tables import rows
 from tests.trees import shipped
 
 RML, PROLOG, PAPER = backend("rml"), backend("rml-prolog"), RmlPaperBackend()
-SHARED = "; ".join(f"g{i} and g{i + 1} g{i + 2}" for i in range(40))
 
 # -- the paper ---------------------------------------------------------------------------------------------------------
 
@@ -42,12 +42,9 @@ DIFFERS = [
 
 
 @pytest.mark.parametrize(("why", "text", "trace", "published", "meant"), DIFFERS, ids=[row[0] for row in DIFFERS])
-def test_where_the_paper_is_known_to_differ(why: str, text: str, trace: object, published: str, meant: str) -> None:
-    events = [{"event": word} for word in trace.split()] if isinstance(trace, str) else trace
-    assert isinstance(events, list)
-    monitor = PAPER.translate(loads(text), Semantics.STRICT).monitor()
-    assert "".join(SIGNS[v.value] for v in monitor.run(events)) == published
-    assert "".join(SIGNS[v.value] for v in Reference(loads(text), Semantics.STRICT).run(events)) == meant
+def test_where_the_paper_is_known_to_differ(why: str, text: str, trace: Any, published: str, meant: str) -> None:
+    assert signs(PAPER.translate(loads(text), Semantics.STRICT).monitor(), trace) == published
+    assert signs(Reference(loads(text), Semantics.STRICT), trace) == meant
     assert not PAPER.faithful
 
 
@@ -55,8 +52,7 @@ def test_the_union_of_the_branches_misses_the_attack() -> None:
     tree = shipped.load("remote_inspection/pruned")
     events = dict(shipped.traces("remote_inspection/pruned"))["table2_row3"]
     monitor = PAPER.translate(tree, Semantics.PROJECTED).monitor()
-    assert [str(v) for v in monitor.run(events)][-1] == "false"
-    assert [str(v) for v in Reference(tree).run(events)][-1] == "true"
+    assert (signs(monitor, events)[-1], signs(Reference(tree), events)[-1]) == ("F", "T")
 
 
 @pytest.mark.parametrize("name", shipped.names())
@@ -70,28 +66,15 @@ def test_every_shipped_tree_gives_a_text_that_runs(name: str, semantics: Semanti
 
 ONE_BRANCH = "event on(v) = { v: v };\ntoplevel r; r 1of2 a b; a on on(1); b on on(2) when 1.5 < 0;\n"
 REFUSED = [
-    ("not in the paper", "top or a b;", Semantics.SCATTERED, None, "the paper does not say how"),
-    ("a VOT is one branch, with all its guards", ONE_BRANCH, Semantics.STRICT, None, "every branch has a guard that never"),
-    ("small limit", "top or a b c;", Semantics.STRICT, 2, "terms"),
-    ("counted, not built", f"top 20of40 {' '.join(f'e{i}' for i in range(40))};", Semantics.STRICT, None, "10 allowed"),
-    ("few terms", f"top 3of190 {' '.join(f'e{i}' for i in range(190))};", Semantics.STRICT, None, "10 allowed"),
-    ("what is shared is written again", f"top and g0; {SHARED};", Semantics.STRICT, None, "characters of the paper's"),
-]  # fmt: skip
+    ("top or a b;", Semantics.SCATTERED, "the paper does not say how"),
+    (ONE_BRANCH, Semantics.STRICT, "every branch has a guard that never"),  # a VOT is one branch, with all its guards
+]
 
 
-@pytest.mark.parametrize(("why", "tree", "semantics", "limit", "words"), REFUSED, ids=[row[0] for row in REFUSED])
-def test_what_the_paper_cannot_say_is_refused_at_once(
-    why: str, tree: str, semantics: Semantics, limit: int | None, words: str
-) -> None:
-    start = process_time()
-    with pytest.raises((NotExpressible, TooLarge), match=words):
-        PAPER.translate(loads(tree), semantics, limit=limit)
-    assert process_time() - start < 2
-
-
-def test_equations_are_counted() -> None:
-    for text, equations in (("top and a b;", 1), ("top 2of3 a b c;", 5), ("top 3of4 a b c d;", 1 + 1 + 4 + 6)):
-        assert PAPER.translate(loads(text), Semantics.PROJECTED).metrics.states == equations
+@pytest.mark.parametrize(("tree", "semantics", "words"), REFUSED)
+def test_what_the_paper_cannot_say_is_refused(tree: str, semantics: Semantics, words: str) -> None:
+    with pytest.raises(NotExpressible, match=words):
+        PAPER.translate(loads(tree), semantics)
 
 
 # -- Prolog ------------------------------------------------------------------------------------------------------------
@@ -137,12 +120,9 @@ def test_long_sequences_are_no_deep_recursion() -> None:
 
 def test_it_refuses_what_rml_refuses() -> None:
     tree = loads("event p(x) = {p: x}; event q(x) = {q: x}; r sand a b; a on p(X); b on q(X);")
-    overlapping = loads("event p(x) = {p: x}; r and m n a b c d; m on p(1); n on p(_);")
     for language in (RML, PROLOG):
         with pytest.raises(NotExpressible):
             language.translate(tree, Semantics.SCATTERED)
-        with pytest.raises(TooLarge):
-            language.translate(overlapping, Semantics.STRICT, limit=10)
 
 
 def test_it_is_only_emitted() -> None:

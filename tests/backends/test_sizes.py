@@ -1,0 +1,127 @@
+"""Sizes, and what is too large: of every backend, in two tables; how LTLf grows, as Spot counts too; deep trees, impossible ones."""
+
+from random import Random
+from time import process_time
+from typing import Any
+
+import pytest
+
+from backends.ltlf.reader import split, spot
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, random_tree
+from rvaft.backend import backend
+from rvaft.errors import TooLarge, TreeError
+from rvaft.language.printer import dumps
+from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+from tests.backends.texts import flat, needs_spot, readable, signs, tree
+from tests.tables import rows
+
+
+@pytest.mark.parametrize(("name", "text", "semantics", "limit", "what"), rows(__file__, "limits.txt"))
+def test_what_is_too_large(name: str, text: str, semantics: str, limit: int | None, what: str) -> None:
+    made, start = tree(text), process_time()
+    with pytest.raises(TooLarge) as error:
+        backend(name).translate(made, Semantics(semantics), limit=limit)
+    assert error.value.what.startswith(what)
+    assert error.value.limit == (limit or backend(name).default_limit)
+    assert process_time() - start < 10
+
+
+@pytest.mark.parametrize(("name", "text", "semantics", "limit", "sizes"), rows(__file__, "sizes.txt"))
+def test_sizes(name: str, text: str, semantics: str, limit: int | None, sizes: dict[str, int | None]) -> None:
+    made, start = tree(text), process_time()
+    metrics = backend(name).translate(made, Semantics(semantics), limit=limit).metrics
+    assert {size: getattr(metrics, size) for size in sizes} == sizes
+    assert process_time() - start < 10
+
+
+@pytest.mark.parametrize("name", ["ltlf", "rml"])
+def test_an_impossible_tree_is_an_error(name: str) -> None:
+    nodes = [Node("t", Gate.SAND, ("a", "b")), Node("a", Gate.AND, ("s",)), Node("b", Gate.AND, ("s",)), Node("s")]
+    for semantics in Semantics:
+        with pytest.raises(TreeError, match="feasible"):
+            backend(name).translate(RVAFT("t", nodes), semantics)
+
+
+def subformulas(made: RVAFT, semantics: Semantics) -> int:
+    return backend("ltlf").translate(made, semantics).metrics.subformulas or 0
+
+
+@pytest.mark.parametrize("size", [3, 6, 12, 30])
+def test_growth_of_ltlf(size: int) -> None:
+    strict, projected, scattered = Semantics
+    assert subformulas(flat(Gate.AND, size), scattered) == 2 * size + 1
+    for k in {2, size // 2, size - 1} - {1}:
+        assert subformulas(flat(Gate.VOT, size, k), scattered) == k * (2 * (size - k) + 3)
+    for made in (flat(Gate.AND, size), *(flat(Gate.VOT, size, k) for k in {2, size // 2, size - 1} - {1})):
+        assert all(subformulas(made, semantics) <= 10 * size * size for semantics in (strict, projected))
+    for semantics, most in zip(Semantics, (3 * size, 5 * size + 2, 4 * size), strict=True):
+        assert subformulas(flat(Gate.SAND, size), semantics) <= most
+
+
+@pytest.mark.spot
+@needs_spot
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_spot_counts_the_same_subformulas(semantics: Semantics) -> None:
+    """For every gate, and for random trees."""
+    random = Random(f"sizes {semantics}")
+    gates = [flat(gate, size) for gate in Gate if gate is not Gate.VOT for size in range(1, 5)]
+    gates += [flat(Gate.VOT, size, k) for size in range(1, 5) for k in range(1, size + 1)]
+    for made in gates + [random_tree(random, shape) for shape in (PLAIN, VARIABLE_FREE) for _ in range(25)]:
+        try:
+            specification = backend("ltlf").translate(made, semantics, limit=3_000)
+        except (TooLarge, TreeError):
+            continue
+        header, end = split(specification.text)
+        known: dict[str, Any] = {}
+        for name, definition in header.definitions.items():
+            known[name] = expanded(spot().formula(definition), known)
+        seen: set[int] = set()
+        todo = [expanded(spot().formula(specification.text[end:].strip()), known)]
+        while todo:
+            formula = todo.pop()
+            if formula.id() not in seen:
+                seen.add(formula.id())
+                todo.extend(formula)
+        assert specification.metrics.subformulas == len(seen), f"{semantics}\n{dumps(made)}\n{specification.text}"
+
+
+def expanded(formula: Any, known: dict[str, Any]) -> Any:
+    """Definitions put in where they are used."""
+    inner = [expanded(operand, known) for operand in formula]
+    if formula.kindstr() == "ap" or not inner:
+        return known.get(formula.ap_name(), formula) if formula.kindstr() == "ap" else formula
+    if formula.kindstr() in {"And", "Or"}:
+        return spot().formula.multop(formula.kind(), inner)
+    return (spot().formula.unop if len(inner) == 1 else spot().formula.binop)(formula.kind(), *inner)
+
+
+@pytest.mark.parametrize("name", readable("ltlf", "rml"))
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_large_trees_run(name: str, semantics: Semantics) -> None:
+    word = " ".join(f"e{i}" for i in range(12))
+    for gate, threshold, needed in ((Gate.AND, None, 12), (Gate.VOT, 6, 6), (Gate.SAND, None, 12)):
+        if name == "ltlf" or semantics is not Semantics.SCATTERED:
+            found = signs(backend(name).translate(flat(gate, 12, threshold), semantics).monitor(), word)
+            assert found == "?" * (needed - 1) + "T" * (13 - needed)
+
+
+@pytest.mark.spot
+@needs_spot
+@pytest.mark.parametrize("semantics", list(Semantics))
+def test_a_deep_sequence_runs_in_ltlf(semantics: Semantics) -> None:
+    specification = backend("ltlf").translate(tree("toplevel g0; [g# sand g#' l#; ]*5000"), semantics)
+    assert (specification.metrics.subformulas or 0) < 30_000
+    word = " ".join(["g5000", *(f"l{i}" for i in reversed(range(5_000)))])
+    assert signs(specification.monitor(), word) == "?" * 5_000 + "T"
+
+
+@pytest.mark.parametrize("gate", [Gate.AND, Gate.SAND, Gate.SAND_RL, Gate.OR])
+def test_a_chain_of_gates_in_rml(gate: Gate) -> None:
+    nodes = [Node(f"g{i}", gate, (f"g{i + 1}", f"a{i}") if i % 50 == 0 else (f"g{i + 1}",)) for i in range(3_000)]
+    ends = [Node(f"a{i}") for i in range(0, 3_000, 50)]
+    for causality in Causality:
+        made = RVAFT("g0", [*nodes, *ends, Node("g3000")], causality=causality)
+        for semantics in (Semantics.STRICT, Semantics.PROJECTED):
+            assert "Main" in backend("rml").translate(made, semantics).text

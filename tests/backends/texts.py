@@ -1,0 +1,79 @@
+"""Backends, trees and verdicts as words, for the tests of all backends."""
+
+import re
+from collections.abc import Iterable
+from importlib.util import find_spec
+from typing import Any, Final
+
+import pytest
+
+from backends.conformance import strings_ordered
+from rvaft.api import loads
+from rvaft.backend import Backend
+from rvaft.errors import NotExpressible, TooLarge
+from rvaft.language.printer import dumps
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
+from rvaft.monitors import Monitor
+from rvaft.semantics import Reference
+
+needs_spot: Final = pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot (spottl)")
+SPOT: Final = (pytest.mark.spot, needs_spot)
+
+
+def readable(*names: str) -> list[Any]:
+    """Names of backends as parameters; what reads by Spot is marked so."""
+    return [pytest.param(name, marks=SPOT if name in ("automaton", "ltlf") else ()) for name in names]
+
+
+def events(word: str | Iterable[Json]) -> list[Json]:
+    """`a b` is two default events."""
+    return [{"event": name} for name in word.split()] if isinstance(word, str) else [*word]
+
+
+def signs(monitor: Monitor, trace: str | Iterable[Json]) -> str:
+    """One sign for each event: T, F or ?."""
+    return "".join({"true": "T", "false": "F", "unknown": "?"}[verdict.value] for verdict in monitor.run(events(trace)))
+
+
+def written(tree: str) -> str:
+    """`[a# b#' ]*3` is written three times, with its number for `#`, the next one for `#'`, and that after it for `#''`."""
+
+    def repeated(found: re.Match[str]) -> str:
+        numbers = (("#''", n + 2, "#'", n + 1, "#", n) for n in range(int(found[2])))
+        return "".join(
+            found[1].replace(a, str(x)).replace(b, str(y)).replace(c, str(z)) for a, x, b, y, c, z in numbers
+        )
+
+    return re.sub(r"\[([^]]*#[^]]*)\]\*(\d+)", repeated, tree)
+
+
+def tree(text: str) -> RVAFT:
+    """A tree with what is written several times."""
+    return loads(written(text))
+
+
+def flat(gate: Gate, size: int, threshold: int | None = None) -> RVAFT:
+    """One gate over leaves e0, e1, …"""
+    leaves = tuple(f"e{number}" for number in range(size))
+    return RVAFT("top", [Node("top", gate, leaves, threshold), *map(Node, leaves)])
+
+
+def agreeing(translator: Backend, made: RVAFT, semantics: Semantics, traces: Iterable[list[Json]]) -> int:
+    """How many traces have the verdicts of the reference after every prefix; a refusal has a reason."""
+    try:
+        specification = translator.translate(made, semantics, limit=5_000)
+    except TooLarge:
+        return 0
+    except NotExpressible:
+        assert translator.name == "rml"
+        assert made.variables or strings_ordered(made, semantics), dumps(made)
+        return 0
+    compared = 0
+    for trace in traces:
+        found, expected = (list(one.run(trace)) for one in (specification.monitor(), Reference(made, semantics)))
+        assert found == expected, f"{semantics}\n{dumps(made)}\n{specification.text}\n{trace}"
+        compared += 1
+    return compared

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache, cached_property, partial
 from importlib.metadata import version
+from itertools import product
 from multiprocessing.connection import Connection
 from random import Random
 from statistics import median
@@ -31,7 +32,7 @@ from msgspec.structs import replace
 
 from cross_check.generate.values import fitting, interesting_values
 from rvaft.api import loads
-from rvaft.backend import Metrics, Specification, all_backends, backend
+from rvaft.backend import Metrics, all_backends, backend
 from rvaft.engine import Engine
 from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.language.printer import dumps
@@ -56,8 +57,18 @@ SLACK: Final = 10
 """How much longer than of the processor something may take by the clock, for each of the processes that share the machine."""
 GRACE: Final = 5.0
 """Seconds by the clock that a process may take beside."""
-_FORK: Final = 0.01
-"""Seconds that a reader in a process of its own takes beside reading, about."""
+SIZES: Final = ("symbols", "subformulas", "states", "edges")
+"""What is counted of a text."""
+EVENTS: Final = 240
+"""Events of all walks together; the last walk ends with them."""
+LONGEST: Final = 60
+"""Events after which a walk ends without a verdict."""
+_FORK: Final = 0.01  # seconds that a reader in a process of its own takes beside reading, about
+_NOISE: Final = 0.1  # how often an event fits nothing
+_DOOMED: Final = 4  # one walk of so many is led to where no hope is left
+_TRIES: Final = 16  # how many events to try for one that leaves hope, or none
+_FOREIGN: Final = "none of the tree's"
+_SCALARS: Final = (str, int, float, bool, type(None))
 
 
 @dataclass(frozen=True)
@@ -101,15 +112,15 @@ def gate_subjects(gates: Iterable[Gate] = Gate, max_arity: int = MAX_ARITY) -> I
 
 def default_languages() -> tuple[str, ...]:
     """All backends but those whose texts are another backend's texts in another form; the unfaithful ones come last."""
-    faithful: dict[str, bool] = {}
+    found: list[tuple[bool, str]] = []
     for name in all_backends():
-        faithful[name] = False  # a backend that cannot be loaded is in nobody's way, and its rows say why it cannot run
-        with suppress(ToolFailed):
-            if (found := backend(name)).form_of is None:
-                faithful[name] = found.faithful
-            else:
-                del faithful[name]
-    return tuple(sorted(faithful, key=lambda name: (not faithful[name], name)))
+        try:
+            known = backend(name)
+        except ToolFailed:  # it is in nobody's way, and its rows say why it cannot run
+            found.append((True, name))
+        else:
+            found += [] if known.form_of else [(not known.faithful, name)]
+    return tuple(name for _, name in sorted(found))
 
 
 def cells_of(subjects: Iterable[Subject], semantics: Iterable[Semantics], languages: Iterable[str]) -> tuple[Cell, ...]:
@@ -117,21 +128,15 @@ def cells_of(subjects: Iterable[Subject], semantics: Iterable[Semantics], langua
 
     Raises `OptionError` for a comparison of nothing, and for two trees that reports would call the same.
     """
-    subjects, semantics, languages = tuple(subjects), tuple(semantics), tuple(languages)
-    for name, count in Counter(subject.name for subject in subjects).items():
+    cells = tuple(Cell(*parts) for parts in product(subjects, semantics, languages))
+    for name, count in Counter(subject.name for subject in dict.fromkeys(cell.subject for cell in cells)).items():
         if count > 1:
             raise OptionError(
                 f"{count} trees are called {name}: rename a file, or write its path in another way, as ./{name}"
             )
-    cells = tuple(
-        Cell(subject, choice, language) for subject in subjects for choice in semantics for language in languages
-    )
     if not cells:
         raise OptionError("nothing to compare: name at least one tree or gate, one semantics and one language")
     return cells
-
-
-# What is known of a cell.
 
 
 class Outcome(StrEnum):
@@ -165,16 +170,11 @@ class Settings:
 
 
 class Measurement(msgspec.Struct, frozen=True):
-    """One cell and what was measured; the columns of the CSV file are these fields.
+    """One cell and what was measured, in the columns of the CSV file, which docs/compare.md explains; what is not known is None.
 
-    `tree` is a gate with its children (`and 3`, `vot 2/3`) or the path of a tree; `gate`, `children` and `threshold` are those of a
-    gate over leaves. `result` says how the translation ended, and `reason` why. The sizes are those of `Metrics`; `characters` is the
-    length of the text, header and all; `seconds` the median time of a translation.
-
-    `run` and `run_reason` say the same of reading the text and running events by the language's own reader: `read_seconds` is the time to
-    read it, `events` how many were run, in `walks` traces, and `differing` how many of the traces got other verdicts than the tree
-    demands. `events_per_second` is the speed of readers that have met nothing: each reads the text and runs one trace, in a process of
-    its own, and `first_events` is how many events these are. `again_per_second` is the median speed when one reader runs all again.
+    `result` says how the translation ended, `run` how reading its text and running events did. `seconds` is the median time of a
+    translation; `again_per_second` the median speed of one reader that runs all `events` again, and `events_per_second` that of readers
+    that have met nothing before, over `first_events`; `differing` counts the `walks` that got other verdicts than the tree demands.
     """
 
     tree: str
@@ -246,7 +246,8 @@ def unmeasured(cell: Cell, settings: Settings) -> Measurement:
     )
 
 
-# The measurement.
+class _Unmeasurable(Exception):
+    """The outcome of work that has no result, and why, in one line."""
 
 
 def measured(
@@ -258,14 +259,19 @@ def measured(
     """
     for language, semantics in dict.fromkeys((cell.language, cell.semantics) for cell in cells):
         _warm_up(language, semantics)  # imports all that is needed, and translates the text that every fork begins with
-    laboratory = _Laboratory(settings, jobs)
-    if jobs == 1:
-        yield from ((cell, laboratory.measure(cell)) for cell in cells)
-        return
+    clock = SLACK * jobs * settings.timeout + GRACE
+    trodden: dict[tuple[str, Semantics], tuple[Walk, ...]] = {}  # all languages of a tree run the same
 
     def measure(cell: Cell) -> Measurement:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # told to stop, it ends its own processes first
-        return laboratory.measure(cell)
+        key = (cell.subject.digest, cell.semantics)
+        if key not in trodden:
+            trodden.clear()
+            trodden[key] = ()
+            find = partial(walks, cell.subject.tree, cell.semantics, settings.seed, seconds=WALKING)
+            with suppress(_Unmeasurable):
+                trodden[key] = _isolated(find, 2 * WALKING, clock, settings)[0]
+        return _measured(cell, settings, clock, trodden[key])
 
     with closing(in_processes(measure, cells, jobs=jobs)) as running:
         for cell, found in running:
@@ -276,108 +282,78 @@ def measured(
                 yield cell, found
 
 
-class _Unmeasurable(Exception):
-    """How the work of a process ended where it has no result, and why, in one line."""
+def _measured(cell: Cell, settings: Settings, clock: float, trodden: Sequence["Walk"]) -> Measurement:
+    """Translate, then read and run the text; whatever a backend does of it is part of the record."""
+    record, left = unmeasured(cell, settings), settings.timeout
 
-    def __init__(self, outcome: Outcome, reason: str) -> None:
-        super().__init__(outcome, reason)
-        self.outcome, self.reason = outcome, reason
+    def isolated(work: Callable[[], Any]) -> Any:
+        nonlocal left
+        result, used = _isolated(work, left, clock, settings)
+        left = max(left - used, 0.001)
+        return result
 
-
-class _Laboratory:
-    """Measures cells one after the other."""
-
-    def __init__(self, settings: Settings, jobs: int) -> None:
-        self._settings = settings
-        self._clock = SLACK * jobs * settings.timeout + GRACE
-        self._walks_of: tuple[object, ...] = ()
-        self._walks: tuple[Walk, ...] = ()
-        self._left = 0.0
-
-    def measure(self, cell: Cell) -> Measurement:
-        """Translate, then read and run the text; whatever a backend does of it is part of the record."""
-        record = unmeasured(cell, self._settings)
-        if self._walks_of != (asked := (cell.subject.digest, cell.semantics)):  # all languages of a tree run the same
-            self._walks_of, self._left, self._walks = asked, 2 * WALKING, ()
-            with suppress(_Unmeasurable):
-                tree, seed = cell.subject.tree, self._settings.seed
-                self._walks = self._isolated(partial(walks, tree, cell.semantics, seed, seconds=WALKING))
-        self._left = self._settings.timeout
-        try:
-            text, sizes, seconds = self._isolated(partial(_translated, cell, self._settings.limit))
-        except _Unmeasurable as end:
-            return replace(record, result=end.outcome, reason=end.reason)
+    try:
+        text, sizes, seconds = isolated(partial(_translated, cell, settings.limit))
+    except _Unmeasurable as end:
+        return replace(record, result=end.args[0], reason=end.args[1])
+    found = {name: getattr(sizes, name) for name in SIZES}
+    found |= {"characters": len(text), "seconds": _rounded(seconds)}
+    record = replace(record, result=Outcome.OK, run=Outcome.OK, **found)
+    if not backend(cell.language).readable:
+        return replace(record, run_reason="only emitted: nothing here runs its texts")
+    try:
+        (reading, runs, differing), again = isolated(partial(_ran_again, cell, text, trodden))
+        events = sum(events for events, _ in runs)
         record = replace(
             record,
-            result=Outcome.OK,
-            symbols=sizes.symbols,
-            subformulas=sizes.subformulas,
-            states=sizes.states,
-            edges=sizes.edges,
-            characters=len(text),
-            seconds=_rounded(seconds),
-            run=Outcome.OK,
+            run_reason="" if runs else "no events: the tree is too much for the engine, which is to find them",
+            read_seconds=_rounded(reading),
+            events=events,
+            first_events=0,
+            again_per_second=_speed(events, again),
+            walks=len(runs),
+            differing=differing,
         )
-        if not backend(cell.language).readable:
-            return replace(record, run_reason="only emitted: nothing here runs its texts")
-        try:
-            (reading, runs, differing), again = self._isolated(partial(_ran_again, cell, text, self._walks))
-            events = sum(events for events, _ in runs)
-            record = replace(
-                record,
-                run_reason="" if runs else "no events: the tree is too much for the engine, which is to find them",
-                read_seconds=_rounded(reading),
-                events=events,
-                first_events=0,
-                again_per_second=_speed(events, again),
-                walks=len(runs),
-                differing=differing,
-            )
-            readers = min(READERS, len(runs), 1 + int(PATIENCE / (reading + _FORK)))
-            fresh = list(runs[:1])  # what that reader has run before anything else
-            step = -(-len(runs) // readers) if readers else 1
-            for walk in self._walks[step::step]:
-                fresh += self._isolated(partial(_ran, cell, text, [walk]))[1]
-        except _Unmeasurable as end:
-            return replace(record, run=end.outcome, run_reason=end.reason)
-        events = sum(events for events, _ in fresh)
-        speed = _speed(events, sum(seconds for _, seconds in fresh))
-        return replace(record, first_events=events, events_per_second=speed)
+        readers = min(READERS, len(runs), 1 + int(PATIENCE / (reading + _FORK)))
+        fresh = list(runs[:1])  # what that reader has run before anything else
+        step = -(-len(runs) // readers) if readers else 1
+        for walk in trodden[step::step]:
+            fresh += isolated(partial(_ran, cell, text, [walk]))[1]
+    except _Unmeasurable as end:
+        return replace(record, run=end.args[0], run_reason=end.args[1])
+    events = sum(events for events, _ in fresh)
+    return replace(record, first_events=events, events_per_second=_speed(events, sum(seconds for _, seconds in fresh)))
 
-    def _isolated(self, work: Callable[[], Any]) -> Any:
-        """What the work gives in a process of its own, which may use the time that is left to the cell; raises `_Unmeasurable`."""
-        context = multiprocessing.get_context("fork")
-        heard, said = context.Pipe(duplex=False)
-        process = context.Process(target=_work, args=(work, said, self._left, self._clock, self._settings), daemon=True)
-        # An interrupt between the fork and `try` would leave the process running on its own.
-        open_signals = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-        process.start()
-        try:
-            signal.pthread_sigmask(signal.SIG_SETMASK, open_signals)
-            said.close()  # the process has its own; when that is closed, it has ended
-            with heard:
-                result, used = heard.recv()
-        except EOFError:
-            process.join()
-            code = process.exitcode or 0
-            if code == -signal.SIGPROF:
-                raise _Unmeasurable(Outcome.TIMEOUT, f"not within {self._settings.timeout:g} s") from None
-            if code == -signal.SIGALRM:
-                raise _Unmeasurable(Outcome.TIMEOUT, f"not within {self._clock:g} s by the clock") from None
-            how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
-            raise _Unmeasurable(Outcome.FAILED, f"the process that measured it was killed ({how})") from None
-        finally:
-            process.kill()
-            process.join()
-        self._left = max(self._left - used, 0.001)
-        if isinstance(result, _Unmeasurable):
-            raise result
-        return result
+
+def _isolated(work: Callable[[], object], seconds: float, clock: float, settings: Settings) -> tuple[Any, float]:
+    """What the work gives in a process of its own, and the seconds that it used; raises `_Unmeasurable`."""
+    context = multiprocessing.get_context("fork")
+    heard, said = context.Pipe(duplex=False)
+    process = context.Process(target=_work, args=(work, said, seconds, clock, settings), daemon=True)
+    process.start()
+    try:
+        said.close()  # the process has its own; when that is closed, it has ended
+        with heard:
+            result, used = heard.recv()
+    except EOFError:
+        process.join()
+        code = process.exitcode or 0
+        if code == -signal.SIGPROF:
+            raise _Unmeasurable(Outcome.TIMEOUT, f"not within {settings.timeout:g} s") from None
+        if code == -signal.SIGALRM:
+            raise _Unmeasurable(Outcome.TIMEOUT, f"not within {clock:g} s by the clock") from None
+        how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
+        raise _Unmeasurable(Outcome.FAILED, f"the process that measured it was killed ({how})") from None
+    finally:
+        process.kill()
+        process.join()
+    if isinstance(result, _Unmeasurable):
+        raise result
+    return result, used
 
 
 def _work(work: Callable[[], object], said: Connection, seconds: float, clock: float, settings: Settings) -> None:
     """Do it within bounds of processor time, time by the clock and memory, and say what came of it; in a process of its own."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the parent to handle
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     signal.setitimer(signal.ITIMER_REAL, clock)
@@ -388,30 +364,22 @@ def _work(work: Callable[[], object], said: Connection, seconds: float, clock: f
     result: object
     try:
         result = work()
-    except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; the other cells still count)
+    except MemoryError:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))  # to have room for telling that it was met
-        result = _unmeasurable(error, settings)
+        result = _Unmeasurable(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})")
+    except NotExpressible as error:
+        result = _Unmeasurable(Outcome.NOT_EXPRESSIBLE, " ".join(error.reason.split()))
+    except TooLarge as error:
+        result = _Unmeasurable(Outcome.TOO_LARGE, f"{error.what} (limit {error.limit})")
+    except ToolMissing as error:
+        result = _Unmeasurable(Outcome.TOOL_MISSING, str(error))
+    except RvaftError as error:
+        result = _Unmeasurable(Outcome.FAILED, str(error).splitlines()[0])
+    except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; the other cells still count)
+        result = _Unmeasurable(Outcome.FAILED, " ".join(f"{type(error).__name__}: {error}".split()))
     if process_time() > seconds:  # the system looks at its clock only now and then
         signal.raise_signal(signal.SIGPROF)
-    with suppress(OSError):  # nobody listens any more
-        said.send((result, process_time()))
-
-
-def _unmeasurable(error: Exception, settings: Settings) -> _Unmeasurable:
-    """What an error of a backend means."""
-    match error:
-        case MemoryError():
-            return _Unmeasurable(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})")
-        case NotExpressible():
-            return _Unmeasurable(Outcome.NOT_EXPRESSIBLE, " ".join(error.reason.split()))
-        case TooLarge():
-            return _Unmeasurable(Outcome.TOO_LARGE, f"{error.what} (limit {error.limit})")
-        case ToolMissing():
-            return _Unmeasurable(Outcome.TOOL_MISSING, str(error))
-        case RvaftError():
-            return _Unmeasurable(Outcome.FAILED, str(error).splitlines()[0])
-        case _:
-            return _Unmeasurable(Outcome.FAILED, " ".join(f"{type(error).__name__}: {error}".split()))
+    said.send((result, process_time()))
 
 
 def _warm_up(language: str, semantics: Semantics) -> None:
@@ -435,14 +403,13 @@ def _other_text(language: str, semantics: Semantics) -> str:
 
 def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float]:
     """The text, its sizes, and the median seconds of a translation."""
-    language, made, times = backend(cell.language), list[Specification](), list[float]()
+    times: list[float] = []
     while not times or (len(times) < ROUNDS and sum(times) < PATIENCE):
         tree = copy(cell.subject.tree)  # a fresh one: nothing that a tree remembers of itself saves time
         start = thread_time()
-        made.append(language.translate(tree, cell.semantics, limit=limit))
+        made = backend(cell.language).translate(tree, cell.semantics, limit=limit)
         times.append(thread_time() - start)
-        del made[1:]
-    return made[0].text, made[0].metrics, median(times)
+    return made.text, made.metrics, median(times)
 
 
 _Ran: TypeAlias = tuple[float, list[tuple[int, float]], int]
@@ -497,23 +464,6 @@ def _rounded(number: float) -> float:
     return float(f"{number:.4g}")
 
 
-# The events. A random trace alone would soon be hopeless in most trees, and then no monitor has anything to do. So each event is one that the
-# engine waits for, with values under which hope remains if some are found; one in ten fits nothing, where that does no harm. One
-# walk in four is led on purpose, somewhere on its way, to where no hope is left, if the tree has such a place: a text has to say
-# that, too.
-
-EVENTS: Final = 240
-"""Events of all walks together; the last walk ends with them."""
-LONGEST: Final = 60
-"""Events after which a walk ends without a verdict."""
-_NOISE: Final = 0.1
-_DOOMED: Final = 4
-_TRIES: Final = 16
-"""How many events to try for one that leaves hope, or none."""
-_FOREIGN: Final = "none of the tree's"
-_SCALARS: Final = (str, int, float, bool, type(None))
-
-
 @dataclass(frozen=True, slots=True)
 class Walk:
     """A trace that is led through the tree, and the verdict after each of its events."""
@@ -525,7 +475,13 @@ class Walk:
 def walks(
     tree: RVAFT, semantics: Semantics, seed: int, *, events: int = EVENTS, seconds: float = math.inf
 ) -> tuple[Walk, ...]:
-    """So many events in traces that each end with a final verdict or when they are long; fewer where the engine gives up or takes longer."""
+    """So many events in traces that each end with a final verdict or when they are long; fewer where the engine gives up or takes longer.
+
+    A random trace alone would soon be hopeless in most trees, and then no monitor has anything to do. So each event is one that the
+    engine waits for, with values under which hope remains if some are found; one in ten fits nothing, where that does no harm. One
+    walk in four is led on purpose, somewhere on its way, to where no hope is left, if the tree has such a place: a text has to
+    say that, too.
+    """
     until, start = process_time() + seconds, Engine(tree, semantics)
     random = Random(f"{seed} {semantics}")  # noqa: S311 (no secret)
     values = [value for value in interesting_values(tree) if isinstance(value, _SCALARS)]

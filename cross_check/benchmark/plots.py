@@ -3,10 +3,9 @@
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from cross_check.benchmark.measurement import Measurement, Outcome
 from cross_check.benchmark.tables import Width
@@ -19,17 +18,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_STYLES: Final[tuple[Mapping[str, Any], ...]] = tuple(
-    {"color": colour, "marker": marker, "linestyle": line, "fillstyle": fill, "markersize": size}
-    for colour, marker, line, fill, size in (
-        ("#000000", "o", "-", "full", 3.0),
-        ("#d55e00", "s", "--", "none", 5.0),
-        ("#0072b2", "^", "-.", "full", 3.0),
-        ("#009e73", "D", ":", "none", 5.0),
-        ("#cc79a7", "v", "-", "full", 3.0),
-        ("#e69f00", "P", "--", "none", 5.5),
-        ("#56b4e9", "X", "-.", "full", 3.5),
-    )
+_STYLES: Final = (
+    ("#000000", "o", "-", "full", 3.0),
+    ("#d55e00", "s", "--", "none", 5.0),
+    ("#0072b2", "^", "-.", "full", 3.0),
+    ("#009e73", "D", ":", "none", 5.0),
+    ("#cc79a7", "v", "-", "full", 3.0),
+    ("#e69f00", "P", "--", "none", 5.5),
+    ("#56b4e9", "X", "-.", "full", 3.5),
 )
 """How languages are told apart, in grey and by the colour-blind too; every other marker is open and larger, so that the one below shows."""
 _OWN: Final = ("automaton", "ltlf", "rml", "rml-paper", "rml-prolog")
@@ -42,21 +38,25 @@ _LETTERS: Final = {
     Outcome.FAILED: "*",
 }
 """What stands above a panel for each way to end without a value."""
-_BARE: Final[Mapping[str, Any]] = {"linestyle": "none"}
-_RING: Final[Mapping[str, Any]] = {**_BARE, "color": "black", "marker": "o", "fillstyle": "none", "markersize": 8.0}
+_RING: Final[Mapping[str, Any]] = {
+    "linestyle": "none",
+    "color": "black",
+    "marker": "o",
+    "fillstyle": "none",
+    "markersize": 8.0,
+}
 """Drawn around a value of a text that gives other verdicts than the tree."""
 _SETTINGS: Final = {
     "font.family": "DejaVu Sans",
+    "axes.titlesize": "medium",
     "axes.linewidth": 0.6,
     "lines.linewidth": 0.9,
     "lines.markeredgewidth": 0.8,
-    "axes.unicode_minus": False,
     "pdf.fonttype": 42,  # outlines that publishers accept; type 3 some do not
 }
 _SILENT: Final = {"pdf": dict.fromkeys(("CreationDate", "Producer", "Creator")), "png": {"Software": None}}
-_ROWS: Final = 3
-"""Rows of panels in one figure."""
-_INCH: Final = 2.54
+_ROWS: Final = 3  # of panels in one figure
+_LETTER: Final = 8.5  # points from one line of letters to the next
 
 Value = Callable[[Measurement], float | None]
 MEASURES: Final[Mapping[str, tuple[str, Value]]] = {
@@ -71,23 +71,21 @@ MEASURES: Final[Mapping[str, tuple[str, Value]]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Panel:
+class Panel(NamedTuple):
     """The measurements of one panel by their place on the horizontal axis, of which `ticks` names the places that are no numbers."""
 
     title: str
     label: str
-    points: tuple[tuple[int, Measurement], ...]
-    ticks: tuple[str, ...] = ()
+    points: Sequence[tuple[int, Measurement]]
+    ticks: Sequence[str] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Plot:
+class Plot(NamedTuple):
     """The panels of one figure, which share the vertical axis, and what it shows of a measurement."""
 
     name: str
     label: str
-    panels: tuple[Panel, ...]
+    panels: Sequence[Panel]
     value: Value
 
     @property
@@ -97,16 +95,16 @@ class Plot:
 
     def lost(self, row: Measurement) -> str:
         """The letter for why there is no value; empty where there is one, and where the language has no such thing."""
-        return "" if self.value(row) is not None or row.ended in (Outcome.OK, None) else _LETTERS[row.ended]
+        return "" if self.value(row) is not None or row.ended is None else _LETTERS.get(row.ended, "")
 
 
 def figures(rows: Sequence[Measurement]) -> Iterator[Plot]:
     """For each measure a figure of the gates under each semantics, and one of all other trees; those without any value are left out."""
     gates = {
-        semantics: tuple(_gates([row for row in rows if row.gate is not None and row.semantics is semantics]))
+        semantics: list(_gates([row for row in rows if row.gate is not None and row.semantics is semantics]))
         for semantics in dict.fromkeys(row.semantics for row in rows)
     }
-    trees = tuple(_trees([row for row in rows if row.gate is None]))
+    trees = list(_trees([row for row in rows if row.gate is None]))
     for name, (label, value) in MEASURES.items():
         found = [Plot(f"gates-{name}-{one}", f"{label}, {one}", panels, value) for one, panels in gates.items()]
         found.append(Plot(f"trees-{name}", label, trees, value))
@@ -119,26 +117,28 @@ def _gates(rows: Sequence[Measurement]) -> Iterator[Panel]:
         title = str(gate).upper().replace("_RL", ", right to left")
         chosen = [(row.children or 0, row) for row in rows if row.gate is gate]
         voting = any(row.threshold for _, row in chosen)
-        half = tuple((n, row) for n, row in chosen if row.threshold in (None, (n + 1) // 2))
+        half = [(n, row) for n, row in chosen if row.threshold in (None, (n + 1) // 2)]
         yield Panel(title + " ⌈n/2⌉ of n" * voting, "children n", half)
         if voting:
             most = max(n for n, _ in chosen)
-            whole = tuple((row.threshold or 0, row) for n, row in chosen if n == most)
-            yield Panel(f"{title} k of {most}", "threshold k", whole)
+            yield Panel(
+                f"{title} k of {most}", "threshold k", [(row.threshold or 0, row) for n, row in chosen if n == most]
+            )
 
 
 def _trees(rows: Sequence[Measurement]) -> Iterator[Panel]:
     """A panel per tree over the semantics, which the name of its file stands above."""
     order = [choice for choice in Semantics if any(row.semantics is choice for row in rows)]
     for tree, digest in dict.fromkeys((row.tree, row.digest) for row in rows):
-        points = ((order.index(row.semantics), row) for row in rows if (row.tree, row.digest) == (tree, digest))
-        yield Panel(PurePath(tree).stem.replace("_", " "), "", tuple(points), tuple(order))
+        points = [(order.index(row.semantics), row) for row in rows if (row.tree, row.digest) == (tree, digest)]
+        yield Panel(PurePath(tree).stem.replace("_", " "), "", points, order)
 
 
 def library() -> ModuleType:
     """Matplotlib; raises `ToolMissing`."""
     try:
         import matplotlib  # noqa: PLC0415 (an extra)
+        from matplotlib import figure, font_manager, lines, ticker  # noqa: F401, PLC0415 (an extra)
     except ImportError:
         remedy = "pip install '.[papers]' in a checkout, or leave --plots out"
         raise ToolMissing("Matplotlib", remedy=remedy) from None
@@ -146,127 +146,90 @@ def library() -> ModuleType:
 
 
 def plots(rows: Sequence[Measurement], width: Width = Width.PAGE) -> Iterator[tuple[str, bytes]]:
-    """Each figure as a PDF and as a PNG, with its file name; raises `ToolMissing`."""
+    """Each figure as a PDF and as a PNG, with its file name; none where nothing has a value. Raises `ToolMissing`."""
     matplotlib = library()
     size, across = (8, 3) if width is Width.PAGE else (7, 2)
-    sized = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
     for figure in figures(rows):
         parts = range(0, len(figure.panels), across * _ROWS)
         for number, start in enumerate(parts, 1):
             name = figure.name if len(parts) == 1 else f"{figure.name}-{number}"
-            page = replace(figure, name=name, panels=figure.panels[start : start + across * _ROWS])
             with matplotlib.rc_context():
                 matplotlib.rcdefaults()  # not the user's own: the same picture everywhere
-                matplotlib.rcParams.update({**_SETTINGS, **dict.fromkeys(sized, size)})
-                drawing = _drawn(page, width, across)
+                matplotlib.rcParams.update({**_SETTINGS, "font.size": size})
+                drawing = _drawn(figure._replace(panels=figure.panels[start : start + across * _ROWS]), width, across)
                 for form, silent in _SILENT.items():
                     stream = io.BytesIO()
                     drawing.savefig(stream, format=form, dpi=300, metadata=silent)
-                    yield f"{page.name}.{form}", stream.getvalue()
-
-
-def write_plots(rows: Sequence[Measurement], folder: Path, width: Width = Width.PAGE) -> list[Path]:
-    """Write the figures to a folder, which is made where it is not there; none where nothing has a value. Raises `ToolMissing`, `OSError`."""
-    written = []
-    for name, data in plots(rows, width):
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(data)
-        written.append(folder / name)
-    return written
+                    yield f"{name}.{form}", stream.getvalue()
 
 
 def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
     """The figure, under whatever settings Matplotlib has, with a legend of the languages and of what rings and letters mean."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 (an extra)
-    from matplotlib.lines import Line2D  # noqa: PLC0415 (an extra)
-
+    matplotlib = library()
     across = min(across, len(plot.panels))
     down = math.ceil(len(plot.panels) / across)
     languages = sorted({row.language for row in plot.rows})
     lost = [name for name in languages if any(plot.lost(row) for row in plot.rows if row.language == name)]
     centimetres, each = (17.4, 4.8) if width is Width.PAGE else (8.5, 3.7)
     height = (each + 0.3 * len(lost)) * down + 1.1
-    drawing = Figure(figsize=(centimetres / _INCH, height / _INCH), layout="constrained")
+    drawing: Figure = matplotlib.figure.Figure(figsize=(centimetres / 2.54, height / 2.54), layout="constrained")
     places = drawing.subplots(down, across, sharey=True, squeeze=False).flat
     for axes, panel in zip(places, plot.panels, strict=False):
         _draw_panel(axes, panel, plot, languages, lost)
     for axes in places[len(plot.panels) :]:
         axes.set_visible(False)
-    _scale(places[0], [value for row in plot.rows if (value := plot.value(row))])
+    places[0].set_yscale("log")
     drawing.supylabel(plot.label, fontsize="medium")
-    handles = [Line2D([], [], label=_drawable(language), **_look(language)) for language in languages]
+    mark = matplotlib.lines.Line2D
+    handles = [mark([], [], label=_drawable(language), **_look(language)) for language in languages]
     if any(row.differing for row in plot.rows):
-        handles.append(Line2D([], [], label="other verdicts", **_RING))
+        handles.append(mark([], [], label="other verdicts", **_RING))
     met = {plot.lost(row) for row in plot.rows}
     for outcome, letter in _LETTERS.items():
         if letter in met:
-            sign = rf"$\mathrm{{{letter}}}$" if letter.isalpha() else letter
-            handles.append(Line2D([], [], label=str(outcome), color="0.3", marker=sign, **_BARE))
+            sign = {"marker": rf"$\mathrm{{{letter}}}$", "linestyle": "none", "color": "0.3"}
+            handles.append(mark([], [], label=str(outcome), **sign))
     drawing.legend(handles=handles, loc="outside lower center", ncols=across * 2, frameon=False)
     return drawing
 
 
 def _draw_panel(axes: "Axes", panel: Panel, plot: Plot, languages: Sequence[str], lost: Sequence[str]) -> None:
-    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415 (an extra)
-
-    value = plot.value
+    """A line for each language over numbers, marks side by side over names; the languages in `lost` have letters above."""
     for number, language in enumerate(languages):
         shift = (number - (len(languages) - 1) / 2) * 0.12 if panel.ticks else 0.0
-        points = sorted((x + shift, row) for x, row in panel.points if row.language == language)
-        known = [value(row) or math.nan for _, row in points]  # a line ends where a value is missing
-        axes.plot([x for x, _ in points], known, **{**_look(language), **(_BARE if panel.ticks else {})})
-        ringed = [(x, value(row) or math.nan) for x, row in points if row.differing]
-        axes.plot([x for x, _ in ringed], [y for _, y in ringed], **_RING)
+        look = _look(language) | ({"linestyle": "none"} if panel.ticks else {})
+        points = sorted((x, row) for x, row in panel.points if row.language == language)
+        known = [
+            (x + shift, plot.value(row) or math.nan, row) for x, row in points
+        ]  # a line ends where a value is missing
+        axes.plot([x for x, _, _ in known], [y for _, y, _ in known], **look)
+        axes.plot([x for x, _, row in known if row.differing], [y for _, y, row in known if row.differing], **_RING)
         for x, row in points:
             if letter := plot.lost(row):
-                axes.annotate(
-                    letter,
-                    (x - shift, 1),
-                    (0, 1.5 + 8.5 * lost.index(language)),
-                    color=_look(language)["color"],
-                    xycoords=("data", "axes fraction"),
-                    textcoords="offset points",
-                    ha="center",
-                )
-    axes.set_title(_drawable(panel.title), pad=4 + 8.5 * len(lost), parse_math=False)
+                place = (0, 1.5 + _LETTER * lost.index(language))
+                above: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+                axes.annotate(letter, (x, 1), place, color=look["color"], ha="center", **above)
+    axes.set_title(_drawable(panel.title), pad=4 + _LETTER * len(lost), parse_math=False)
     axes.set_xlabel(panel.label)
-    places = range(len(panel.ticks)) if panel.ticks else [x for x, _ in panel.points]
-    axes.set_xlim(min(places) - 0.6, max(places) + 0.6)
+    at = range(len(panel.ticks)) if panel.ticks else [x for x, _ in panel.points]
+    axes.set_xlim(min(at) - 0.6, max(at) + 0.6)
     if panel.ticks:
-        axes.set_xticks(places, panel.ticks)
+        axes.set_xticks(at, panel.ticks)
     else:
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=7))
+        axes.xaxis.set_major_locator(library().ticker.MaxNLocator(integer=True, nbins=7))
     axes.grid(visible=True, axis="y", linewidth=0.3, color="0.8")
-
-
-def _scale(axes: "Axes", values: Sequence[float]) -> None:
-    """A logarithmic axis with whole powers of ten around all values; within a single one there are numbers between them."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: PLC0415 (an extra)
-
-    low = math.floor(math.log10(min(values)))
-    high = max(math.ceil(math.log10(max(values))), low + 1)
-    room = 0.06 * (high - low)  # no marker is cut in half
-
-    def written(number: float, _place: object) -> str:
-        return rf"$10^{{{round(math.log10(number))}}}$" if high - low > 6 else f"{number:,.9g}"
-
-    axes.set_yscale("log")
-    axes.set_ylim(10 ** (low - room), 10 ** (high + room))
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high - low == 1 else (1,), numticks=9))
-    axes.yaxis.set_major_formatter(FuncFormatter(written))
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _look(language: str) -> dict[str, Any]:
     """Colour, marker and line of a language: the same in every figure, whoever else is compared."""
     others = sorted({*all_backends(), language} - {*_OWN})
-    return dict(_STYLES[[*_OWN, *others].index(language) % len(_STYLES)])
+    style = _STYLES[[*_OWN, *others].index(language) % len(_STYLES)]
+    return dict(zip(("color", "marker", "linestyle", "fillstyle", "markersize"), style, strict=True))
 
 
 def _drawable(text: str) -> str:
     """The start of the text, with what the font does not have written as escapes."""
-    from matplotlib.font_manager import FontProperties, findfont, get_font  # noqa: PLC0415 (an extra)
-
-    known = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()
+    fonts = library().font_manager
+    known = fonts.get_font(fonts.findfont("DejaVu Sans")).get_charmap()
     whole = "".join(c if ord(c) in known else c.encode("unicode_escape").decode() for c in visible(text))
     return whole if len(whole) <= 28 else f"{whole[:27]}…"

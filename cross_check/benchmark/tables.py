@@ -5,15 +5,15 @@ import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from enum import StrEnum
-from pathlib import Path
+from functools import partial
 from typing import Any, Final
 
 import msgspec
+from msgspec.structs import astuple
 
-from cross_check.benchmark.measurement import Measurement, Outcome
+from cross_check.benchmark.measurement import SIZES, Measurement, Outcome
 from rvaft.errors import LanguageError, ToolMissing
 from rvaft.export.latex import escaped
-from rvaft.support.files import deliver, write_whole
 from rvaft.support.terminal import columns, visible
 
 COLUMNS: Final = Measurement.__struct_fields__
@@ -26,7 +26,7 @@ def csv_text(rows: Iterable[Measurement], *, heading: bool = True) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerows([COLUMNS] if heading else [])
-    writer.writerows([getattr(row, column) for column in COLUMNS] for row in rows)
+    writer.writerows(map(astuple, rows))
     return stream.getvalue()
 
 
@@ -53,70 +53,14 @@ def read_rows(text: str, file: str = "<csv>") -> Iterator[Measurement]:
             raise LanguageError(str(error), file=file, line=reader.line_num) from error
 
 
-class KeptMeasurements:
-    """The CSV file of a comparison: every measurement is in it as soon as it is known, so that an interrupted run can go on.
-
-    With `resume` it keeps what the file has from before. What is no regular file is only written to at the end; None is no file.
-    Raises `OSError`, and `LanguageError` for a file with something else than a comparison in it, which nobody wants to lose.
-    """
-
-    def __init__(self, file: str | None, *, resume: bool = False) -> None:
-        self._file = file
-        path = None if file in (None, "-") else Path(file or "")
-        self._path = path if path is not None and (path.is_file() or not path.exists()) else None
-        self._before: dict[tuple[object, ...], Measurement] = {}
-        if self._path is not None:
-            text = self._path.read_text("utf-8", "surrogateescape") if self._path.exists() else ""
-            found = {row.key: row for row in read_rows(text, str(self._path))}
-            self._before = found if resume else {}
-            write_whole(self._path, _encoded(self._before.values()))  # without a last line that was only begun
-
-    def known(self, wanted: Measurement) -> Measurement | None:
-        """The measurement from before that answers for one."""
-        found = self._before.get(wanted.key)
-        return found if found is not None and found.serves(wanted) else None
-
-    def add(self, row: Measurement) -> None:
-        """Keep a measurement, whatever happens next."""
-        if self._path is not None:
-            with self._path.open("ab") as stream:
-                stream.write(_encoded([row], heading=False))
-
-    def finish(self, rows: Sequence[Measurement]) -> None:
-        """Write these measurements in this order, and behind them those from before that no other stands for."""
-        if self._path is not None:
-            fresh = {row.key for row in rows}
-            write_whole(self._path, _encoded([*rows, *(row for key, row in self._before.items() if key not in fresh)]))
-        elif self._file is not None:
-            deliver(_encoded(rows), self._file)
-
-
-def _encoded(rows: Iterable[Measurement], *, heading: bool = True) -> bytes:
-    return csv_text(rows, heading=heading).encode(errors="surrogateescape")  # names of files need not be UTF-8
-
-
-# -- for people ---------------------------------------------------------------------------------------------------------
-
-_HEADING: Final = (
-    "TREE",
-    "SEMANTICS",
-    "LANGUAGE",
-    "SYMBOLS",
-    "SUBFORMULAS",
-    "STATES",
-    "EDGES",
-    "MS",
-    "EVENTS/S",
-    "AGAIN/S",
-)
 _OTHER: Final = "with other verdicts"
 
 
 def text_lines(rows: Sequence[Measurement]) -> list[str]:
-    """A line for each measurement: numbers to the right, how it ended last."""
-    lines: list[tuple[str, ...]] = [_HEADING]
+    """A line for people for each measurement: numbers to the right, how it ended last."""
+    lines = [("TREE", "SEMANTICS", "LANGUAGE", *map(str.upper, SIZES), "MS", "EVENTS/S", "AGAIN/S")]
     for row in rows:
-        sizes = ("" if size is None else str(size) for size in (row.symbols, row.subformulas, row.states, row.edges))
+        sizes = ("" if size is None else str(size) for size in map(partial(getattr, row), SIZES))
         time = "" if row.seconds is None else milliseconds(row.seconds)
         speeds = ("" if speed is None else f"{speed:.0f}" for speed in (row.events_per_second, row.again_per_second))
         lines.append((visible(row.tree), row.semantics, row.language, *sizes, time, *speeds))
@@ -152,9 +96,6 @@ def headline(rows: Sequence[Measurement]) -> str:
     return f"{len(rows)} measurement{'' if len(rows) == 1 else 's'}: {said or 'none'}"
 
 
-# -- for papers ---------------------------------------------------------------------------------------------------------
-
-
 class Width(StrEnum):
     """How wide a figure or a table is in a paper: a page of A4 with usual margins, or one of its two columns."""
 
@@ -175,10 +116,8 @@ _MEANINGS: Final = {
 }
 _BROAD: Final = {Width.PAGE: 18, Width.COLUMN: 6}
 """Columns of numbers in one table."""
-_LONG: Final = 48
-"""Trees in one table, so that it fits a page."""
-_NAME: Final = 24
-"""Letters of the name of a tree; of a path the end tells trees apart."""
+_LONG: Final = 48  # trees in one table, so that it fits a page
+_NAME: Final = 24  # letters of the name of a tree; of a path the end tells trees apart
 
 
 def pandas() -> Any:
@@ -204,14 +143,14 @@ def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
         groups: list[dict[str, Any]] = [{}]  # the languages that stand side by side
         for language in dict.fromkeys(row.language for row in chosen):
             own = {(row.tree, row.digest): _latex_cells(row) for row in chosen if row.language == language}
-            frame = data.DataFrame([dict.fromkeys(_MEANINGS, "") | own.get(tree, {}) for tree in trees])
-            frame = frame.loc[:, (frame != "").any()]
+            frame = data.DataFrame([own.get(tree, {}) for tree in trees], trees.values(), _MEANINGS).dropna(
+                axis=1, how="all"
+            )
             if groups[-1] and sum(one.shape[1] for one in groups[-1].values()) + frame.shape[1] > _BROAD[width]:
                 groups.append({})
             groups[-1][escaped(language)] = frame
         for number, group in enumerate(groups, 1):
-            table = data.concat(group, axis=1)
-            table.index = list(trees.values())
+            table = data.concat(group, axis=1).fillna("")
             shown = {heading for _, heading in table.columns}
             meanings = "; ".join(f"{heading} {text}" for heading, text in _MEANINGS.items() if heading in shown)
             for start in range(0, len(table), _LONG):
@@ -231,18 +170,19 @@ def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
 
 
 def _latex_cells(row: Measurement) -> dict[str, str]:
+    """What is known of a cell, by the heading of its column."""
     if row.result is not Outcome.OK:
         return {"symb.": str(row.result)}
-    speed = str(row.run) if row.events_per_second is None else _two_digits(row.events_per_second / 1000)
-    return {
-        "symb.": f"{_DAGGER if row.differing else ''}{row.symbols}",
-        "subf.": "" if row.subformulas is None else str(row.subformulas),
-        "states": "" if row.states is None else str(row.states),
-        "edges": "" if row.edges is None else str(row.edges),
-        "ms": "" if row.seconds is None else _two_digits(1000 * row.seconds),
-        "kev/s": "" if row.run is Outcome.OK and row.events_per_second is None else speed,
-        _DAGGER: f"{row.differing}/{row.walks}" if row.differing else "",
-    }
+    known = {"subf.": row.subformulas, "states": row.states, "edges": row.edges}
+    cells = {"symb.": f"{_DAGGER if row.differing else ''}{row.symbols}"}
+    cells |= {heading: str(size) for heading, size in known.items() if size is not None}
+    if row.seconds is not None:
+        cells["ms"] = _two_digits(1000 * row.seconds)
+    if row.events_per_second is not None:
+        cells["kev/s"] = _two_digits(row.events_per_second / 1000)
+    elif row.run is not Outcome.OK:
+        cells["kev/s"] = str(row.run)
+    return cells | ({_DAGGER: f"{row.differing}/{row.walks}"} if row.differing else {})
 
 
 def _two_digits(number: float) -> str:

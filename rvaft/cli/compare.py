@@ -2,12 +2,14 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from errno import EACCES, EISDIR, ENOTDIR
 from pathlib import Path
+from typing import Any
 
 import click
 
+from cross_check.benchmark import plots as drawing
 from cross_check.benchmark.measurement import (
     MAX_ARITY,
     Cell,
@@ -20,8 +22,7 @@ from cross_check.benchmark.measurement import (
     measured,
     unmeasured,
 )
-from cross_check.benchmark.plots import figures, library, write_plots
-from cross_check.benchmark.tables import KeptMeasurements, Width, headline, latex_text, pandas, text_lines
+from cross_check.benchmark.tables import Width, csv_text, headline, latex_text, pandas, read_rows, text_lines
 from rvaft.api import load, narrowed
 from rvaft.backend import backend
 from rvaft.cli import FAILED, FOUND, INTERRUPTED, Failures, Stopped, options, report
@@ -29,7 +30,7 @@ from rvaft.cli.cross_check import progress
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
-from rvaft.support.files import deliver
+from rvaft.support.files import deliver, write_whole
 
 
 @click.command("compare")
@@ -82,16 +83,13 @@ def compare_command(
     max_arity: int,
     semantics: tuple[Semantics, ...] | None,
     languages: str | None,
-    limit: int | None,
-    timeout: float,
-    memory: int,
     csv: str | None,
     resume: bool,
     latex: str | None,
     plots: str | None,
     width: str | None,
     jobs: int,
-    seed: int,
+    **settings: Any,
 ) -> int:
     """Compare specification languages: how large the same TREE is in each, how long it takes to translate, how fast it runs.
 
@@ -113,7 +111,7 @@ def compare_command(
         cells = cells_of(subjects, semantics or (Semantics.PROJECTED,), spoken)
     except OptionError as error:
         raise click.UsageError(str(error)) from error
-    rows = _measured(cells, Settings(limit, timeout, seed, memory), KeptMeasurements(csv, resume=resume), jobs)
+    rows = _measured(cells, Settings(**settings), csv, resume=resume, jobs=jobs)
     if "-" not in (csv, latex):
         click.echo("\n".join([*text_lines(rows), headline(rows)]))
     if len(rows) < len(cells):
@@ -123,16 +121,17 @@ def compare_command(
     chosen = Width(width or Width.PAGE)
     if latex is not None:
         deliver(latex_text(rows, chosen).encode(errors="backslashreplace"), latex)
-    if plots is not None and any(figures(rows)):
-        write_plots(rows, Path(plots), chosen)
-    elif plots is not None:
-        report(click.ClickException("no figures: nothing that was compared has a size or a speed"))
-        failures.met = True
-    if failures.met or any(one is not None and one.broken for row in rows for one in (row.result, row.run)):
+    if plots is not None:
+        files = dict(drawing.plots(rows, chosen))
+        for name, data in files.items():
+            Path(plots).mkdir(parents=True, exist_ok=True)
+            Path(plots, name).write_bytes(data)
+        if not files:
+            report(click.ClickException("no figures: nothing that was compared has a size or a speed"))
+            failures.met = True
+    if failures.met or any(end is not None and end.broken for row in rows for end in (row.result, row.run)):
         return FAILED
-    return (
-        FOUND if any(backend(language).faithful for language in {row.language for row in rows if row.differing}) else 0
-    )
+    return FOUND if any(row.differing and backend(row.language).faithful for row in rows) else 0
 
 
 def _subject(path: str) -> Subject:
@@ -141,21 +140,47 @@ def _subject(path: str) -> Subject:
     return Subject(click.format_filename(path), tree)
 
 
-def _measured(cells: Sequence[Cell], settings: Settings, kept: KeptMeasurements, jobs: int) -> list[Measurement]:
-    """The measurements in the order of the cells; fewer where the run was interrupted."""
-    rows = {cell: row for cell in cells if (row := kept.known(unmeasured(cell, settings))) is not None}
+def _measured(
+    cells: Sequence[Cell], settings: Settings, csv: str | None, *, resume: bool, jobs: int
+) -> list[Measurement]:
+    """The measurements in the order of the cells, fewer where an interrupt came; each is in the CSV file as soon as it is known.
+
+    With `resume` nothing is measured that the file answers for, and what nobody asked for stays in it, behind the rest. What is no
+    regular file is only written to at the end. Raises `OSError`, and `LanguageError` for a file with something else than a comparison
+    in it, which nobody wants to lose.
+    """
+
+    def data(rows: Iterable[Measurement], *, heading: bool = True) -> bytes:
+        return csv_text(rows, heading=heading).encode(errors="surrogateescape")  # names of files need not be UTF-8
+
+    path = None if csv in (None, "-") else Path(csv or "")
+    path = path if path is not None and (path.is_file() or not path.exists()) else None
+    before: dict[tuple[object, ...], Measurement] = {}
+    if path is not None:
+        text = path.read_text("utf-8", "surrogateescape") if path.exists() else ""
+        found = {row.key: row for row in read_rows(text, str(path))}
+        before = found if resume else {}
+        write_whole(path, data(before.values()))  # without a last line that was only begun
+    wanted = {cell: unmeasured(cell, settings) for cell in cells}
+    rows = {cell: row for cell, one in wanted.items() if (row := before.get(one.key)) is not None and row.serves(one)}
     missing = [cell for cell in cells if cell not in rows]
-    try:
-        with progress(len(missing)) as advance, closing(measured(missing, settings, jobs=jobs)) as running:
-            for cell, row in running:
-                kept.add(row)
-                rows[cell] = row
-                advance()
-    except KeyboardInterrupt:
-        pass  # told by the caller, after all that is known is written
-    found = [rows[cell] for cell in cells if cell in rows]
-    kept.finish(found)
-    return found
+    with (
+        suppress(KeyboardInterrupt),  # told by the caller, after all that is known is written
+        progress(len(missing)) as advance,
+        closing(measured(missing, settings, jobs=jobs)) as running,
+    ):
+        for cell, row in running:
+            rows[cell] = row
+            if path is not None:
+                with path.open("ab") as stream:
+                    stream.write(data([row], heading=False))
+            advance()
+    known = {rows[cell].key: rows[cell] for cell in cells if cell in rows}
+    if path is not None:
+        write_whole(path, data((known | before | known).values()))  # in the order of the cells, the others behind
+    elif csv is not None:
+        deliver(data(known.values()), csv)
+    return list(known.values())
 
 
 def _check_outputs(trees: Iterable[str], csv: str | None, latex: str | None, plots: str | None) -> None:
@@ -163,27 +188,25 @@ def _check_outputs(trees: Iterable[str], csv: str | None, latex: str | None, plo
 
     Raises `OptionError` for two reports in one place or one over a tree, `OSError` for what cannot be written, `ToolMissing`.
     """
-    taken = {Path(tree).resolve() for tree in trees}
     places = {file: Path(file).resolve() for file in (csv, latex) if file is not None and file != "-"}
     if csv is not None and latex is not None and (csv == latex or len({*places.values()}) < len(places)):
         raise OptionError("two reports go to one file")
+    folders: dict[str, Path] = {}
     for file, place in places.items():
-        if place in taken:
+        if place in {Path(tree).resolve() for tree in trees}:
             raise OptionError(f"{file} would be written over, but it is one of the trees: name another file")
         if place.is_dir():
             raise IsADirectoryError(EISDIR, "cannot write: it is a folder; name a file", file)
         if place.is_file() or not place.exists():  # a pipe or a device is written to where it is
-            _check_folder(place.parent, file)
+            folders[file] = place.parent
     if latex is not None:
         pandas()
     if plots is not None:
-        library()
+        drawing.library()
         folder = Path(plots).resolve()
-        _check_folder(next(there for there in (folder, *folder.parents) if there.exists()), plots)
-
-
-def _check_folder(folder: Path, output: str) -> None:
-    if not folder.is_dir():
-        raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", output)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise PermissionError(EACCES, f"cannot write: no permission for {folder}", output)
+        folders[plots] = next(there for there in (folder, *folder.parents) if there.exists())
+    for output, folder in folders.items():
+        if not folder.is_dir():
+            raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", output)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise PermissionError(EACCES, f"cannot write: no permission for {folder}", output)

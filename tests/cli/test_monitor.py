@@ -7,8 +7,6 @@ from typing import Any
 
 import pytest
 
-from rvaft import Semantics, load
-from rvaft.semantics import Reference
 from tests.cli.runs import PRUNED, ROW1, SAND, failed, jsonl, lines, run, written
 
 ATTACK = [
@@ -73,16 +71,6 @@ def test_several_traces_are_named_and_start_afresh(attack: Path, tmp_path: Path)
     assert f"{attack}: event 5: true\n" in text
     assert f"{other}: verdict unknown after 1 event\n" in text
     assert "events read: 6; relevant: move 3" in text
-
-
-@pytest.mark.parametrize("semantics", list(Semantics))
-@pytest.mark.parametrize("word", ["", "a b c", "x a b c", "a x b c", "c b a", "a a b c"])
-def test_words_get_the_verdicts_of_the_definition(semantics: Semantics, word: str) -> None:
-    result = run("monitor", SAND, "--word", word, "--semantics", semantics, "--format", "jsonl")
-    verdicts = [json.loads(line)["verdict"] for line in result.stdout.splitlines()]
-    expected = list(Reference(load(SAND), semantics).run({"event": letter} for letter in word.split()))
-    assert verdicts == [verdict.value for verdict in expected]
-    assert result.exit_code == (1 if "true" in verdicts else 0)
 
 
 def test_letters_that_look_like_a_mistake_are_named(tmp_path: Path) -> None:

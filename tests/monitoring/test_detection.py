@@ -32,31 +32,18 @@ def detected(**more: Any) -> dict[str, object]:
 
 
 def test_the_command_is_told_the_detection(tmp_path: Path) -> None:
-    said = tmp_path / "said"
+    said, events = tmp_path / "said", {"1": {"v": 1, "time": 0.5}, "2": {"v": 2, "time": 1.0}}
     assert Hooks(f"cat > {said}").run(detected(key=("robot",))) == []
     text = said.read_text(encoding="utf-8")
     assert (text[-2:], text.count("\n")) == ("}\n", 1)
-    assert json.loads(text) == {
-        "tree": "t.rvaft",
-        "trace": "log",
-        "key": "robot",
-        "event": 2,
-        "branch": 1,
-        "kinds": ["fault"],
-        "matched": [{"node": "a", "event": 1, "time": 0.5}, {"node": "b", "event": 2, "time": 1.0}],
-        "variables": {"V": 1, "W": 2},
-        "events": {"1": {"v": 1, "time": 0.5}, "2": {"v": 2, "time": 1.0}},
-    }
+    matched = [{"node": "a", "event": 1, "time": 0.5}, {"node": "b", "event": 2, "time": 1.0}]
+    place = {"tree": "t.rvaft", "trace": "log"}
+    found = {"branch": 1, "kinds": ["fault"], "matched": matched, "variables": {"V": 1, "W": 2}, "events": events}
+    assert json.loads(text) == {**place, "key": "robot", "event": 2, **found}
     assert "key" not in detected()
     assert (detected(key=(None,))["key"], detected(again=True)["again"]) == (None, True)
-    nothing: dict[str, Any] = {
-        "branch": None,
-        "kinds": [],
-        "matched": [],
-        "variables": {},
-        "events": {},
-    }  # a backend does not explain
-    assert {"tree": "t.rvaft", "trace": "log", "event": 1, **nothing} == DETECTED
+    # a backend does not explain
+    assert {**place, "event": 1, "branch": None, "kinds": [], "matched": [], "variables": {}, "events": {}} == DETECTED
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,9 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from contextlib import asynccontextmanager
+from functools import wraps
 from typing import Any, Final
 
 import pytest
@@ -20,6 +21,16 @@ from websockets.asyncio.client import ClientConnection, connect  # noqa: E402 --
 SEQUENCE: Final = loads("top sand a b; a attack; b fault;")
 A: Final = {"event": "a"}
 B: Final = {"event": "b"}
+
+
+def live(scenario: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """A test that is a coroutine; `live` stands closest to it."""
+
+    @wraps(scenario)
+    def test(**fixtures: Any) -> None:
+        asyncio.run(asyncio.wait_for(scenario(**fixtures), 60))
+
+    return test
 
 
 @asynccontextmanager

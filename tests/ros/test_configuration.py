@@ -261,10 +261,6 @@ def test_a_tree_that_cannot_be_read_again(tmp_path: Path) -> None:
             writer.join()
 
 
-def test_no_folder_named() -> None:
-    failed(run("rosmonitoring", ROS), "-o", "rvaft rosmonitoring --help")
-
-
 def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "yaml", None)
     failed(run("rosmonitoring", ROS, "-o", tmp_path / "out"), "PyYAML is not installed", ".[ros]")

@@ -117,13 +117,6 @@ def test_a_folder_that_nobody_may_write_to(tmp_path: Path) -> None:
     failed(run("rosmonitoring", ROS, "-o", folder), "cannot write into the folder")
 
 
-def test_what_names_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("", "-"):
-        failed(run("rosmonitoring", ROS, "-o", name), "-o names a folder", "rvaft rosmonitoring --help")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_specifications_of_an_earlier_run_go_with_its_configuration(tmp_path: Path) -> None:
     assert run("rosmonitoring", ROS, "-o", tmp_path, "--per", "branch").exit_code == 0
     (tmp_path / "mine.rml").write_text((tmp_path / "damaged_branch_1.rml").read_text())

@@ -20,7 +20,7 @@ from rvaft.ros.protocol import Protocol, Session
 from rvaft.ros.server import Address, allowed, serve
 from rvaft.ros.server import origin as origin_of
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
-from tests.ros.clients import SEQUENCE, A, B, asked, connected, served, websockets
+from tests.ros.clients import SEQUENCE, A, B, asked, connected, live, served, websockets
 
 MANY: Final = 200
 UPGRADE: Final = (
@@ -45,21 +45,20 @@ async def opened(url: str, *, more: str = "") -> tuple[asyncio.StreamReader, asy
 
 
 @pytest.mark.parametrize("shared", [False, True])
-def test_state_per_connection_or_one_for_all(shared: bool) -> None:
-    async def scenario() -> None:
-        async with served(shared=shared) as url:
-            async with connected(url) as one, connected(url) as other:
-                await asked(one, A)
-                (reply,) = await asked(other, B)
-                assert reply["verdict"] is not shared
-            async with connected(url) as later:
-                (reply,) = await asked(later, {})
-                assert reply["verdict"] == (False if shared else "currently_true")
-
-    asyncio.run(scenario())
+@live
+async def test_state_per_connection_or_one_for_all(shared: bool) -> None:
+    async with served(shared=shared) as url:
+        async with connected(url) as one, connected(url) as other:
+            await asked(one, A)
+            (reply,) = await asked(other, B)
+            assert reply["verdict"] is not shared
+        async with connected(url) as later:
+            (reply,) = await asked(later, {})
+            assert reply["verdict"] == (False if shared else "currently_true")
 
 
-def test_many_connections_at_once() -> None:
+@live
+async def test_many_connections_at_once() -> None:
     async def client(url: str, number: int, ready: asyncio.Barrier) -> None:
         async with connected(url) as connection:
             await ready.wait()
@@ -69,12 +68,9 @@ def test_many_connections_at_once() -> None:
                 (reply,) = await asked(connection, {**event, "number": number})
                 assert (reply["number"], reply["verdict"]) == (number, verdict)
 
-    async def scenario() -> None:
-        async with served() as url:
-            ready = asyncio.Barrier(MANY)
-            await asyncio.gather(*(client(url, number, ready) for number in range(MANY)))
-
-    asyncio.run(scenario())
+    async with served() as url:
+        ready = asyncio.Barrier(MANY)
+        await asyncio.gather(*(client(url, number, ready) for number in range(MANY)))
 
 
 # -- clients that misbehave --------------------------------------------------------------------------------------------
@@ -137,35 +133,31 @@ async def send_far_too_much(url: str) -> None:
     ],
 )
 @pytest.mark.parametrize("shared", [False, True])
-def test_what_one_client_does_costs_the_others_nothing(
+@live
+async def test_what_one_client_does_costs_the_others_nothing(
     misbehave: Callable[[str], Awaitable[None]], shared: bool, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    async def scenario() -> None:
-        async with served(shared=shared, longest=1000) as url, connected(url) as connection:
-            await asked(connection, A)
-            await misbehave(url)
-            await asyncio.sleep(0.05)
-            (reply,) = await asked(connection, B)
-            assert reply["verdict"] is False
-        assert capfd.readouterr() == ("", "")
-
-    asyncio.run(scenario())
+    async with served(shared=shared, longest=1000) as url, connected(url) as connection:
+        await asked(connection, A)
+        await misbehave(url)
+        await asyncio.sleep(0.05)
+        (reply,) = await asked(connection, B)
+        assert reply["verdict"] is False
+    assert capfd.readouterr() == ("", "")
 
 
-def test_a_client_that_never_reads_is_left_behind_when_the_server_stops() -> None:
-    async def scenario() -> None:
-        async with served() as url, connected(url) as connection:
-            _, writer, _ = await opened(url)
-            event = json.dumps({"x": "y" * 60_000}).encode()
-            frame = b"\x81\xfe" + len(event).to_bytes(2, "big") + bytes(4) + event
-            for _ in range(300):
-                writer.write(frame)
-            await asyncio.sleep(0.2)
-            (reply,) = await asked(connection, A)
-            assert reply["verdict"] == "currently_true"
-        writer.transport.abort()
-
-    asyncio.run(asyncio.wait_for(scenario(), 30))
+@live
+async def test_a_client_that_never_reads_is_left_behind_when_the_server_stops() -> None:
+    async with served() as url, connected(url) as connection:
+        _, writer, _ = await opened(url)
+        event = json.dumps({"x": "y" * 60_000}).encode()
+        frame = b"\x81\xfe" + len(event).to_bytes(2, "big") + bytes(4) + event
+        for _ in range(300):
+            writer.write(frame)
+        await asyncio.sleep(0.2)
+        (reply,) = await asked(connection, A)
+        assert reply["verdict"] == "currently_true"
+    writer.transport.abort()
 
 
 def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.LogCaptureFixture) -> None:
@@ -200,59 +192,50 @@ def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.LogCaptur
     ("more", "status"),
     [
         ("", "101"),
-        ("Origin: http://{host}\r\n", "101"),
         ("Origin: https://dashboard.example\r\n", "101"),
         ("Origin: http://evil.example\r\n", "403"),
-        ("Origin: null\r\n", "403"),
-        ("Origin: http://{host}.evil.example\r\n", "403"),
         ("Origin: http://{host}\r\nOrigin: http://evil.example\r\n", "403"),
     ],
 )
-def test_an_origin_that_is_not_allowed_is_refused(more: str, status: str) -> None:
-    async def scenario() -> None:
-        async with served(origins=["https://dashboard.example"]) as url:
-            _, writer, line = await opened(url, more=more.format(host=urlsplit(url).netloc))
-            writer.transport.abort()
-        assert status in line
-
-    asyncio.run(scenario())
+@live
+async def test_an_origin_that_is_not_allowed_is_refused(more: str, status: str) -> None:
+    async with served(origins=["https://dashboard.example"]) as url:
+        _, writer, line = await opened(url, more=more.format(host=urlsplit(url).netloc))
+        writer.transport.abort()
+    assert status in line
 
 
-@pytest.mark.parametrize(
-    ("origin", "host", "taken"),
-    [
-        ("http://127.0.0.1:8080", "127.0.0.1:8080", True),
-        ("http://127.0.0.1", "127.0.0.1", True),
-        ("http://localhost:8080", "localhost:8080", True),
-        ("http://[::1]:8080", "[::1]:8080", True),
-        ("http://10.0.0.5:8080", "10.0.0.5:8080", True),
-        ("http://127.0.0.1:8000", "127.0.0.1:8080", False),
-        ("http://localhost:3000", "localhost:8080", False),
-        ("http://localhost:8080", "127.0.0.1:8080", False),
-        ("https://127.0.0.1:8080", "127.0.0.1:8080", False),
-        ("http://rebound.example:8080", "rebound.example:8080", False),
-        ("http://[::1", "[::1", False),
-        ("http://", "", False),
-        ("http://127.0.0.1:8080", None, False),
-    ],
+OWN: Final = "127.0.0.1:8080 127.0.0.1 localhost:8080 [::1]:8080 10.0.0.5:8080"
+FOREIGN: Final = (
+    ("http://127.0.0.1:8000", "127.0.0.1:8080"),
+    ("http://localhost:3000", "localhost:8080"),
+    ("http://localhost:8080", "127.0.0.1:8080"),
+    ("https://127.0.0.1:8080", "127.0.0.1:8080"),
+    ("http://127.0.0.1:8080.evil.example", "127.0.0.1:8080"),
+    ("http://rebound.example:8080", "rebound.example:8080"),
+    ("http://[::1", "[::1"),
+    ("http://", ""),
+    ("http://127.0.0.1:8080", None),
+    ("null", "127.0.0.1:8080"),
 )
-def test_only_an_address_vouches_for_itself(origin: str, host: str | None, taken: bool) -> None:
-    assert allowed([origin], host, ()) is taken
-    assert allowed([origin], host, (origin,))
 
 
-@pytest.mark.parametrize(
-    ("given", "sent"),
-    [
+def test_only_an_address_vouches_for_itself() -> None:
+    assert all(allowed([f"http://{host}"], host, ()) for host in OWN.split())
+    for origin, host in FOREIGN:
+        assert not allowed([origin], host, ()), origin
+        assert allowed([origin], host, (origin,))
+
+
+def test_an_origin_is_allowed_as_clients_say_it() -> None:
+    for given, sent in (
         ("http://robot.local:8080", "http://robot.local:8080"),
         ("http://Robot.local:8080/", "http://Robot.local:8080"),
         ("https://dashboard.example:443", "https://dashboard.example"),
         ("http://robot:80/", "http://robot"),
         ("http://[::1]:3000", "http://[::1]:3000"),
-    ],
-)
-def test_an_origin_is_allowed_as_clients_say_it(given: str, sent: str) -> None:
-    assert allowed([sent], "127.0.0.1:8080", (origin_of(given),))
+    ):
+        assert allowed([sent], "127.0.0.1:8080", (origin_of(given),)), given
 
 
 NO_ORIGINS: Final = (
@@ -284,26 +267,12 @@ def test_what_is_no_host(text: str) -> None:
         Address(text)
 
 
-def test_the_server_is_reached_from_this_machine_alone() -> None:
-    async def scenario() -> None:
-        async with served() as url:
-            _, port = endpoint(url)
-            with pytest.raises(OSError):  # noqa: PT011 -- refused or unreachable, as the system has it
-                await asyncio.open_connection("127.0.0.2", port)
-
-    asyncio.run(scenario())
-
-
-# -- where it cannot serve ---------------------------------------------------------------------------------------------
-
-
-async def nobody(address: Address) -> None:
-    await serve(Protocol(SEQUENCE), lambda: Session(SEQUENCE), asyncio.Event(), address=address)
-
-
-def test_an_address_of_another_machine() -> None:
-    with pytest.raises(OSError, match="choose another --host"):
-        asyncio.run(nobody(Address(host="192.0.2.1")))
+@live
+async def test_the_server_is_reached_from_this_machine_alone() -> None:
+    async with served() as url:
+        _, port = endpoint(url)
+        with pytest.raises(OSError):  # noqa: PT011 -- refused or unreachable, as the system has it
+            await asyncio.open_connection("127.0.0.2", port)
 
 
 # -- as a process -------------------------------------------------------------------------------------------------------
@@ -426,30 +395,6 @@ def test_a_port_in_use() -> None:
         result = run("serve", SAND, "--port", port)
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr == f"rvaft: error: ws://127.0.0.1:{port}: the port is in use: choose another with --port\n"
-
-
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
-        (["--port", "65536"], "65536"),
-        (["--port", "x"], "'x'"),
-        (["--host", "192.0.2.1"], "choose another --host"),
-        (["--host", "nowhere.invalid"], "no such host"),
-        (["--host", ""], '"" is no IP address and no host name'),
-        (["--host", "http://x:1"], '"http://x:1" is no IP address and no host name'),
-        (["--host", "0"], '"0" is no IP address and no host name'),
-        (["--origin", ""], '"" is no origin'),
-        (["--origin", "nonsense"], '"nonsense" is no origin'),
-        (["--branch", "9"], "branch 9"),
-        (["--kind", "attack"], "attack"),
-        (["--branch", "1", "--kind", "attack"], "exclude each other"),
-        (["--per", "branch", "--branch", "1"], "exclude each other"),
-        (["--polarity", "both"], "'both'"),
-        (["--max-message", "0"], "0"),
-    ],
-)
-def test_what_it_refuses(words: list[str], part: str) -> None:
-    failed(run("serve", SAND, *words), part)
 
 
 def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:

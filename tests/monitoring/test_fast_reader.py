@@ -203,18 +203,10 @@ def test_statistics_are_the_same(name: str, some: list[dict[str, Any]]) -> None:
     assert slow.near_misses == quick.near_misses
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "event e(v) = { value: v }; toplevel a; a on e(V);",
-        'event e(v) = { "a/b": "t", value: v }; toplevel a; a on e(V);',
-        'event e(v) = { topic: "t", "ö": v }; toplevel a; a on e(V);',
-        'event e(v) = { topic: "t", "a\\"b": v }; toplevel a; a on e(V);',
-    ],
-)
-def test_trees_that_are_left_to_the_other_way(text: str) -> None:
-    tree = loads(text)
-    assert FastReader.of(TreeReads(tree), EventTypeIndex(tree).possible) is None
+def test_trees_that_are_left_to_the_other_way() -> None:
+    for field in ("", '"a/b": "t", ', 'topic: "t", "ö": 1, ', 'topic: "t", "a\\"b": 1, '):
+        tree = loads(f"event e(v) = {{ {field}value: v }}; toplevel a; a on e(V);")
+        assert FastReader.of(TreeReads(tree), EventTypeIndex(tree).possible) is None
 
 
 # -- where reading quickly takes something for granted ------------------------------------------------------------------

@@ -41,7 +41,7 @@ ignore goal(W) when W >= {WAYPOINTS[0]};
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """A log, and what is known of it: how many events, how many of each type, how many that only just miss a type.
+    """A log, and what is known of it: how many events, and how many of each type.
 
     The pruned tree is detected at the last event under `scattered`, and not before; under `projected` it is lost with the second
     event of one of its types, at `lost`.
@@ -51,7 +51,6 @@ class Log:
     events: int
     types: Counter[str]
     lost: int
-    near_misses: int = 0
 
 
 def ignoring_tree(folder: Path) -> Path:
@@ -64,35 +63,34 @@ def ignoring_tree(folder: Path) -> Path:
 def telemetry(file: Path, events: int = 1_000_000, *, seed: int = 1) -> Log:
     """What a robot says all day, 100 to 400 bytes a line: one event in a thousand is of a type of the tree.
 
-    As many only just miss one: a second sensor, which the tree does not know.
+    As many are of a second sensor, which the tree does not know.
     """
     source = _Source(seed, step=0.005)
     shares = {"odom": 6, "scan": 3, "tf": 6, "battery": 1, "joints": 4, "imu": 4, "velocity": 4, "rosout": 1}
     names = [name for name, share in shares.items() for _ in range(share)]
     types: Counter[str] = Counter()
-    near = lost = 0
+    lost = 0
 
     def lines() -> Iterator[str]:
-        nonlocal near, lost
+        nonlocal lost
         rounds = cycle(source.visit(readings=4))
-        relevant, missing = -1, -1
+        relevant, other = -1, -1
         for number in range(events - 5):
             if number % 1000 == 0:
-                relevant, missing = number + source.random.randrange(500), number + 500 + source.random.randrange(500)
+                relevant, other = number + source.random.randrange(500), number + 500 + source.random.randrange(500)
             if number == relevant:
                 name = next(rounds)
                 types[name] += 1
                 lost = lost or (number + 1 if types.total() == 2 else 0)
                 yield source.event(name)
-            elif number == missing:
-                near += 1
+            elif number == other:
                 yield source.radiation(sensor=1)
             else:
                 yield source.say(source.random.choice(names))
         yield from source.attack()
 
     _write(file, lines())
-    return Log(file, events, types + ENDING, lost, near)
+    return Log(file, events, types + ENDING, lost)
 
 
 def inspections(file: Path, events: int = 300_000, *, readings: int = 76, seed: int = 2) -> Log:

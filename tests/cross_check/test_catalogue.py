@@ -7,6 +7,7 @@ from rvaft.model.nodes import Causality, Gate
 from rvaft.rules import require_valid
 
 ENTRIES = list(catalogue())
+NODES = [(entry.tree, node) for entry in ENTRIES for node in entry.tree.top_down()]
 
 
 def test_every_tree_keeps_the_rules_and_has_a_name_of_its_own() -> None:
@@ -16,36 +17,26 @@ def test_every_tree_keeps_the_rules_and_has_a_name_of_its_own() -> None:
 
 
 def test_every_gate_with_one_to_four_children_without_and_with_its_own_event() -> None:
-    plain: set[tuple[object, ...]] = set()
-    own: set[tuple[object, ...]] = set()
-    for entry in ENTRIES:
-        for node in entry.tree.top_down():
-            if node.gate is not None and all(entry.tree.nodes[child].leaf for child in node.children):
-                shape = (node.gate, len(node.children), node.threshold)
-                (own if node.on else plain).add((*shape, entry.tree.causality) if node.on else shape)
-    expected: set[tuple[object, ...]] = {(gate, n, None) for gate in Gate if gate is not Gate.VOT for n in (1, 2, 3, 4)}
-    expected |= {(Gate.VOT, n, k) for n in (1, 2, 3, 4) for k in range(1, n + 1)}
-    assert expected <= plain
-    assert {(*shape, causality) for shape in expected for causality in Causality} <= own
+    shapes = {
+        (node.gate, len(node.children), node.threshold, tree.causality if node.on else None)
+        for tree, node in NODES
+        if node.gate is not None and all(tree.nodes[child].leaf for child in node.children)
+    }
+    expected = {(gate, n, None) for gate in Gate if gate is not Gate.VOT for n in (1, 2, 3, 4)}
+    votes = {(Gate.VOT, n, k) for n in (1, 2, 3, 4) for k in range(1, n + 1)}
+    assert {(*shape, causality) for shape in expected | votes for causality in (None, *Causality)} <= shapes
 
 
-def test_every_ordered_pair_of_gates_is_nested() -> None:
-    pairs = set()
-    for entry in ENTRIES:
-        for node in entry.tree.top_down():
-            pairs |= {(node.gate, entry.tree.nodes[child].gate) for child in node.children}
-    assert set(product(Gate, repeat=2)) <= pairs
-
-
-def test_a_shared_node_and_one_event_for_two_children_under_every_gate() -> None:
-    sharing = {entry.tree.nodes[entry.tree.root].gate for entry in ENTRIES if entry.tree.shared}
-    assert sharing == set(Gate)
+def test_every_ordered_pair_of_gates_is_nested_and_under_every_gate_something_is_shared() -> None:
+    assert set(product(Gate, repeat=2)) <= {
+        (node.gate, tree.nodes[child].gate) for tree, node in NODES for child in node.children
+    }
+    assert {entry.tree.nodes[entry.tree.root].gate for entry in ENTRIES if entry.tree.shared} == set(Gate)
     doubled = set()
-    for entry in ENTRIES:
-        for node in entry.tree.top_down():
-            patterns = [entry.tree.pattern(child) for child in node.children if entry.tree.nodes[child].has_event]
-            if len(set(patterns)) < len(patterns):
-                doubled.add(node.gate)
+    for tree, node in NODES:
+        patterns = [tree.pattern(child) for child in node.children if tree.nodes[child].has_event]
+        if len(set(patterns)) < len(patterns):
+            doubled.add(node.gate)
     assert doubled == set(Gate)
 
 
@@ -53,6 +44,6 @@ def test_branches_kinds_and_guards() -> None:
     assert {entry.branch for entry in ENTRIES} >= {1, 2, 3}
     assert {str(entry.kind) for entry in ENTRIES} >= {"fault", "attack"}
     assert any(entry.tree.ignores for entry in ENTRIES)
-    guarded = [node for entry in ENTRIES for node in entry.tree.top_down() if node.when is not None]
+    guarded = [node for _, node in NODES if node.when is not None]
     assert any(node.gate for node in guarded)
     assert any(node.gate is None and node.on is None for node in guarded)

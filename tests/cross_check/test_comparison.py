@@ -285,18 +285,18 @@ def test_participants_of_one_name_are_told_apart() -> None:
 @pytest.mark.parametrize(
     ("statuses", "expected", "strict"),
     [
-        ([Status.BASELINE, Status.PROVED, Status.TESTED], 0, 0),
-        ([Status.BASELINE, Status.DIFFERS], 1, 1),
-        ([Status.BASELINE, Status.PROVED, Status.NOT_EXPRESSIBLE], 0, 2),
-        ([Status.BASELINE, Status.PROVED, Status.TOO_LARGE], 0, 2),
-        ([Status.BASELINE, Status.PROVED, Status.TIMEOUT], 0, 2),
-        ([Status.BASELINE, Status.TIMEOUT], 2, 2),
-        ([Status.BASELINE], 2, 2),
-        ([Status.DIFFERS, Status.TOOL_MISSING], 2, 2),
-        ([Status.DIFFERS, Status.COULD_NOT_RUN], 2, 2),
+        ("baseline, proved, tested", 0, 0),
+        ("baseline, differs", 1, 1),
+        ("baseline, proved, not expressible", 0, 2),
+        ("baseline, proved, too large", 0, 2),
+        ("baseline, proved, timeout", 0, 2),
+        ("baseline, timeout", 2, 2),
+        ("baseline", 2, 2),
+        ("differs, tool missing", 2, 2),
+        ("differs, could not run", 2, 2),
     ],
 )
-def test_exit_status(statuses: list[Status], expected: int, strict: int) -> None:
-    results = [Result(JOB, str(status), status) for status in statuses]
+def test_exit_status(statuses: str, expected: int, strict: int) -> None:
+    results = [Result(JOB, status, Status(status)) for status in statuses.split(", ")]
     assert exit_status(results) == expected
     assert exit_status(results, failing=(Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)) == strict

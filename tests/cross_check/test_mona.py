@@ -29,8 +29,6 @@ needs_mona = pytest.mark.skipif(
     find_spec("ltlf2dfa") is None or shutil.which("mona") is None, reason="ltlf2dfa or mona is not installed"
 )
 
-T, F, Q = Verdict.TRUE, Verdict.FALSE, Verdict.UNKNOWN
-
 
 def by_mona(text: str) -> Monitor:
     return backend("ltlf").read_with("mona", text)
@@ -44,37 +42,38 @@ def word(letters: str) -> list[Json]:
 HEADER = "/* rvaft\natom a := { a: _ }\natom b := { b: _ }\natom p0 := { x: _ }\natom p1 := { X: _ }\natom x := { p0: _ }\n*/\n"
 
 
+FORMULAS = """
+1 | . | ⊤
+0 | . | ⊥
+a | a . | ⊤⊤
+a & !a | a | ⊥
+F a | . . a . | ??⊤⊤
+G a | a a b a | ??⊥⊥
+X[!] a | b a | ?⊤
+X[!] a | a b | ?⊥
+X a | b a | ?⊤
+X a | b b | ?⊥
+X[!] 1 | . . | ?⊤
+!X[!] 1 | . . | ?⊥
+!F(a & !X[!] 1) | a b | ??
+a U b | a a ab . | ??⊤⊤
+a U b | a . b | ?⊥⊥
+F(a & X[!] F b) | b a ab | ??⊤
+F a & F b | ab | ⊤
+a xor b | ab | ⊥
+b R a | a ab . | ?⊤⊤
+b W a | b ab | ?⊤
+b M a | a a b | ??⊥
+p1 & X[!](p0 & X[!] x) | X x p0 | ??⊤
+"""  # the last has names that differ in case only
+
+
 @needs_mona
-@pytest.mark.parametrize(
-    ("formula", "letters", "verdicts"),
-    [
-        ("1", ".", [T]),
-        ("0", ".", [F]),
-        ("a", "a .", [T, T]),
-        ("a & !a", "a", [F]),
-        ("F a", ". . a .", [Q, Q, T, T]),
-        ("G a", "a a b a", [Q, Q, F, F]),
-        ("X[!] a", "b a", [Q, T]),
-        ("X[!] a", "a b", [Q, F]),
-        ("X a", "b a", [Q, T]),
-        ("X a", "b b", [Q, F]),
-        ("X[!] 1", ". .", [Q, T]),
-        ("!X[!] 1", ". .", [Q, F]),
-        ("!F(a & !X[!] 1)", "a b", [Q, Q]),
-        ("a U b", "a a ab .", [Q, Q, T, T]),
-        ("a U b", "a . b", [Q, F, F]),
-        ("F(a & X[!] F b)", "b a ab", [Q, Q, T]),
-        ("F a & F b", "ab", [T]),
-        ("a xor b", "ab", [F]),
-        ("b R a", "a ab .", [Q, T, T]),
-        ("b W a", "b ab", [Q, T]),
-        ("b M a", "a a b", [Q, Q, F]),
-        ("p1 & X[!](p0 & X[!] x)", "X x p0", [Q, Q, T]),  # names that differ in case only
-    ],
-)
-def test_verdicts_of_formulas(formula: str, letters: str, verdicts: list[Verdict]) -> None:
-    assert list(by_mona(HEADER + formula).run(word(letters))) == verdicts
-    assert list(backend("ltlf").read(HEADER + formula).run(word(letters))) == verdicts
+@pytest.mark.parametrize("row", FORMULAS.strip().splitlines())
+def test_verdicts_of_formulas(row: str) -> None:
+    formula, letters, verdicts = row.split(" | ")
+    for monitor in (by_mona(HEADER + formula), backend("ltlf").read(HEADER + formula)):
+        assert "".join(verdict.symbol for verdict in monitor.run(word(letters))) == verdicts
 
 
 @needs_mona
@@ -107,7 +106,7 @@ def test_monitors_of_one_text_share_their_states_and_do_not_feel_each_other() ->
     other.step({"event": "noise"})
     other.step({"event": "a"})
     assert one.state == other.state
-    assert (one.step({"event": "b"}), other.step({"event": "a"})) == (T, F)
+    assert (one.step({"event": "b"}), other.step({"event": "a"})) == (Verdict.TRUE, Verdict.FALSE)
 
 
 def test_variables_are_not_expressible() -> None:
@@ -162,26 +161,20 @@ def test_without_ltlf2dfa(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @needs_ltlf2dfa
 @pytest.mark.parametrize(
-    ("script", "reason"),
+    ("script", "error", "reason"),
     [
-        ("echo; echo 'Out of memory' >&2; exit 3", "mona failed: Out of memory"),
-        ("exit 4", "mona failed: exit status 4"),
-        ("echo fine", "mona failed: it printed no automaton"),
+        ("echo; echo 'Out of memory' >&2; exit 3", ToolFailed, "mona failed: Out of memory"),
+        ("exit 4", ToolFailed, "mona failed: exit status 4"),
+        ("echo fine", ToolFailed, "mona failed: it printed no automaton"),
+        ("exec sleep 60", TooLarge, "more seconds"),
     ],
 )
-def test_a_mona_that_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, script: str, reason: str) -> None:
+def test_a_mona_that_fails_or_comes_to_no_end(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, script: str, error: type[Exception], reason: str
+) -> None:
     (tmp_path / "mona").write_text(f"#!/bin/sh\n{script}\n")
     (tmp_path / "mona").chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    with pytest.raises(ToolFailed, match=reason):
+    monkeypatch.setattr("backends.ltlf.mona.SECONDS", 1 if error is TooLarge else 30)
+    with pytest.raises(error, match=reason):
         by_mona(f"a & failing_{len(script)}")
-
-
-@needs_ltlf2dfa
-def test_a_mona_that_comes_to_no_end(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "mona").write_text("#!/bin/sh\nexec sleep 60\n")
-    (tmp_path / "mona").chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    monkeypatch.setattr("backends.ltlf.mona.SECONDS", 1)
-    with pytest.raises(TooLarge, match="more seconds"):
-        by_mona("a & endless")

@@ -1,8 +1,8 @@
 """The scenario space against the reference's enumeration, on random trees with shared nodes, guards and every gate."""
 
-from functools import cache
 from itertools import combinations, islice, product
 from random import Random
+from typing import TypeAlias
 
 import pytest
 
@@ -24,12 +24,12 @@ from rvaft.support.budget import Budget, Undecided
 
 from .random_trees import random_tree
 
-SEEDS = range(6)
+Sample: TypeAlias = list[tuple[Random, RVAFT, list[Scenario]]]
 
 
-@cache
-def sample(seed: int) -> list[tuple[Random, RVAFT, list[Scenario]]]:
-    random = Random(seed)
+@pytest.fixture(scope="module", params=range(4))
+def sample(request: pytest.FixtureRequest) -> Sample:
+    random = Random(request.param)
     return [(random, tree, scenarios(tree)) for tree in (random_tree(random) for _ in range(100))]
 
 
@@ -38,9 +38,8 @@ def is_dead(scenario: Scenario) -> bool:
     return not all(holds(guard, {}) for guard in guards)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_precedence(seed: int) -> None:
-    for _, tree, every in sample(seed):
+def test_precedence(sample: Sample) -> None:
+    for _, tree, every in sample:
         for scenario in every[:15]:
             graph = precedence(tree, scenario.kept)
             before = scenario.before
@@ -49,9 +48,8 @@ def test_precedence(seed: int) -> None:
                 assert one == other or bool(path(graph, one, other)) == (one in before[other])
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_one_by_one(seed: int) -> None:
-    for _, tree, every in sample(seed):
+def test_one_by_one(sample: Sample) -> None:
+    for _, tree, every in sample:
         found = [frozenset(kept.items()) for kept in resolutions(tree, limit=10_000)]
         assert len(set(found)) == len(found) <= most_scenarios(tree)
         assert set(found) == {frozenset(scenario.kept.items()) for scenario in every if not is_dead(scenario)}
@@ -64,9 +62,8 @@ def test_one_by_one(seed: int) -> None:
                 list(resolutions(tree, limit=len(found) - 1))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_what_may_be_together(seed: int) -> None:
-    for random, tree, every in sample(seed):
+def test_what_may_be_together(sample: Sample) -> None:
+    for random, tree, every in sample:
         banned = frozenset(random.sample(tree.order, random.randint(0, 1)))
         edges = [(parent, child) for parent in tree.order for child in tree.nodes[parent].children]
         without = frozenset(random.sample(edges, random.randint(0, 1)))
@@ -86,9 +83,8 @@ def test_what_may_be_together(seed: int) -> None:
             assert kept is None or kept in fitting
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_feasible_scenarios(seed: int) -> None:
-    for random, tree, _ in sample(seed):
+def test_feasible_scenarios(sample: Sample) -> None:
+    for random, tree, _ in sample:
         space, every = ScenarioSpace(tree), feasible_scenarios(tree)
         assert space.is_empty == (not every)
         for one, other in islice(combinations(tree.occurrences, 2), 8):
@@ -105,9 +101,8 @@ def test_feasible_scenarios(seed: int) -> None:
             assert kept is None if not lacking else kept in lacking
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_what_every_scenario_has(seed: int) -> None:
-    for random, tree, every in sample(seed):
+def test_what_every_scenario_has(sample: Sample) -> None:
+    for random, tree, every in sample:
         marks = {name: 1 << number for number, name in enumerate(random.sample(tree.order, min(3, len(tree.order))))}
         for name, found in inevitable(tree, marks, 7).items():
             having = [s.kept for s in every if name in s.kept]
@@ -115,9 +110,8 @@ def test_what_every_scenario_has(seed: int) -> None:
                 assert bool(found & bit) == all(mark in kept for kept in having)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_fewest_events(seed: int) -> None:
-    for random, tree, every in sample(seed):
+def test_fewest_events(sample: Sample) -> None:
+    for random, tree, every in sample:
         fewest = min(len(scenario.occurrences) for scenario in every)
         least = fewest_events(tree.bottom_up())[tree.root].events
         assert least >= fewest
@@ -130,8 +124,8 @@ def test_fewest_events(seed: int) -> None:
             assert (None if found is None else found.events) == (min(left) if left else None)
 
 
-def test_a_spent_budget_is_told() -> None:
-    for _, tree, _ in sample(0):
+def test_a_spent_budget_is_told(sample: Sample) -> None:
+    for _, tree, _ in sample:
         space = ScenarioSpace(tree, limit=0)
         if tree.shared and not space.acyclic:
             with pytest.raises(Undecided):

@@ -7,6 +7,8 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
+from math import inf
 from typing import Any, ClassVar
 
 import pytest
@@ -59,23 +61,13 @@ def test_cells_are_in_order_and_the_languages_all_but_second_forms_the_unfaithfu
     assert default_languages() == ("automaton", "ltlf", "rml", "rml-paper")
 
 
-@pytest.mark.parametrize(
-    ("subjects", "semantics", "languages", "message"),
-    [
-        ([], [STRICT], ["rml"], "nothing to compare"),
-        ([SUBJECTS["or 1"]], [], ["rml"], "nothing to compare"),
-        ([SUBJECTS["or 1"]], [STRICT], [], "nothing to compare"),
-        (
-            [SUBJECTS["and 2"], Subject("and 2", SUBJECTS["or 2"].tree)],
-            [STRICT],
-            ["rml"],
-            r"2 trees are called and 2: .* as \./and 2",
-        ),
-    ],
-)
-def test_what_is_refused(subjects: Any, semantics: Any, languages: Any, message: str) -> None:
-    with pytest.raises(OptionError, match=message):
-        cells_of(subjects, semantics, languages)
+def test_what_is_refused() -> None:
+    some, twice = [SUBJECTS["or 1"]], [SUBJECTS["and 2"], Subject("and 2", SUBJECTS["or 2"].tree)]
+    for subjects, semantics, languages in (([], [STRICT], ["rml"]), (some, [], ["rml"]), (some, [STRICT], [])):
+        with pytest.raises(OptionError, match="nothing to compare"):
+            cells_of(subjects, semantics, languages)
+    with pytest.raises(OptionError, match=r"2 trees are called and 2: .* as \./and 2"):
+        cells_of(twice, [STRICT], ["rml"])
 
 
 @pytest.mark.parametrize("semantics", Semantics)
@@ -132,19 +124,13 @@ class Odd(Backend):
         return found
 
 
-def endless(*_text: str) -> None:
-    while True:
-        pass
-
-
-def busy(*_text: str) -> None:
-    end = time.thread_time() + 0.4
+def spin(seconds: float, *_text: object, **_options: object) -> None:
+    end = time.thread_time() + seconds
     while time.thread_time() < end:
         pass
 
 
-def waiting() -> None:
-    time.sleep(60)
+endless, busy, waiting = partial(spin, inf), partial(spin, 0.4), partial(time.sleep, 60)
 
 
 def greedy(*_text: str) -> None:
@@ -217,9 +203,7 @@ def test_what_a_language_cannot_say_what_is_larger_than_the_limit_and_who_is_not
 
 def test_events_are_not_found_at_the_expense_of_a_language(monkeypatch: pytest.MonkeyPatch) -> None:
     def slow(*arguments: Any, **options: Any) -> Any:
-        end = time.thread_time() + 0.6
-        while time.thread_time() < end:
-            pass
+        spin(0.6)
         return walks(*arguments, **options)
 
     monkeypatch.setattr(measurement, "walks", slow)
@@ -228,7 +212,7 @@ def test_events_are_not_found_at_the_expense_of_a_language(monkeypatch: pytest.M
 
 
 def test_a_tree_that_is_too_much_for_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(measurement, "walks", lambda *_arguments, **_options: endless())
+    monkeypatch.setattr(measurement, "walks", endless)
     monkeypatch.setattr(measurement, "WALKING", 0.05)
     row = one("and 1", STRICT, "rml")
     assert (row.run, row.walks, row.events, row.events_per_second) == (Outcome.OK, 0, 0, None)
@@ -275,9 +259,7 @@ class Slow(Monitor):
     met: ClassVar[set[str]] = set()
 
     def _advance(self, event: Json) -> Verdict:
-        end = time.thread_time() + (0.002 if str(event) not in self.met else 0)
-        while time.thread_time() < end:
-            pass
+        spin(0.002 if str(event) not in self.met else 0)
         self.met.add(str(event))
         return Verdict.TRUE
 

@@ -101,7 +101,7 @@ def is_edit(kind: Disturbance, tree: RVAFT, before: list[Json], after: list[Json
 @pytest.mark.parametrize("kind", Disturbance)
 def test_each_kind_is_one_edit_of_that_kind(kind: Disturbance) -> None:
     seen = set()
-    for seed in range(100):
+    for seed in range(60):
         before = deepcopy(TRACE)
         after = disturbed_by(kind, Random(seed), before, TREE)
         assert after is not None

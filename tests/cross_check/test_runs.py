@@ -1,10 +1,16 @@
-"""Many comparisons: one order, whatever the number of processes, and nothing lost when one dies."""
+"""Many comparisons: one order, whatever the number of processes, nothing lost when one dies; and `fork`, on which they stand."""
 
 import os
 from dataclasses import dataclass, replace
+from random import Random
+
+import pytest
 
 from cross_check.campaign import Task, campaign, catalogue, run
 from cross_check.comparison import Roster
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import random_tree
+from cross_check.participants import Absent, Participant
 from cross_check.results import Job, Result, Status
 from cross_check.traces import Effort
 from rvaft import loads
@@ -67,3 +73,30 @@ def test_the_bound_on_scenarios_is_their_number_in_a_tree_without_sharing() -> N
     for text in ("r or a b c;", "r 2of4 a b c d;", "r and p q; p or a b; q 2of3 c d e;", "r 1of2 p c; p or a b;"):
         tree = loads(f"toplevel r; {text}")
         assert most_scenarios(tree) == len(list(scenarios(tree)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_fork_goes_on_alone(seed: int) -> None:
+    """Two monitors that have read the same events know nothing of each other."""
+    random = Random(seed)
+    tree = random_tree(random)
+    semantics = list(Semantics)[seed % 3]
+    for _, enlist in Roster().candidates(tree, Job("tree", semantics)):
+        participant = enlist()
+        if isinstance(participant, Absent):
+            continue
+        assert isinstance(participant, Participant)
+        for _ in range(4):
+            first, second, third = (random_trace(random, tree, max_length=5) for _ in range(3))
+            monitor = participant.start()
+            list(monitor.run(first))
+            twin, late = monitor.fork(), monitor.fork()
+            assert type(twin) is type(monitor)
+            said = [*twin.run(second)], [*monitor.run(third)], [*late.run(second)]
+            fresh = [participant.start() for _ in range(2)]
+            for one in fresh:
+                list(one.run(first))
+            assert said[0] == said[2] == [*fresh[0].run(second)]
+            assert said[1] == [*fresh[1].run(third)]
+            assert twin.state == late.state == fresh[0].state
+            assert monitor.state == fresh[1].state

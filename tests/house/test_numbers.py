@@ -10,12 +10,9 @@ SLACK = 0.9
 """A number below this part of its bar asks for a lower bar."""
 
 
-def test_every_number_has_a_bar() -> None:
-    assert BARS.keys() == NUMBERS.keys(), "run python -m tests.house"
-
-
-@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("name", sorted(NUMBERS.keys() | BARS.keys()))
 def test_a_number_keeps_below_its_bar(name: str) -> None:
+    assert name in NUMBERS.keys() & BARS.keys(), "run python -m tests.house"
     assert NUMBERS[name] <= BARS[name], f"{name}: {NUMBERS[name]:,}, and at most {BARS[name]:,}"
     low = NUMBERS[name] < SLACK * BARS[name] - 1
     assert not low, f"{name}: only {NUMBERS[name]:,}; lower the bar of {BARS[name]:,}: python -m tests.house"

@@ -3,7 +3,8 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -77,6 +78,14 @@ def written(path: Path, text: str) -> Path:
 def lines(events: list[dict[str, Any]]) -> str:
     """Events as JSON Lines."""
     return "".join(json.dumps(event) + "\n" for event in events)
+
+
+def soon(what: Callable[[], bool]) -> bool:
+    """Whether something comes true within the next seconds."""
+    until = time.monotonic() + 20
+    while not what() and time.monotonic() < until:
+        time.sleep(0.02)
+    return what()
 
 
 def row1() -> list[dict[str, Any]]:

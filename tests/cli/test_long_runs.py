@@ -4,20 +4,11 @@ import json
 import shutil
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.cli.runs import LOGS, PRUNED, ROW1, SAND, TREES, failed, lines, row1, run, started, written
-
-
-def until(condition: Callable[[], bool]) -> None:
-    """Wait until something is the case, though not for ever."""
-    end = time.monotonic() + 30
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.02)
-
+from tests.cli.runs import LOGS, PRUNED, ROW1, SAND, TREES, failed, lines, row1, run, soon, started, written
 
 # -- order ------------------------------------------------------------------------------------------------------------
 
@@ -111,7 +102,7 @@ def test_a_run_that_was_killed_goes_on_with_the_same_verdicts(option: str, tmp_p
         written(part, lines(events[:size]))
         words = ["monitor", PRUNED, part, "--follow", "--checkpoint", state, "--checkpoint-every", 7, *options]
         with started(*words):
-            until(lambda size=size: kept_events(state) >= size - 20)  # type: ignore[misc]
+            soon(lambda size=size: kept_events(state) >= size - 20)  # type: ignore[misc]
         assert size - 20 <= kept_events(state) <= size
     resumed = run("monitor", PRUNED, log, "--checkpoint", state, *options)
     said = changes(resumed.stdout)
@@ -152,7 +143,7 @@ def test_what_a_run_that_was_killed_has_told_is_told_as_such(tmp_path: Path) -> 
     words = ["monitor", PRUNED, log, "--checkpoint", state]
     with started(*words, "--follow") as running:
         assert running.stdout.readline() == "event 4: true\n"
-        until((tmp_path / ".state.told").exists)
+        soon((tmp_path / ".state.told").exists)
     kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert run(*words).stdout.splitlines()[0] == "event 4: true (told before)"
     for form in ([], ["--detections"]):
@@ -183,7 +174,7 @@ def test_what_waits_for_its_turn_belongs_in_the_checkpoint(options: list[str], e
         assert run(*words).exit_code == 0
     else:
         with started(*words, "--follow"):
-            until(lambda: kept_events(state) >= 10)
+            soon(lambda: kept_events(state) >= 10)
     written(log, lines(events))
     went_on = run(*words)
     said = went_on.stdout.splitlines()

@@ -5,8 +5,6 @@ import os
 import shlex
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ import rvaft
 from rvaft.model.nodes import Kind
 from rvaft.monitoring import detection as module
 from rvaft.monitoring.detection import Hooks, detection
+from tests.cli.runs import soon
 
 TREE = rvaft.loads(
     "event e(v) = { v: v }; top or x y; x sand a b; a fault on e(V); b on e(W) when W > V; y attack on e(_);"
@@ -95,14 +94,6 @@ def test_a_monitor_without_standard_error() -> None:
     words = shlex.join([sys.executable, "-c", program])
     done = subprocess.run(["/bin/sh", "-c", f"{words} 2>&-"], capture_output=True, check=False)
     assert (done.returncode, done.stdout) == (0, b"")
-
-
-def soon(what: Callable[[], bool]) -> bool:
-    """Whether something comes true within the next seconds."""
-    until = time.monotonic() + 20
-    while not what() and time.monotonic() < until:
-        time.sleep(0.02)
-    return what()
 
 
 def gone(pid: str) -> bool:

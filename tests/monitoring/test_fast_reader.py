@@ -19,7 +19,7 @@ from rvaft.model.patterns import ObjectPattern, match
 from rvaft.monitoring import fast_reader, reader
 from rvaft.monitoring.fast_reader import FastReader
 from rvaft.monitoring.near_misses import EventTypeIndex, Statistics
-from rvaft.monitoring.reader import MAX_DIGITS, read
+from rvaft.monitoring.reader import read
 from rvaft.support.files import opened
 from tests.tables import rows, spelled
 
@@ -212,20 +212,9 @@ def test_trees_that_are_left_to_the_other_way() -> None:
 # -- where reading quickly takes something for granted ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("known", "odd"),
-    [
-        (b'{"topic":"t","value":1,"x":2}', b'{"topic":"t","value":1,"x":' + b"9" * (MAX_DIGITS + 1) + b"}"),
-        ('{"topic":"t","value":1,"x":"é"}'.encode(), b'{"topic":"t","value":1,"x":"\xc31\xa9"}'),
-        (b'{"topic":"t","value":1,"x":"\\n"}', b'{"topic":"t","value":1,"x":"\\1n"}'),
-        (b'{"topic":"t","value":1,"x":"\\\\"}', b'{"topic":"t","value":1,"x":"\\1\\"}'),
-        (b'{"topic":"t","value":1,"x":true}', b'{"topic":"t","value":1,"x":tru}'),
-        (b'{"topic":"t","value":1,"x":[1,2]}', b'{"topic":"t","value":1,"x":[1,]}'),
-        (b'{"topic":"t","value":1}', b'{"topic":"t","value":1}5'),
-        (b'{"topic":"t","value":1}', b'{"topic":"t","value":1e999}'),
-    ],
-)
-def test_the_skeleton_of_a_good_line(known: bytes, odd: bytes) -> None:
+@pytest.mark.parametrize("row", rows(__file__, "skeletons.txt"))
+def test_the_skeleton_of_a_good_line(row: list[Any]) -> None:
+    known, odd = map(spelled, row)
     held = same(TREES["one"], b"\n".join([*[known] * 40, odd, known]), size=200)
     assert len(held.events) == 40
     assert str(held.error).startswith("log:41: ")

@@ -18,7 +18,7 @@ from contextlib import closing, contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache, cached_property, partial
+from functools import cache, cached_property, lru_cache, partial
 from importlib.metadata import version
 from itertools import product
 from multiprocessing.connection import Connection
@@ -43,26 +43,17 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.processes import Killed, in_processes
 
-MAX_ARITY: Final = 12
-"""The most children of a gate, unless more are asked for."""
-ROUNDS: Final = 5
-"""How often whatever is timed is done, at most."""
-PATIENCE: Final = 0.4
-"""Seconds after which it is not done again."""
-READERS: Final = 12
-"""How many readers that know nothing run a walk each, at most."""
-WALKING: Final = 30.0
-"""Seconds for finding the events of a tree; they are the engine's, and no language pays for them."""
+MAX_ARITY: Final = 12  # the most children of a gate, unless more are asked for
+ROUNDS: Final = 5  # how often whatever is timed is done, at most
+PATIENCE: Final = 0.4  # seconds after which it is not done again
+READERS: Final = 12  # how many readers that know nothing run a walk each, at most
+WALKING: Final = 30.0  # seconds for finding the events of a tree; they are the engine's, and no language pays for them
 SLACK: Final = 10
 """How much longer than of the processor something may take by the clock, for each of the processes that share the machine."""
-GRACE: Final = 5.0
-"""Seconds by the clock that a process may take beside."""
-SIZES: Final = ("symbols", "subformulas", "states", "edges")
-"""What is counted of a text."""
-EVENTS: Final = 240
-"""Events of all walks together; the last walk ends with them."""
-LONGEST: Final = 60
-"""Events after which a walk ends without a verdict."""
+GRACE: Final = 5.0  # seconds by the clock that a process may take beside
+SIZES: Final = ("symbols", "subformulas", "states", "edges")  # what is counted of a text
+EVENTS: Final = 240  # events of all walks together; the last walk ends with them
+LONGEST: Final = 60  # events after which a walk ends without a verdict
 _FORK: Final = 0.01  # seconds that a reader in a process of its own takes beside reading, about
 _NOISE: Final = 0.1  # how often an event fits nothing
 _DOOMED: Final = 4  # one walk of so many is led to where no hope is left
@@ -149,11 +140,6 @@ class Outcome(StrEnum):
     TOOL_MISSING = "tool missing"
     FAILED = "could not run"
 
-    @property
-    def broken(self) -> bool:
-        """Whether it says nothing about the language, only about what is installed here."""
-        return self in (Outcome.TOOL_MISSING, Outcome.FAILED)
-
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -214,12 +200,17 @@ class Measurement(msgspec.Struct, frozen=True):
 
     def serves(self, wanted: "Measurement") -> bool:
         """Whether this answers for another of the same key: nothing was missing, neither tools nor what the other has more of."""
-        ends = (self.result, self.run)
-        if self.key != wanted.key or self.ended is None or any(end is not None and end.broken for end in ends):
+        if self.key != wanted.key or self.ended is None or self.broken:
             return False
+        ends = (self.result, self.run)
         late = Outcome.TIMEOUT in ends and self.timeout < wanted.timeout
         large = Outcome.TOO_LARGE in ends and (self.memory or 0) < (wanted.memory or 0)
         return not (late or large)
+
+    @property
+    def broken(self) -> bool:
+        """Whether it says nothing about the language, only about what is installed here."""
+        return any(end in (Outcome.TOOL_MISSING, Outcome.FAILED) for end in (self.result, self.run))
 
     @property
     def ended(self) -> Outcome | None:
@@ -260,18 +251,19 @@ def measured(
     for language, semantics in dict.fromkeys((cell.language, cell.semantics) for cell in cells):
         _warm_up(language, semantics)  # imports all that is needed, and translates the text that every fork begins with
     clock = SLACK * jobs * settings.timeout + GRACE
-    trodden: dict[tuple[str, Semantics], tuple[Walk, ...]] = {}  # all languages of a tree run the same
+
+    @lru_cache(maxsize=1)
+    def trodden(tree: RVAFT, semantics: Semantics) -> tuple[Walk, ...]:
+        """All languages of a tree run the same."""
+        with suppress(_Unmeasurable):
+            work = partial(walks, tree, semantics, settings.seed, seconds=WALKING)
+            found: tuple[Walk, ...] = _isolated(work, 2 * WALKING, clock, settings)[0]
+            return found
+        return ()
 
     def measure(cell: Cell) -> Measurement:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # told to stop, it ends its own processes first
-        key = (cell.subject.digest, cell.semantics)
-        if key not in trodden:
-            trodden.clear()
-            trodden[key] = ()
-            find = partial(walks, cell.subject.tree, cell.semantics, settings.seed, seconds=WALKING)
-            with suppress(_Unmeasurable):
-                trodden[key] = _isolated(find, 2 * WALKING, clock, settings)[0]
-        return _measured(cell, settings, clock, trodden[key])
+        return _measured(cell, settings, clock, trodden(cell.subject.tree, cell.semantics))
 
     with closing(in_processes(measure, cells, jobs=jobs)) as running:
         for cell, found in running:
@@ -416,10 +408,9 @@ _Ran: TypeAlias = tuple[float, list[tuple[int, float]], int]
 """The seconds to read a text, the events and seconds of each walk up to its final verdict, and how many walks got other verdicts."""
 
 
-def _ran(cell: Cell, text: str, trodden: Sequence["Walk"], *, warm: bool = True) -> _Ran:
+def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> _Ran:
     """Read the text and run the walks, each from the start; what a reader remembers of one helps it in the next."""
-    if warm:
-        _warm_up(cell.language, cell.semantics)
+    _warm_up(cell.language, cell.semantics)
     start = thread_time()
     reader = backend(cell.language).read(text)
     reading, runs, differing = thread_time() - start, [], 0
@@ -441,7 +432,7 @@ def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[_Ran, 
     first = _ran(cell, text, trodden)
     times = [sum(seconds for _, seconds in first[1])]
     while len(times) < 2 or (len(times) < ROUNDS and sum(times) < PATIENCE):
-        times.append(sum(seconds for _, seconds in _ran(cell, text, trodden, warm=False)[1]))
+        times.append(sum(seconds for _, seconds in _ran(cell, text, trodden)[1]))
     return first, median(times[1:])
 
 

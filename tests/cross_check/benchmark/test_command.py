@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from cross_check.benchmark import Cell, Measurement, Outcome, Settings, measured, measurement
+from cross_check.benchmark import measurement
+from cross_check.benchmark.measurement import Cell, Measurement, Outcome, Settings, measured
 from cross_check.benchmark.tables import COLUMNS, read_rows
 from rvaft.cli import compare
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run

@@ -15,7 +15,11 @@ import pytest
 
 import rvaft
 from backends.rml.reader.monitor import RmlMonitor, rules
-from cross_check.benchmark import (
+from cross_check.benchmark import measurement
+from cross_check.benchmark.measurement import (
+    EVENTS,
+    LONGEST,
+    READERS,
     Cell,
     Measurement,
     Outcome,
@@ -25,9 +29,8 @@ from cross_check.benchmark import (
     default_languages,
     gate_subjects,
     measured,
-    measurement,
+    walks,
 )
-from cross_check.benchmark.measurement import EVENTS, LONGEST, READERS, walks
 from rvaft import backend as registry
 from rvaft.backend import Backend, Metrics, Specification, backend
 from rvaft.engine import Engine

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cross_check.benchmark import Measurement, Outcome
+from cross_check.benchmark.measurement import Measurement, Outcome
 from cross_check.benchmark.plots import figures, plots
 from cross_check.benchmark.tables import COLUMNS, Width, csv_text, latex_text, read_rows
 from rvaft.errors import LanguageError

@@ -42,12 +42,13 @@ def regated(old: Gate, new: Gate, *, threshold: int | None = None) -> Mistake:
 
 def thresholds(change: int) -> Mistake:
     """The mistake that K is another number, where a vote can have it."""
-
-    def changed(node: Node) -> Mapping[str, Any] | None:
-        wrong = (node.threshold or 0) + change
-        return {"threshold": wrong} if node.gate is Gate.VOT and 1 <= wrong <= len(node.children) else None
-
-    return each(changed)
+    return each(
+        lambda node: (
+            {"threshold": wrong}
+            if node.threshold is not None and 1 <= (wrong := node.threshold + change) <= len(node.children)
+            else None
+        )
+    )
 
 
 def exactly(tree: RVAFT) -> RVAFT:
@@ -69,12 +70,13 @@ def exactly(tree: RVAFT) -> RVAFT:
 
 def without_last(*gates: Gate) -> Mistake:
     """The mistake that the last child of such gates is not there."""
-
-    def changed(node: Node) -> Mapping[str, Any] | None:
-        spare = node.gate in gates and len(node.children) > max(1, node.threshold or 0)
-        return {"children": node.children[:-1]} if spare else None
-
-    return each(changed)
+    return each(
+        lambda node: (
+            {"children": node.children[:-1]}
+            if node.gate in gates and len(node.children) > max(1, node.threshold or 0)
+            else None
+        )
+    )
 
 
 def order_of_events_alone(tree: RVAFT) -> RVAFT:
@@ -125,19 +127,8 @@ def turned(tree: RVAFT) -> RVAFT:
     return rebuilt(tree, causality=other) if any(node.children and node.on for node in tree.top_down()) else tree
 
 
-def guards(change: Callable[[Guard], Guard]) -> Mistake:
-    """The mistake that every guard, also of an `ignore`, is another one."""
-
-    def wrong(tree: RVAFT) -> RVAFT:
-        nodes = (replace(node, when=change(node.when)) if node.when else node for node in tree.nodes.values())
-        ignores = [replace(one, when=change(one.when)) if one.when else one for one in tree.ignores]
-        return rebuilt(tree, nodes, ignores=ignores)
-
-    return wrong
-
-
 def operators(by: Mapping[Operator, Operator | None]) -> Mistake:
-    """The mistake that guards have other operators, or for None the first operand alone."""
+    """The mistake that guards, also those of an `ignore`, have other operators, or for None the first operand alone."""
 
     def changed(guard: Guard) -> Guard:
         if not isinstance(guard, Operation):
@@ -145,7 +136,11 @@ def operators(by: Mapping[Operator, Operator | None]) -> Mistake:
         other = by.get(guard.operator, guard.operator)
         return changed(guard.operands[0]) if other is None else Operation(other, tuple(map(changed, guard.operands)))
 
-    return guards(changed)
+    def wrong(tree: RVAFT) -> RVAFT:
+        nodes = (replace(node, when=node.when and changed(node.when)) for node in tree.nodes.values())
+        return rebuilt(tree, nodes, ignores=[replace(one, when=one.when and changed(one.when)) for one in tree.ignores])
+
+    return wrong
 
 
 def unguarded(which: Callable[[Node], bool]) -> Mistake:
@@ -166,11 +161,6 @@ def arguments(change: Callable[[Any], Any]) -> Mistake:
 def literals(change: Callable[[Any], Any]) -> Mistake:
     """The mistake that the values events are asked for are others."""
     return arguments(lambda one: Literal(change(one.value)) if isinstance(one, Literal) else one)
-
-
-def as_text(value: Any) -> Any:
-    """A number written as a text."""
-    return str(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else value
 
 
 def unshared(tree: RVAFT) -> RVAFT:
@@ -255,7 +245,9 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     "the first of two conditions alone": operators({Operator.AND: None}),
     "the first term of a sum alone": operators({Operator.ADD: None}),
     # values
-    'the number 1 as the text "1"': literals(as_text),
+    'the number 1 as the text "1"': literals(
+        lambda value: str(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else value
+    ),
     'the text "1" as the number 1': literals(lambda value: int(value) if value == "1" else value),
     "true as 1": literals(lambda value: 1 if value is True else value),
     "literals not looked at": arguments(lambda one: Anything() if isinstance(one, Literal) else one),

@@ -1,6 +1,7 @@
 """What people are told when a text is not in the language: where, what, and how to mend it; and nothing else ever comes out."""
 
 import contextlib
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
@@ -54,17 +55,22 @@ def test_the_caret_stands_below_the_slip() -> None:
         assert "\x1b" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("text", "column", "message"), [("X >", 4, "expected a value"), ("x", 1, "is no variable")])
-def test_guards_alone(text: str, column: int, message: str) -> None:
+@pytest.mark.parametrize(
+    ("parse_one", "text", "column", "message"),
+    [
+        (parse_guard, "X >", 4, "expected a value"),
+        (parse_guard, "x", 1, "is no variable"),
+        *(
+            (parse_pattern, text, column, None)
+            for text, column in (("{ a: }", 6), ("", 1), ("[1, 2", 6), ("{a: 1} b", 8))
+        ),
+    ],
+)
+def test_guards_and_patterns_alone(
+    parse_one: Callable[[str], object], text: str, column: int, message: str | None
+) -> None:
     with pytest.raises(LanguageError, match=message) as caught:
-        parse_guard(text)
-    assert (caught.value.line, caught.value.column) == (1, column)
-
-
-@pytest.mark.parametrize(("text", "column"), [("{ a: }", 6), ("", 1), ("[1, 2", 6), ("{a: 1} b", 8)])
-def test_patterns_alone(text: str, column: int) -> None:
-    with pytest.raises(LanguageError) as caught:
-        parse_pattern(text)
+        parse_one(text)
     assert (caught.value.line, caught.value.column) == (1, column)
 
 

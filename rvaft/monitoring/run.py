@@ -340,7 +340,7 @@ class TraceRun:
         self.ordering = None if plan.order_by is None else Ordering(plan.order_by, window=plan.window)
         self.clock = Backwards(TIME) if plan.order_by is None else None
         self.number = self.detected = 0
-        self.ended = False
+        self.begun = self.ended = False
         self.watch = MonitoredTrace(trace, plan.monitors.fork(), buffer=buffer)
         """What is watched; with a key what is copied for each value of it."""
         self._without_key = self._first_without_key = 0
@@ -353,6 +353,7 @@ class TraceRun:
 
     def begin(self) -> None:
         """The trace begins, or goes on."""
+        self.begun = True
         for watch in self.watches:
             for listener in self.listeners:
                 listener.begin(watch)
@@ -504,8 +505,8 @@ class TraceRun:
                 listener.end(watch)
 
     def stop(self) -> None:
-        """The trace cannot be read further."""
-        for watch in self.watches:
+        """The trace cannot be read further; where it never began, nobody is told."""
+        for watch in self.watches if self.begun else ():
             for listener in self.listeners:
                 listener.stop(watch)
 

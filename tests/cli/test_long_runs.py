@@ -129,6 +129,7 @@ def test_errors_after_a_restart_name_the_line_of_the_file(tmp_path: Path) -> Non
         (SAND, "--per branch", "other monitors"),
         (SAND, "--key robot", "--key robot"),
         (SAND, "--branch 1", "another part"),
+        (SAND, "--semantics strict --format table", "--semantics"),
     ],
 )
 def test_a_checkpoint_of_something_else_is_refused(tree: Path, options: str, said: str, tmp_path: Path) -> None:

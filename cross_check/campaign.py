@@ -26,7 +26,6 @@ from rvaft.support.processes import Killed, in_processes
 # an order; two children with the same event, or that begin with the same event; one monitor per branch and per kind; a vote with more
 # orders than can be written out; a guard in every place where one can be; and literals that only their type tells apart.
 
-EFFORT: Final = Effort(words=200, traces=32, recheck=False)
 """Enough to notice every fault that the tests plant in translations and readers, and no more."""
 
 EVENTS: Final = """

@@ -66,7 +66,7 @@ def _program(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
         from ltlf2dfa.base import MonaProgram  # noqa: PLC0415 -- not there on every machine
         from ltlf2dfa.parser.ltlf import LTLfParser  # noqa: PLC0415 -- not there on every machine
     except ImportError as error:
-        raise ToolMissing("ltlf2dfa", remedy="run `pip install 'rvaft[mona]'`") from error
+        raise ToolMissing("ltlf2dfa", remedy="pip install '.[mona]' in a checkout of rvaft") from error
     try:
         return str(MonaProgram(LTLfParser()(texts[root])).mona_program())
     except RecursionError:

@@ -1,4 +1,4 @@
-"""Hypothesis strategies for trees and traces (needs the extra `rvaft[testing]`)."""
+"""Hypothesis strategies for trees and traces (needs the extra `testing`)."""
 
 from collections.abc import Callable
 from random import Random

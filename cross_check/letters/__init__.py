@@ -25,7 +25,7 @@ __all__ = ["UNBOUND", "VARIABLES", "Answers", "Letters", "answers", "letters", "
 
 Answers: TypeAlias = tuple[bool, ...]
 
-VARIABLES: Final = "variables tie events together"
+VARIABLES: Final = "variables may tie events together"
 UNBOUND: Final = "a guard has a variable that its pattern does not have"
 
 _SETS: Final = 8

@@ -15,13 +15,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from cross_check import results as reports
-from cross_check.campaign import EFFORT, MAX_NODES, Entry, Task, campaign, catalogue, run
+from cross_check.campaign import MAX_NODES, Entry, Task, campaign, catalogue, run
 from cross_check.comparison import PATIENCE, Roster
 from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
 from cross_check.participants import handwritten, is_specification
 from cross_check.results import Job, Result, Status, exit_status
-from cross_check.traces import Effort
+from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
 from rvaft.api import load, narrowed
 from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
 from rvaft.model.nodes import Kind
@@ -37,12 +37,6 @@ _FORMATS: Final[dict[str, Callable[[Iterable[Result], str], str]]] = {
 }
 _SHOWN: Final = 20
 """Disagreements of which the trace is printed."""
-SMALL_PROOF: Final = 300
-"""Combinations of states of a proof in a random campaign, where many trees say more than one."""
-MANY_TRACES: Final = 200
-"""Random traces for a tree that somebody named."""
-MOST_TRACES: Final = 1_000
-"""And with a text of somebody else beside it: finding one condition that was forgotten takes many."""
 SMALL_TEXT: Final = 5_000
 """The limit of translations in a random campaign."""
 
@@ -140,7 +134,11 @@ def _report_options(function: Callable[..., int]) -> Callable[..., int]:
     return function
 
 
-_TRACES: Final = "Random traces.  [default: 200; with --against 1000, with --random 20]"
+_TRACES: Final = (
+    f"Random traces.  [default: {ONE_TREE.traces}; with --against {AGAINST.traces}, with --random {RANDOM.traces}, "
+    f"without TREE {CATALOGUE.traces}]"
+)
+_STATES: Final = f"Of a proof.  [default: {ONE_TREE.states}; with --random {RANDOM.states}]"
 _SEMANTICS: Final = "Default: all; with --against, projected."
 _PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a checkout."
 
@@ -156,7 +154,7 @@ _PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a ch
 @options.number("--max-nodes", least=2, default=MAX_NODES, metavar="M", text="Of random trees.")
 @options.number("--traces", least=0, text=_TRACES)
 @options.number("--length", metavar="L", text="Of traces.  [default: enough for a detection]")
-@options.number("--states", least=0, default=20_000, text="Of a proof.")
+@options.number("--states", least=0, text=_STATES)
 @options.number("--limit", text="Of translations, in the language's own unit.")
 @options.number("--jobs", text="Processes.  [default: one per processor]")
 @options.timeout_option("For each step of a case.")
@@ -177,7 +175,6 @@ def cross_check_command(
     branch: int | None,
     kind: Kind | None,
     random: int | None,
-    traces: int | None,
     timeout: float | None,
     **given: Any,
 ) -> int:
@@ -215,23 +212,22 @@ def cross_check_command(
         collected.replay(cases, roster)
         return FAILED if failures.met else exit_status(collected.results)
     entries: Iterable[Entry]
-    states, seed = given["states"], given["seed"]
     if random is not None:
-        entries, count = campaign(random, seed, given["max_nodes"]), random
-        effort = Effort(states=min(states, SMALL_PROOF), words=0)
+        entries, count = campaign(random, given["seed"], given["max_nodes"]), random
+        effort = RANDOM
     elif trees:
         entries = found = list(failures.collect(partial(_entry, branch=branch, kind=kind), trees))
         if not found and not failures.met:
             click.echo("nothing to compare: these files only declare what trees import")
             return 0
-        count, effort = len(found), Effort(states=states, traces=MOST_TRACES if against else MANY_TRACES)
+        count, effort = len(found), AGAINST if against else ONE_TREE
     else:
         entries = found = list(catalogue())
-        count, effort = len(found), replace(EFFORT, states=states)
+        count, effort = len(found), CATALOGUE
     if against and not roster.against:  # nothing that could be read is left to compare
         entries, count = [], 0
-    effort = replace(effort, length=given["length"], seconds=timeout, seed=str(seed))
-    effort = effort if traces is None else replace(effort, traces=traces)
+    chosen_effort = {name: given[name] for name in ("traces", "states", "length") if given[name] is not None}
+    effort = replace(effort, seed=str(given["seed"]), seconds=timeout, **chosen_effort)
     chosen = semantics or ((Semantics.PROJECTED,) if against else tuple(Semantics))
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e in entries for s in chosen)
     jobs = given["jobs"] or os.cpu_count() or 1

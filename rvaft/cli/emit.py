@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import click
 
-from rvaft.api import load, narrowed, translate
+from rvaft.api import narrowed, translate
 from rvaft.backend import Backend, UnknownBackend, all_backends, backend
 from rvaft.cli import options
 from rvaft.errors import OptionError, TooLarge, ToolMissing
@@ -36,7 +36,7 @@ def emit_command(*, tree: str, language: str, form: str, output: str | None, **c
     drawing = None if output is None else format_of(output)
     drawn, suffix = drawing in (*_PICTURES, Format.DOT), PurePath(output or "").suffix
     if language == "dot":
-        loaded = load(tree)
+        loaded = options.read_tree(tree)
         options.refuse(form != "text", f"--to dot is a drawing, which has no --format {form}")
         part = narrowed(loaded, chosen["branch"], chosen["kind"])
         known = "known: .dot, .gv, .svg, .pdf, .png"
@@ -54,7 +54,7 @@ def emit_command(*, tree: str, language: str, form: str, output: str | None, **c
     options.refuse(drawn, f"{language} is written as text, which {output} would not be: {mend}")
     with options.suggesting():
         try:
-            text = translate(load(tree), language, **chosen).text
+            text = translate(options.read_tree(tree), language, **chosen).text
         except UnknownBackend as error:
             raise UnknownBackend(error.name, (*error.known, "dot")) from error
     if form == "latex":

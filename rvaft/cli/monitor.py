@@ -84,6 +84,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     A TRACE may be a pattern such as 'logs/**/*.jsonl'. No TRACE, or -, reads standard input as it comes. The exit status is 1 when
     the tree is detected in some trace.
     """
+    options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     _check(given)
     whole = load(tree)
     part, semantics = narrowed(whole, branch, kind), given["semantics"]

@@ -12,7 +12,7 @@ import click
 
 from rvaft.cli import FAILED, FOUND
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Sink, SummaryRow
-from rvaft.errors import RvaftError, TooLarge
+from rvaft.errors import OptionError, RvaftError, TooLarge
 from rvaft.export import fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.monitoring.checkpoint import CheckpointFile, LinesRead, open_at
@@ -45,7 +45,10 @@ class TraceSource(NamedTuple):
 
 
 class TraceOutcome(NamedTuple):
-    """What a trace has come to: whether it was read to its end, what was found, and the drawing of it that is still to be written."""
+    """What a trace has come to: whether it was read to its end, what was found, and the drawing of it that is still to be written.
+
+    It is `keyless` where it has events, and not one of them has a key.
+    """
 
     status: int
     read: bool = False
@@ -53,6 +56,7 @@ class TraceOutcome(NamedTuple):
     drawn: bytes | None = None
     detections: int = 0
     undrawn: bool = False
+    keyless: bool = False
 
 
 class _OnDetection(Listener):
@@ -149,7 +153,9 @@ class _Run:
         self.statistics = run.statistics or self.statistics
         rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if settings.summed else []
         status = FAILED if failed else FOUND if run.found else 0
-        return TraceOutcome(status, not failed, rows, reaction.first, reaction.count - before, reaction.failed)
+        keyless = settings.plan.key is not None and run.number > 0 and not run.watches
+        drawn, count = reaction.first, reaction.count - before
+        return TraceOutcome(status, not failed, rows, drawn, count, reaction.failed, keyless)
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Give a run all events of its trace, from the last checkpoint on; after each batch of them somebody may wait for something."""
@@ -233,6 +239,11 @@ def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> 
             outcomes = [alone.watch(trace) for trace in traces]
         if any(outcome.read for outcome in outcomes):
             alone.reporter.finish([row for one in outcomes for row in one.rows], alone.statistics)
+        key = settings.plan.key
+        if key is not None and any(one.keyless for one in outcomes) and not any(one.rows for one in outcomes):
+            names = " and ".join(field.text for field in key.fields)
+            sink.report(OptionError(f"no event has what --key names ({names}), so nothing was monitored"))
+            return FAILED
         reaction = alone.reaction
         if settings.drawing is not None and not reaction.failed:
             if reaction.first is None:

@@ -10,9 +10,12 @@ from typing import Any, BinaryIO, Final, TypeVar, cast
 
 import click
 
+from rvaft.api import load, loads
 from rvaft.backend import UnknownBackend, backend, speaking
 from rvaft.errors import OptionError, TooLarge
+from rvaft.language.parser import decoded
 from rvaft.model.nodes import Gate, Kind
+from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -105,6 +108,11 @@ def standard_bytes(argument: str) -> bytes:
         return stream.read()
     except OSError as error:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", "<stdin>") from error
+
+
+def read_tree(tree: str) -> RVAFT:
+    """The tree in a file, or for `-` on standard input; raises as `rvaft.load` does."""
+    return loads(decoded(standard_bytes("TREE"), "<stdin>"), "<stdin>") if tree == "-" else load(tree)
 
 
 @contextmanager

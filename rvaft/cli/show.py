@@ -12,25 +12,19 @@ import click
 
 from rvaft.analysis.branches import Branch, branches
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.api import load, loads, monitor
+from rvaft.api import monitor
 from rvaft.cli import options, warn
 from rvaft.errors import OptionError
 from rvaft.export import SUFFIXES, Format, Look, draw, format_of, losses
 from rvaft.export.layout import NARROWEST, WIDTH, Marks, branch_marks, marks
 from rvaft.export.property_text import WIDTH as LATEX_WIDTH
 from rvaft.export.property_text import align_latex, kinds_of, property_sign, property_text, property_unicode
-from rvaft.language.parser import decoded
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.monitoring.detection import counted, matched_events
 from rvaft.monitoring.reader import read
 from rvaft.support.files import deliver
 from rvaft.support.terminal import visible
-
-
-def _load(tree: str) -> RVAFT:
-    """The tree in a file, or for `-` on standard input; raises as `rvaft.load` does."""
-    return loads(decoded(options.standard_bytes("TREE"), "<stdin>"), "<stdin>") if tree == "-" else load(tree)
 
 
 @click.command("show")
@@ -82,7 +76,7 @@ def show_command(
     options.refuse(
         chosen.binary and on_screen, "this format is binary: name a file with -o, or redirect standard output"
     )
-    loaded = _load(tree)
+    loaded = options.read_tree(tree)
     given["marks"] = _highlighted(loaded, given.pop("highlight")[0], semantics) if highlight else None
     deliver(draw(loaded, chosen, Look(**{"events": chosen is Format.TREE, **given})), output)
     if chosen is Format.GALILEO:
@@ -142,7 +136,7 @@ def branches_command(*, tree: str, form: str, whole: bool, width: int | None, li
     """List the branches of a tree, one line each: number, kinds (- for none), property. The TREE - is standard input."""
     if width is not None and form != "latex":
         raise click.UsageError(f"--width: not for the format {form}; with it, each property is one line")
-    loaded = _load(tree)
+    loaded = options.read_tree(tree)
     parts: Iterable[RVAFT | Branch] = [loaded] if whole else _counted(branches(loaded), limit)
     for row in align_latex(parts, width=width or LATEX_WIDTH) if form == "latex" else _rows(parts, form):
         sys.stdout.write(f"{row}\n")

@@ -76,7 +76,7 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
         click.echo(_junit(rows))
     elif not update:
         click.echo("".join(f"{visible(complaint)}\n" for complaint in wrong), nl=False)
-        told = "all as expected" if not wrong else f"{len(wrong):,} not as expected"
+        told = "nothing was compared" if not rows else f"{len(wrong):,} not as expected" if wrong else "all as expected"
         traces = len({(row.tree, row.trace) for row in rows})
         counts = {"tree": len({row.tree for row in rows}), "trace": traces, "row": len(rows)}
         said = ", ".join(f"{count:,} {noun}{'s' * (count != 1)}" for noun, count in counts.items())

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Final
 
+from rvaft.errors import WrongType
 from rvaft.model.expressions import guard_text, name_text, on_text, pattern_text, quoted, value_text, word_text
 from rvaft.model.guards import Guard
 from rvaft.model.nodes import Causality, Node, Topic
@@ -24,6 +25,8 @@ def dumps(tree: RVAFT) -> str:
     toplevel top;
     top and a b;
     """
+    if not isinstance(tree, RVAFT):
+        raise WrongType("a tree to print", tree, "an RVAFT")
     blocks = [
         [f"causality {tree.causality};"] if tree.causality is not Causality.TOP_DOWN else [],
         _aligned(

@@ -203,6 +203,17 @@ def test_each_key_is_monitored_by_itself(robots: Path) -> None:
     assert told[-1]["matched"][0] == {"node": "ev1", "event": 2, "time": 10.4, "topic": "/command"}
 
 
+def test_a_key_that_no_event_has_is_an_error(tmp_path: Path) -> None:
+    log = written(tmp_path / "log.jsonl", lines([{"event": "a"}, {"event": "b", "user": "eve"}]))
+    said = "rvaft: error: no event has what --key names (user and src), so nothing was monitored\n"
+    result = run("monitor", SAND, log, "--key", "user", "--key", "src")
+    assert result.exit_code == 2
+    assert result.stderr.endswith(said)
+    assert run("monitor", SAND, log, "--key", "user").exit_code == 0
+    assert run("monitor", SAND, log, "--key", "nope", "--jobs", "2").exit_code == 2
+    assert run("monitor", SAND, written(tmp_path / "empty.jsonl", ""), "--key", "user").exit_code == 0
+
+
 def test_several_fields_are_one_key(tmp_path: Path) -> None:
     events = [("bob", 1, "a"), ("bob", 2, "b"), ("eve", 1, "a"), ("bob", 1, "b"), ("eve", 1, "b"), ("bob", 1, "c")]
     keyed = [{"user": user, "src": src, "event": name} for user, src, name in events]

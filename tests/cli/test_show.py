@@ -74,10 +74,10 @@ def test_what_a_trace_detects_can_be_highlighted(tmp_path: Path) -> None:
     failed(run("show", SAND, "--highlight", one), "nothing is detected (the verdict is unknown after 1 event)")
 
 
-@pytest.mark.parametrize("command", ["show", "branches"])
+@pytest.mark.parametrize("command", ["show", "branches", "emit --to rml"])
 def test_a_dash_is_standard_input(command: str) -> None:
-    assert run(command, "-", data=SAND.read_bytes()).stdout == run(command, SAND).stdout
-    assert run(command, "-", data=b"a or").stderr.startswith("rvaft: error: <stdin>:1:5: the text ends")
+    assert run(*command.split(), "-", data=SAND.read_bytes()).stdout == run(*command.split(), SAND).stdout
+    assert run(*command.split(), "-", data=b"a or").stderr.startswith("rvaft: error: <stdin>:1:5: the text ends")
 
 
 def test_branches_in_all_notations() -> None:

@@ -62,5 +62,6 @@ def test_only_what_is_stated_is_looked_at(tree: Path) -> None:
 def test_expectations_that_are_none(tree: Path, verdicts: str, said: str) -> None:
     tree.with_suffix(".verdicts.json").write_text(verdicts)
     failed(run("test", tree), said)
+    assert run("test", tree).stdout.endswith("nothing was compared\n")
 
     failed(run("test", written(tree.with_name("a.rvaft"), "a;")), "no traces: put them into")

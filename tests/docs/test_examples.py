@@ -45,6 +45,21 @@ def test_python(block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
     assert results.failed == 0, "".join(said)
 
 
+NAMED = re.compile(r"`((?:rvaft|backends|cross_check|tests|trees|papers|docs)/[\w./-]+)`")
+
+
+def test_the_files_that_pages_name_are_there() -> None:
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("tests/*.md"), *ROOT.glob("papers/**/*.md")]
+    named = {(page, name) for page in pages for name in NAMED.findall(page.read_text(encoding="utf-8"))}
+    assert len(named) > 20
+    lost = [
+        f"{page.name}: {name}"
+        for page, name in sorted(named)
+        if "NAME" not in name and not (ROOT / name).exists() and not (page.parent / name).exists()
+    ]
+    assert lost == []
+
+
 def test_the_readme_has_a_tour() -> None:
     assert len(list(blocks("sh"))) > 5
     assert Path(ROOT / "README.md").stat().st_size > 1000

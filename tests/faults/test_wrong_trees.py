@@ -5,7 +5,8 @@ from importlib.util import find_spec
 
 import pytest
 
-from cross_check.campaign import EFFORT, Entry, catalogue
+from cross_check import traces
+from cross_check.campaign import Entry, catalogue
 from cross_check.comparison import Comparison
 from cross_check.participants import ENGINE, REFERENCE, engine_of, faithful_backends, reference_of, translated
 from cross_check.results import Job, Result, Status
@@ -24,7 +25,7 @@ def compared(entry: Entry, semantics: Semantics, participant: str, given: RVAFT)
     expected = partial(reference_of, entry.tree, semantics, branch=entry.branch, kind=entry.kind)
     enlist = partial(engine_of, given) if participant == ENGINE else partial(translated, participant, given)
     candidates = [(REFERENCE, expected), (participant, partial(enlist, semantics))]
-    return Comparison(entry.tree, job, EFFORT).run(candidates)[1]
+    return Comparison(entry.tree, job, traces.CATALOGUE).run(candidates)[1]
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rvaft import LanguageError, load, loads
+from rvaft import LanguageError, dumps, load, loads
 from rvaft.errors import WrongType
 from rvaft.language.draft import BrokenPrune, Draft, PruneFault
 from rvaft.language.parser import parse_file
@@ -188,6 +188,7 @@ def test_a_file_without_end_is_an_error(tmp_path: Path, text: str) -> None:
     [
         (lambda: loads(b"a;"), "the text of a tree must be a str, not bytes"),  # type: ignore[arg-type]
         (lambda: loads(Path("a")), "the text of a tree must be a str, not PosixPath"),  # type: ignore[arg-type]
+        (lambda: dumps("a;"), "a tree to print must be an RVAFT, not str"),  # type: ignore[arg-type]
         (lambda: load(b"a.rvaft"), "the path of a tree must be a str or a path, not bytes"),  # type: ignore[arg-type]
         (lambda: load(None), "the path of a tree must be a str or a path, not NoneType"),  # type: ignore[arg-type]
     ],

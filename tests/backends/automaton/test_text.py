@@ -7,7 +7,7 @@ from random import Random
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from backends.automaton import AutomatonBackend
@@ -95,6 +95,7 @@ NAMES = st.one_of(
 
 
 @given(NAMES, NAMES)
+@example(" ", "_x20_")
 def test_different_nodes_have_different_names_that_every_tool_reads(one: str, other: str) -> None:
     assert (atom_name(one) == atom_name(other)) == (one == other)
     assert re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", atom_name(one))

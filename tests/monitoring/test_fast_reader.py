@@ -158,7 +158,7 @@ logs = st.builds(
 @example("one", b'{"topic":"t","value":1} 5\n\n{"topic":"t","value":1}\n', 1 << 16)
 @example("one", b'{"topic":"t","value":"\\\\"}\n{"topic":"t","value":"\\1"}\n', 1 << 16)
 @example("one", b'{"topic":"t","topic":null}\n{"\\u0074opic":"t","value":0}\n', 1 << 16)
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_any_bytes(name: str, data: bytes, size: int) -> None:
     same(TREES[name], data, size=size)
 

@@ -22,7 +22,7 @@ from rvaft.ros.server import origin as origin_of
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
 from tests.ros.clients import SEQUENCE, A, B, asked, connected, live, served, websockets
 
-MANY: Final = 200
+MANY: Final = 60
 UPGRADE: Final = (
     "GET / HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n{more}\r\n"

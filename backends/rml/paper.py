@@ -236,7 +236,7 @@ def _sequence(parts: Iterable[str]) -> str:
 def _folded(branch: Branch) -> dict[str, list[Guard]] | None:
     """For each occurrence of a branch the guards it checks: those whose last variable, in writing, it binds.
 
-    None where a guard without variables does not hold.
+    None where the branch has no feasible scenario: a guard without variables does not hold, or nothing binds a variable of one.
     """
     tree, guards = branch.tree, dict[str, list[Guard]]()
     binder: dict[str, str] = {}
@@ -249,10 +249,10 @@ def _folded(branch: Branch) -> dict[str, list[Guard]] | None:
     place = {name: index for index, name in enumerate(guards)}
     for guard in (guard for name in branch.nodes if (guard := tree.nodes[name].when) is not None):
         names = guard_variables(guard)
+        if (not names and not holds(guard, {})) or any(name not in binder for name in names):
+            return None
         if names:
             guards[max((binder[name] for name in names), key=place.__getitem__)].append(guard)
-        elif not holds(guard, {}):
-            return None
     return guards
 
 

@@ -21,7 +21,7 @@ def test_the_paper_s_translation_differs(known: str) -> None:
     task = Task(loads(text), Job("known", Semantics.STRICT), Roster(backends=("rml-paper",)), Effort())
     said = {name: verdicts_of(enlist(), trace) for name, enlist in task.roster.candidates(task.tree, task.job)}
     signs = {"reference": reference, "engine": reference, "rml-paper": paper}
-    assert {name: "".join(one.symbol for one in verdicts) for name, verdicts in said.items()} == signs
+    assert {name: "".join(one.symbol for one in verdicts) for name, verdicts in said.items()} == signs  # type: ignore[union-attr]
     (differing,) = [result for result in task.run() if result.status is Status.DIFFERS]
     assert differing.participant == "rml-paper"
     case = shrunk(task, differing)

@@ -70,7 +70,7 @@ def exercises(seed: int, share: float) -> list[Exercise]:
         made = (tree for _ in range(200) if small_and_valid(tree := dense_tree(random, dense), 30))
         trees += [(tree, f"random {number}, {shape}", None, None) for number, tree in enumerate(islice(made, 12))]
     random = Random(seed)
-    every = ((tree, Job(name, semantics, *part)) for tree, name, *part in trees for semantics in Semantics)
+    every = ((tree, Job(name, s, branch, kind)) for tree, name, branch, kind in trees for s in Semantics)
     chosen = [one for one in every if random.random() < share]
     random.shuffle(chosen)
     return [found for tree, job in chosen if (found := exercise(tree, job)) is not None]

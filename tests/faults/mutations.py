@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 Key: TypeAlias = tuple[str, str, int]
 Live: TypeAlias = Mapping[Key, list[FunctionType]]
@@ -22,7 +22,7 @@ PAIRS: Final = (
     *((ast.Lt, ast.LtE), (ast.Gt, ast.GtE), (ast.Eq, ast.NotEq), (ast.In, ast.NotIn), (ast.Is, ast.IsNot)),
     *((ast.Add, ast.Sub), (ast.BitAnd, ast.BitOr), (ast.LShift, ast.RShift), (ast.And, ast.Or)),
 )
-OPERATORS: Final = {one: other for pair in PAIRS for one, other in (pair, pair[::-1])}
+OPERATORS: Final[dict[type[ast.AST], Any]] = {one: other for pair in PAIRS for one, other in (pair, pair[::-1])}
 FUNCTIONS: Final = {"any": "all", "all": "any", "min": "max", "max": "min"}
 SKIPPED: Final = (ast.Assert, ast.Raise, ast.pattern, ast.arguments)
 NO_EXPRESSIONS: Final = ("annotation", "returns", "decorator_list", "type_params")

@@ -322,18 +322,20 @@ def _isolated(work: Callable[[], object], seconds: float, clock: float, settings
     context = multiprocessing.get_context("fork")
     heard, said = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(work, said, seconds, clock, settings), daemon=True)
+    # Told to stop in the middle of a fork, this process would leave the other one running, or complain of what the fork has to do.
+    open_signals = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
     process.start()
     try:
+        signal.pthread_sigmask(signal.SIG_SETMASK, open_signals)
         said.close()  # the process has its own; when that is closed, it has ended
         with heard:
             result, used = heard.recv()
     except EOFError:
         process.join()
         code = process.exitcode or 0
-        if code == -signal.SIGPROF:
-            raise _Unmeasurable(Outcome.TIMEOUT, f"not within {settings.timeout:g} s") from None
-        if code == -signal.SIGALRM:
-            raise _Unmeasurable(Outcome.TIMEOUT, f"not within {clock:g} s by the clock") from None
+        limits = {-signal.SIGPROF: f"{settings.timeout:g} s", -signal.SIGALRM: f"{clock:g} s by the clock"}
+        if code in limits:
+            raise _Unmeasurable(Outcome.TIMEOUT, f"not within {limits[code]}") from None
         how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
         raise _Unmeasurable(Outcome.FAILED, f"the process that measured it was killed ({how})") from None
     finally:

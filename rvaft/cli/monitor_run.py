@@ -45,10 +45,7 @@ class TraceSource(NamedTuple):
 
 
 class TraceOutcome(NamedTuple):
-    """What a trace has come to: whether it was read to its end, what was found, and the drawing of it that is still to be written.
-
-    It is `keyless` where it has events, and not one of them has a key.
-    """
+    """What a trace has come to: read to its end or not, what was found, the drawing still to be written; `keyless` names a key that no event has."""
 
     status: int
     read: bool = False
@@ -56,7 +53,7 @@ class TraceOutcome(NamedTuple):
     drawn: bytes | None = None
     detections: int = 0
     undrawn: bool = False
-    keyless: bool = False
+    keyless: str = ""
 
 
 class _OnDetection(Listener):
@@ -153,9 +150,9 @@ class _Run:
         self.statistics = run.statistics or self.statistics
         rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if settings.summed else []
         status = FAILED if failed else FOUND if run.found else 0
-        keyless = settings.plan.key is not None and run.number > 0 and not run.watches
-        drawn, count = reaction.first, reaction.count - before
-        return TraceOutcome(status, not failed, rows, drawn, count, reaction.failed, keyless)
+        key = settings.plan.key
+        keyless = " and ".join(field.text for field in key.fields) if key and run.number and not run.watches else ""
+        return TraceOutcome(status, not failed, rows, reaction.first, reaction.count - before, reaction.failed, keyless)
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Give a run all events of its trace, from the last checkpoint on; after each batch of them somebody may wait for something."""
@@ -237,11 +234,10 @@ def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> 
             outcomes = list(_in_processes(alone, traces, jobs))
         else:
             outcomes = [alone.watch(trace) for trace in traces]
+        rows = [row for one in outcomes for row in one.rows]
         if any(outcome.read for outcome in outcomes):
-            alone.reporter.finish([row for one in outcomes for row in one.rows], alone.statistics)
-        key = settings.plan.key
-        if key is not None and any(one.keyless for one in outcomes) and not any(one.rows for one in outcomes):
-            names = " and ".join(field.text for field in key.fields)
+            alone.reporter.finish(rows, alone.statistics)
+        if (names := "".join({one.keyless for one in outcomes})) and not rows:
             sink.report(OptionError(f"no event has what --key names ({names}), so nothing was monitored"))
             return FAILED
         reaction = alone.reaction

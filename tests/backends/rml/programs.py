@@ -61,12 +61,9 @@ CASES: Final = tuple(map(_case, re.split(r"^# ", _TABLE, flags=re.MULTILINE)[1:]
 
 # -- random programs ---------------------------------------------------------------------------------------------------
 
-HEAD: Final = """\
-a matches {e:'a'};
-b matches {e:'b'};
-c matches {e:'c'};
-av(x) matches {e:'a', v:x};
-bv(x) matches {e:'b', v:x};
+HEAD: Final = (
+    LETTERS
+    + """\
 cv(x) matches {e:'c', v:x};
 ab matches a | b;
 nota not matches a;
@@ -81,6 +78,7 @@ either(x) matches {v:x|1, w:x};
 lw(x) matches {w:x|2, v:x|3};
 c matches {e:'c', v:1} | {e:'b', v:3};
 """
+)
 _PLAIN: Final = ("a", "b", "c", "a", "b", "c", "ab", "nota", "a2", "any", "none")
 _UNARY: Final = ("av", "bv", "cv", "nav", "abv", "ac", "big", "abx", "either", "lw")
 _SUFFIXES: Final = ("*", "+", "?", "!", "{0}", "{1}", "{2}", "{3}")

@@ -136,6 +136,7 @@ class _Server:
 
     def __post_init__(self) -> None:
         self.present: set[ServerConnection] = set()
+        self._full = False
         self._numbers = count(1)
 
     def admit(self, connection: "ServerConnection", request: "Request") -> "Response | None":
@@ -161,6 +162,7 @@ class _Server:
             peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         session = self.fresh()
         self.present.add(connection)
+        self._full = False
         name = f"connection {next(self._numbers)}"
         self.say(f"{name} from {_peer(connection)} opened")
         read = refused = 0
@@ -189,17 +191,14 @@ class _Server:
             self.say(f"{name} closed after {counted(read)}")
 
     def failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Say in one line that there is no room for another connection; anything else as `asyncio` does."""
+        """Say once, until one gets in, that there is no room for another connection; anything else as `asyncio` does."""
         error = context.get("exception")
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-            self.say("too many open files: new connections have to wait; allow more with ulimit -n")
+            if not self._full:  # `asyncio` tries a thousand times a second
+                self.say("too many open files: new connections have to wait; allow more with ulimit -n")
+            self._full = True
         else:
             loop.default_exception_handler(context)
-
-    def hang_up(self) -> None:
-        """End the connections that are left."""
-        for connection in tuple(self.present):
-            connection.transport.abort()
 
 
 async def serve(
@@ -254,8 +253,8 @@ async def serve(
             raise OSError(code, remedy.get(code, unknown), f"ws://{host}:{address.port}") from error
         listening(f"ws://{host}:{listener.sockets[0].getsockname()[1]}")
         await stop.wait()
-        # who reads no replies does not read either that the server goes away
-        loop.call_later(2 * _PATIENCE, server.hang_up)
+        for connection in server.present:  # who reads no replies does not read either that the server goes away
+            loop.call_later(2 * _PATIENCE, connection.transport.abort)
 
 
 def _library() -> "ModuleType":

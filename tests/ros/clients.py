@@ -1,19 +1,21 @@
-"""A server in this process and clients that speak to it."""
+"""A server, in this process or in one of its own, and clients that speak to it."""
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
-from contextlib import asynccontextmanager
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from functools import wraps
 from typing import Any, Final
 
 import pytest
 
-from rvaft import RVAFT, loads
+from rvaft import loads
 from rvaft.model.values import Json
-from rvaft.monitoring.monitor_set import Per
-from rvaft.ros.protocol import Polarity, Protocol, Session, Vocabulary
+from rvaft.ros.protocol import Protocol, Session
 from rvaft.ros.server import Address, serve
+from tests.cli.runs import started
 
 websockets = pytest.importorskip("websockets", reason="needs websockets")
 from websockets.asyncio.client import ClientConnection, connect  # noqa: E402 -- after the question whether it is there
@@ -21,6 +23,7 @@ from websockets.asyncio.client import ClientConnection, connect  # noqa: E402 --
 SEQUENCE: Final = loads("top sand a b; a attack; b fault;")
 A: Final = {"event": "a"}
 B: Final = {"event": "b"}
+LIBRARY_ON_USE: Final = "import sys, rvaft.cli.ros; assert 'websockets' not in sys.modules; rvaft.cli.main()"
 
 
 def live(scenario: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
@@ -35,48 +38,37 @@ def live(scenario: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., No
 
 @asynccontextmanager
 async def served(
-    tree: RVAFT = SEQUENCE,
-    *,
-    semantics: str = "projected",
-    per: Per = Per.TREE,
-    shared: bool = False,
-    origins: Sequence[str] = (),
-    polarity: Polarity = Polarity.PROPERTY,
-    vocabulary: Vocabulary = Vocabulary.RML,
-    longest: int = 1024 * 1024,
+    fresh: Callable[[], Session] | None = None, *, origins: Sequence[str] = (), longest: int = 1024 * 1024
 ) -> AsyncIterator[str]:
-    """The URL of a server, which is stopped at the end and has then let go of everything."""
+    """The URL of a server, which is stopped at the end and has then let go of everything; each connection has a `fresh` session."""
     stop = asyncio.Event()
     url: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    first = Session(tree, semantics, per=per)
-    running = asyncio.create_task(
-        serve(
-            Protocol(tree, polarity=polarity, vocabulary=vocabulary, longest=longest),
-            (lambda: first) if shared else first.fork,
-            stop,
-            address=Address(port=0, origins=origins),
-            listening=url.set_result,
-        )
-    )
-
-    def failed(done: "asyncio.Task[None]") -> None:
-        if not url.done():
-            url.set_exception(done.exception() or AssertionError("it ended before it had a URL"))
-
-    running.add_done_callback(failed)
-    try:
-        yield await url
-    finally:
-        stop.set()
-        await asyncio.wait_for(running, 20)
+    speaking, address = Protocol(SEQUENCE, longest=longest), Address(port=0, origins=origins)
+    async with asyncio.TaskGroup() as group:
+        make = fresh or Session(SEQUENCE).fork
+        group.create_task(serve(speaking, make, stop, address=address, listening=url.set_result))
+        try:
+            yield await url
+        finally:
+            stop.set()
 
 
-def connected(url: str, **options: Any) -> connect:
+@contextmanager
+def serving(*args: object, **options: Any) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """A server as a process of its own, and its URL."""
+    words = [sys.executable, "-c", LIBRARY_ON_USE, "serve", *map(str, args), "--port", "0"]
+    with started(args=words, **options) as running:
+        said = running.stdout.readline()
+        assert said.startswith("listening at ws://127.0.0.1:")
+        yield running, said.split()[-1]
+
+
+def connected(url: str) -> connect:
     """A connection to a server, to be entered."""
-    return connect(url, proxy=None, max_size=None, **options)
+    return connect(url, proxy=None, max_size=None)
 
 
-async def asked(connection: ClientConnection, *messages: Json) -> list[Json]:
+async def asked(connection: ClientConnection, *messages: Json) -> list[Any]:
     """The replies to messages: bytes and text as they are, anything else as JSON."""
     replies = []
     for message in messages:

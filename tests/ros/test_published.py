@@ -24,7 +24,7 @@ from rvaft import Verdict, load, monitor
 from rvaft.model.values import Json
 from rvaft.monitoring.reader import read
 from tests.cli.runs import PRUNED, TREES, run
-from tests.ros.test_server import serving
+from tests.ros.clients import serving
 
 CHECKOUT: Final = Path(os.environ.get("ROSMONITORING", ""))
 ROS: Final = TREES / "remote_inspection" / "ros.rvaft"

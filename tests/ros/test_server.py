@@ -1,26 +1,28 @@
-"""The server: connections that share nothing, or one state; clients that misbehave; whom it lets in."""
+"""The server: connections that share nothing, or one state; clients that misbehave; whom it lets in; what the process says."""
 
 import asyncio
 import json
 import re
+import resource
 import signal
 import socket
-import subprocess
 import sys
-from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlsplit
 
 import pytest
 
 from rvaft.errors import OptionError
-from rvaft.model.values import Json
-from rvaft.ros.protocol import Protocol, Session
-from rvaft.ros.server import Address, allowed, serve
+from rvaft.ros import server
+from rvaft.ros.protocol import Session
+from rvaft.ros.server import Address, allowed
 from rvaft.ros.server import origin as origin_of
-from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
-from tests.ros.clients import SEQUENCE, A, B, asked, connected, live, served, websockets
+from tests.cli.runs import SAND, TREES, failed, run, written
+from tests.ros.clients import SEQUENCE, A, B, asked, connected, live, served, serving, websockets
+from tests.tables import rows
 
 MANY: Final = 60
 UPGRADE: Final = (
@@ -30,13 +32,11 @@ UPGRADE: Final = (
 
 
 def endpoint(url: str) -> tuple[str, int]:
-    parts = urlsplit(url)
-    assert parts.hostname is not None
-    assert parts.port is not None
-    return parts.hostname, parts.port
+    host, port = urlsplit(url).netloc.split(":")
+    return host, int(port)
 
 
-async def opened(url: str, *, more: str = "") -> tuple[asyncio.StreamReader, asyncio.StreamWriter, str]:
+async def opened(url: str, more: str = "") -> tuple[asyncio.StreamReader, asyncio.StreamWriter, str]:
     """A connection by hand and the first line of the answer to its handshake."""
     reader, writer = await asyncio.open_connection(*endpoint(url))
     writer.write(UPGRADE.format(host=urlsplit(url).netloc, more=more).encode())
@@ -44,10 +44,15 @@ async def opened(url: str, *, more: str = "") -> tuple[asyncio.StreamReader, asy
     return reader, writer, head.decode().splitlines()[0]
 
 
+def sessions(*, shared: bool) -> Callable[[], Session]:
+    first = Session(SEQUENCE)
+    return (lambda: first) if shared else first.fork
+
+
 @pytest.mark.parametrize("shared", [False, True])
 @live
 async def test_state_per_connection_or_one_for_all(shared: bool) -> None:
-    async with served(shared=shared) as url:
+    async with served(sessions(shared=shared)) as url:
         async with connected(url) as one, connected(url) as other:
             await asked(one, A)
             (reply,) = await asked(other, B)
@@ -62,9 +67,7 @@ async def test_many_connections_at_once() -> None:
     async def client(url: str, number: int, ready: asyncio.Barrier) -> None:
         async with connected(url) as connection:
             await ready.wait()
-            for event, verdict in (
-                [(A, "currently_true"), (B, False)] if number % 2 else [(A, "currently_true"), (A, True)]
-            ):
+            for event, verdict in ((A, "currently_true"), (B, False) if number % 2 else (A, True)):
                 (reply,) = await asked(connection, {**event, "number": number})
                 assert (reply["number"], reply["verdict"]) == (number, verdict)
 
@@ -76,70 +79,35 @@ async def test_many_connections_at_once() -> None:
 # -- clients that misbehave --------------------------------------------------------------------------------------------
 
 
-async def vanish_in_a_message(url: str) -> None:
-    _, writer, status = await opened(url)
-    assert "101" in status
-    writer.write(b"\x81\xfe\x10\x00\x00\x00\x00\x00" + b'{"event": "b"}')  # 4096 bytes are announced
-    await writer.drain()
-    writer.transport.abort()
-
-
-async def vanish_before_the_reply(url: str) -> None:
-    _, writer, _ = await opened(url)
-    payload = b'{"event": "c"}'
-    writer.write(b"\x81" + bytes([0x80 | len(payload)]) + bytes(4) + payload)
-    await writer.drain()
-    writer.transport.abort()
-
-
-async def break_the_protocol(url: str) -> None:
-    reader, writer, _ = await opened(url)
-    writer.write(b"\xff" * 64)
-    assert (await asyncio.wait_for(reader.read(), 20))[:1] in (b"\x88", b"")
-    writer.close()
-
-
-async def send_text_that_is_none(url: str) -> None:
-    reader, writer, _ = await opened(url)
-    writer.write(b"\x81\x82\x00\x00\x00\x00\xff\xff")
-    assert b"\x03\xef" in await asyncio.wait_for(reader.read(), 20)  # 1007, as RFC 6455 has it
-    writer.close()
-
-
-async def speak_something_else(url: str) -> None:
-    reader, writer = await asyncio.open_connection(*endpoint(url))
-    writer.write(b"\x16\x03\x01 hello\r\n\r\n")
-    await asyncio.wait_for(reader.read(), 20)
-    writer.close()
-
-
-async def send_far_too_much(url: str) -> None:
-    async with connected(url) as connection:
-        with pytest.raises(websockets.ConnectionClosedError) as closed:
-            await asked(connection, " " * 100_000)
-        assert closed.value.rcvd is not None
-        assert closed.value.rcvd.code == 1009
+def frame(payload: bytes) -> bytes:
+    """A masked message of text."""
+    length = bytes([0x80 | len(payload)]) if len(payload) < 126 else b"\xfe" + len(payload).to_bytes(2)
+    return b"\x81" + length + bytes(4) + payload
 
 
 @pytest.mark.parametrize(
-    "misbehave",
+    ("upgraded", "sent", "answer"),
     [
-        vanish_in_a_message,
-        vanish_before_the_reply,
-        break_the_protocol,
-        send_text_that_is_none,
-        speak_something_else,
-        send_far_too_much,
+        pytest.param(True, frame(b" " * 4096)[:30], None, id="vanishes in a message"),
+        pytest.param(True, frame(b'{"event": "c"}'), None, id="vanishes before the reply"),
+        pytest.param(True, b"\xff" * 64, b"\x88", id="breaks the protocol"),
+        pytest.param(True, frame(b"\xff\xff"), b"\x03\xef", id="text that is none: 1007, as RFC 6455 has it"),
+        pytest.param(True, frame(b" " * 60_000), b"\x03\xf1", id="far too much: 1009"),
+        pytest.param(False, b"\x16\x03\x01 hello\r\n\r\n", b"", id="speaks something else"),
     ],
 )
 @pytest.mark.parametrize("shared", [False, True])
 @live
 async def test_what_one_client_does_costs_the_others_nothing(
-    misbehave: Callable[[str], Awaitable[None]], shared: bool, capfd: pytest.CaptureFixture[str]
+    upgraded: bool, sent: bytes, answer: bytes | None, shared: bool, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    async with served(shared=shared, longest=1000) as url, connected(url) as connection:
+    async with served(sessions(shared=shared), longest=1000) as url, connected(url) as connection:
         await asked(connection, A)
-        await misbehave(url)
+        reader, writer = (await opened(url))[:2] if upgraded else await asyncio.open_connection(*endpoint(url))
+        writer.write(sent)
+        if answer is not None:
+            assert answer in await asyncio.wait_for(reader.read(), 20)
+        writer.transport.abort()
         await asyncio.sleep(0.05)
         (reply,) = await asked(connection, B)
         assert reply["verdict"] is False
@@ -147,40 +115,35 @@ async def test_what_one_client_does_costs_the_others_nothing(
 
 
 @live
-async def test_a_client_that_never_reads_is_left_behind_when_the_server_stops() -> None:
+async def test_who_never_reads_or_never_speaks_is_left_behind_when_it_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "_HANDSHAKE", 1.0)
+    monkeypatch.setattr(server, "_PATIENCE", 0.1)
     async with served() as url, connected(url) as connection:
+        reader, silent = await asyncio.open_connection(*endpoint(url))
         _, writer, _ = await opened(url)
-        event = json.dumps({"x": "y" * 60_000}).encode()
-        frame = b"\x81\xfe" + len(event).to_bytes(2, "big") + bytes(4) + event
-        for _ in range(300):
-            writer.write(frame)
+        message = frame(json.dumps({"x": "y" * 60_000}).encode())
+        for _ in range(200):
+            writer.write(message)
         await asyncio.sleep(0.2)
         (reply,) = await asked(connection, A)
         assert reply["verdict"] == "currently_true"
+    assert b"101" not in await reader.read()
+    silent.close()
     writer.transport.abort()
 
 
-def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.LogCaptureFixture) -> None:
+@live
+async def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.LogCaptureFixture) -> None:
     class Defective(Session):
         def read(self, event: object, came: object) -> None:  # noqa: ARG002 (the interface)
             raise ZeroDivisionError(f"no way with {event}")
 
-    async def scenario() -> None:
-        stop, url = asyncio.Event(), asyncio.get_running_loop().create_future()
-        good = Session(SEQUENCE)
-        sessions = iter([Defective(SEQUENCE), good])
-        running = asyncio.create_task(
-            serve(Protocol(SEQUENCE), lambda: next(sessions), stop, address=Address(port=0), listening=url.set_result)
-        )
-        async with connected(await url) as bad:
+    async with served(partial(next, iter([Defective(SEQUENCE), Session(SEQUENCE)]))) as url:
+        async with connected(url) as bad:
             with pytest.raises(websockets.ConnectionClosedError):
                 await asked(bad, A)
-        async with connected(await url) as fine:
+        async with connected(url) as fine:
             await asked(fine, A)
-        stop.set()
-        await running
-
-    asyncio.run(scenario())
     said = [record.getMessage() for record in caplog.records if record.name == "rvaft.ros"]
     assert said == ["rvaft: error: a defect in rvaft ended a connection: ZeroDivisionError: no way with {'event': 'a'}"]
 
@@ -188,205 +151,97 @@ def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.LogCaptur
 # -- who is let in -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("more", "status"),
-    [
-        ("", "101"),
-        ("Origin: https://dashboard.example\r\n", "101"),
-        ("Origin: http://evil.example\r\n", "403"),
-        ("Origin: http://{host}\r\nOrigin: http://evil.example\r\n", "403"),
-    ],
-)
 @live
-async def test_an_origin_that_is_not_allowed_is_refused(more: str, status: str) -> None:
+async def test_an_origin_that_is_not_allowed_is_refused_and_other_machines_are_not_heard() -> None:
     async with served(origins=["https://dashboard.example"]) as url:
-        _, writer, line = await opened(url, more=more.format(host=urlsplit(url).netloc))
-        writer.transport.abort()
-    assert status in line
-
-
-OWN: Final = "127.0.0.1:8080 127.0.0.1 localhost:8080 [::1]:8080 10.0.0.5:8080"
-FOREIGN: Final = (
-    ("http://127.0.0.1:8000", "127.0.0.1:8080"),
-    ("http://localhost:3000", "localhost:8080"),
-    ("http://localhost:8080", "127.0.0.1:8080"),
-    ("https://127.0.0.1:8080", "127.0.0.1:8080"),
-    ("http://127.0.0.1:8080.evil.example", "127.0.0.1:8080"),
-    ("http://rebound.example:8080", "rebound.example:8080"),
-    ("http://[::1", "[::1"),
-    ("http://", ""),
-    ("http://127.0.0.1:8080", None),
-    ("null", "127.0.0.1:8080"),
-)
-
-
-def test_only_an_address_vouches_for_itself() -> None:
-    assert all(allowed([f"http://{host}"], host, ()) for host in OWN.split())
-    for origin, host in FOREIGN:
-        assert not allowed([origin], host, ()), origin
-        assert allowed([origin], host, (origin,))
-
-
-def test_an_origin_is_allowed_as_clients_say_it() -> None:
-    for given, sent in (
-        ("http://robot.local:8080", "http://robot.local:8080"),
-        ("http://Robot.local:8080/", "http://Robot.local:8080"),
-        ("https://dashboard.example:443", "https://dashboard.example"),
-        ("http://robot:80/", "http://robot"),
-        ("http://[::1]:3000", "http://[::1]:3000"),
-    ):
-        assert allowed([sent], "127.0.0.1:8080", (origin_of(given),)), given
-
-
-NO_ORIGINS: Final = (
-    "/ null * nonsense robot.local:8080 ws://robot http:// http://robot/page http://robot// http://a@robot "
-    "http://robot: http://robot:0x50 http://robot:99999 http://[::1 http://robot?"
-)
-
-
-@pytest.mark.parametrize("text", ["", "http://ro\nbot", *NO_ORIGINS.split()])
-def test_what_is_no_origin(text: str) -> None:
-    with pytest.raises(OptionError, match="is no origin"):
-        origin_of(text)
-
-
-@pytest.mark.parametrize(
-    "text", ["127.0.0.1", "::1", "fe80::1%eth0", "0.0.0.0", "localhost", "robot.local.", "my_node", "3com.example"]
-)
-def test_a_host(text: str) -> None:
-    assert Address(text).host == text
-
-
-NO_HOSTS: Final = ". 0 1.2.3 256.1.1.1 0x7f.0x1 127.1. [::1] http://x:1 x:1 x/y a..b -a é"
-LONG_HOSTS: Final = ("x" * 64, ".".join(["x" * 50] * 6))
-
-
-@pytest.mark.parametrize("text", ["", " ", "a b", "a\n", "::1%a b", *NO_HOSTS.split(), *LONG_HOSTS])
-def test_what_is_no_host(text: str) -> None:
-    with pytest.raises(OptionError, match="is no IP address and no host name"):
-        Address(text)
-
-
-@live
-async def test_the_server_is_reached_from_this_machine_alone() -> None:
-    async with served() as url:
-        _, port = endpoint(url)
+        for more, status in (
+            ("", "101"),
+            ("Origin: https://dashboard.example\r\n", "101"),
+            ("Origin: http://evil.example\r\n", "403"),
+            (f"Origin: http://{urlsplit(url).netloc}\r\nOrigin: http://evil.example\r\n", "403"),
+        ):
+            _, writer, line = await opened(url, more)
+            writer.transport.abort()
+            assert status in line, more
         with pytest.raises(OSError):  # noqa: PT011 -- refused or unreachable, as the system has it
-            await asyncio.open_connection("127.0.0.2", port)
+            await asyncio.open_connection("127.0.0.2", endpoint(url)[1])
+
+
+@pytest.mark.parametrize(("what", "first", "second"), rows(__file__, "names.txt"))
+def test_hosts_and_origins(what: str, first: str, second: str | None) -> None:
+    match what:
+        case "own" | "foreign":  # an address vouches for itself, and what is no address for nobody
+            assert allowed([first], second, ()) is (what == "own")
+            assert allowed([first], second, (first,))
+        case "origin":
+            assert second is not None
+            assert allowed([second], "127.0.0.1:8080", (origin_of(first),))
+        case "no origin":
+            with pytest.raises(OptionError, match="is no origin"):
+                origin_of(first)
+        case "host":
+            assert Address(first).host == first
+        case "no host":
+            with pytest.raises(OptionError, match="is no IP address and no host name"):
+                Address(first)
+        case _:
+            raise AssertionError(what)
 
 
 # -- as a process -------------------------------------------------------------------------------------------------------
 
-SAND = TREES / "gates" / "sand.rvaft"
-OR = TREES / "gates" / "or.rvaft"
 
-
-@contextmanager
-def serving(*args: object) -> Iterator[tuple["subprocess.Popen[str]", str]]:
-    """A server as a process of its own, and its URL."""
-    words = [*COMMAND, "serve", *map(str, args), "--port", "0"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
-        try:
-            assert running.stdout is not None
-            said = running.stdout.readline()
-            assert said.startswith("listening at ws://127.0.0.1:")
-            yield running, said.split()[-1]
-        finally:
-            running.kill()
-
-
-def conversation(url: str, *messages: Json) -> list[Any]:
-    async def talk() -> list[Any]:
+@live
+async def test_the_options_reach_the_replies_and_an_interrupt_ends_it() -> None:
+    words = "--polarity detection --vocabulary strings --semantics scattered --per branch --max-message 2 --quiet"
+    with serving(TREES / "gates" / "or.rvaft", *words.split()) as (running, url):
         async with connected(url) as connection:
-            return await asked(connection, *messages)
-
-    return asyncio.run(talk())
-
-
-def told(running: "subprocess.Popen[str]", number: signal.Signals = signal.SIGTERM) -> list[str]:
-    """What a server has said when a signal has ended it."""
-    running.send_signal(number)
-    assert running.wait(timeout=20) == 0
-    assert running.stderr is not None
-    return [line.removeprefix("rvaft: ") for line in running.stderr.read().splitlines()]
-
-
-def test_a_signal_ends_it_cleanly() -> None:
-    async def talk(running: "subprocess.Popen[str]", url: str) -> int | None:
-        async with connected(url) as connection:
-            await asked(connection, {"event": "a"})
+            first, last = await asked(connection, {"x": "y" * 1_500_000}, B)
             running.send_signal(signal.SIGINT)
             await asyncio.wait_for(connection.wait_closed(), 20)
-            return connection.close_code
-
-    with serving(SAND, "--quiet") as (running, url):
-        assert asyncio.run(talk(running, url)) == 1001
-        assert running.wait(timeout=20) == 0
         assert running.stderr is not None
-        assert running.stderr.read() == ""
+        assert (connection.close_code, running.wait(20), running.stderr.read()) == (1001, 0, "")
+    detected = {"1": "currently_false", "2": "true", "3": "currently_false"}
+    assert (first["verdict"], last["verdict"], last["verdicts"]) == ("currently_false", "true", detected)
 
 
-def test_what_happens_is_said() -> None:
-    """More connections than allowed are refused, and clients that hold on do not keep it from ending."""
-
-    async def crowd(url: str) -> None:
-        async with connected(url) as one, connected(url):
+@live
+async def test_what_happens_is_said(tmp_path: Path) -> None:
+    """Also of connections beyond what is allowed, and beyond the files that there may be; it goes on all the same."""
+    tree = written(tmp_path / "tree.rvaft", "top or f s; f fault; s sand a b; a attack; b;")
+    few = partial(resource.setrlimit, resource.RLIMIT_NOFILE, (40, 40))
+    words = "--kind attack --semantics scattered --shared --max-connections 2"
+    with serving(tree, *words.split(), preexec_fn=few) as (running, url):
+        assert running.stderr is not None
+        async with connected(url) as one, connected(url) as other:
+            await asked(one, "", {"event": "f"}, A)
             with pytest.raises(websockets.exceptions.InvalidStatus, match="503"):
-                async with connected(url):
-                    pass
-            assert await asked(one, {"event": "x"})
-
-    with serving(OR, "--shared", "--max-connections", "2") as (running, url):
-        conversation(url, "", {"event": "a"}, {"event": "b"})
-        conversation(url, {"event": "a"})
-        asyncio.run(crowd(url))
-        host, port = url.removeprefix("ws://").split(":")
-        with socket.create_connection((host, int(port))) as silent, socket.create_connection((host, int(port))) as rude:
-            rude.sendall(b"nonsense\r\n\r\n")
-            said = told(running)
-            assert silent.recv(1) == b""
-    assert [line.split(" from ")[0] for line in said if " opened" in line] == [f"connection {n}" for n in range(1, 5)]
-    quiet = [re.sub(r" from \S+", "", line) for line in said if " opened" not in line]
-    assert quiet[:5] == [
-        "connection 1: message refused: not JSON: expecting value",
-        "connection 1: detected at event 1: branch 1",
-        "connection 1 closed after 2 events",
-        "connection 2 closed after 1 event",
-        "connection refused: there are 2, the most that --max-connections allows",
-    ]
-
-
-def test_without_files_for_more_connections_there_is_one_line() -> None:
-    code = (
-        "import resource, sys; resource.setrlimit(resource.RLIMIT_NOFILE, (40, 40)); import rvaft.cli.ros; "
-        "from rvaft.cli import main; assert not any(name.startswith('websockets') for name in sys.modules); "
-        f"main(['serve', {str(SAND)!r}, '--port', '0', '--quiet'][:-1])"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as running:
-        assert running.stdout is not None
-        assert running.stderr is not None
-        host, port = running.stdout.readline().split()[-1].removeprefix("ws://").split(":")
-        clients = [socket.create_connection((host, int(port))) for _ in range(60)]
-        line = running.stderr.readline()
-        running.kill()
+                await connected(url)
+            await asked(other, B)
+            await asked(one, B)
+        clients = [socket.create_connection(endpoint(url)) for _ in range(60)]
+        lines = [running.stderr.readline()]
+        while "too many" not in lines[-1]:
+            lines.append(running.stderr.readline())
         for client in clients:
             client.close()
-        rest = running.stderr.read()
-    assert line == "rvaft: too many open files: new connections have to wait; allow more with ulimit -n\n"
-    assert "Traceback" not in rest
-
-
-def test_the_options_reach_the_replies() -> None:
-    words = ["--polarity", "detection", "--vocabulary", "strings", "--semantics", "scattered", "--per", "branch"]
-    with serving(OR, *words, "--max-message", "2") as (_, url):
-        first, last = conversation(url, {"x": "y" * 1_500_000}, {"event": "b"})
-        assert (first["verdict"], last["verdict"], last["verdicts"]["2"]) == ("currently_false", "true", "true")
-        assert set(last["verdicts"].values()) == {"true", "currently_false"}
-    lines = (PRUNED.parent / "pruned.traces" / "table2_row3.jsonl").read_text(encoding="utf-8").splitlines()
-    with serving(PRUNED, "--kind", "attack", "--shared") as (_, url):
-        assert conversation(url, *lines)[-1]["verdict"] is conversation(url, {})[0]["verdict"] is False
+        async with connected(url) as late:
+            assert (await asked(late, {}))[0]["verdict"] is False
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(20) == 0
+        lines += running.stderr.readlines()
+    assert sorted(re.sub("^rvaft: | from [0-9.:]+|\n", "", line) for line in lines) == [
+        "connection 1 closed after 3 events",
+        "connection 1 opened",
+        "connection 1: message refused: not JSON: expecting value",
+        "connection 2 closed after 1 event",
+        "connection 2 opened",
+        "connection 2: detected at event 3: branch 2, attack",
+        "connection 3 closed after 1 event",
+        "connection 3 opened",
+        "connection refused: there are 2, the most that --max-connections allows",
+        "too many open files: new connections have to wait; allow more with ulimit -n",
+    ]
 
 
 def test_a_port_in_use() -> None:
@@ -402,14 +257,19 @@ def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     failed(run("serve", SAND), "websockets is not installed: pip install '.[ros]' in a checkout")
 
 
-def test_the_client_that_rosmonitoring_uses() -> None:
+@live
+async def test_the_client_that_rosmonitoring_uses() -> None:
     """It names the address that it connects to as its origin, and answers pings only while it waits for a reply."""
     client = pytest.importorskip("websocket")
-    with serving(SAND) as (_, url):
+
+    def talk(url: str) -> list[Any]:
         oracle = client.create_connection(url, timeout=20, http_no_proxy=["127.0.0.1"])
         replies = []
-        for name in "abc":
-            oracle.send(json.dumps({"event": name}))
-            replies.append(json.loads(oracle.recv()))
+        for event in (A, B, {}):
+            oracle.send(json.dumps(event))
+            replies.append(json.loads(oracle.recv())["verdict"])
         oracle.close()
-    assert [reply["verdict"] for reply in replies] == ["currently_true", "currently_true", False]
+        return replies
+
+    async with served() as url:
+        assert await asyncio.to_thread(talk, url) == ["currently_true", False, False]

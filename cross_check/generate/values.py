@@ -16,7 +16,8 @@ from typing import Final, TypeAlias, TypeVar, cast
 
 import networkx as nx
 
-from rvaft.model.guards import ARITHMETIC, COMPARISONS, UNDEFINED, Guard, Operation, Operator, conjuncts, holds, value
+from rvaft.analysis.guard_solver import bounds
+from rvaft.model.guards import ARITHMETIC, COMPARISONS, Guard, Operation, Operator, conjuncts, holds
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.patterns import Anything, Binding, ListPattern, Literal, ObjectPattern, Pattern, Variable, walk
@@ -162,12 +163,6 @@ class EventFields:
 TRIES: Final = 200
 """How many values to try for variables that hang together, and 20 more for each of them, before giving up."""
 _ANY_ORDER: Final = 0.3
-_INVERSE: Final = {
-    Operator.ADD: Operator.SUB,
-    Operator.SUB: Operator.ADD,
-    Operator.MUL: Operator.DIV,
-    Operator.DIV: Operator.MUL,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,56 +268,14 @@ class ValueSearch:
     def _candidates(self, name: str, binding: Binding) -> Iterator[Json]:
         """Values to try for a variable: the promising ones in random order, then all others."""
         guards = [demand.guard for demand in self._touching[name] if demand.guard is not None]
-        bounds = [bound for guard in guards for bound in _bounds(guard, name, binding)]
-        close = [value for bound in bounds for value in around(bound)]
-        last = [] if self.near else [value for value in close if isinstance(value, str) and value not in bounds]
+        known = [bound for guard in guards for bound in bounds(guard, name, binding)]
+        close = [value for bound in known for value in around(bound)]
+        last = [] if self.near else [value for value in close if isinstance(value, str) and value not in known]
         first = [*(value for value in close if self.near or value not in last), *self.some(name)]
         self.random.shuffle(first)
         yield from first
         yield from last
         yield from self.random.sample(self.others, len(self.others))
-
-
-def _bounds(guard: Guard, name: str, binding: Binding) -> Iterator[Json]:
-    """The values at which a comparison in the guard changes its mind about a variable, as far as that is known now."""
-    todo: list[Guard] = [guard]
-    while todo:
-        part = todo.pop()
-        if isinstance(part, Operation):
-            todo.extend(part.operands)
-            if part.operator in COMPARISONS:
-                left, right = part.operands
-                for side, other in ((left, right), (right, left)):
-                    yield from _solved(side, name, _known(other, binding), binding)
-
-
-def _solved(side: Guard, name: str, goal: Json, binding: Binding) -> Iterator[Json]:
-    """The value of a variable with which a term has a value, where the variable stands in it once."""
-    while isinstance(side, Operation) and goal is not UNDEFINED:
-        operator, operands = side.operator, side.operands
-        if operator is Operator.NEGATE:
-            side, goal = operands[0], value(Operation(operator, (Literal(goal),)), {})
-        elif operator not in _INVERSE:
-            return
-        elif (other := _known(operands[1], binding)) is not UNDEFINED:
-            side, goal = operands[0], _calculated(_INVERSE[operator], goal, other)
-        elif (other := _known(operands[0], binding)) is not UNDEFINED:
-            turned = operator in (Operator.SUB, Operator.DIV)  # a - x = g where a - g = x
-            goal = _calculated(operator, other, goal) if turned else _calculated(_INVERSE[operator], goal, other)
-            side = operands[1]
-        else:
-            return
-    if side == Variable(name) and goal is not UNDEFINED:
-        yield goal
-
-
-def _calculated(operator: Operator, *operands: Json) -> Json:
-    found = value(Operation(operator, tuple(map(Literal, operands))), {})
-    return int(found) if isinstance(found, float) and found.is_integer() and abs(found) < 2**53 else found
-
-
-def _known(guard: Guard, binding: Binding) -> Json:
-    return value(guard, binding) if all(name in binding for name in guard_variables(guard)) else UNDEFINED
 
 
 # -- what a log might hold: times that grow, and for every field a value that its name suggests, where the tree leaves it open ---

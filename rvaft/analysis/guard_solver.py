@@ -382,18 +382,19 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
         [] for _ in names
     ]  # a guard is looked at as soon as the last of its variables has a value
     for guard in todo:
-        own = [rank[name] for name in variables(guard)]
-        for index in own:
+        ranks = [rank[name] for name in variables(guard)]
+        for index in ranks:
             touching[index].append(guard)
-        if own:
-            due[max(own)].append(guard)
+        if ranks:
+            due[max(ranks)].append(guard)
     literals = [part for guard in todo for part in walk(guard) if isinstance(part, Literal)]
     constants = [literal.value for literal in dict.fromkeys(literals)]
     binding: dict[str, Json] = {}
     levels: list[Iterator[Json]] = []
     while len(binding) < len(names):
         if len(levels) == len(binding):
-            levels.append(_candidates(constants, touching[len(levels)], binding))
+            index = len(levels)
+            levels.append(_candidates([*_near(touching[index], names[index], binding), *constants]))
         here, name = due[len(levels) - 1], names[len(levels) - 1]
         for candidate in levels[-1]:
             binding[name] = candidate
@@ -413,9 +414,8 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
     return binding
 
 
-def _candidates(constants: list[Json], guards: list[Guard], binding: Binding) -> Iterator[Json]:
+def _candidates(near: list[Json]) -> Iterator[Json]:
     """Values for one variable, those most likely to do first, each once."""
-    near = [*_sides(guards, binding), *constants]
     seen: set[Hashable] = set()
     for candidate in _in_turn(near):
         if (known := key(candidate)) not in seen:
@@ -441,36 +441,63 @@ def _in_turn(near: list[Json]) -> Iterator[Json]:
     yield from (True, False, None, [])
 
 
-_UNDONE: Final = {
-    Operator.ADD: (Operator.SUB, Operator.SUB),
-    Operator.SUB: (Operator.ADD, Operator.SUB),
-    Operator.MUL: (Operator.DIV, Operator.DIV),
-    Operator.DIV: (Operator.MUL, Operator.DIV),
+_INVERSE: Final = {
+    Operator.ADD: Operator.SUB,
+    Operator.SUB: Operator.ADD,
+    Operator.MUL: Operator.DIV,
+    Operator.DIV: Operator.MUL,
 }
-"""What solves `x ∘ a = g` for x, applied to g and a, and what solves `a ∘ x = g`, for `-` and `/` applied to a and g."""
 
 
-def _sides(guards: list[Guard], binding: Binding) -> Iterator[Json]:
-    """What the variable is compared with, and what solves a sum or product for it, as far as that has a value now."""
+def _near(guards: list[Guard], name: str, binding: Binding) -> Iterator[Json]:
+    """What is compared with anything, as far as that has a value now, and where a comparison changes its mind about the variable."""
+    for guard in guards:
+        sides = (side for part in _comparisons(guard) for side in part.operands)
+        yield from (known for side in sides if (known := _known(side, binding)) is not UNDEFINED)
+        yield from bounds(guard, name, binding)
 
-    def known(guard: Guard) -> Json:
-        return value(guard, binding) if all(name in binding for name in variables(guard)) else UNDEFINED
 
-    for part in (part for guard in guards for part in walk(guard)):
-        if not (isinstance(part, Operation) and part.operator in COMPARISONS):
-            continue
-        values = [known(side) for side in part.operands]
-        yield from (v for v in values if v is not UNDEFINED)
-        for side, goal in zip(part.operands, reversed(values), strict=True):
-            if not (is_number(goal) and isinstance(side, Operation) and side.operator in _UNDONE):
-                continue
-            left, right = map(known, side.operands)
-            first, second = _UNDONE[side.operator]
-            if right is not UNDEFINED:
-                solved = value(Operation(first, (Literal(goal), Literal(right))), {})
-            elif side.operator in (Operator.SUB, Operator.DIV):
-                solved = value(Operation(second, (Literal(left), Literal(goal))), {})
-            else:
-                solved = value(Operation(second, (Literal(goal), Literal(left))), {})
-            if solved is not UNDEFINED:
-                yield solved
+def bounds(guard: Guard, name: str, binding: Binding) -> Iterator[Json]:
+    """The values at which a comparison in the guard changes its mind about a variable, as far as that is known now.
+
+    >>> X, Y = Variable("X"), Variable("Y")
+    >>> later = Operation(Operator.GE, (Y, Operation(Operator.ADD, (X, Literal(10)))))
+    >>> [*bounds(later, "Y", {"X": 3}), *bounds(later, "X", {"Y": 3})]
+    [13, -7]
+    """
+    for part in _comparisons(guard):
+        for side, other in (part.operands, part.operands[::-1]):
+            yield from _solved(side, name, _known(other, binding), binding)
+
+
+def _comparisons(guard: Guard) -> Iterator[Operation]:
+    return (part for part in walk(guard) if isinstance(part, Operation) and part.operator in COMPARISONS)
+
+
+def _solved(side: Guard, name: str, goal: Json, binding: Binding) -> Iterator[Json]:
+    """The value of a variable with which a term has a value, where the variable stands in it once."""
+    while isinstance(side, Operation) and goal is not UNDEFINED:
+        operator, operands = side.operator, side.operands
+        if operator is Operator.NEGATE:
+            side, goal = operands[0], value(Operation(operator, (Literal(goal),)), {})
+        elif operator not in _INVERSE:
+            return
+        elif (other := _known(operands[1], binding)) is not UNDEFINED:
+            side, goal = operands[0], _calculated(_INVERSE[operator], goal, other)
+        elif (other := _known(operands[0], binding)) is not UNDEFINED:
+            turned = operator in (Operator.SUB, Operator.DIV)  # a - x = g where a - g = x
+            goal = _calculated(operator, other, goal) if turned else _calculated(_INVERSE[operator], goal, other)
+            side = operands[1]
+        else:
+            return
+    if side == Variable(name) and goal is not UNDEFINED:
+        yield goal
+
+
+def _calculated(operator: Operator, *operands: Json) -> Json:
+    found = value(Operation(operator, tuple(map(Literal, operands))), {})
+    return int(found) if isinstance(found, float) and found.is_integer() and abs(found) < _EXACT else found
+
+
+def _known(guard: Guard, binding: Binding) -> Json:
+    return value(guard, binding) if all(name in binding for name in variables(guard)) else UNDEFINED

@@ -5,7 +5,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise, permutations
+from itertools import pairwise, permutations, product
 from random import Random
 from typing import Any, Final
 
@@ -43,32 +43,26 @@ def detects(tree: RVAFT, semantics: Semantics, trace: list[Json], **part: Any) -
 
 
 @pytest.mark.parametrize("shape", [*SHAPES, *DENSE])
-def test_the_reference_detects_at_the_last_event_and_not_before(shape: str) -> None:
-    made = [
-        detects(tree, semantics, trace)
-        for random, tree in small_trees(shape, 6)
-        for semantics in Semantics
-        if (trace := found(detecting, random, tree, semantics)) is not None
-    ]
-    assert all(made)
-    assert len(made) > 6
-
-
-@pytest.mark.parametrize("shape", ["everything", "guarded", "heavily shared"])
-def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_reference_detects_at_the_last_event_and_not_before(shape: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = 0
+    for random, tree in small_trees(shape, 4):
+        for semantics in Semantics:
+            trace = found(detecting, random, tree, semantics)
+            assert trace is None or detects(tree, semantics, trace)
+            made += trace is not None
+    assert made > 4
     monkeypatch.setattr("cross_check.generate.traces.Engine", None)
-    for random, tree in small_trees(shape, 6):
+    for random, tree in small_trees(shape, 1):
         for semantics in Semantics:
             trace = found(guided, random, tree, semantics)
-            assert trace is None or Verdict.TRUE in verdicts(tree, semantics, trace)
+            assert trace is None or Verdict.TRUE in verdicts(tree, semantics, trace), "no monitor needs to be asked"
 
 
 @pytest.mark.parametrize("name", shipped.names())
-@pytest.mark.parametrize("manner", MANNERS)
-def test_shipped_trees(name: str, manner: str) -> None:
-    for seed, semantics in enumerate(Semantics):
-        trace = detecting(Random(seed), shipped.load(name), semantics, MANNERS[manner])
-        assert detects(shipped.load(name), semantics, trace)
+def test_shipped_trees(name: str) -> None:
+    tree = shipped.load(name)
+    for semantics, manner in product(Semantics, MANNERS.values()):
+        assert detects(tree, semantics, detecting(Random(1), tree, semantics, manner))
 
 
 @pytest.mark.parametrize("part", [{"branch": 2}, {"branch": 3}, {"kind": "attack"}, {"kind": "fault"}])
@@ -86,15 +80,16 @@ def test_a_monitor_that_does_not_detect_is_not_passed_over(monkeypatch: pytest.M
 
 def test_noise_is_never_relevant_and_comes_where_it_does_no_harm() -> None:
     tree = loads("top and a b c;")
-    noisy = Counter[Semantics]()
-    for seed in range(40):
-        for semantics in Semantics:
-            noisy[semantics] += any(not relevant(tree, event) for event in guided(Random(seed), tree, semantics))
+    noisy = {
+        semantics: sum(
+            any(not relevant(tree, one) for one in guided(Random(seed), tree, semantics)) for seed in range(40)
+        )
+        for semantics in Semantics
+    }
     assert noisy[STRICT] == 0
     assert min(noisy[PROJECTED], noisy[SCATTERED]) > 3
-    tree = loads(
-        "event any(x) = { event: x }; event y(x) = { y: x }; top and a b; a on any(_); b on y(_); ignore any(0);"
-    )
+    events = "event any(x) = { event: x }; event y(x) = { y: x };"
+    tree = loads(f"{events} top and a b; a on any(_); b on y(_); ignore any(0);")
     seen = [event for seed in range(100) if (event := noise(Random(seed), tree, (0, "x"))) is not None]
     assert seen
     assert not any(relevant(tree, event) for event in seen)
@@ -105,7 +100,7 @@ def test_noise_is_never_relevant_and_comes_where_it_does_no_harm() -> None:
 
 @pytest.mark.parametrize("shape", ["plain", "shared order", "shared thresholds", "heavily shared"])
 def test_every_feasible_scenario_is_drawn(shape: str) -> None:
-    for random, tree in small_trees(shape, 12):
+    for random, tree in small_trees(shape, 8):
         wanted = {frozenset(scenario.kept.items()) for scenario in feasible_scenarios(tree)}
         drawn = set()
         for _ in range(150 * len(wanted)):
@@ -124,7 +119,7 @@ def test_every_feasible_scenario_is_drawn(shape: str) -> None:
 @pytest.mark.parametrize("shape", ["plain", "everything", "shared order", "heavily shared", "silent"])
 def test_every_order_that_keeps_the_precedence_comes_out_and_no_other(shape: str) -> None:
     compared = 0
-    for random, tree in small_trees(shape, 30):
+    for random, tree in small_trees(shape, 16):
         for scenario in feasible_scenarios(tree)[:3]:
             if len(scenario.occurrences) > 4:
                 continue
@@ -136,7 +131,7 @@ def test_every_order_that_keeps_the_precedence_comes_out_and_no_other(shape: str
             drawn = {tuple(random_order(random, tree, scenario.kept)) for _ in range(40 * len(wanted))}
             assert drawn == wanted
             compared += len(wanted) > 1
-    assert compared >= 4
+    assert compared >= 2
 
 
 def names(trace: list[Json]) -> list[str]:

@@ -5,16 +5,27 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from click.testing import CliRunner
+
+from rvaft.cli import main
+
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SETUP = re.compile(r"^(make|pip|git clone|python3? -m venv|source) ?")
 """Commands that set up a machine; the tests run inside the result."""
+
+ALONE = re.compile(
+    r"""rvaft (?![^|]*/dev/)(?P<words>(?:'[^']*'|"[^"$`]*"|[^|;&<>$*`("'])+)"""
+    r"""(?:\| (?P<rest>.+)|(?P<status>; echo "exit status \$\?"))?"""
+)
+"""The command, and then what filters its output or says its status."""
 
 
 @dataclass(frozen=True)
@@ -55,31 +66,36 @@ def commands(block: str) -> list[tuple[str, str]]:
     return found
 
 
-def run(command: str, folder: Path) -> str:
-    """What a command prints, errors included."""
+def run(command: str, data: str = "") -> str:
+    """What a command prints, errors included: as a shell runs it, or, to spare a start, here where it needs no shell."""
+    environment = {"LC_ALL": "C.UTF-8", "COLUMNS": "100", "NO_COLOR": "1"}
+    if (found := ALONE.fullmatch(command)) is not None:
+        result = CliRunner().invoke(main, shlex.split(found["words"]), input=data, env=environment)
+        if found["rest"]:
+            return result.stderr + run(found["rest"], result.stdout)
+        return result.output + (f"exit status {result.exit_code}\n" if found["status"] else "")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "LC_ALL": "C.UTF-8", "COLUMNS": "100", "NO_COLOR": "1"}
     done = subprocess.run(
         ["bash", "-c", command],
-        cwd=folder,
-        env=environment,
+        env={**os.environ, "PATH": path, **environment},
+        input=data,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        text=True,
+        encoding="utf-8",
         timeout=120,
         check=False,
     )
     return done.stdout
 
 
-def rewritten(text: str, folder: Path) -> str:
+def rewritten(text: str) -> str:
     """The page with every output as it is now."""
 
     def block(found: re.Match[str]) -> str:
         if found[1] != "sh" or not found[2].startswith("$ "):
             return found[0]
         parts = [
-            f"$ {command}\n" + (output if SETUP.match(command) else run(command, folder))
+            f"$ {command}\n" + (output if SETUP.match(command) else run(command))
             for command, output in commands(found[2])
         ]
         return f"```sh\n{''.join(parts)}```"
@@ -88,5 +104,6 @@ def rewritten(text: str, folder: Path) -> str:
 
 
 if __name__ == "__main__":
+    os.chdir(ROOT)
     for path in pages():
-        path.write_text(rewritten(path.read_text(encoding="utf-8"), ROOT), encoding="utf-8")
+        path.write_text(rewritten(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -22,13 +22,14 @@ def params(found: Iterable[Block]) -> list[ParameterSet]:
 
 
 @pytest.mark.parametrize("block", params(blocks("sh")))
-def test_shell(block: Block) -> None:
+def test_shell(block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
     assert block.text.startswith("$ "), "a shell block starts with a command after `$ `"
     for command, shown in commands(block.text):
         if SETUP.match(command):
             assert not shown, "a command that sets up the machine shows no output"
         else:
-            assert run(command, ROOT) == shown, command
+            assert run(command) == shown, command
 
 
 SESSIONS = [block for block in blocks("python") if block.page.name != "rules.md"]

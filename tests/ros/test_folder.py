@@ -1,7 +1,7 @@
 """Where the files go: all or none, and nothing of anybody else's is overwritten."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -11,87 +11,79 @@ from tests.cli.runs import TREES, failed, run
 
 ROS = TREES / "remote_inspection" / "ros.rvaft"
 FILES: Mapping[str, str | None] = {"a": "1\n", "b": "é\n", "c": "3\n"}
+MINE = {"b": "mine\n", "other": "x"}
+LESS = {"a": "1\n", "c": "3\n"}
+GONE = {**FILES, "b": None, "z": None}
 
 
 def content(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
 
 
-def test_they_are_written_and_written_again(tmp_path: Path) -> None:
-    for _ in range(2):
-        place(tmp_path / "new", FILES)
-        assert content(tmp_path / "new") == FILES
-    place(tmp_path, FILES)
-    assert {name: (tmp_path / name).read_text(encoding="utf-8") for name in FILES} == FILES
-
-
-def test_what_is_there_with_another_text_stays_unless_forced(tmp_path: Path) -> None:
-    before = {"b": "mine\n", "other": "x"}
-    place(tmp_path, before)
-    (tmp_path / "b").chmod(0o640)
-    with pytest.raises(FileExistsError, match="another text; --force replaces it") as caught:
-        place(tmp_path, FILES)
-    assert caught.value.filename == str(tmp_path / "b")
-    assert content(tmp_path) == before
-    place(tmp_path, FILES, force=True)
-    assert content(tmp_path) == {**FILES, "other": "x"}
-    assert (tmp_path / "b").stat().st_mode & 0o777 == 0o640
-
-
-def test_what_must_not_be_there_is_removed_only_if_forced(tmp_path: Path) -> None:
-    place(tmp_path, FILES)
-    now = {**FILES, "b": None, "z": None}
-    with pytest.raises(FileExistsError, match="out of date"):
-        place(tmp_path, now)
-    assert content(tmp_path) == FILES
-    place(tmp_path, now, force=True)
-    place(tmp_path, now)
-    assert content(tmp_path) == {"a": "1\n", "c": "3\n"}
-
-
-@pytest.mark.parametrize("fails_at", range(1, 6))
-def test_when_one_cannot_be_put_in_place_all_is_as_it_was(
-    fails_at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("before", "files", "after", "refused"),
+    [
+        ({}, FILES, FILES, None),
+        (FILES, FILES, FILES, None),
+        (MINE, FILES, {**FILES, "other": "x"}, "another text; --force replaces it"),
+        (FILES, GONE, LESS, "out of date"),
+        (LESS, GONE, LESS, None),
+    ],
+)
+def test_what_is_there_with_another_text_is_replaced_or_removed_only_if_forced(
+    before: Mapping[str, str],
+    files: Mapping[str, str | None],
+    after: Mapping[str, str],
+    refused: str | None,
+    tmp_path: Path,
 ) -> None:
-    """Five renames: `a` and `gone` away, `a`, `b` and `c` there."""
+    folder = tmp_path / "new"
+    place(folder, before)
+    for path in folder.iterdir():
+        path.chmod(0o640)
+    if refused is not None:
+        with pytest.raises(FileExistsError, match=refused) as caught:
+            place(folder, files)
+        assert caught.value.filename == str(folder / "b")
+        assert content(folder) == before
+    place(folder, files, force=refused is not None)
+    assert content(folder) == after
+    assert all((folder / name).stat().st_mode & 0o777 == 0o640 for name in {*before} & {*after})
+
+
+def test_when_one_cannot_be_written_or_put_in_place_all_is_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All texts are written, then what is there is renamed and what is new takes its place: each of these steps fails once."""
     before = {"a": "old\n", "gone": "old\n", "other": "x"}
-    place(tmp_path, before)
-    rename, calls = Path.rename, 0
+    place(tmp_path / "old", before)
+    left = 0
 
-    def failing(path: Path, target: Path) -> Path:
-        nonlocal calls
-        calls += 1
-        if calls == fails_at:
-            raise OSError(28, "No space left on device")
-        return rename(path, target)
+    def limited(step: Callable[[Path, object], object]) -> Callable[[Path, object], object]:
+        def taken(path: Path, given: object) -> object:
+            nonlocal left
+            left -= 1
+            if left == 0:
+                raise OSError(28, "No space left on device")
+            return step(path, given)
 
-    monkeypatch.setattr(Path, "rename", failing)
-    with pytest.raises(OSError, match="cannot write: No space left"):
-        place(tmp_path, {**FILES, "gone": None}, force=True)
-    assert content(tmp_path) == before
-    calls = fails_at - 1  # so that the next one fails
-    with pytest.raises(OSError, match="cannot write: No space left"):
-        place(tmp_path / "new", FILES)
-    assert not (tmp_path / "new").exists()
+        return taken
 
-
-def test_when_one_cannot_be_written_all_is_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write = Path.write_bytes
-
-    def failing(path: Path, data: bytes) -> int:
-        if path.name == "c":
-            raise OSError(28, "No space left on device")
-        return write(path, data)
-
-    monkeypatch.setattr(Path, "write_bytes", failing)
-    with pytest.raises(OSError, match="cannot write: No space left") as caught:
-        place(tmp_path / "new", FILES)
-    assert caught.value.filename == str(tmp_path / "new" / "c")
-    assert not (tmp_path / "new").exists()
+    for name in ("write_bytes", "rename"):
+        monkeypatch.setattr(Path, name, limited(getattr(Path, name)))
+    for folder, steps in ((tmp_path / "old", "a b c a a b c gone"), (tmp_path / "new", "a b c a b c")):
+        for number, step in enumerate(steps.split(), 1):
+            left = number
+            with pytest.raises(OSError, match="cannot write: No space left") as caught:
+                place(folder, {**FILES, "gone": None}, force=True)
+            assert caught.value.filename == str(folder / step)
+            assert content(tmp_path / "old") == before
+            assert not (tmp_path / "new").exists()
 
 
 def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("x")
+    for name in ("file", "no\nline"):
+        (tmp_path / name).write_text("x")
     for folder, part in (
         (tmp_path / "file", "a file of this name is there"),
         (tmp_path / "file" / "below", "Not a directory"),
@@ -99,8 +91,6 @@ def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
         (Path("/proc/nowhere"), "cannot make the folder"),
         (tmp_path / "no\nline", r"no\nline"),
     ):
-        if "\n" in str(folder):
-            folder.write_text("x")
         failed(run("rosmonitoring", ROS, "-o", folder), part)
     (tmp_path / "taken" / "monitors.yaml").mkdir(parents=True)
     failed(
@@ -135,20 +125,18 @@ def test_the_specifications_of_an_earlier_run_go_with_its_configuration(tmp_path
     assert {path.name for path in tmp_path.iterdir()} == made | kept
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "monitors:\n- monitor: {id: damaged_branch_1}\n",  # not written here
-        "# Written by rvaft rosmonitoring: change the tree and write it again.\n{",
-        "# Written by rvaft rosmonitoring: change the tree and write it again.\nmonitors: [{monitor: {id: 1}}, 7]\n",
-        "\xff",
-    ],
-)
-def test_a_configuration_of_somebody_else_says_nothing_of_files(text: str, tmp_path: Path) -> None:
+def test_a_configuration_of_somebody_else_says_nothing_of_files(tmp_path: Path) -> None:
+    written_here = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
     assert run("rosmonitoring", ROS, "-o", tmp_path, "--per", "branch").exit_code == 0
-    (tmp_path / "monitors.yaml").write_bytes(text.encode("latin-1"))
-    assert run("rosmonitoring", ROS, "-o", tmp_path, "--force").exit_code == 0
-    assert (tmp_path / "damaged_branch_1.rml").exists()
+    for text in (
+        "monitors:\n- monitor: {id: damaged_branch_1}\n",
+        f"{written_here}{{",
+        f"{written_here}monitors: [{{monitor: {{id: 1}}}}, 7]\n",
+        "\xff",
+    ):
+        (tmp_path / "monitors.yaml").write_bytes(text.encode("latin-1"))
+        assert run("rosmonitoring", ROS, "-o", tmp_path, "--force").exit_code == 0
+        assert (tmp_path / "damaged_branch_1.rml").exists()
 
 
 def test_edits_of_a_configuration_survive(tmp_path: Path) -> None:

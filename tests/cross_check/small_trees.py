@@ -42,6 +42,11 @@ def verdicts(tree: RVAFT, semantics: Semantics, trace: list[Json], **part: Any) 
     return list(Reference(tree, semantics, **part).run(trace))
 
 
+def detects(tree: RVAFT, semantics: Semantics, trace: list[Json], **part: Any) -> bool:
+    """Whether the reference says ⊤ after the last event, and nothing before."""
+    return verdicts(tree, semantics, trace, **part) == [*[Verdict.UNKNOWN] * (len(trace) - 1), Verdict.TRUE]
+
+
 def found(make: Callable[P, T], *args: P.args, **options: P.kwargs) -> T | None:
     """What is made, or None where no trace was found."""
     try:

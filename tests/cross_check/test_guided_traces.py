@@ -23,7 +23,7 @@ from rvaft.engine import Engine
 from rvaft.model.values import Json
 from rvaft.semantics import feasible_scenarios
 from rvaft.semantics.reference import relevant
-from tests.cross_check.small_trees import SHAPES, found, small_trees, verdicts
+from tests.cross_check.small_trees import SHAPES, detects, found, small_trees, verdicts
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
 from tests.trees import shipped
@@ -37,25 +37,13 @@ EVENT: Final = "event e(x) = { x: x };"
 # -- detection ------------------------------------------------------------------------------------------------------
 
 
-def detects(tree: RVAFT, semantics: Semantics, trace: list[Json], **part: Any) -> bool:
-    """Whether the reference says ⊤ after the last event, and nothing before."""
-    return verdicts(tree, semantics, trace, **part) == [*[Verdict.UNKNOWN] * (len(trace) - 1), Verdict.TRUE]
-
-
 @pytest.mark.parametrize("shape", [*SHAPES, *DENSE])
-def test_the_reference_detects_at_the_last_event_and_not_before(shape: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = 0
-    for random, tree in small_trees(shape, 4):
-        for semantics in Semantics:
-            trace = found(detecting, random, tree, semantics)
-            assert trace is None or detects(tree, semantics, trace)
-            made += trace is not None
-    assert made > 4
+def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cross_check.generate.traces.Engine", None)
-    for random, tree in small_trees(shape, 1):
+    for random, tree in small_trees(shape, 3):
         for semantics in Semantics:
             trace = found(guided, random, tree, semantics)
-            assert trace is None or Verdict.TRUE in verdicts(tree, semantics, trace), "no monitor needs to be asked"
+            assert trace is None or Verdict.TRUE in verdicts(tree, semantics, trace)
 
 
 @pytest.mark.parametrize("name", shipped.names())
@@ -205,7 +193,7 @@ def test_what_is_so_of_each_trace(
 
 
 def test_a_vote_has_more_than_k_children_now_and_then() -> None:
-    lengths = Counter(len(guided(Random(seed), loads("top 2of4 a b c d;"), STRICT)) for seed in range(200))
+    lengths = Counter(len(guided(Random(seed), loads("top 2of4 a b c d;"), STRICT)) for seed in range(120))
     assert set(lengths) == {2, 3, 4}
     assert lengths[2] > lengths[3]
 
@@ -249,11 +237,11 @@ def test_an_early_value_that_leaves_none_for_a_later_variable_is_given_up() -> N
 
 @pytest.mark.parametrize("shape", ["guarded", "variables", "shared variables"])
 def test_where_none_is_found_another_search_finds_no_values_either(shape: str) -> None:
-    missed = [tree for random, tree in small_trees(shape, 12) if found(guided, random, tree) is None]
+    missed = [tree for random, tree in small_trees(shape, 8) if found(guided, random, tree) is None]
     for tree in missed:
         for scenario in feasible_scenarios(tree):
             assert witness([node.when for node in scenario.nodes if node.when is not None]) is None
-    assert len(missed) < 8
+    assert len(missed) < 6
 
 
 @pytest.mark.parametrize(
@@ -338,27 +326,17 @@ def test_the_same_seed_gives_the_same_traces(semantics: Semantics) -> None:
         trace = guided(random, tree, semantics)
         return json.dumps([trace, disturbed(random, trace, tree), near_miss(random, tree, semantics)])
 
-    first = [all_of(seed) for seed in range(8)]
-    assert first == [all_of(seed) for seed in range(8)]
-    assert len(set(first)) == 8
+    assert len({all_of(seed) for seed in (0, 0, 1, 1, 2, 2, 3, 3)}) == 4
 
 
-few = settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck), database=None)
-
-
-@few
-@given(st.data(), strategies.semantics())
-def test_strategies_for_one_tree(data: st.DataObject, semantics: Semantics) -> None:
+@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck), database=None)
+@given(st.data(), strategies.semantics(), strategies.trees_with_guided_traces())
+def test_strategies(data: st.DataObject, semantics: Semantics, example: tuple[RVAFT, Semantics, list[Json]]) -> None:
+    tree, chosen, trace = example
+    if small_and_valid(tree):
+        assert verdicts(tree, chosen, trace) == list(monitor(tree, semantics=chosen).run(trace))
     trace = data.draw(strategies.detecting_traces(PRUNED, semantics))
     assert verdicts(PRUNED, semantics, trace)[-1] is Verdict.TRUE
     near = data.draw(strategies.near_misses(PRUNED, semantics))
     assert Verdict.TRUE not in verdicts(PRUNED, semantics, near.trace)
     assert isinstance(data.draw(strategies.disturbed_traces(PRUNED, semantics)), list)
-
-
-@few
-@given(strategies.trees_with_guided_traces())
-def test_a_strategy_for_trees_too(example: tuple[RVAFT, Semantics, list[Json]]) -> None:
-    tree, semantics, trace = example
-    if small_and_valid(tree):
-        assert verdicts(tree, semantics, trace) == list(monitor(tree, semantics=semantics).run(trace))

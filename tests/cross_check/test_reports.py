@@ -2,6 +2,7 @@
 
 import csv
 import json
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -24,6 +25,7 @@ from rvaft.model.verdict import Semantics, Verdict
 
 HOSTILE = 'a|b <b>&"\'`*_[x](y)\n\x1b[31m\x00,;"'
 DIFFERENCE = Difference(({"event": "a\n<x>"},), "reference", (Verdict.TRUE,), (Verdict.FALSE,))
+TESTED: dict[str, Any] = {"traces": 5, "longest": 4, "verdicts": 5, "masked": 2, "masks": ("1.0",), "why": "variables"}
 
 
 def results(name: str = "tree") -> list[Result]:
@@ -34,40 +36,22 @@ def results(name: str = "tree") -> list[Result]:
         Result(job, "rml", Status.DIFFERS, symbols=7, states=3, verdicts=4, difference=DIFFERENCE),
         Result(other, "reference", Status.BASELINE, verdicts=5),
         Result(other, "rml", Status.NOT_EXPRESSIBLE, why="no | pipes"),
-        Result(
-            other,
-            "ltlf",
-            Status.TESTED,
-            traces=5,
-            longest=4,
-            verdicts=5,
-            masked=2,
-            masks=("1 and 1.0",),
-            why="variables",
-        ),
+        Result(other, "ltlf", Status.TESTED, **TESTED),
         Result(other, "automaton", Status.TIMEOUT, why="too slow"),
         Result(other, "other", Status.COULD_NOT_RUN, why="it died"),
     ]
 
 
-def test_totals() -> None:
+def test_totals_and_words_that_are_not_blurred() -> None:
     totals = Totals(results())
     assert list(totals.counts.values()) == [2, 2, 34, 1]
     assert [result.participant for result in totals.differing] == ["rml"]
     assert [result.participant for result in totals.unable] == ["rml", "automaton", "other"]
     assert totals.headline == "2 trees, 2 comparisons, 34 verdicts, 1 proof, 2 masked traces; 1 disagreement"
-
-
-def test_words_are_not_blurred() -> None:
     assert [result.text for result in results()] == [
-        "baseline",
-        "proved",
-        "differs after 1 event",
-        "baseline",
-        "not expressible: no | pipes",
-        "tested: 5 traces up to length 4, 2 masked (1 and 1.0) (variables)",
-        "timeout: too slow",
-        "could not run: it died",
+        *("baseline", "proved", "differs after 1 event", "baseline", "not expressible: no | pipes"),
+        "tested: 5 traces up to length 4, 2 masked (1.0) (variables)",
+        *("timeout: too slow", "could not run: it died"),
     ]
 
 

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
 from cross_check.shrink import NotReproduced, shrink
-from rvaft import RVAFT, Gate, Node, NotExpressible, OptionError, TreeError, Verdict, dumps, loads
+from rvaft import RVAFT, Gate, Node, NotExpressible, OptionError, TreeError, Verdict, dumps, load, loads
 from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
 from rvaft.model.guards import Operation, Operator
@@ -46,31 +47,13 @@ def word(text: str) -> Trace:
 
 # -- planted disagreements --------------------------------------------------------------------------------------
 
-LARGE = """
-event move(w, t)  = { topic: "/command", name: "move", waypoint: w, time: t };
-event read(v, t)  = { topic: "/sensor", value: v, time: t };
-event spare(x)    = { spare: x };
-ignore spare(X) when X > 3 or X == "none" or not X < 2;
-
-top   or     early late           label "The worst";
-early sand   seen done   attack   lambda=0.1;
-seen         on read(V, T) when V >= 250 and (V < 900 or T == 0);
-done  2of3   x y z       fault;
-x     and    x1 x2       on move(W, T2);
-y;
-z     sand   y x2;
-x1           on spare(_);
-x2           label "shared";
-late  sand_rl first second;
-first;
-second       on read(5, _);
-"""
+LARGE = Path(__file__).with_name("large.rvaft")
 
 
 @pytest.mark.parametrize("planted", rows(__file__, "planted.txt"), ids=lambda row: f"{row[0]}, {row[1]}")
 def test_a_planted_fault_shrinks_to_its_core(planted: list[Any]) -> None:
     wrong, semantics, text, trace, smallest, left = planted
-    tree, found = shrink(loads(LARGE if text == "large" else text), trace, differ(wrong, semantics))
+    tree, found = shrink(load(LARGE) if text == "large" else loads(text), trace, differ(wrong, semantics))
     assert (dumps(tree), found) == (smallest, left)
 
 
@@ -82,7 +65,7 @@ FAULTS = st.sampled_from(
     ["K+1 for K", "a sand reversed", "a sand_rl from left to right", "an or that wants all", "no guard on an event"]
 )
 """Those that random trees show often, under every semantics."""
-SETTINGS = settings(max_examples=10, deadline=None)
+SETTINGS = settings(max_examples=7, deadline=None)
 SHAPE = Shape(max_nodes=7, sharing=0.4, guards=0.4, ignores=0.4)
 
 
@@ -155,44 +138,20 @@ def test_the_steps_are_all_that_is_asked_and_nothing_is_asked_twice(seed: int, w
         assert (smaller, left) == (tree, trace)
 
 
-def test_nothing_is_asked_twice() -> None:
+def test_a_long_log_takes_few_steps() -> None:
+    log = [{"event": "noise", "number": number} for number in range(1000)]
+    log[17], log[500], log[940] = word("a b c")
     asked: list[str] = []
 
     def detected(tree: RVAFT, trace: Trace) -> bool:
         asked.append(dumps(tree) + repr(trace))
-        return list(Engine(tree, "scattered").run(trace))[-1:] == [Verdict.TRUE] and len(tree.nodes) > 3
-
-    shrink(loads("top and p q; p or a b; q 2of3 c d e;"), word("a c n d e"), detected)
-    assert len(set(asked)) == len(asked)
-
-
-def test_a_long_log_takes_few_steps() -> None:
-    tree = loads("top sand a b c;")
-    log = [{"event": "noise", "number": number} for number in range(1000)]
-    for position, name in ((17, "a"), (500, "b"), (940, "c")):
-        log[position] = {"event": name}
-    asked = 0
-
-    def detected(tree: RVAFT, trace: Trace) -> bool:
-        nonlocal asked
-        asked += 1
         return list(Engine(tree, "scattered").run(trace))[-1:] == [Verdict.TRUE] and len(tree.nodes) == 4
 
-    smaller, left = shrink(tree, log, detected)
+    smaller, left = shrink(loads("top sand a b c;"), log, detected)
     assert (dumps(smaller), left) == ("toplevel top;\ntop or a b c;\na;\nb;\nc;\n", word("c"))
-    assert asked < 200
+    assert len(asked) == len(set(asked)) < 200
 
 
-HASHED = """
-import sys
-from rvaft import dumps, loads
-from cross_check.shrink import shrink
-from rvaft.engine import Engine
-def disagrees(tree, trace):
-    print(dumps(tree), trace)
-    return len(tree.nodes) > 2 and list(Engine(tree, "scattered").run(trace))[-1:] == ["true"]
-shrink(loads(sys.argv[1]), [{"noise": 1}, {"x": 1, "y": 2}, *({"event": name} for name in "b c a d".split())], disagrees)
-"""
 UNTIDY = """
 event x(p) = { x: p }; event y(p) = { y: p }; event z(p) = { z: p }; event w(p) = { w: p };
 ignore w(1);
@@ -201,19 +160,26 @@ top and p q r; p or a b on x(V) lambda=1; q 2of3 b c d when V < 5; r sand_rl d a
 """
 
 
+def way() -> list[tuple[str, Trace]]:
+    """All that is asked on the way to the smallest pair."""
+    asked: list[tuple[str, Trace]] = []
+
+    def detected(tree: RVAFT, trace: Trace) -> bool:
+        asked.append((dumps(tree), trace))
+        return len(tree.nodes) > 2 and list(Engine(tree, "scattered").run(trace))[-1:] == [Verdict.TRUE]
+
+    shrink(loads(UNTIDY), [{"noise": 1}, {"x": 1, "y": 2}, *word("b c a d")], detected)
+    return asked
+
+
 def test_the_way_does_not_depend_on_hashing() -> None:
-    outputs = [
-        subprocess.run(
-            [sys.executable, "-c", HASHED, UNTIDY],
-            env={**os.environ, "PYTHONHASHSEED": seed},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for seed in ("1", "2")
-    ]
-    assert outputs[0] == outputs[1]
-    assert outputs[0].count("toplevel") > 30
+    asked = way()
+    seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
+    again = [sys.executable, "-c", f"from {__name__} import way; print(way())"]
+    env = {**os.environ, "PYTHONHASHSEED": seed}
+    done = subprocess.run(again, env=env, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True)
+    assert done.stdout == f"{asked}\n"
+    assert len(asked) > 30
 
 
 # -- what it refuses, and what it takes for agreement -----------------------------------------------------------

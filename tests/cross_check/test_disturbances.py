@@ -126,7 +126,8 @@ def test_disturbed_traces_are_of_every_kind_and_of_several_at_once() -> None:
         before = deepcopy(TRACE)
         after = disturbed(Random(seed), before, TREE)
         assert written(before) == written(TRACE)
-        seen.update([kind for kind in Disturbance if is_edit(kind, TREE, TRACE, after)] or [None])
+        kinds: list[Disturbance | None] = [kind for kind in Disturbance if is_edit(kind, TREE, TRACE, after)]
+        seen.update(kinds or [None])
     assert set(seen) == {*Disturbance, None}
     assert seen[None] > 12
 

@@ -9,9 +9,9 @@ import gc
 import hashlib
 import math
 import multiprocessing
+import os
 import resource
 import signal
-import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -25,7 +25,7 @@ from multiprocessing.connection import Connection
 from random import Random
 from statistics import median
 from time import process_time, thread_time
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import msgspec
 from msgspec.structs import replace
@@ -48,8 +48,7 @@ ROUNDS: Final = 5  # how often whatever is timed is done, at most
 PATIENCE: Final = 0.4  # seconds after which it is not done again
 READERS: Final = 12  # how many readers that know nothing run a walk each, at most
 WALKING: Final = 30.0  # seconds for finding the events of a tree; they are the engine's, and no language pays for them
-SLACK: Final = 10
-"""How much longer than of the processor something may take by the clock, for each of the processes that share the machine."""
+SLACK: Final = 10  # how much longer than of the processor something may take by the clock, for each process at a time
 GRACE: Final = 5.0  # seconds by the clock that a process may take beside
 SIZES: Final = ("symbols", "subformulas", "states", "edges")  # what is counted of a text
 EVENTS: Final = 240  # events of all walks together; the last walk ends with them
@@ -262,7 +261,7 @@ def measured(
         return ()
 
     def measure(cell: Cell) -> Measurement:
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # told to stop, it ends its own processes first
+        signal.signal(signal.SIGTERM, _end)
         return _measured(cell, settings, clock, trodden(cell.subject.tree, cell.semantics))
 
     with closing(in_processes(measure, cells, jobs=jobs)) as running:
@@ -272,6 +271,13 @@ def measured(
                 yield cell, replace(unmeasured(cell, settings), result=Outcome.FAILED, reason=reason)
             else:
                 yield cell, found
+
+
+def _end(*_signal: object) -> None:
+    """Told to stop, a process ends its own ones and is gone: an exception would be taken for a result, and the pool wait for ever."""
+    for process in multiprocessing.active_children():
+        process.kill()
+    os._exit(1)
 
 
 def _measured(cell: Cell, settings: Settings, clock: float, trodden: Sequence["Walk"]) -> Measurement:
@@ -406,12 +412,11 @@ def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float]:
     return made.text, made.metrics, median(times)
 
 
-_Ran: TypeAlias = tuple[float, list[tuple[int, float]], int]
-"""The seconds to read a text, the events and seconds of each walk up to its final verdict, and how many walks got other verdicts."""
+def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[float, list[tuple[int, float]], int]:
+    """Read the text and run the walks, each from the start; what a reader remembers of one helps it in the next.
 
-
-def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> _Ran:
-    """Read the text and run the walks, each from the start; what a reader remembers of one helps it in the next."""
+    The seconds to read, the events and seconds of each walk up to its final verdict, and how many walks got other verdicts.
+    """
     _warm_up(cell.language, cell.semantics)
     start = thread_time()
     reader = backend(cell.language).read(text)
@@ -429,7 +434,7 @@ def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> _Ran:
     return reading, runs, differing
 
 
-def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[_Ran, float]:
+def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[Any, float]:
     """The first run of all walks by one reader, and the median seconds of the later ones."""
     first = _ran(cell, text, trodden)
     times = [sum(seconds for _, seconds in first[1])]
@@ -453,8 +458,7 @@ def _speed(events: int, seconds: float) -> float | None:
 
 
 def _rounded(number: float) -> float:
-    """Four significant digits; more would only look exact."""
-    return float(f"{number:.4g}")
+    return float(f"{number:.4g}")  # more would only look exact
 
 
 @dataclass(frozen=True, slots=True)

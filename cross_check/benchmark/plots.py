@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_LOOK: Final = ("color", "marker", "linestyle", "fillstyle", "markersize")
 _STYLES: Final = (
     ("#000000", "o", "-", "full", 3.0),
     ("#d55e00", "s", "--", "none", 5.0),
@@ -30,21 +31,9 @@ _STYLES: Final = (
 """How languages are told apart, in grey and by the colour-blind too; every other marker is open and larger, so that the one below shows."""
 _OWN: Final = ("automaton", "ltlf", "rml", "rml-paper", "rml-prolog")
 """Languages whose look is theirs whatever else is installed."""
-_LETTERS: Final = {
-    Outcome.NOT_EXPRESSIBLE: "N",
-    Outcome.TOO_LARGE: "L",
-    Outcome.TIMEOUT: "T",
-    Outcome.TOOL_MISSING: "+",
-    Outcome.FAILED: "*",
-}
+_LETTERS: Final = dict(zip(list(Outcome)[1:], "NLT+*", strict=True))
 """What stands above a panel for each way to end without a value."""
-_RING: Final[Mapping[str, Any]] = {
-    "linestyle": "none",
-    "color": "black",
-    "marker": "o",
-    "fillstyle": "none",
-    "markersize": 8.0,
-}
+_RING: Final[dict[str, Any]] = dict(zip(_LOOK, ("black", "o", "none", "none", 8.0), strict=True))
 """Drawn around a value of a text that gives other verdicts than the tree."""
 _SETTINGS: Final = {
     "font.family": "DejaVu Sans",
@@ -224,7 +213,7 @@ def _look(language: str) -> dict[str, Any]:
     """Colour, marker and line of a language: the same in every figure, whoever else is compared."""
     others = sorted({*all_backends(), language} - {*_OWN})
     style = _STYLES[[*_OWN, *others].index(language) % len(_STYLES)]
-    return dict(zip(("color", "marker", "linestyle", "fillstyle", "markersize"), style, strict=True))
+    return dict(zip(_LOOK, style, strict=True))
 
 
 def _drawable(text: str) -> str:

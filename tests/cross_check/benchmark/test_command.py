@@ -4,27 +4,21 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from cross_check.benchmark import measurement
-from cross_check.benchmark.measurement import Cell, Measurement, Outcome, Settings, measured
+from cross_check.benchmark import plots
+from cross_check.benchmark.measurement import Cell, Measurement, Outcome, measured
 from cross_check.benchmark.tables import COLUMNS, read_rows
 from rvaft.cli import compare
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
 
 VOT = TREES / "gates" / "vot.rvaft"
 RML = ("--languages", "rml")
-
-
-@pytest.fixture(autouse=True)
-def _few_readers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """How exact the times are is no question here."""
-    monkeypatch.setattr(measurement, "READERS", 1)
-    monkeypatch.setattr(measurement, "PATIENCE", 0.01)
 
 
 def kept(path: Path) -> list[Measurement]:
@@ -35,13 +29,12 @@ def test_a_table_for_people() -> None:
     result = run("compare", "--gates", "and,vot", "--max-arity", 2, "--semantics", "strict,scattered", *RML)
     assert result.exit_code == 0, result.stderr
     heading, *lines, last = result.stdout.splitlines()
-    words = "TREE SEMANTICS LANGUAGE SYMBOLS SUBFORMULAS STATES EDGES MS EVENTS/S AGAIN/S RESULT"
-    assert heading.split() == words.split()
-    assert [" ".join(line.split()[:3]) for line in lines] == [
-        f"{gate} {semantics}"
-        for gate in ("and 1", "and 2", "vot 1/1", "vot 1/2", "vot 2/2")
-        for semantics in ("strict", "scattered")
-    ]
+    assert " ".join(heading.split()) == (
+        "TREE SEMANTICS LANGUAGE SYMBOLS SUBFORMULAS STATES EDGES MS EVENTS/S AGAIN/S RESULT"
+    )
+    gates = ("and 1", "and 2", "vot 1/1", "vot 1/2", "vot 2/2")
+    shown = [f"{gate} {semantics}" for gate in gates for semantics in ("strict", "scattered")]
+    assert [" ".join(line.split()[:3]) for line in lines] == shown
     assert last == "10 measurements: 10 ok"
 
 
@@ -49,9 +42,10 @@ def test_trees_of_the_user_alone_or_with_gates(tmp_path: Path) -> None:
     table = tmp_path / "x.csv"
     result = run("compare", VOT, PRUNED, VOT, "--languages", "rml,rml-paper", "--csv", table)
     assert result.exit_code == 0
-    assert [line.split("  ")[-1] for line in result.stdout.splitlines()[1:4]] == ["ok"] * 3
-    assert result.stdout.splitlines()[4].endswith("traces get other verdicts")
-    assert result.stdout.splitlines()[5] == "4 measurements: 3 ok, 1 with other verdicts"
+    *lines, worst, last = result.stdout.splitlines()[1:]
+    assert [line.split("  ")[-1] for line in lines] == ["ok"] * 3
+    assert worst.endswith("traces get other verdicts")
+    assert last == "4 measurements: 3 ok, 1 with other verdicts"
     assert [row.tree for row in kept(table)] == [str(VOT)] * 2 + [str(PRUNED)] * 2
     assert {(row.gate, row.children) for row in kept(table)} == {(None, None)}
     assert [bool(row.differing) for row in kept(table)] == [False, False, False, True]
@@ -83,10 +77,8 @@ def test_csv_to_standard_output_is_all_there_is() -> None:
 
 
 def test_an_interrupted_run_keeps_what_it_has_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stopping(
-        cells: Iterable[Cell], settings: Settings, *, jobs: int = 1
-    ) -> Generator[tuple[Cell, Measurement], None, None]:
-        yield from islice(measured(list(cells), settings, jobs=jobs), 2)
+    def stopping(cells: Sequence[Cell], *options: Any, **more: Any) -> Generator[tuple[Cell, Measurement], None, None]:
+        yield from islice(measured(cells, *options, **more), 2)
         raise KeyboardInterrupt
 
     table = tmp_path / "x.csv"
@@ -146,17 +138,19 @@ def test_ctrl_c(tmp_path: Path) -> None:
 # -- files ------------------------------------------------------------------------------------------------------------
 
 
-def test_latex_and_plots(tmp_path: Path) -> None:
+def test_latex_and_plots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     pytest.importorskip("pandas")
+    monkeypatch.setattr(plots, "MEASURES", {"symbols": plots.MEASURES["symbols"]})
     folder, table = tmp_path / "a" / "b", tmp_path / "x.tex"
     words = ("--latex", table, "--plots", folder, "--width", "column")
     assert run("compare", VOT, "--gates", "and", "--max-arity", 2, *RML, *words).exit_code == 0
     assert r"\toprule" in table.read_text()
-    assert {path.name for path in folder.iterdir()} >= {"gates-symbols-projected.pdf", "trees-symbols.png"}
+    names = [f"{name}.{form}" for name in ("gates-symbols-projected", "trees-symbols") for form in ("pdf", "png")]
+    assert sorted(path.name for path in folder.iterdir()) == names
 
 
-WRONG = [  # the words, with T for a folder that has a tree `t.rvaft` and an empty `file`; what is said
+WRONG = [  # the words, with T for a folder that has a tree `t.rvaft`, an empty `file` and two others; what is said
     ("--gates xand", "unknown gate xand", "did you mean and?"),
     ("--gates tomato", "unknown gate tomato; known: or, and, sand, sand_rl, vot"),
     ("--languages hoa", "unknown backend hoa", "did you mean automaton?"),
@@ -178,27 +172,21 @@ WRONG = [  # the words, with T for a folder that has a tree `t.rvaft` and an emp
     ("T/t.rvaft --plots T/file", "file: cannot write: "),
     ("T/t.rvaft --csv T/../t/t.rvaft", "it is one of the trees"),
     ("T/t.rvaft --latex T/t.rvaft", "it is one of the trees"),
+    ("T/t.rvaft --csv T/line", "line:1:1: no comparison of languages"),
+    ("T/t.rvaft --csv T/json --resume", "json:1:1: no comparison of languages"),
 ]
 
 
 def test_wrong_input(tmp_path: Path) -> None:
+    """Nothing is written, and nothing is written over something else."""
     folder = tmp_path / "t"
     folder.mkdir()
-    shutil.copy(VOT, folder / "t.rvaft")
-    (folder / "file").touch()
+    before = {"t.rvaft": VOT.read_text(), "file": "", "line": "one line", "json": '{"no": "comparison"}\n'}
+    for name, text in before.items():
+        (folder / name).write_text(text)
     for words, *said in WRONG:
         failed(run("compare", *words.replace("T", str(folder)).split()), *said)
-    assert (folder / "t.rvaft").read_text() == VOT.read_text()
-    assert {path.name for path in folder.iterdir()} == {"t.rvaft", "file"}
-
-
-@pytest.mark.parametrize("text", ['{"no": "comparison"}\n', "one line"])
-@pytest.mark.parametrize("resume", [(), ("--resume",)])
-def test_nothing_is_written_over_something_else(tmp_path: Path, text: str, resume: tuple[str, ...]) -> None:
-    precious = tmp_path / "x.json"
-    precious.write_text(text)
-    failed(run("compare", VOT, "--csv", precious, *resume), "x.json:1:1: no comparison of languages")
-    assert precious.read_text() == text
+    assert {path.name: path.read_text() for path in folder.iterdir()} == before
 
 
 def test_no_figures(tmp_path: Path) -> None:

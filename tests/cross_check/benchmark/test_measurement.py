@@ -19,7 +19,6 @@ from cross_check.benchmark import measurement
 from cross_check.benchmark.measurement import (
     EVENTS,
     LONGEST,
-    READERS,
     Cell,
     Measurement,
     Outcome,
@@ -64,23 +63,32 @@ def test_cells_are_in_order_and_the_languages_all_but_second_forms_the_unfaithfu
     assert default_languages() == ("automaton", "ltlf", "rml", "rml-paper")
 
 
-def test_what_is_refused() -> None:
-    some, twice = [SUBJECTS["or 1"]], [SUBJECTS["and 2"], Subject("and 2", SUBJECTS["or 2"].tree)]
-    for subjects, semantics, languages in (([], [STRICT], ["rml"]), (some, [], ["rml"]), (some, [STRICT], [])):
-        with pytest.raises(OptionError, match="nothing to compare"):
-            cells_of(subjects, semantics, languages)
-    with pytest.raises(OptionError, match=r"2 trees are called and 2: .* as \./and 2"):
-        cells_of(twice, [STRICT], ["rml"])
+@pytest.mark.parametrize(
+    ("subjects", "semantics", "languages", "said"),
+    [
+        ([], [STRICT], ["rml"], "nothing to compare"),
+        ([SUBJECTS["or 1"]], [], ["rml"], "nothing to compare"),
+        ([SUBJECTS["or 1"]], [STRICT], [], "nothing to compare"),
+        (
+            [Subject("a", SUBJECTS[name].tree) for name in ("or 1", "or 2")],
+            [STRICT],
+            ["rml"],
+            r"2 .* called a: .* \./a",
+        ),
+    ],
+)
+def test_what_is_refused(subjects: Any, semantics: Any, languages: Any, said: str) -> None:
+    with pytest.raises(OptionError, match=said):
+        cells_of(subjects, semantics, languages)
 
 
 @pytest.mark.parametrize("semantics", Semantics)
 def test_walks(semantics: Semantics) -> None:
     """The same for the same seed, all of them of use, and with the verdicts of the tree."""
     tree = rvaft.load(PRUNED)
-    found = walks(tree, semantics, 5)
-    assert found == walks(tree, semantics, 5)
-    assert found != walks(tree, semantics, 6)
-    assert sum(len(walk.events) for walk in found) == EVENTS
+    found, again, other = (walks(tree, semantics, seed, events=150) for seed in (5, 5, 6))
+    assert found == again != other
+    assert sum(len(walk.events) for walk in found) == 150
     for walk in found:
         assert 0 < len(walk.events) <= LONGEST
         assert tuple(Engine(tree, semantics).run(walk.events)) == walk.verdicts
@@ -100,25 +108,21 @@ def test_walks_through_gates_detect_or_lose_all_hope(gate: Gate, semantics: Sema
     assert ends[Verdict.TRUE] >= ends.total() // 2
 
 
-# Backends that misbehave, put in the place of the real ones.
+# -- backends that misbehave, put in the place of the real ones -------------------------------------------------------
 
 
 class Odd(Backend):
     """Does something else where it should translate, or where it should read."""
 
-    name: ClassVar[str] = "odd"
-    language: ClassVar[str] = "odd"
-    suffix: ClassVar[str] = ".odd"
-    default_limit: ClassVar[int] = 1
+    name = language = "odd"
+    suffix = ".odd"
+    default_limit = 1
 
-    def __init__(
-        self, translating: Callable[[], object] | None = None, reader: Callable[[str], Any] | None = None
-    ) -> None:
+    def __init__(self, translating: Callable[[], object] = int, reader: Callable[[str], Any] | None = None) -> None:
         self.translating, self.reader = translating, reader
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:  # noqa: ARG002
-        if self.translating is not None:
-            self.translating()
+        self.translating()
         return Specification("text", "odd", Metrics(symbols=7), self.read)
 
     def read(self, text: str, *, atoms: object = None) -> Monitor:  # noqa: ARG002
@@ -163,17 +167,16 @@ def one(
     return row
 
 
-ODD: list[
-    tuple[Odd, dict[str, Any], tuple[Outcome, str, Outcome | None, str]]
-] = [  # how translation and run ended, and why
+OK = (Outcome.OK, "")
+ODD = [  # how the translation and the run ended, and why
     (Odd(endless), {"timeout": 0.2}, (Outcome.TIMEOUT, "not within 0.2 s", None, "")),
     (Odd(waiting), {"timeout": 0.02}, (Outcome.TIMEOUT, "not within 0.2 s by the clock", None, "")),
-    (Odd(reader=endless), {"timeout": 1}, (Outcome.OK, "", Outcome.TIMEOUT, "not within 1 s")),
-    (Odd(busy, busy), {"timeout": 0.6}, (Outcome.OK, "", Outcome.TIMEOUT, "not within 0.6 s")),  # for both together
+    (Odd(reader=endless), {"timeout": 0.4}, (*OK, Outcome.TIMEOUT, "not within 0.4 s")),
+    (Odd(busy, busy), {"timeout": 0.6}, (*OK, Outcome.TIMEOUT, "not within 0.6 s")),  # for both together
     (Odd(greedy), {"memory": 5000}, (Outcome.TOO_LARGE, "megabytes of memory (limit 5000)", None, "")),
-    (Odd(reader=greedy), {"memory": 5000}, (Outcome.OK, "", Outcome.TOO_LARGE, "megabytes of memory (limit 5000)")),
+    (Odd(reader=greedy), {"memory": 5000}, (*OK, Outcome.TOO_LARGE, "megabytes of memory (limit 5000)")),
     (Odd(killed), {}, (Outcome.FAILED, "the process that measured it was killed (SIGKILL)", None, "")),
-    (Odd(reader=killed), {}, (Outcome.OK, "", Outcome.FAILED, "the process that measured it was killed (SIGKILL)")),
+    (Odd(reader=killed), {}, (*OK, Outcome.FAILED, "the process that measured it was killed (SIGKILL)")),
     (Odd(broken), {}, (Outcome.FAILED, "ZeroDivisionError: a defect of somebody", None, "")),
 ]
 
@@ -194,23 +197,9 @@ def test_what_goes_wrong_is_in_the_row(
     assert capfd.readouterr().err == ""
 
 
-def test_what_a_language_cannot_say_what_is_larger_than_the_limit_and_who_is_not_there() -> None:
-    row = one("and 2", SCATTERED, "rml-paper")
-    assert (row.result, row.reason, row.run) == (Outcome.NOT_EXPRESSIBLE, "the paper does not say how", None)
-    assert row.symbols is row.seconds is row.events is None
-    row = one("and 8", STRICT, "automaton", limit=20)
-    assert (row.result, row.limit) == (Outcome.TOO_LARGE, 20)
-    assert "(limit 20)" in row.reason
-    assert one(language="nobody").result is Outcome.FAILED
-
-
 def test_events_are_not_found_at_the_expense_of_a_language(monkeypatch: pytest.MonkeyPatch) -> None:
-    def slow(*arguments: Any, **options: Any) -> Any:
-        spin(0.6)
-        return walks(*arguments, **options)
-
-    monkeypatch.setattr(measurement, "walks", slow)
-    row = one("and 1", STRICT, "rml", timeout=0.5)
+    monkeypatch.setattr(measurement, "walks", lambda *of, **more: busy() or walks(*of, **more))
+    row = one("and 1", STRICT, "rml", timeout=0.35)
     assert (row.run, row.events) == (Outcome.OK, 240)
 
 
@@ -224,14 +213,21 @@ def test_a_tree_that_is_too_much_for_the_engine(monkeypatch: pytest.MonkeyPatch)
 
 def test_several_at_a_time_hinder_nobody_and_nothing_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     plant(monkeypatch, Odd(endless))
-    odd = Cell(SUBJECTS["and 2"], STRICT, "odd")
-    cells = [odd, *(Cell(SUBJECTS[f"and {n}"], STRICT, "rml") for n in range(1, 4))]
-    rows = dict(measured(cells, Settings(timeout=1.0), jobs=2))
-    assert [rows[cell].result for cell in cells] == [Outcome.TIMEOUT, *[Outcome.OK] * 3]
+    odd, nobody = (Cell(SUBJECTS["and 2"], STRICT, language) for language in ("odd", "nobody"))
+    cells = [odd, *(Cell(SUBJECTS[f"and {n}"], STRICT, "rml") for n in (1, 2)), nobody]
+    rows = dict(measured(cells, Settings(timeout=0.7), jobs=2))
+    assert [rows[cell].result for cell in cells] == [Outcome.TIMEOUT, Outcome.OK, Outcome.OK, Outcome.FAILED]
     with closing(measured([cells[1], odd, Cell(SUBJECTS["and 2"], PROJECTED, "odd")], Settings(), jobs=3)) as found:
         next(found)
         assert multiprocessing.active_children()
     assert not multiprocessing.active_children()
+    with closing(measured([cells[1], odd], Settings())) as found:
+        next(found)
+        (worker,) = multiprocessing.active_children()
+        worker.terminate()
+        worker.join(10)
+        assert worker.exitcode == 1  # told to stop it ends, in the middle of whatever it does
+        assert [row.result for _, row in found] == [Outcome.FAILED]
 
 
 @pytest.mark.spot
@@ -257,26 +253,24 @@ def test_the_papers_translation_is_caught() -> None:
 
 
 class Slow(Monitor):
-    """A reader that is slow with what the process has not met before."""
+    """A reader that is slow with what the process has not met before, and remembers nothing else of a trace."""
 
     met: ClassVar[set[str]] = set()
+    state = Monitor.verdict
 
     def _advance(self, event: Json) -> Verdict:
         spin(0.002 if str(event) not in self.met else 0)
         self.met.add(str(event))
         return Verdict.TRUE
 
-    @property
-    def state(self) -> Verdict:
-        """Nothing else is remembered of a trace."""
-        return self.verdict
-
 
 def test_the_first_time_is_that_of_readers_that_have_met_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under OR each trace is one event, nearly always one of five: one reader for all of them would have met it."""
     plant(monkeypatch, Odd(reader=lambda _text: Slow()))
+    monkeypatch.setattr(measurement, "READERS", 12)
+    monkeypatch.setattr(measurement, "PATIENCE", 0.4)
     row = one("or 5")
-    assert row.first_events == READERS
+    assert row.first_events == 12
     assert 0 < (row.events_per_second or 0) <= 500
     assert (row.again_per_second or 0) > 5000
 

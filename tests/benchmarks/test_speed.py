@@ -25,9 +25,7 @@ from rvaft.api import loads
 from rvaft.backend import backend
 from rvaft.cli import main
 from rvaft.engine import Engine
-from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.nodes import Gate
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from tests.benchmarks.logs import TREE
 from tests.benchmarks.trees import chain, flat, text_of_size
@@ -129,35 +127,9 @@ def test_a_chain_of_choices_takes_quadratic_time(capsys: pytest.CaptureFixture[s
     assert long / short < 18  # 9 is quadratic, 27 cubic
 
 
-FLAT = {
-    **{f"AND/{n}": flat(Gate.AND, n) for n in (3, 6, 9, 12)},
-    **{f"SAND/{n}": flat(Gate.SAND, n) for n in (3, 6, 9, 12)},
-    **{f"VOT {k}/12": flat(Gate.VOT, 12, k) for k in range(1, 13)},
-}
-
-
-def row(name: str, tree: RVAFT, language: str, semantics: Semantics) -> str:
-    start = time.perf_counter()
-    try:
-        metrics = backend(language).translate(tree, semantics).metrics
-    except (NotExpressible, TooLarge) as error:
-        return f"{name:9} {language:9} {semantics:9} {type(error).__name__}"
-    taken = time.perf_counter() - start
-    sizes = f"symbols {metrics.symbols:7} subformulas {metrics.subformulas or '-':>6} states {metrics.states or '-':>6}"
-    return f"{name:9} {language:9} {semantics:9} {taken:7.3f} s  {sizes}"
-
-
-@pytest.mark.parametrize("language", ["rml", "ltlf", "automaton"])
-def test_table_of_translations(language: str, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = [row(name, tree, language, semantics) for name, tree in FLAT.items() for semantics in Semantics]
-    with capsys.disabled():
-        print("", *rows, sep="\n")
-    assert all("NotExpressible" not in line for line in rows)
-
-
 def test_and_12_to_hoa(benchmark: BenchmarkFixture) -> None:
     """Aim: under 3 s."""
-    spec = benchmark.pedantic(backend("automaton").translate, (FLAT["AND/12"], Semantics.STRICT), rounds=3)
+    spec = benchmark.pedantic(backend("automaton").translate, (flat(Gate.AND, 12), Semantics.STRICT), rounds=3)
     benchmark.extra_info.update(states=spec.metrics.states, bytes=len(spec.text))
     assert spec.metrics.states == 2**12 + 2
 

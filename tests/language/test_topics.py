@@ -46,21 +46,7 @@ def test_a_declaration(text: str, expected: list[Topic]) -> None:
     assert next(iter(found.values())).place == place
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "topic or a b; a; b;",
-        "top or topic type from; topic label \"x\"; type; from;",
-        'topic "key"=1;',
-        'topic "key" =1 type="2";',
-        'top or topic "x" type y;',
-        'top or "topic" "x" type "y";',
-        'toplevel topic; topic 1of2 "a" b;',
-        'event topic(type, from) = { topic: type, type: from, from: "topic" }; a on topic("/c", _);',
-        "event type() = {}; event from() = {}; a sand type from; type on type(); from on from();",
-        'event e() = { topic: "/c" }; a on e() topic=1 type="2";',
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("text", rows(__file__, "topic_words.txt"))
 def test_its_words_are_still_names(text: str) -> None:
     tree = parse(text).build()
     assert not tree.topics
@@ -114,25 +100,9 @@ def test_a_tree_built_in_code_cannot_have_one_either(topics: list[Topic], rule: 
     with pytest.raises(TreeError) as caught:
         RVAFT("a", [Node("a")], topics=topics)
     assert caught.value.rule == rule
-    with pytest.raises(TreeError) as caught:
-        parse('topic "/c" type "a.msg.B"; topic "/c" type "a.msg.C"; a;').build()
-    assert caught.value.rule == "duplicate-topic"
 
 
-@pytest.mark.parametrize(
-    ("events", "unused"),
-    [
-        ('event e() = { topic: "/c" };\na on e();\n', False),
-        ('event e() = { topic: "c" };\na on e();\n', False),
-        ('event e(t) = { topic: t };\na on e("/c");\n', False),
-        ('event e(t) = { topic: t };\na on e("/d");\n', True),
-        ("event e(t) = { topic: t };\na on e(T);\n", False),
-        ("event e() = { topic: _ };\na on e();\n", False),
-        ('event e(t) = { topic: t };\nignore e("/c");\n', False),
-        ('event e() = { data: { topic: "/c" } };\na on e();\n', True),
-        ('event e() = { name: "/c" };\na on e();\n', True),
-    ],
-)
+@pytest.mark.parametrize(("events", "unused"), rows(__file__, "unused_topics.txt"))
 def test_a_topic_that_no_event_type_has_is_a_warning(events: str, unused: bool, tmp_path: Path) -> None:
     (path := tmp_path / "some.rvaft").write_text(f'{events}topic "/c" type "a.msg.B";\n{TREE}')
     result = run("check", path)

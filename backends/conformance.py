@@ -312,8 +312,9 @@ def _verdicts(
     specification: Specification, oracle: Callable[[], Monitor], tried: Sequence[Trace], report: Report
 ) -> Iterator[Finding]:
     """After every prefix the verdict is the oracle's, also after a final one."""
+    start = oracle()
     for trace in tried:
-        monitor, expected = specification.monitor(), oracle()
+        monitor, expected = specification.monitor(), start.fork()
         for position, event in enumerate(trace, 1):
             got, wanted = monitor.step(event), expected.step(event)
             report.verdicts += 1
@@ -325,8 +326,7 @@ def _verdicts(
 def _self_contained(backend: Backend, specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
     """The text alone says everything."""
     for trace in tried:
-        read = backend.read(str(specification.text))
-        if list(read.run(trace)) != list(specification.monitor().run(trace)):
+        if list(backend.read(str(specification.text)).run(trace)) != list(specification.monitor().run(trace)):
             yield "self-contained", "the text read back gives other verdicts", trace
 
 
@@ -346,17 +346,15 @@ def _independent(specification: Specification, tried: Sequence[Trace]) -> Iterat
 def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
     """Monitors with equal states give equal verdicts from there on."""
 
-    def after(prefix: Trace) -> list[list[Verdict]]:
-        return [[*specification.monitor().run([*prefix, *future])][len(prefix) - 1 :] for future in tried[-3:]]
+    def futures(monitor: Monitor) -> list[list[Verdict]]:
+        return [[monitor.verdict, *monitor.fork().run(future)] for future in tried[-3:]]
 
-    by_state: dict[object, Trace] = {}
-    for trace in tried[:10]:
-        monitor = specification.monitor()
-        for position, event in enumerate(trace, 1):
-            monitor.step(event)
-            known, prefix = by_state.setdefault(monitor.state, trace[:position]), trace[:position]
-            if known != prefix and after(known) != after(prefix):
-                yield "state", f"the state is that after {list(known)}, the future is not", prefix
+    by_state: dict[object, tuple[Trace, list[list[Verdict]]]] = {}
+    for prefix, monitor in _after(specification, (one[:end] for one in tried[:10] for end in range(1, len(one) + 1))):
+        found = futures(monitor)
+        known, expected = by_state.setdefault(monitor.state, (prefix, found))
+        if found != expected:
+            yield "state", f"the state is that after {list(known)}, the future is not", prefix
 
 
 def _observed(backend: Backend, specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
@@ -367,19 +365,21 @@ def _observed(backend: Backend, specification: Specification, tried: Sequence[Tr
     groups: dict[tuple[object, ...], list[Json]] = {}
     for event in _variants(tried):
         groups.setdefault(tuple(_answer(question, event) for question in questions), []).append(event)
-    for trace in tried[-3:]:
-        for position in (0, len(trace) // 3, len(trace) // 2):
-            monitor = specification.monitor()
-            list(monitor.run(trace[:position]))
-            for first, *others in groups.values():
-                wanted = _effect(monitor, first) if others else None
-                for other in others:
-                    if _effect(monitor, other) != wanted:
-                        yield (
-                            "observed",
-                            f"{other} has another effect than {first}, and the same answers",
-                            trace[:position],
-                        )
+    prefixes = (trace[: len(trace) // part] for trace in tried[-3:] for part in (len(trace) + 1, 3, 2))
+    for prefix, monitor in _after(specification, prefixes):
+        for first, *others in groups.values():
+            wanted = _effect(monitor, first) if others else None
+            for other in others:
+                if _effect(monitor, other) != wanted:
+                    yield "observed", f"{other} has another effect than {first}, and the same answers", prefix
+
+
+def _after(specification: Specification, prefixes: Iterable[Trace]) -> Iterator[tuple[Trace, Monitor]]:
+    """Each different prefix, and a monitor that has read it."""
+    for prefix in {repr(one): one for one in prefixes}.values():
+        monitor = specification.monitor()
+        list(monitor.run(prefix))
+        yield prefix, monitor
 
 
 def _variants(traces: Sequence[Trace]) -> list[Json]:

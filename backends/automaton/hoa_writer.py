@@ -191,5 +191,5 @@ def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: R
 
 
 def _quoted(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\0", "\ufffd")  # no tool reads a zero byte
     return f'"{escaped}"'

@@ -25,7 +25,7 @@ def test_what_is_too_large(name: str, text: str, semantics: str, limit: int | No
         backend(name).translate(made, Semantics(semantics), limit=limit)
     assert error.value.what.startswith(what)
     assert error.value.limit == (limit or backend(name).default_limit)
-    assert process_time() - start < 10
+    assert process_time() - start < 5
 
 
 @pytest.mark.parametrize(("name", "text", "semantics", "limit", "sizes"), rows(__file__, "sizes.txt"))
@@ -33,7 +33,7 @@ def test_sizes(name: str, text: str, semantics: str, limit: int | None, sizes: d
     made, start = tree(text), process_time()
     metrics = backend(name).translate(made, Semantics(semantics), limit=limit).metrics
     assert {size: getattr(metrics, size) for size in sizes} == sizes
-    assert process_time() - start < 10
+    assert process_time() - start < 5
 
 
 @pytest.mark.parametrize("name", ["ltlf", "rml"])
@@ -44,20 +44,18 @@ def test_an_impossible_tree_is_an_error(name: str) -> None:
             backend(name).translate(RVAFT("t", nodes), semantics)
 
 
-def subformulas(made: RVAFT, semantics: Semantics) -> int:
-    return backend("ltlf").translate(made, semantics).metrics.subformulas or 0
-
-
-@pytest.mark.parametrize("size", [3, 6, 12, 30])
+@pytest.mark.parametrize("size", [3, 6, 20])
 def test_growth_of_ltlf(size: int) -> None:
-    strict, projected, scattered = Semantics
-    assert subformulas(flat(Gate.AND, size), scattered) == 2 * size + 1
-    for k in {2, size // 2, size - 1} - {1}:
-        assert subformulas(flat(Gate.VOT, size, k), scattered) == k * (2 * (size - k) + 3)
-    for made in (flat(Gate.AND, size), *(flat(Gate.VOT, size, k) for k in {2, size // 2, size - 1} - {1})):
-        assert all(subformulas(made, semantics) <= 10 * size * size for semantics in (strict, projected))
-    for semantics, most in zip(Semantics, (3 * size, 5 * size + 2, 4 * size), strict=True):
-        assert subformulas(flat(Gate.SAND, size), semantics) <= most
+    def sizes(gate: Gate, k: int | None = None) -> list[int]:
+        made = [backend("ltlf").translate(flat(gate, size, k), semantics).metrics for semantics in Semantics]
+        return [metrics.subformulas or 0 for metrics in made]
+
+    for k in {None, 2, size // 2, size - 1} - {1}:
+        strict, projected, scattered = sizes(Gate.VOT if k else Gate.AND, k)
+        assert scattered == (k * (2 * (size - k) + 3) if k else 2 * size + 1)
+        assert max(strict, projected) <= 10 * size * size
+    strict, projected, scattered = sizes(Gate.SAND)
+    assert (strict <= 3 * size, projected <= 5 * size + 2, scattered <= 4 * size) == (True, True, True)
 
 
 @pytest.mark.spot
@@ -89,12 +87,13 @@ def test_spot_counts_the_same_subformulas(semantics: Semantics) -> None:
 
 def expanded(formula: Any, known: dict[str, Any]) -> Any:
     """Definitions put in where they are used."""
+    if formula.kindstr() == "ap":
+        return known.get(formula.ap_name(), formula)
     inner = [expanded(operand, known) for operand in formula]
-    if formula.kindstr() == "ap" or not inner:
-        return known.get(formula.ap_name(), formula) if formula.kindstr() == "ap" else formula
     if formula.kindstr() in {"And", "Or"}:
         return spot().formula.multop(formula.kind(), inner)
-    return (spot().formula.unop if len(inner) == 1 else spot().formula.binop)(formula.kind(), *inner)
+    made = spot().formula.unop if len(inner) == 1 else spot().formula.binop
+    return made(formula.kind(), *inner) if inner else formula
 
 
 @pytest.mark.parametrize("name", readable("ltlf", "rml"))
@@ -111,17 +110,17 @@ def test_large_trees_run(name: str, semantics: Semantics) -> None:
 @needs_spot
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_a_deep_sequence_runs_in_ltlf(semantics: Semantics) -> None:
-    specification = backend("ltlf").translate(tree("toplevel g0; [g# sand g#' l#; ]*5000"), semantics)
-    assert (specification.metrics.subformulas or 0) < 30_000
-    word = " ".join(["g5000", *(f"l{i}" for i in reversed(range(5_000)))])
-    assert signs(specification.monitor(), word) == "?" * 5_000 + "T"
+    specification = backend("ltlf").translate(tree("toplevel g0; [g# sand g#' l#; ]*1500"), semantics)
+    assert (specification.metrics.subformulas or 0) < 9_000
+    word = " ".join(["g1500", *(f"l{i}" for i in reversed(range(1_500)))])
+    assert signs(specification.monitor(), word) == "?" * 1_500 + "T"
 
 
 @pytest.mark.parametrize("gate", [Gate.AND, Gate.SAND, Gate.SAND_RL, Gate.OR])
 def test_a_chain_of_gates_in_rml(gate: Gate) -> None:
-    nodes = [Node(f"g{i}", gate, (f"g{i + 1}", f"a{i}") if i % 50 == 0 else (f"g{i + 1}",)) for i in range(3_000)]
-    ends = [Node(f"a{i}") for i in range(0, 3_000, 50)]
+    nodes = [Node(f"g{i}", gate, (f"g{i + 1}", f"a{i}") if i % 50 == 0 else (f"g{i + 1}",)) for i in range(1_500)]
+    ends = [Node(f"a{i}") for i in range(0, 1_500, 50)]
     for causality in Causality:
-        made = RVAFT("g0", [*nodes, *ends, Node("g3000")], causality=causality)
+        made = RVAFT("g0", [*nodes, *ends, Node("g1500")], causality=causality)
         for semantics in (Semantics.STRICT, Semantics.PROJECTED):
             assert "Main" in backend("rml").translate(made, semantics).text

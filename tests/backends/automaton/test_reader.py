@@ -14,6 +14,7 @@ from rvaft.language.parser import parse_guard, parse_pattern
 from rvaft.model.guards import renamed
 from rvaft.model.verdict import Semantics
 from tests.backends.texts import signs
+from tests.tables import rows
 
 
 @pytest.fixture(autouse=True)
@@ -88,14 +89,13 @@ def test_by_hand(text: str, word: str, expected: str) -> None:
     assert verdicts(text, word) == expected
 
 
-def test_given_atoms() -> None:
+@pytest.mark.parametrize(("last", "expected"), [([{"go": 2}, {"stop": 1}], "???T"), ([{"go": 3}], "???")])
+def test_given_atoms(last: list[Any], expected: str) -> None:
     atoms = {"a": parse_pattern("{ go: X }"), "b": parse_pattern("{ stop: X }")}
-    events = [{"go": 1}, {"stop": 2}, {"go": 2}, {"stop": 1}]
-    assert verdicts(HAND, events, atoms=atoms) == "???T"
-    assert verdicts(HAND, [*events[:2], {"go": 3}], atoms=atoms) == "???"
+    assert verdicts(HAND, [{"go": 1}, {"stop": 2}, *last], atoms=atoms) == expected
 
 
-@pytest.mark.parametrize("kind", ["det", "any", "gen", "coBuchi", "parity"])
+@pytest.mark.parametrize("kind", [["det"], ["small"], ["generic", "det"], ["coBuchi"], ["parity"]])
 @pytest.mark.parametrize(
     ("formula", "word", "expected"),
     [
@@ -108,9 +108,8 @@ def test_given_atoms() -> None:
         ("(G F a) | b", "b", "T"),
     ],
 )
-def test_spots_own_encoding(spot: Any, kind: str, formula: str, word: str, expected: str) -> None:
-    options = {"det": ["det"], "any": ["small"], "gen": ["generic", "det"]}.get(kind, [kind])
-    automaton = spot.translate(spot.from_ltlf(spot.formula(formula)), *options)
+def test_spots_own_encoding(spot: Any, kind: list[str], formula: str, word: str, expected: str) -> None:
+    automaton = spot.translate(spot.from_ltlf(spot.formula(formula)), *kind)
     assert verdicts(automaton.to_str("hoa"), word) == expected
 
 
@@ -118,51 +117,15 @@ def said(line: str) -> str:
     return HAND.replace("acc-name", f"{line}\nacc-name")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "begins with HOA"),
-        ("touch owned |", "begins with HOA"),
-        (HAND.replace("[1&!0] 0", "[1&!0 0"), "unexpected integer"),
-        (HAND.replace("States: 4", "States: 2"), "larger than state count"),
-        (HAND.replace("--END--", ""), "unexpected end of file"),
-        (HAND.replace("--END--", "--ABORT--"), "no complete automaton"),
-        (HAND + HAND, "more than one automaton"),
-        (said('event: 7 "{ a: 1 }"'), "no proposition 7"),
-        (said('event: 0 "{ a: "'), "expected"),
-        (said("event: 0"), "event: expects a number and a pattern in quotes"),
-        (said('event: "a" 0'), 'event: expects the number of a proposition, not "a"'),
-        (said('event: 0 "1"'), "an event is an object"),
-        (said('event: 0 "[1]"'), "an event is an object"),
-        (said('event: 0 "garbage"'), "an event is an object"),  # a word alone would be a variable, which matches all
-        (said('guard: 0 "X >"'), "expected"),
-        (said("relevant: 1 2"), "relevant: expects a number"),
-        (said("alphabet: word"), "alphabet: expects quotes around word"),
-        (said('ignore: "_" "X > 1" 2'), "ignore: expects a pattern in quotes, and a guard in quotes where"),
-        (HAND.replace("Inf(0)", "Inf(3)"), "acceptance"),
-        ("HOA: v1\0", "zero byte"),
-        ("HOA: v7\n" + HAND, "v7"),
-    ],
-)
-def test_malformed(text: str, message: str) -> None:
+@pytest.mark.parametrize(("old", "new", "message", "place"), rows(__file__, "malformed.txt"))
+def test_malformed(old: str, new: str, message: str, place: list[object] | None) -> None:
+    text = new if old == "all" else said(new) if old == "header" else HAND.replace(old, new)
     for use in (AutomatonBackend().read, AutomatonBackend().observed):
         with pytest.raises(LanguageError, match=re.escape(message)) as error:
-            use(text)
+            use(text.replace("HAND", HAND))
         assert "\n" not in error.value.message
         assert error.value.line >= 1
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "column", "source"),
-    [
-        (HAND.replace("[1&2] 2", "[1&2 2"), 14, 6, "[1&2 2"),
-        (said("event: 0"), 6, 1, "event: 0"),
-    ],
-)
-def test_the_place_of_an_error(text: str, line: int, column: int, source: str) -> None:
-    with pytest.raises(LanguageError) as error:
-        AutomatonBackend().read(text)
-    assert (error.value.line, error.value.column, error.value.source) == (line, column, source)
+        assert place in (None, [error.value.line, error.value.column, error.value.source])
 
 
 def test_a_guard_that_its_pattern_does_not_bind_never_holds() -> None:

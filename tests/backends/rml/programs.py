@@ -2,8 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
 from random import Random
 from typing import Final, NamedTuple
@@ -79,10 +78,28 @@ lw(x) matches {w:x|2, v:x|3};
 c matches {e:'c', v:1} | {e:'b', v:3};
 """
 )
-_PLAIN: Final = ("a", "b", "c", "a", "b", "c", "ab", "nota", "a2", "any", "none")
-_UNARY: Final = ("av", "bv", "cv", "nav", "abv", "ac", "big", "abx", "either", "lw")
-_SUFFIXES: Final = ("*", "+", "?", "!", "{0}", "{1}", "{2}", "{3}")
-_JOINS: Final = ((" ", 4), (" /\\ ", 3), (" \\/ ", 2), (" | ", 1))
+# What each part is made of, as often as the number says; a word in capital letters is a part, made in its turn.
+_GRAMMAR: Final[dict[str, list[tuple[str, float]]]] = {
+    "FIRST": [("", 3), ("(TYPE) ", 7)],
+    "TYPE": [("PLAIN", 11), ("UNARY(ARGUMENT)", 8), ("two(ARGUMENT,ARGUMENT)", 1)],
+    "PLAIN": [(word, 1) for word in ["a", "b", "c", "a", "b", "c", "ab", "nota", "a2", "any", "none"]],
+    "UNARY": [(word, 1) for word in ["av", "bv", "cv", "nav", "abv", "ac", "big", "abx", "either", "lw"]],
+    "ARGUMENT": [("BOUND", 14), ("NAME", 3), ("NUMBER", 3)],
+    "NAME": [("x", 1), ("y", 1), ("z", 1)],
+    "NUMBER": [(str(number), 1) for number in range(4)],
+    "LEAF": [("TYPE", 80), ("empty", 7), ("all", 6), ("REFERENCE", 7)],
+    "REFERENCE": [("A", 1), ("B", 1), ("G<VALUE MORE>", 1), ("H<VALUE MORE>", 1)],
+    "VALUE": [("PARAMETER", 7), ("1", 1.5), ("2", 1.5)],
+    "MORE": [("", 2), ("- 1", 1), ("+ 1", 1)],
+    "BELOW": [("(EXPRESSION)", 1)],
+    "EXPRESSION": [
+        *((part, often) for join, often in ((" ", 4), (" /\\ ", 3), (" \\/ ", 2), (" | ", 1))
+          for part in (f"(BELOW{join}BELOW)", f"(BELOW{join}BELOW{join}BELOW)")),
+        *((f"BELOW{suffix}", 0.3) for suffix in ["*", "+", "?", "!", "{0}", "{1}", "{2}", "{3}"]),
+        ("(TYPE >> BELOW)", 1), ("(TYPE >> BELOW : BELOW)", 1), ("LET", 4), ("IF", 2), ("REFERENCE", 2), ("TYPE", 2),
+    ],
+    "IF": [(f"(if (PARAMETER {sign} 2) BELOW else BELOW)", 1) for sign in ["<", ">", "==", "!=", "<=", ">="]],
+}  # fmt: skip
 
 
 class Programs:
@@ -90,91 +107,36 @@ class Programs:
 
     def __init__(self, random: Random) -> None:
         self._random = random
-        self._variables: list[str] = []
+        self._bound: list[str] = []
         self._parameter = ""
-        self._used: set[str] = set()
 
     def text(self) -> str:
         """A program with every operator, several equations, generics, and blocks that bind."""
-        self._used = set()
-        first = "" if self._random.random() < 0.3 else f"({self._type()}) "
-        lines = [f"Main = {first}({self._expression(self._random.randint(2, 4))});"]
+        lines = [f"Main = {self._made('FIRST', 0)}({self._made('EXPRESSION', self._random.randint(2, 4))});"]
         done: set[str] = set()
-        while rest := sorted(self._used - done):
+        while rest := sorted(set(re.findall(r"\b[ABGH]\b", "\n".join(lines))) - done):
             done.add(rest[0])
-            lines.append(self._equation(rest[0]))
+            self._parameter = self._random.choice("nx") if rest[0] in "GH" else ""
+            left = f"{rest[0]}<{self._parameter}>" if self._parameter else rest[0]
+            lines.append(f"{left} = ({self._made('TYPE', 0)}) ({self._made('EXPRESSION', 2)});")
+            self._parameter = ""
         return HEAD + "\n".join(lines) + "\n"
 
-    def _equation(self, name: str) -> str:
-        first = f"({self._type()}) "
-        if name in "AB":
-            return f"{name} = {first}({self._expression(2)});"
-        self._parameter = self._random.choice("nx")
-        text = f"{name}<{self._parameter}> = {first}({self._expression(2)});"
-        self._parameter = ""
-        return text
-
-    def _type(self) -> str:
-        kind = self._random.random()
-        if kind < 0.55:
-            return self._random.choice(_PLAIN)
-        if kind < 0.95:
-            return f"{self._random.choice(_UNARY)}({self._argument()})"
-        return f"two({self._argument()},{self._argument()})"
-
-    def _argument(self) -> str:
-        kind = self._random.random()
-        if self._variables and kind < 0.7:
-            return self._random.choice(self._variables)
-        return self._random.choice("xyz") if kind < 0.85 else str(self._random.randint(0, 3))
-
-    def _expression(self, depth: int) -> str:
-        if depth <= 0:
-            return self._leaf()
-        kind = self._random.randint(0, 15)
-        if kind <= 8:
-            join = self._random.choices([j for j, _ in _JOINS], [w for _, w in _JOINS])[0]
-            parts = [self._below(depth) for _ in range(self._random.randint(2, 3))]
-            return f"({join.join(parts)})"
-        match kind:
-            case 9:
-                return f"{self._below(depth)}{self._random.choice(_SUFFIXES)}"
-            case 10:
-                outside = f" : {self._below(depth)}" if self._random.random() < 0.5 else ""
-                return f"({self._type()} >> {self._below(depth)}{outside})"
-            case 11 | 12:
-                with self._variable() as name:
-                    return f"{{let {name}; {self._below(depth)}}}"
-            case 13 if self._parameter:
-                condition = f"{self._parameter} {self._random.choice(['<', '>', '==', '!=', '<=', '>='])} 2"
-                return f"(if ({condition}) {self._below(depth)} else {self._below(depth)})"
-            case 14:
-                return self._reference()
-            case _:
-                return self._type()
-
-    def _below(self, depth: int) -> str:
-        return f"({self._expression(depth - 1 - self._random.randint(0, 1))})"
-
-    @contextmanager
-    def _variable(self) -> Iterator[str]:
-        self._variables.append(self._random.choice("xyz"))
-        yield self._variables[-1]
-        self._variables.pop()
-
-    def _leaf(self) -> str:
-        kind = self._random.random()
-        if kind < 0.8:
-            return self._type()
-        return "empty" if kind < 0.87 else "all" if kind < 0.94 else self._reference()
-
-    def _reference(self) -> str:
-        name = self._random.choice("ABGH")
-        self._used.add(name)
-        if name in "AB":
-            return name
-        value = self._parameter if self._parameter and self._random.random() < 0.7 else self._random.choice("12")
-        return f"{name}<{value}{self._random.choice(['', '', '-1', '+1'])}>"
+    def _made(self, part: str, depth: int) -> str:
+        """The part, with expressions at most so deep."""
+        if part == "LET":
+            self._bound.append(self._random.choice("xyz"))
+            found = f"{{let {self._bound[-1]}; {self._made('BELOW', depth)}}}"
+            self._bound.pop()
+            return found
+        if part == "BOUND":
+            return self._random.choice(self._bound) if self._bound else self._made("NAME", depth)
+        if part == "PARAMETER":
+            return self._parameter or self._random.choice("12")
+        depth -= self._random.randint(1, 2) if part == "BELOW" else 0
+        ways = _GRAMMAR["LEAF" if part == "EXPRESSION" and depth <= 0 else part]
+        way = self._random.choices([text for text, _ in ways], [often for _, often in ways])[0]
+        return re.sub("[A-Z]{2,}", lambda word: self._made(word[0], depth), way)
 
 
 def event(random: Random) -> dict[str, Json]:

@@ -24,17 +24,12 @@ def test_the_reader_says_what_was_observed(case: Case) -> None:
     assert {trace: letters(case.text, events(trace)) for trace in case.runs} == case.runs
 
 
-def test_names_are_distinct() -> None:
+def test_names_are_distinct_and_random_programs_reach_every_verdict() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
-
-
-def test_random_programs_reach_every_verdict() -> None:
     random = Random(20)
     texts = [Programs(random).text() for _ in range(60)]
     assert {"T", "F", "?"} <= {letters(text, trace(random, text))[-1] for text in texts for _ in range(3)}
 
-
-# -- deviations from the published tools -------------------------------------------------------------------------------
 
 SHOWN = rows(__file__, "deviations.txt")
 
@@ -66,8 +61,6 @@ def test_the_predicates_are_not_always_true() -> None:
     assert sum(not touching(*run) for run in runs) > 0.8 * len(runs)
 
 
-# -- errors ------------------------------------------------------------------------------------------------------------
-
 A = "a matches {e:'a'};\n"
 ERRORS = [
     *rows(__file__, "errors.txt"),
@@ -86,13 +79,8 @@ def test_errors_say_what_and_where(text: str, line: int, column: int, words: str
     assert (error.line, error.column) == (line, column)
     assert "\n" not in error.message
     assert len(error.source) <= 200
+    assert error.caret.partition("\n")[0] == error.source
     assert error.__cause__ is None
-
-
-def test_the_source_line_comes_with_the_error() -> None:
-    with pytest.raises(LanguageError) as caught:
-        read(A + "Main = a ) b;")
-    assert caught.value.caret == "Main = a ) b;\n         ^"
 
 
 def test_types_derived_from_each_other_have_a_limit() -> None:
@@ -118,9 +106,6 @@ def test_any_text_is_read_or_refused(words: str) -> None:
         monitor.step({"e": "a", "v": 1})
 
 
-# -- states ------------------------------------------------------------------------------------------------------------
-
-
 def _after(text: str, events: list[Json]) -> Monitor:
     monitor = read(text)
     for one in events:
@@ -128,29 +113,14 @@ def _after(text: str, events: list[Json]) -> Monitor:
     return monitor
 
 
-VALUES = "Main = {let x; av(x) bv(x) all};"
-LOOP = "nobv(x) not matches bv(x);\nMain = {let x; nobv(x) Loop};\nLoop = c Loop \\/ bv(x) all;"
-STATES = [
-    ("Main = (a b \\/ b b) c all;", "a", "b", True),
-    ("Main = (a | b) c all;", "a b", "b a", True),
-    ("Main = a Main \\/ b all;", "a", "a a a", True),
-    ("Main = a b a all;", "a", "a b", False),
-    ("Main = {let x; (av(x) b) | (a b)};", "a", "b", False),
-    (VALUES, "a1", "a1", True),
-    (VALUES, "a1", "a2", False),
-    (VALUES, "a1", '[{"e": "a", "v": true}]', False),
-    *((LOOP, "a c", "a" + " c" * number, True) for number in range(2, 9)),
-]
-
-
-@pytest.mark.parametrize(("text", "one", "other", "same"), STATES)
+@pytest.mark.parametrize(("text", "one", "other", "same"), rows(__file__, "states.txt"))
 def test_states_that_mean_the_same_are_the_same(text: str, one: str, other: str, same: bool) -> None:
     states = [_after(LETTERS + text, events(trace)).state for trace in (one, other)]
     assert (states[0] == states[1]) is same
     assert not same or hash(states[0]) == hash(states[1])
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(24))
 def test_equal_states_have_equal_futures(seed: int) -> None:
     random = Random(seed)
     text = Programs(random).text()
@@ -167,9 +137,6 @@ def test_equal_states_have_equal_futures(seed: int) -> None:
             return
 
 
-# -- long and deep -----------------------------------------------------------------------------------------------------
-
-
 def _deep(value: Json, around: str, times: int) -> Json:
     for _ in range(times):
         value = {"k": value} if around == "{" else [value]
@@ -177,7 +144,7 @@ def _deep(value: Json, around: str, times: int) -> Json:
 
 
 def _chain(guard: str) -> str:
-    return "Main = E0;\n" + "".join(f"E{i} = {guard}E{i + 1};\n" for i in range(3000)) + "E3000 = b all;"
+    return "Main = E0;\n" + "".join(f"E{i} = {guard}E{i + 1};\n" for i in range(1500)) + "E1500 = b all;"
 
 
 TOTAL = "+1" * 5000
@@ -186,12 +153,12 @@ CHOICES = " /\\ ".join(f"t{i}(x{i})" for i in range(40))
 MANY = "".join(f"t{i}(x) matches {{v:x}} | {{w:x}};\n" for i in range(40))
 A_, B_, NESTED = {"e": "a"}, {"e": "b"}, _deep(1, "[", 5000)
 LONG = [
-    ("a sequence", f"Main = {'a ' * 5000} all;", [A_] * 5000, "T"),
-    ("what may be left out", f"Main = {'a? ' * 5000} b all;", [B_], "T"),
-    ("a shuffle", f"Main = ({' | '.join(['a'] * 2999)} | b) c;", [B_, A_, A_], "?"),
-    ("a union", "Main = " + " \\/ ".join(["a"] * 3000) + " \\/ b;", [B_], "T"),
-    ("a conjunction", "Main = " + " /\\ ".join(["a b"] * 3000) + ";", [A_, B_], "T"),
-    ("equations", _chain("a "), [*[A_] * 3000, B_], "T"),
+    ("a sequence", f"Main = {'a ' * 2000} all;", [A_] * 2000, "T"),
+    ("what may be left out", f"Main = {'a? ' * 2000} b all;", [B_], "T"),
+    ("a shuffle", f"Main = ({' | '.join(['a'] * 1999)} | b) c;", [B_, A_, A_], "?"),
+    ("a union", "Main = " + " \\/ ".join(["a"] * 2000) + " \\/ b;", [B_], "T"),
+    ("a conjunction", "Main = " + " /\\ ".join(["a b"] * 1500) + ";", [A_, B_], "T"),
+    ("equations", _chain("a "), [*[A_] * 1500, B_], "T"),
     ("equations without events", _chain(""), [B_], "T"),
     ("a pattern", f"p matches {'{k:' * 3000}'x'{'}' * 3000};\nMain = p all;", [_deep("x", "{", 3000)], "T"),
     ("a sum", f"p(x) matches {{v:x}} with x{TOTAL} > 5000;\nMain = p(x) all;", [{"v": 1}], "T"),
@@ -208,15 +175,13 @@ def test_what_is_long(what: str, text: str, trace: list[Json], last: str) -> Non
     assert letters(LETTERS + text, trace)[-1] == last
 
 
-DEEP = [
-    ("(", ")"), ("(", ")*"), ("(b \\/ ", ")"), ("(c | ", ")"), ("(a /\\ ", ")"), ("(b? ", ")"), ("(", " c)"),
-    ("b >> (", ") : any*"), ("{let x; ", "}"), ("if (1 < 2) (", ") else b"), ("(", "){2}"),
-]  # fmt: skip
+DEEP = ["(|)", "(|)*", "(b \\/ |)", "(c # |)", "(a /\\ |)", "(b? |)", "(| c)", "b >> (|) : any*", "{let x; |}"]
 
 
-@pytest.mark.parametrize(("before", "after"), DEEP)
-def test_what_is_deep(before: str, after: str) -> None:
-    assert len(letters(LETTERS + f"Main = {before * 2000}a{after * 2000};", events("a c"))) == 2
+@pytest.mark.parametrize("around", [*DEEP, "if (1 < 2) (|) else b", "(|){2}"])
+def test_what_is_deep(around: str) -> None:
+    before, after = (part.replace("#", "|") * 1200 for part in around.split("|"))
+    assert len(letters(LETTERS + f"Main = {before}a{after};", events("a c"))) == 2
 
 
 @pytest.mark.parametrize("body", ["a G<0>", "a (b | G<0>)"], ids=["may halt", "step"])

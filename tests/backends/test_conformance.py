@@ -14,7 +14,7 @@ from backends import conformance
 from backends.conformance import AT_A, EVENTS, Required, examples
 from backends.rml import RmlBackend, writer
 from cross_check.generate.traces import random_trace
-from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from cross_check.generate.trees import random_tree
 from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.backend import Backend, Metrics, Observed, Specification, all_backends, backend
@@ -26,17 +26,9 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 from rvaft.semantics import Reference
-from tests.backends.texts import agreeing, readable, signs
+from tests.backends.texts import SHAPES, agreeing, readable, signs
 from tests.semantics.cases import CASES
 
-SHAPES = {
-    "plain": PLAIN,
-    "variable-free": VARIABLE_FREE,
-    "shared": Shape(max_nodes=7, sharing=0.5),
-    "read-once": Shape(sharing=0, typed_events=0.1, variables=0, guards=0.1, ignores=0.1, max_nodes=11),
-    "variables": Shape(max_nodes=7, variables=1, guards=0.5, typed_events=0.9),
-    "shared variables": Shape(max_nodes=6, sharing=0.4, variables=1, guards=0.4, typed_events=0.8),
-}
 REQUIRED: dict[str, Required] = {
     "automaton": conformance.everything,
     "ltlf": conformance.everything,

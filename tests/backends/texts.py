@@ -8,6 +8,7 @@ from typing import Any, Final
 import pytest
 
 from backends.conformance import strings_ordered
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
 from rvaft.api import loads
 from rvaft.backend import Backend
 from rvaft.errors import NotExpressible, TooLarge
@@ -21,6 +22,15 @@ from rvaft.semantics import Reference
 
 needs_spot: Final = pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot (spottl)")
 SPOT: Final = (pytest.mark.spot, needs_spot)
+
+SHAPES = {
+    "plain": PLAIN,
+    "variable-free": VARIABLE_FREE,
+    "shared": Shape(max_nodes=7, sharing=0.5),
+    "read-once": Shape(sharing=0, typed_events=0.1, variables=0, guards=0.1, ignores=0.1, max_nodes=11),
+    "variables": Shape(max_nodes=7, variables=1, guards=0.5, typed_events=0.9),
+    "shared variables": Shape(max_nodes=6, sharing=0.4, variables=1, guards=0.4, typed_events=0.8),
+}
 
 
 def readable(*names: str) -> list[Any]:

@@ -173,12 +173,3 @@ def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:
             one, other = (AutomatonBackend().read(text) for text in (whole, rest))
             assert list(one.run(trace)) == list(other.run(trace))
     assert different >= 5
-
-
-def test_states_behind_guards_that_cannot_fail_yet_are_left_out() -> None:
-    """`T2` has its value from the event that comes after; without guards nothing is left out."""
-    automaton, parts, _ = _built(load(PRUNED), Semantics.PROJECTED, Work(1000))
-    assert len(automaton.in_order()) == 8
-    assert len(possible(automaton, parts).in_order()) == 7
-    automaton, parts, _ = _built(loads("top 2of3 a b c;"), Semantics.STRICT, Work(1000))
-    assert possible(automaton, parts) == automaton

@@ -8,6 +8,7 @@ import pytest
 
 from backends.automaton import AutomatonBackend
 from backends.automaton.hoa_reader import HoaMonitor, program
+from backends.conformance import examples
 from cross_check.generate.trees import Shape, random_tree
 from rvaft.api import loads
 from rvaft.errors import TooLarge
@@ -86,20 +87,6 @@ def test_slices_follow_each_value_and_are_limited() -> None:
 
 # No two states of an emitted automaton can be merged, by a way of minimising that is not the backend's.
 
-TREES = """r or a b c;
-r and a b c d;
-r sand a b c;
-r 2of4 a b c d;
-r and p q; p sand a b; q sand c d;
-r or p q; p sand a b; q sand a c;
-r or p q; p sand a c; q sand b c;
-r and p q; p or a s; q or b s;
-r and p q; p sand a s; q sand s b;
-r sand v d; v 2of3 a b c;
-r 2of3 s b c; s sand a d;
-r or p q t; p and a b; q sand a b; t sand b a;
-r or a p; p sand a b;"""
-
 
 def distinct(tree: RVAFT, semantics: Semantics) -> bool:
     """Moore's algorithm over letters that exclude each other: whether every state of the text is a class of its own."""
@@ -130,6 +117,6 @@ def distinct(tree: RVAFT, semantics: Semantics) -> bool:
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_no_two_states_are_equivalent(semantics: Semantics) -> None:
     shape = Shape(gate_events=0, typed_events=0, variables=0, guards=0, ignores=0, sharing=0.4, max_nodes=8)
-    trees = [loads(f"toplevel r; {text}") for text in TREES.splitlines()]
-    for tree in trees + [random_tree(Random(seed), shape) for seed in range(30)]:
+    default = [one.tree for one in examples() if one.tree.alphabet and all("event" in event for event in one.events)]
+    for tree in default[::2] + [random_tree(Random(seed), shape) for seed in range(30)]:
         assert distinct(tree, semantics), tree

@@ -176,8 +176,6 @@ class TermTable:
                 return self.sequence(below)
             case "event" | "filter", TypeUse(name, parameters):
                 return self.make(part.operator, below, TypeUse(name, tuple(_value(one, values) for one in parameters)))
-            case "block", variable:
-                return self.block(variable, below[0])
             case "if", (condition, environment):
                 return self.make("if", below, (condition, _environment(known(environment), names(condition))))
             case "call", (name, arguments, environment):

@@ -46,30 +46,23 @@ def test_it_is_named_with_the_reason(broken: str) -> None:
 def test_a_comparison_names_it_and_goes_on(broken: str) -> None:
     assert broken in faithful_backends()
     candidates = Roster().candidates(rvaft.load(TREE), Job("tree", Semantics.STRICT))
-    found = {name: enlist() for name, enlist in candidates}
-    absent = found[broken]
-    assert isinstance(absent, Absent)
-    assert absent.status == "could not run"
-    assert not isinstance(found["rml"], Absent)
+    absent = [(name, found.status) for name, enlist in candidates if isinstance(found := enlist(), Absent)]
+    assert (broken, "could not run") in absent
+    assert "rml" not in dict(absent)
 
 
 class Spoken(Backend):
     """A language that is only emitted."""
 
-    name = language = "spoken"
-    suffix = ".txt"
-    default_limit = 1
+    name, language, suffix, default_limit, readable = "spoken", "spoken", ".txt", 1, False
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:  # noqa: ARG002
         return Specification(f"first {tree.root}", self.language, Metrics(symbols=2))
 
-    readable = False
-
 
 def test_a_language_that_is_only_emitted_is_in_the_way_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = EntryPoint("spoken", f"{__name__}:Spoken", backends.GROUP)
-    known = {"rml": backends.all_backends()["rml"], "spoken": entry}
-    install(monkeypatch, known)
+    spoken = EntryPoint("spoken", f"{__name__}:Spoken", backends.GROUP)
+    install(monkeypatch, {"rml": backends.all_backends()["rml"], "spoken": spoken})
     assert run("emit", TREE, "--to", "spoken").stdout == "first top\n"
     assert run("cross-check", TREE).exit_code == 0
     named = run("cross-check", TREE, "--backends", "spoken")

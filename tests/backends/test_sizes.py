@@ -14,7 +14,7 @@ from rvaft.language.printer import dumps
 from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from tests.backends.texts import flat, needs_spot, readable, signs, tree
+from tests.backends.texts import flat, needs_spot, signs, tree
 from tests.tables import rows
 
 
@@ -96,24 +96,18 @@ def expanded(formula: Any, known: dict[str, Any]) -> Any:
     return made(formula.kind(), *inner) if inner else formula
 
 
-@pytest.mark.parametrize("name", readable("ltlf", "rml"))
-@pytest.mark.parametrize("semantics", list(Semantics))
-def test_large_trees_run(name: str, semantics: Semantics) -> None:
-    word = " ".join(f"e{i}" for i in range(12))
-    for gate, threshold, needed in ((Gate.AND, None, 12), (Gate.VOT, 6, 6), (Gate.SAND, None, 12)):
-        if name == "ltlf" or semantics is not Semantics.SCATTERED:
-            found = signs(backend(name).translate(flat(gate, 12, threshold), semantics).monitor(), word)
-            assert found == "?" * (needed - 1) + "T" * (13 - needed)
-
-
 @pytest.mark.spot
 @needs_spot
 @pytest.mark.parametrize("semantics", list(Semantics))
-def test_a_deep_sequence_runs_in_ltlf(semantics: Semantics) -> None:
+def test_deep_and_large_trees_run(semantics: Semantics) -> None:
     specification = backend("ltlf").translate(tree("toplevel g0; [g# sand g#' l#; ]*1500"), semantics)
     assert (specification.metrics.subformulas or 0) < 9_000
     word = " ".join(["g1500", *(f"l{i}" for i in reversed(range(1_500)))])
     assert signs(specification.monitor(), word) == "?" * 1_500 + "T"
+    for gate, threshold, needed in ((Gate.AND, None, 12), (Gate.VOT, 6, 6), (Gate.SAND, None, 12)):
+        for name in ("ltlf",) if semantics is Semantics.SCATTERED else ("ltlf", "rml"):
+            monitor = backend(name).translate(flat(gate, 12, threshold), semantics).monitor()
+            assert signs(monitor, " ".join(f"e{i}" for i in range(12))) == "?" * (needed - 1) + "T" * (13 - needed)
 
 
 @pytest.mark.parametrize("gate", [Gate.AND, Gate.SAND, Gate.SAND_RL, Gate.OR])

@@ -46,19 +46,14 @@ def test_where_the_paper_is_known_to_differ(why: str, text: str, trace: Any, pub
     assert not PAPER.faithful
 
 
-def test_the_union_of_the_branches_misses_the_attack() -> None:
-    tree = shipped.load("remote_inspection/pruned")
-    events = dict(shipped.traces("remote_inspection/pruned"))["table2_row3"]
-    monitor = PAPER.translate(tree, Semantics.PROJECTED).monitor()
-    assert (signs(monitor, events)[-1], signs(Reference(tree), events)[-1]) == ("F", "T")
-
-
 @pytest.mark.parametrize("name", shipped.names())
 @pytest.mark.parametrize("semantics", [Semantics.STRICT, Semantics.PROJECTED])
 def test_every_shipped_tree_gives_a_text_that_runs(name: str, semantics: Semantics) -> None:
-    specification = PAPER.translate(shipped.load(name), semantics)
-    for _, events in shipped.traces(name):
-        assert list(specification.monitor().run(events))
+    specification = PAPER.translate(tree := shipped.load(name), semantics)
+    for title, events in shipped.traces(name):
+        found = signs(specification.monitor(), events)
+        if (name, title, semantics) == ("remote_inspection/pruned", "table2_row3", Semantics.PROJECTED):
+            assert (found[-1], signs(Reference(tree), events)[-1]) == ("F", "T")  # the union of the branches misses it
     assert specification.metrics.symbols > 3
 
 

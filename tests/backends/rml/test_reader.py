@@ -107,9 +107,7 @@ def test_any_text_is_read_or_refused(words: str) -> None:
 
 
 def _after(text: str, events: list[Json]) -> Monitor:
-    monitor = read(text)
-    for one in events:
-        monitor.step(one)
+    list((monitor := read(text)).run(events))
     return monitor
 
 

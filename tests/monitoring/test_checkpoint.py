@@ -4,13 +4,15 @@ import gzip
 import hashlib
 import io
 import json
+import multiprocessing
 import os
 import pickle
-import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from random import Random
+from time import monotonic
 from typing import Any, BinaryIO, cast
 
 import pytest
@@ -21,6 +23,7 @@ from hypothesis import strategies as st
 import rvaft
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import narrowed
+from rvaft.cli import main
 from rvaft.engine import Engine
 from rvaft.errors import CheckpointError, OptionError, TraceError
 from rvaft.model.nodes import Node
@@ -31,7 +34,7 @@ from rvaft.monitoring.checkpoint import Checkpoint, CheckpointFile, LinesRead, i
 from rvaft.monitoring.detection import Hooks
 from rvaft.monitoring.reader import decode, read
 from rvaft.monitoring.run import Ordering
-from tests.monitoring import killing
+from tests.cli.runs import run, written
 
 TREE = rvaft.loads("top or ab bc; ab sand a b fault; bc sand b c;")
 LINES = b'{"event": "a"}\n\n{"event": "x"}\r\n{"event": "b"}\n'
@@ -238,22 +241,11 @@ def test_a_damaged_file_is_refused(tmp_path: Path, trace: Path, where: float, go
     refused(path, trace)
 
 
-def forged(path: Path, payload: bytes, header: dict[str, Any] | None = None) -> None:
+def forged(path: Path, payload: bytes, header: bytes | None = None) -> None:
     """A file with the right digest, made by somebody who knows how."""
-    good = path.read_bytes()
-    line = good.split(b"\n", 3)[2] if header is None else json.dumps(header).encode()
+    line = path.read_bytes().split(b"\n", 3)[2] if header is None else header
     body = line + b"\n" + payload
     path.write_bytes(b"rvaft checkpoint 2\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
-
-
-class Calls:
-    """Pickles as a call."""
-
-    def __init__(self, function: Callable[..., object], *arguments: object) -> None:
-        self.call = function, arguments
-
-    def __reduce__(self) -> Any:
-        return self.call
 
 
 def text(data: str) -> bytes:
@@ -265,42 +257,38 @@ def called(place: str, name: str, argument: str) -> bytes:
     return b"\x80\x05" + text(place) + text(name) + b"\x93" + text(argument) + b"\x85RNN\x87."
 
 
-def malicious(victim: str) -> dict[str, bytes]:
-    """Pickles that make a folder when they are read, then those that reach for more than they should."""
-    state = b"N}" + text("always") + text("x") + b"s\x86"
-    patching = b"\x80\x05" + text("rvaft.monitoring.detection") + text("Hooks") + b"\x93" + state + b"b0NNN\x87."
-    return {
-        "a call": pickle.dumps((Calls(os.mkdir, victim), None, None)),
-        "the shell": pickle.dumps((Calls(os.system, f"mkdir {victim}"), None, None)),
-        "code": pickle.dumps((Calls(eval, f"__import__('os').mkdir({victim!r})"), None, None)),
-        "what a module of ours imports": called("rvaft.monitoring.detection", "os.mkdir", victim),
-        "what a module with data imports": called("rvaft.monitoring.run", "Path.mkdir", victim),
-        "getattr": pickle.dumps((Calls(getattr, Path, "mkdir"), None, None)),
-        "a class that a module imports": called("rvaft.monitoring.run", "Path", victim),
-        "below a class": called("rvaft.model.nodes", "Node.__init__.__globals__", victim),
-        "a value": called("rvaft.model.tree", "TYPE_CHECKING", victim),
-        "a class with commands": patching,
-        "no module of ours": called("rvaft.engine_of_mine", "Engine", victim),
-        "nothing that is a pickle": b"\x00",
-        "nothing": b"",
-    }
+CALLS = [
+    ("os", "mkdir", "{}"),
+    ("os", "system", "mkdir {}"),
+    ("builtins", "eval", "__import__('os').mkdir('{}')"),
+    ("rvaft.monitoring.detection", "os.mkdir", "{}"),  # what a module of ours imports
+    ("rvaft.monitoring.run", "Path.mkdir", "{}"),
+    ("rvaft.monitoring.run", "Path", "{}"),  # from here on nothing is made at once, but more is reached than should be
+    ("builtins", "getattr", "{}"),
+    ("rvaft.model.nodes", "Node.__init__.__globals__", "{}"),
+    ("rvaft.model.tree", "TYPE_CHECKING", "{}"),
+    ("rvaft.engine_of_mine", "Engine", "{}"),
+]
+SETS_COMMANDS = (
+    text("rvaft.monitoring.detection") + text("Hooks") + b"\x93N}" + text("always") + text("x") + b"s\x86b0NNN\x87."
+)
 
 
 def test_a_forged_file_is_refused(tmp_path: Path, trace: Path) -> None:
-    victim, before = tmp_path / "victim", dict(vars(Hooks))
-    save(tmp_path / "kept", trace)
-    for number, payload in enumerate(malicious(str(victim)).values()):
-        if number < 5:
-            pickle.loads(payload)
-            victim.rmdir()  # it was there
-        forged(tmp_path / "kept", payload)
-        assert "the checkpoint cannot be read" in refused(tmp_path / "kept", trace)
+    path, victim, before = tmp_path / "kept", tmp_path / "victim", dict(vars(Hooks))
+    save(path, trace)
+    calls = [called(place, name, argument.format(victim)) for place, name, argument in CALLS]
+    for payload in calls[:5]:
+        pickle.loads(payload)
+        victim.rmdir()  # it was there
+    for payload in (*calls, b"\x80\x05" + SETS_COMMANDS, b"\x00", b""):
+        forged(path, payload)
+        assert "the checkpoint cannot be read" in refused(path, trace)
         assert not victim.exists()
     assert dict(vars(Hooks)) == before
-    headers: list[Any] = [{}, {"version": 1}, [], "x"]
-    for header in headers:
-        forged(tmp_path / "kept", b"", header)
-        assert "the checkpoint cannot be read" in refused(tmp_path / "kept", trace)
+    for header in (b"{}", b'{"version": 1}', b"[]", b'"x"'):
+        forged(path, b"", header)
+        assert "the checkpoint cannot be read" in refused(path, trace)
 
 
 # -- the trace ----------------------------------------------------------------------------------------------------------
@@ -381,36 +369,66 @@ def test_a_compressed_trace_that_changed(tmp_path: Path, name: str) -> None:
 # -- being killed -------------------------------------------------------------------------------------------------------
 
 
-def told(folder: Path) -> tuple[list[int], list[str]]:
-    """After which events a run went on each time, and all that it told."""
-    lines = (folder / "told").read_text().splitlines() if (folder / "told").exists() else []
-    starts = [int(line.split()[1]) for line in lines if line.startswith("from")]
-    return starts, [line for line in lines if not line.startswith("from")]
+SEVERAL = """
+event go(v) = { name: "go", v: v };
+event back(v) = { name: "back", v: v };
+top or pair all;
+pair sand x y attack; x on go(V); y on back(W) when W == V + 1;
+all 2of3 a b both fault; both and a c; c sand d e;
+"""
 
 
-@pytest.mark.parametrize(("suffix", "semantics", "kills"), [("", "projected", 12), (".gz", "scattered", 8)])
-def test_being_killed_changes_no_verdict(tmp_path: Path, suffix: str, semantics: str, kills: int) -> None:
-    log = killing.events(Random(7), 300)
-    trace = packed(tmp_path / f"log.jsonl{suffix}", b"".join(json.dumps(event).encode() + b"\n" for event in log))
-    straight = tmp_path / "straight"
-    straight.mkdir()
-    killing.watch(straight, trace, Semantics(semantics), checkpoints=False)
-    _, expected = told(straight)
-    assert len(expected) == len(log) + 1
-    assert sum(" true " in line for line in expected) > 5
-    words = [sys.executable, "-m", "tests.monitoring.killing", str(tmp_path), str(trace), semantics, str(kills), "seed"]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=Path(__file__).parents[2])
-    assert (done.returncode, done.stderr) == (0, "")
-    runs = sorted((path for path in tmp_path.iterdir() if path.name.isdigit()), key=lambda path: int(path.name))
-    killing.watch(runs[-1], trace, Semantics(semantics))  # another process brings the last one to its end
-    middle = 0
-    for run in runs:
-        starts, lines = told(run)
-        # Whatever is repeated, it says the same; nothing is missing; and the end is the same.
-        assert set(lines) == set(expected)
-        assert [line for line in lines if line.startswith(killing.END)][-1] == expected[-1]
-        middle += sum(0 < start < len(log) for start in starts)
-    assert middle >= kills // 2
+def events(random: Random, count: int) -> list[dict[str, Any]]:
+    """Events of several robots in one stream, not quite in order."""
+    made: list[dict[str, Any]] = []
+    for number in range(count):
+        event: dict[str, Any] = {"robot": random.randrange(count // 15), "time": number + random.randrange(6)}
+        name = random.choice(["go", "back", "a", "b", "c", "d", "e", "other", "other"])
+        event |= {"name": name, "v": random.randrange(4)} if name in ("go", "back") else {"event": name}
+        made.append(event)
+    return made
+
+
+def go_on(told: Path, words: list[str]) -> None:
+    """The command, in a process that may be killed."""
+    with told.open("w") as out, redirect_stdout(out):
+        main(words, standalone_mode=False)
+
+
+@pytest.mark.parametrize(("suffix", "semantics", "rounds"), [("", "projected", 4), (".gz", "scattered", 2)])
+def test_being_killed_changes_no_verdict(tmp_path: Path, suffix: str, semantics: str, rounds: int) -> None:
+    """Whatever is told again says the same, nothing is missing, and the end is the same."""
+    random, state, told = Random(7), tmp_path / "state", tmp_path / "told"
+    tree = written(tmp_path / "tree.rvaft", SEVERAL)
+    log = packed(tmp_path / f"log{suffix}", b"".join(json.dumps(one).encode() + b"\n" for one in events(random, 300)))
+    words = ["monitor", str(tree), str(log), "--semantics", semantics, "--key", "robot"]
+    words += ["--order-by", "time", "--window", "5"]
+    keeping = [*words, "--checkpoint", str(state), "--checkpoint-every", "7"]
+    whole, summary = run(*words, "--format", "jsonl").stdout.splitlines(), run(*words).stdout.splitlines()[-20:]
+    assert (len(whole), sum('"verdict": "true"' in line for line in whole) > 5) == (300, True)
+    begun, middle = monotonic(), 0
+    run(*keeping)
+    takes = monotonic() - begun
+    for _ in range(rounds):
+        state.unlink()
+        said: list[str] = []
+        for moment in (*(random.uniform(0, takes) for _ in range(3)), 60):
+            told.write_text("")
+            child = multiprocessing.get_context("fork").Process(
+                target=go_on, args=(told, [*keeping, "--format", "jsonl"])
+            )
+            child.start()
+            child.join(moment)
+            child.kill()
+            child.join()
+            assert child.exitcode in (0, -9)
+            new = told.read_text().replace(', "again": true', "").split("\n")[:-1]
+            middle += new[:1] not in ([], whole[:1])
+            said += new
+        assert set(said) == set(whole)
+        assert said[-1] == whole[-1]
+        assert run(*keeping).stdout.splitlines()[-20:] == summary
+    assert middle > 0
 
 
 def test_large_monitors_are_kept(tmp_path: Path, trace: Path) -> None:

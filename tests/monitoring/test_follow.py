@@ -3,9 +3,9 @@
 import os
 import signal
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, Self, cast
+from typing import Any, BinaryIO, Final, cast
 
 import pytest
 from hypothesis import given, settings
@@ -16,27 +16,11 @@ from rvaft.monitoring import follow
 from rvaft.monitoring.follow import FollowedFile, stopping
 from rvaft.monitoring.reader import read
 
-POLL = 0.0003
-LOOKS = 8
+LOOKS: Final = 8
 """How often a follower asks whether to stop before the next thing happens: more than one look at the file takes."""
-
-
-class Script:
-    """Things that happen to a file while it is followed, one after the other; then the end."""
-
-    def __init__(self, *steps: Callable[[], object]) -> None:
-        self.steps = list(steps)
-        self.asked = 0
-        self.over = False
-
-    def __call__(self) -> bool:
-        self.asked += 1
-        if self.asked % LOOKS == 0:
-            if self.steps:
-                self.steps.pop(0)()
-            else:
-                self.over = True
-        return self.over
+BOM: Final = b"\xef\xbb\xbf"
+Step = bytes | str | Callable[[], object] | tuple[Any, ...]
+"""What happens to a log: bytes are written, a word is a method of it, a function is called, and of several all happen in one moment."""
 
 
 class Log:
@@ -44,18 +28,8 @@ class Log:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "log.jsonl"
-        self.path.touch()
-        self.writing = self.path.open("ab", buffering=0)
+        self.reopen()
         self.renamed = 0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.writing.close()
-
-    def write(self, data: bytes) -> Callable[[], object]:
-        return lambda: self.writing.write(data)
 
     def rename(self) -> None:
         """Move the log away; the program goes on writing to it."""
@@ -64,18 +38,42 @@ class Log:
 
     def reopen(self) -> None:
         """The program notices and begins a new log."""
-        self.writing.close()
-        self.writing = self.path.open("ab", buffering=0)
+        self.writing = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
 
     def truncate(self) -> None:
-        self.writing.truncate(0)
+        os.truncate(self.writing, 0)
 
-    def follow(self, *steps: Callable[[], object], **more: Any) -> tuple[FollowedFile, list[str]]:
-        changes: list[str] = []
-        return following(self.path, stop=Script(*steps), changed=changes.append, **more), changes
+    def remove(self) -> None:
+        self.path.unlink()
 
-    def said(self, what: str = "was truncated or written anew", lost: str = "") -> str:
-        return f"{self.path} {what} and is now read from its start{lost}"
+    def wait(self) -> None:
+        """Nothing happens."""
+
+    def happen(self, step: Step) -> None:
+        match step:
+            case bytes():
+                os.write(self.writing, step)
+            case str():
+                getattr(self, step)()
+            case tuple():
+                for each in step:
+                    self.happen(each)
+            case _:
+                step()
+
+    def follow(self, *steps: Step, **more: Any) -> tuple[FollowedFile, list[str]]:
+        """Follow the log while these things happen to it one after the other, then the end; and what is told of changes."""
+        left, asked, told = list(steps), 0, list[str]()
+
+        def stop() -> bool:
+            nonlocal asked
+            asked += 1
+            if asked % LOOKS == 0 and left:
+                self.happen(left.pop(0))
+                return False
+            return asked % LOOKS == 0
+
+        return following(self.path, stop=stop, changed=told.append, **more), told
 
 
 def following(path: Path, **more: Any) -> FollowedFile:
@@ -85,13 +83,14 @@ def following(path: Path, **more: Any) -> FollowedFile:
 
 @pytest.fixture(autouse=True)
 def _often(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(follow, "POLL", POLL)
+    monkeypatch.setattr(follow, "POLL", 0.0003)
 
 
 @pytest.fixture
 def log(tmp_path: Path) -> Iterator[Log]:
-    with Log(tmp_path) as made:
-        yield made
+    made = Log(tmp_path)
+    yield made
+    os.close(made.writing)
 
 
 def lines(stream: FollowedFile) -> list[bytes]:
@@ -99,11 +98,41 @@ def lines(stream: FollowedFile) -> list[bytes]:
         return list(iter(stream.readline, b""))
 
 
+def said(log: Log, what: str, lost: str = "") -> str:
+    return f"{log.path} was {what} and is now read from its start{lost}"
+
+
+WRITTEN, REPLACED = "truncated or written anew", "replaced"
+
+
+@pytest.mark.parametrize(
+    ("start", "steps", "given", "changes"),
+    [
+        (b"1\n", [(b"2\n3", "rename", "reopen", b"4\n")], b"1\n2\n3\n4\n", [(REPLACED,)]),
+        (b"1\n2\n", [("truncate", b"3\n")], b"1\n2\n3\n", [(WRITTEN,)]),
+        (b"1\n2\n", [("truncate", b"1\n")], b"1\n2\n1\n", [(WRITTEN,)]),
+        (b"1\n2\n", [("truncate", b"31\n42\n53\n64\n")], b"1\n2\n31\n42\n53\n64\n", [(WRITTEN,)]),
+        (b"", [b"1\n2", "truncate", b"3\n"], b"1\n3\n", [(WRITTEN, "; an unfinished line of 1 bytes is lost")]),
+        (b"1\n", ["remove", "wait", "reopen", b"2\n"], b"1\n2\n", [(REPLACED,)]),
+        (b"1\n", ["rename", "reopen", BOM + b"2\n"], b"1\n2\n", [(REPLACED,)]),
+        (BOM + b"1\n", [b"2\n"], BOM + b"1\n2\n", []),
+    ],
+)
+def test_what_happens_to_a_log(
+    log: Log, start: bytes, steps: list[Step], given: bytes, changes: list[tuple[str, ...]]
+) -> None:
+    log.happen(start)
+    stream, told = log.follow(*steps)
+    assert lines(stream) == given.splitlines(keepends=True)
+    assert told == [said(log, *change) for change in changes]
+    assert stream.offset == log.path.stat().st_size
+
+
 def test_a_line_is_given_when_it_is_whole(log: Log) -> None:
     seen: list[list[bytes]] = []
     got: list[bytes] = []
     look: Callable[[], object] = lambda: seen.append(list(got))  # noqa: E731
-    stream, _ = log.follow(log.write(b"1"), look, log.write(b"2"), look, log.write(b"3\n45"), look, log.write(b"6"))
+    stream, _ = log.follow(b"1", look, b"2", look, b"3\n45", look, b"6")
     with stream:
         got.extend(iter(stream.readline, b""))
     assert got == [b"123\n"]  # the rest has no end yet
@@ -111,117 +140,55 @@ def test_a_line_is_given_when_it_is_whole(log: Log) -> None:
     assert (stream.offset, stream.line) == (4, 1)
 
 
-pieces = st.lists(st.binary(max_size=5) | st.sampled_from([b"\n", b"1\n2", b"\xef\xbb\xbf", b"\xef"]), max_size=12)
-
-
 @settings(deadline=None, max_examples=30)
-@given(pieces, st.sets(st.integers(0, 11)), st.booleans())
+@given(
+    st.lists(st.binary(max_size=5) | st.sampled_from([b"\n", b"1\n2", BOM, BOM[:1]]), max_size=12),
+    st.sets(st.integers(0, 11)),
+    st.booleans(),
+)
 def test_nothing_is_lost_when_the_log_is_renamed(data: list[bytes], rotations: set[int], late: bool) -> None:
     """However the bytes come; the last line of a renamed log may lack its end."""
-    with tempfile.TemporaryDirectory() as folder, Log(Path(folder)) as log:
-        steps: list[Callable[[], object]] = []
-        files: list[bytes] = [b""]
+    with tempfile.TemporaryDirectory() as folder:
+        log = Log(Path(folder))
+        steps: list[Step] = []
+        files = [b""]
         for number, piece in enumerate(data):
             if number in rotations:
-                steps.append(log.rename)
-                if late:  # the program has not noticed yet
-                    steps.append(log.write(b"last"))
-                    files[-1] += b"last"
-                steps.append(log.reopen)
+                last = b"last" * late  # the program has not noticed yet
+                steps += ["rename", last, "reopen"]
+                files[-1] += last
                 files.append(b"")
-            steps.append(log.write(piece))
+            steps.append(piece)
             files[-1] += piece
-        stream, changes = log.follow(*steps)
-        held = [
-            files[0],
-            *(file.removeprefix(b"\xef\xbb\xbf") for file in files[1:]),
-        ]  # a byte order mark is no part of a line
-        expected = [line + b"\n" for file in held[:-1] for line in split(file)]
-        expected += [line + b"\n" for line in held[-1].split(b"\n")[:-1]]
-        assert lines(stream) == expected
-        assert changes == [log.said("was replaced")] * (len(files) - 1)
-
-
-def split(file: bytes) -> Iterable[bytes]:
-    parts = file.split(b"\n")
-    return parts if parts[-1] else parts[:-1]
-
-
-def test_what_is_written_in_the_moment_of_renaming_is_not_lost(log: Log) -> None:
-    log.write(b"1\n")()
-
-    def replace() -> None:
-        log.write(b"2\n3")()
-        log.rename()
-        log.path.write_bytes(b"4\n")
-
-    stream, changes = log.follow(replace)
-    assert lines(stream) == [b"1\n", b"2\n", b"3\n", b"4\n"]
-    assert changes == [log.said("was replaced")]
-    assert (stream.offset, stream.line) == (2, 1)
-
-
-@pytest.mark.parametrize("after", [b"3\n", b"1\n", b"31\n42\n53\n64\n"], ids=["shorter", "same start", "longer"])
-def test_a_file_written_anew_is_read_from_its_start(log: Log, after: bytes) -> None:
-    log.write(b"1\n2\n")()
-
-    def anew() -> None:
-        log.truncate()
-        log.write(after)()
-
-    stream, changes = log.follow(anew)
-    assert lines(stream) == [b"1\n", b"2\n", *after.splitlines(keepends=True)]
-    assert changes == [log.said()]
-
-
-def test_an_unfinished_line_that_is_truncated_is_lost_and_told(log: Log) -> None:
-    stream, changes = log.follow(log.write(b"1\n2"), log.truncate, log.write(b"3\n"))
-    assert lines(stream) == [b"1\n", b"3\n"]
-    assert changes == [log.said(lost="; an unfinished line of 1 bytes is lost")]
-
-
-def test_a_path_where_nothing_stands_for_a_while(log: Log) -> None:
-    log.write(b"1\n")()
-    stream, changes = log.follow(log.path.unlink, lambda: None, log.reopen, log.write(b"2\n"))
-    assert lines(stream) == [b"1\n", b"2\n"]
-    assert changes == [log.said("was replaced")]
-
-
-def test_a_byte_order_mark_at_the_start_of_the_next_file(log: Log) -> None:
-    log.write(b'{"n": 1}\n')()
-    stream, _ = log.follow(log.rename, log.reopen, log.write(b'\xef\xbb\xbf{"n": 2}\n'))
-    with stream:
-        assert list(read(cast("BinaryIO", stream))) == [{"n": 1}, {"n": 2}]
-    assert stream.offset == 12
+        stream, told = log.follow(*steps)
+        *whole, last = files[0], *(file.removeprefix(BOM) for file in files[1:])  # a mark is no part of a line
+        given = b"".join(file + b"\n" * (file[-1:] not in (b"", b"\n")) for file in whole) + last
+        assert lines(stream) == [line + b"\n" for line in given.split(b"\n")[:-1]]
+        assert told == [said(log, REPLACED)] * len(whole)
+        os.close(log.writing)
 
 
 def test_it_goes_on_from_where_it_was(log: Log) -> None:
     whole = b"".join(b"%d\n" % number for number in range(200))
-    log.write(whole)()
+    log.happen(whole)
     first, _ = log.follow()
     with first:
         while first.readline():
-            rest, changes = log.follow(log.write(b"new\n"), offset=first.offset, line=first.line)
             if first.line % 40 == 0:
+                rest, told = log.follow(b"new\n", offset=first.offset, line=first.line)
                 assert b"".join(lines(rest)) == whole[first.offset :] + b"new\n"
-                assert (changes, rest.line) == ([], 201)
-                log.writing.truncate(len(whole))
-            rest.close()
-
-
-def test_a_file_that_changed_before_the_place_to_go_on_from(log: Log) -> None:
-    log.write(b"1\n2\n")()
-    with pytest.raises(OptionError, match="fewer than 5 bytes"):
-        log.follow(offset=5)
-    stream, changes = log.follow(log.truncate, log.write(b"3\n4\n5\n"), offset=4)
-    assert lines(stream) == [b"3\n", b"4\n", b"5\n"]
-    assert changes == [log.said()]
+                assert (told, rest.line) == ([], 201)
+                os.truncate(log.path, len(whole))
+    with pytest.raises(OptionError, match=f"fewer than {len(whole) + 1} bytes"):
+        log.follow(offset=len(whole) + 1)
+    stream, told = log.follow("truncate", b"3\n4\n5\n", offset=4)  # it changes before the place to go on from
+    assert b"".join(lines(stream)).endswith(b"\n199\n3\n4\n5\n")
+    assert told == [said(log, WRITTEN)]
 
 
 def test_the_present_file_and_the_place_in_it_belong_together(log: Log) -> None:
     """At every line: what `file` holds before `offset` ends with the line that was given."""
-    steps = [log.write(b"1\n2"), log.rename, log.reopen, log.write(b"3\n"), log.truncate, log.write(b"4\n5\n")]
-    stream, _ = log.follow(*steps)
+    stream, _ = log.follow(b"1\n2", "rename", "reopen", b"3\n", "truncate", b"4\n5\n")
     places = []
     with stream:
         while line := stream.readline():
@@ -230,13 +197,19 @@ def test_the_present_file_and_the_place_in_it_belong_together(log: Log) -> None:
     assert places == [(b"1\n", b"1\n"), (b"2\n", b""), (b"3\n", b"3\n"), (b"4\n", b"4\n"), (b"5\n", b"4\n5\n")]
 
 
+def test_a_byte_order_mark_at_the_start_of_each_file(log: Log) -> None:
+    log.happen(BOM + b'{"n": 1}\n')
+    stream, _ = log.follow("rename", "reopen", BOM + b'{"n": 2}\n')
+    with stream:
+        assert list(read(cast("BinaryIO", stream))) == [{"n": 1}, {"n": 2}]
+
+
 def test_an_endless_line_is_given_in_parts(log: Log) -> None:
-    log.write(b"x" * 1_000_000)()
+    log.happen(b"x" * 1_000_000)
     stream, _ = log.follow()
     with stream:
         assert len(stream.readline(600_000)) == 600_000
-        assert stream.readline(0) == b""
-        assert stream.readline() == b""
+        assert stream.readline(0) == stream.readline() == b""
 
 
 def test_what_cannot_be_followed(tmp_path: Path) -> None:
@@ -257,7 +230,6 @@ def test_a_signal_asks_for_the_end(asked: signal.Signals) -> None:
         signal.raise_signal(asked)
         assert stop()
         assert signal.getsignal(asked) is before  # the next one does what it always did
-    assert signal.getsignal(asked) is before
     with stopping() as stop:
         assert not stop()
     assert signal.getsignal(asked) is before

@@ -1,67 +1,231 @@
-"""Reading a log many lines at a time tells and counts what reading it one by one does."""
+"""One trace from its first event to its last: fields, keys, the order, what explanations name, and that many lines at a time tell the same."""
 
+import gzip
 import io
 import json
+import pickle
 from collections.abc import Sequence
+from pathlib import Path
 from random import Random
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cross_check.generate.traces import random_trace
-from rvaft import RVAFT, Semantics, TraceError, loads, monitor
+from rvaft import Semantics, TraceError, loads, monitor
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.errors import TooLarge
+from rvaft.errors import OptionError, TooLarge
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitoring import fast_reader
 from rvaft.monitoring.detection import told_fields
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.run import EventBuffer, Key, Listener, MonitoringPlan, TraceRun, VerdictChange
+from rvaft.monitoring.reader import read
+from rvaft.monitoring.run import (
+    Backwards,
+    EventBuffer,
+    Field,
+    Key,
+    Listener,
+    MonitoringPlan,
+    Ordering,
+    TraceRun,
+    VerdictChange,
+)
 from tests.trees import shipped
+
+TREE = loads('event a(v) = { kind: "k", value: v }; toplevel r; r and x y; x on a(1); y on a(2);')
+
+
+def test_fields_and_keys() -> None:
+    key = Key.parse(["user", "host.src"])
+    assert key.of({"user": None, "host": {"src": 7}}) == (None, 7)
+    assert key.told((None, 7)) == {"user": None, "host.src": 7}
+    assert key.of({"user": 1}) is key.of({"host": {"src": 1}}) is None
+    assert Key.parse(["a", "a"]).told((1,)) == 1
+    stamp = Field.parse("header.stamp")
+    assert stamp.number({"header": {"stamp": 2}}) == 2
+    assert stamp.number({"header.stamp": 1, "header": {"stamp": 9}}) == 1
+    assert stamp.number({"header": 0}) is stamp.number({"header": {"stamp": True}}) is None
+    for text in ("", ".", "a.", ".a", "a..b"):
+        with pytest.raises(OptionError, match="is no field"):
+            Field.parse(text)
+
+
+# -- the order ----------------------------------------------------------------------------------------------------------
+
+numbers = st.integers(-20, 20) | st.floats(-20, 20)
+
+
+def events(times: Sequence[Any]) -> list[dict[str, Any]]:
+    """An event for each time, the first one number 1; None stands for an event without a time."""
+    return [{"n": n} if time is None else {"n": n, "time": time} for n, time in enumerate(times, 1)]
+
+
+def in_order(times: Sequence[Any], window: int) -> tuple[list[int], Ordering]:
+    ordering = Ordering("time", window=window)
+    given = [event for one in events(times) if (event := ordering.add(one)) is not None]
+    return [event["n"] for event in (*given, *ordering.rest())], ordering
+
+
+def by_hand(times: Sequence[Any], window: int) -> tuple[list[int], list[int]]:
+    """Which events come in which order, and which are late: look for the smallest of those waiting, again and again."""
+    waiting: list[tuple[float, int]] = []
+    order: list[int] = []
+    late: list[int] = []
+    said = before = float("-inf")
+    for number, time in enumerate(times, 1):
+        before = before if time is None else time
+        if time is not None and time < said:
+            late.append(number)
+        waiting.append((before, number))
+        if len(waiting) > window:
+            first = min(waiting)
+            waiting.remove(first)
+            said = max(said, first[0])
+            order.append(first[1])
+    return order + [number for _, number in sorted(waiting)], late
+
+
+@given(st.lists(numbers | st.none(), max_size=40), st.integers(0, 12))
+def test_the_smallest_of_those_that_wait_comes_first(times: list[float | None], window: int) -> None:
+    expected, late = by_hand(times, window)
+    order, met = in_order(times, window)
+    assert order == expected
+    assert (met.late, met.first_late) == (len(late), late[0] if late else 0)
+    without = [number for number, time in enumerate(times, 1) if time is None]
+    assert (met.without, met.first_without) == (len(without), without[0] if without else 0)
+
+
+@given(st.lists(numbers, max_size=60), st.integers(0, 10), st.randoms(use_true_random=False))
+def test_within_the_window_it_is_a_stable_sort(times: list[float], window: int, random: Random) -> None:
+    """Nobody stands more than `window` places behind its own."""
+    places = [place + random.randint(0, window) for place in range(len(times))]
+    came = [time for _, _, time in sorted(zip(places, range(len(times)), sorted(times), strict=True))]
+    order, met = in_order(came, window)
+    assert order == [number for number, _ in sorted(enumerate(came, 1), key=lambda pair: pair[1])]
+    assert met.late == 0
+
+
+def test_an_event_without_a_number_stays_behind_the_one_before() -> None:
+    for nothing in (None, "12", True, [3], {"time": 1}):
+        order, met = in_order([nothing, 3, nothing, 1, nothing, 2], window=10)
+        assert order == [1, 4, 5, 6, 2, 3]
+        assert (met.without, met.first_without, met.late) == (3, 1, 0)
+    big = 2**53
+    assert in_order([big + 1, float(big), big, 1e300, 10**300], window=9)[0] == [2, 3, 1, 5, 4]
+
+
+def test_an_ordering_goes_on_from_a_pickle() -> None:
+    random = Random(5)
+    straight, halting = Ordering("time", window=7), Ordering("time", window=7)
+    for event in events([number + random.randrange(12) for number in range(100)]):
+        halting = pickle.loads(pickle.dumps(halting))
+        assert halting.add(event) == straight.add(event)
+    assert halting.late == straight.late > 0
+    assert list(pickle.loads(pickle.dumps(halting)).rest()) == list(straight.rest())
+
+
+@pytest.mark.parametrize(
+    ("times", "count", "first"), [([1, 5, None, 3, 4, "0", 4.0, 3.5, 9], 2, 4), ([2, 2, 3], 0, 0), ([3, 2], 1, 2)]
+)
+def test_time_that_goes_back_is_counted(times: list[Any], count: int, first: int) -> None:
+    clock = Backwards("time")
+    for event in events(times):
+        clock.see(event["n"], event)
+    assert (clock.count, clock.first) == (count, first)
+
+
+# -- events that an explanation names -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".jsonl", ".jsonl.gz"])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_file_is_numbered_as_it_is_read(seed: int, suffix: str, tmp_path: Path) -> None:
+    random, log = Random(seed), tmp_path / f"log{suffix}"
+    spaces = ["", "\n", "\r\n", "  \n", "\t\r\n\n", "\n\n\n"]
+    text = ["", "\ufeff"][seed % 2]
+    for number in range(random.randrange(20, 60)):
+        text += random.choice(spaces) + random.choice(["", " "]) + json.dumps({"n": number}) + "\n"
+    data = (text + random.choice(spaces)).encode()
+    log.write_bytes(gzip.compress(data) if suffix.endswith(".gz") else data)
+    expected = dict(enumerate(read(log), 1))
+    assert EventBuffer(log).events(range(1, len(expected) + 3)) == expected
+    for number, event in expected.items():
+        assert EventBuffer(log).events([number]) == {number: event}
+
+
+def test_what_is_forgotten_is_looked_up_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rvaft.monitoring.run.BOUND", 3)
+    log, packed = tmp_path / "log.jsonl", tmp_path / "log.gz"
+    stream, file = EventBuffer(), EventBuffer(log)
+    assert file.events([1]) == {}
+    log.write_text("".join(f'{{"n": {number}}}\n' for number in range(1, 100)))
+    for buffer in (stream, file):
+        for number in range(51, 56):
+            buffer.remember(number, {"n": number, "remembered": True})
+        assert len(buffer.known) == 3
+    assert stream.events([7, 51, 55]) == {55: {"n": 55, "remembered": True}}
+    assert file.events([7, 51, 55]) == {7: {"n": 7}, 51: {"n": 51}, 55: {"n": 55, "remembered": True}}
+    log.write_text('{"n": 1}\nnonsense\n{"n": 3}\n')  # it has changed since
+    assert EventBuffer(log).events([1, 2]) == {1: {"n": 1}}
+    packed.write_bytes(gzip.compress(b'{"n": 1}\n' * 10_000)[:-9])
+    assert EventBuffer(packed).events([10_001]) == {}
+
+
+# -- many lines at a time -----------------------------------------------------------------------------------------------
 
 
 class Told(Listener):
     """Remembers what it was told, and the explanations of then."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, every: bool = False) -> None:
+        self.every = every
         self.said: list[Any] = []
 
+    def event(self, watch: object, number: int, event: Any) -> None:  # noqa: ARG002 (the interface)
+        self.said.append((number, event))
+
     def change(self, change: VerdictChange) -> None:
+        monitors = change.watch.monitors
         for column in change.columns:
-            explanation, ended = change.watch.monitors.explanation(column), change.watch.monitors.ended(column)
+            explanation = monitors.explanation(column)
             known = () if explanation is None else change.watch.buffer.events(set(explanation.matched.values()))
             times = {at: (known[at].get("time"), known[at].get("topic")) for at in known}
-            self.said.append(
-                (change.watch.key, change.number, column, change.verdicts[column], explanation, ended, times)
-            )
+            verdict = change.verdicts[column], explanation, monitors.ended(column)
+            self.said.append((change.watch.key, change.number, column, verdict, times))
 
 
-class Every(Told):
-    """Wants to be told of every event."""
-
-    every = True
-
-
-def run_of(tree: RVAFT, semantics: str, per: Per, told: Told, **options: Any) -> TraceRun:
+def plan_of(tree: RVAFT, semantics: str = "projected", per: Per = Per.TREE, **options: Any) -> MonitoringPlan:
     monitors = MonitorSet(columns(tree, per), lambda part: monitor(part, semantics=semantics), Semantics(semantics))
-    plan = MonitoringPlan(monitors, TreeReads(tree), told=told_fields(tree), **options)
-    return TraceRun(plan, "log", [told], buffer=EventBuffer(reads=plan.reads), statistics=Statistics(monitors.types))
+    return MonitoringPlan(monitors, TreeReads(tree), told=told_fields(tree), **options)
 
 
-def outcome(tree: RVAFT, semantics: str, per: Per, data: bytes, *, by_blocks: bool) -> Any:
-    told = Told()
-    run = run_of(tree, semantics, per, told)
-    error = None
-    try:
-        for _ in run.read(io.BytesIO(data), "log", by_blocks=by_blocks):
-            pass
-    except TraceError as failure:
-        error = str(failure)
-    statistics = run.statistics
-    assert statistics is not None
-    counted = statistics.events, statistics.relevant, statistics.never_seen, statistics.near_misses
-    return told.said, run.watch.monitors.verdicts, run.watch.events, run.number, list(run.warnings), counted, error
+def run_of(plan: MonitoringPlan, told: Told) -> TraceRun:
+    statistics = Statistics(plan.monitors.types)
+    return TraceRun(plan, "log", [told], buffer=EventBuffer(reads=plan.reads), statistics=statistics)
+
+
+def outcome(plan: MonitoringPlan, data: bytes) -> Any:
+    """What is told and counted, which many lines at a time do as one by one."""
+    found = []
+    for by_blocks in (True, False):
+        told, error = Told(), None
+        run = run_of(plan, told)
+        try:
+            list(run.read(io.BytesIO(data), "log", by_blocks=by_blocks))
+        except TraceError as failure:
+            error = str(failure)
+        statistics = run.statistics
+        assert statistics is not None
+        counted = statistics.events, statistics.relevant, statistics.never_seen, statistics.near_misses
+        watched = run.watch.monitors.verdicts, run.watch.events, run.number, list(run.warnings)
+        found.append((told.said, watched, counted, error))
+    assert found[0] == found[1]
+    return found[0]
 
 
 @pytest.fixture(autouse=True)
@@ -85,56 +249,45 @@ def log_of(trace: Sequence[Json], random: Random) -> bytes:
 @pytest.mark.parametrize("name", shipped.names())
 def test_shipped_trees(name: str, per: Per, semantics: Semantics) -> None:
     tree = shipped.load(name)
-    random = Random(f"{name} {per} {semantics}")
+    random, plan = Random(f"{name} {per} {semantics}"), plan_of(tree, semantics, per)
     stored = [events for _, events in shipped.traces(name)]
-    for number in range(4):
-        trace = random.choice(stored) if number % 2 else random_trace(random, tree, max_length=24)
-        data = log_of(trace, random)
-        if random.random() < 0.2:
-            data += b"\n{"
-        assert outcome(tree, semantics, per, data, by_blocks=True) == outcome(
-            tree, semantics, per, data, by_blocks=False
-        )
-
-
-TREE = loads('event a(v) = { kind: "k", value: v }; toplevel r; r and x y; x on a(1); y on a(2);')
+    for trace in (random.choice(stored), random_trace(random, tree, max_length=24)):
+        for end in (b"", b"\n{"):
+            outcome(plan, log_of(trace, random) + end)
 
 
 def test_what_has_to_see_every_event_as_it_stands() -> None:
-    assert run_of(TREE, "projected", Per.TREE, Told()).plan.fast_reader is not None
-    for options in ({"key": Key.parse(["id"])}, {"order_by": "time"}):
-        assert run_of(TREE, "projected", Per.TREE, Told(), **options).plan.fast_reader is None
-    every = Every()
-    list(run_of(TREE, "projected", Per.TREE, every).read(io.BytesIO(b'{"event": 1}'), "log", by_blocks=True))
+    assert plan_of(TREE).fast_reader is not None
+    assert plan_of(TREE, key=Key.parse(["id"])).fast_reader is plan_of(TREE, order_by="time").fast_reader is None
+    every = Told(every=True)
+    list(run_of(plan_of(TREE), every).read(io.BytesIO(b'{"event": 1}'), "log", by_blocks=True))
+    assert every.said == [(1, {"event": 1})]
 
 
 def test_the_topic_and_time_of_a_match_are_known_where_no_pattern_has_them() -> None:
     data = b'{"kind":"k","value":1,"topic":"/a","time":5}\n{"kind":"w"}\n{"kind":"k","value":2,"topic":"/b","time":4}\n'
-    found = outcome(TREE, "scattered", Per.TREE, data, by_blocks=True)
-    assert found == outcome(TREE, "scattered", Per.TREE, data, by_blocks=False)
-    [(_, number, *_, times)] = found[0]
+    [(_, number, *_, times)] = outcome(plan_of(TREE, "scattered"), data)[0]
     assert (number, times) == (3, {1: (5, "/a"), 3: (4, "/b")})
 
 
+# -- keys ---------------------------------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("semantics", Semantics)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_each_key_gets_the_verdicts_and_matches_of_its_events_alone(seed: int, semantics: Semantics) -> None:
-    tree = shipped.load("remote_inspection/pruned")
-    random = Random(seed)
+    tree, random = shipped.load("remote_inspection/pruned"), Random(seed)
     traces = dict(shipped.traces("remote_inspection/pruned"))
-    left = {name: list(events) for name, events in traces.items()}
-    given: dict[str, list[int]] = {name: [] for name in traces}
-    mixed: list[Json] = []
-    while any(left.values()):
-        name = random.choice([name for name, events in left.items() if events])
-        mixed.append({**left[name].pop(0), "robot": name})
-        given[name].append(len(mixed))
-    run = run_of(tree, semantics, Per.TREE, Told(), key=Key.parse(["robot"]))
-    list(run.read(mixed, "log"))
+    turns = [name for name, events in traces.items() for _ in events]
+    random.shuffle(turns)
+    left = {name: iter(events) for name, events in traces.items()}
+    run = run_of(plan_of(tree, semantics, key=Key.parse(["robot"])), Told())
+    list(run.read([{**next(left[name]), "robot": name} for name in turns], "log"))
     assert {watch.key[0] for watch in run.watches if watch.key} == set(traces)
     for watch in run.watches:
         assert watch.key is not None
-        name = watch.key[0]
+        [name] = watch.key
+        given = [number for number, turn in enumerate(turns, 1) if turn == name]
         alone = monitor(tree, semantics=semantics)
         *_, last = alone.run(traces[name])
         assert watch.monitors.verdicts == (last,)
@@ -142,13 +295,13 @@ def test_each_key_gets_the_verdicts_and_matches_of_its_events_alone(seed: int, s
         assert (explanation is None) is (own is None)
         if explanation is not None and own is not None:
             assert explanation.branch == own.branch
-            assert explanation.matched == {node: given[name][at - 1] for node, at in own.matched.items()}
+            assert explanation.matched == {node: given[at - 1] for node, at in own.matched.items()}
         if alone.ended is not None:
-            assert watch.monitors.since[0] == given[name][alone.ended.event - 1]
+            assert watch.monitors.since[0] == given[alone.ended.event - 1]
 
 
 def test_events_without_the_key_and_too_many_keys() -> None:
-    run = run_of(TREE, "projected", Per.TREE, Told(), key=Key.parse(["robot.id", "x"]), max_keys=2)
+    run = run_of(plan_of(TREE, key=Key.parse(["robot.id", "x"]), max_keys=2), Told())
     log = [{"robot": {"id": None}, "x": 1}, {"robot": {"id": 1}}, {}, {"robot": {"id": 1}, "x": 1}]
     list(run.read(log, "log"))
     assert [watch.key for watch in run.watches] == [(None, 1), (1, 1)]
@@ -158,21 +311,13 @@ def test_events_without_the_key_and_too_many_keys() -> None:
     assert raised.value.limit == 2
 
 
-@pytest.mark.parametrize(
-    ("one", "other", "same"),
-    [
-        (1, 1.0, True),
-        (1, True, False),
-        (0, False, False),
-        ("1", 1, False),
-        (None, False, False),
-        ([1, 2], [1.0, 2], True),
-        ({"a": 1, "b": 2}, {"b": 2, "a": 1}, True),
-        (2**60, float(2**60), True),
-    ],
-)
-def test_keys_are_told_apart_as_everywhere(one: Any, other: Any, same: bool) -> None:
+SAME = [(1, 1.0), ([1, 2], [1.0, 2]), ({"a": 1, "b": 2}, {"b": 2, "a": 1}), (2**60, float(2**60))]
+OTHER = [(1, True), (0, False), ("1", 1), (None, False)]
+
+
+@pytest.mark.parametrize(("pair", "values"), [*((one, 1) for one in SAME), *((one, 2) for one in OTHER)])
+def test_keys_are_told_apart_as_everywhere(pair: tuple[Any, Any], values: int) -> None:
     for fields in (["k"], ["k", "m"]):
-        run = run_of(TREE, "projected", Per.TREE, Told(), key=Key.parse(fields))
-        list(run.read([{"k": one, "m": 1}, {"k": other, "m": 1}], "log"))
-        assert len(run.watches) == 2 - same
+        run = run_of(plan_of(TREE, key=Key.parse(fields)), Told())
+        list(run.read([{"k": value, "m": 1} for value in pair], "log"))
+        assert len(run.watches) == values

@@ -3,6 +3,7 @@
 import gzip
 import io
 import json
+import re
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -18,6 +19,7 @@ from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError, loads
 from rvaft.analysis.pattern_index import Reads, Scope, TreeReads
 from rvaft.errors import ToolMissing
 from rvaft.model.patterns import Anything, ObjectPattern, Variable
+from rvaft.monitoring import reader
 from rvaft.monitoring.reader import MAX_DEPTH, MAX_LINE, decode, read
 from tests.cli.runs import TREES, failed, run
 from tests.tables import rows, spelled
@@ -45,15 +47,12 @@ def test_what_is_a_trace(case: str) -> None:
 @pytest.mark.parametrize("ends", [b"", b"\n", b"\r\n"])
 def test_what_is_malformed(case: str, ends: bytes) -> None:
     stream = io.BytesIO(b'{"a":1}\n\n' + BAD[case].split(b"\n")[0] + ends)
-    reader = read(stream, name="log.jsonl")
-    assert next(reader) == {"a": 1}
+    given = read(stream, name="log.jsonl")
+    assert next(given) == {"a": 1}
     with pytest.raises(TraceError) as caught:
-        next(reader)
+        next(given)
     assert (caught.value.file, caught.value.line) == ("log.jsonl", 3)
-    message = str(caught.value)
-    assert message.startswith("log.jsonl:3: ")
-    assert "\n" not in message
-    assert len(message) < 200
+    assert re.fullmatch(r"log\.jsonl:3: .{1,180}", str(caught.value))
     assert isinstance(caught.value, ValueError)
 
 
@@ -67,22 +66,24 @@ def test_a_key_is_not_repeated_where_the_tree_reads(row: list[str]) -> None:
         assert len(events(text, TreeReads(tree))) == 1
 
 
-def test_a_number_that_overflows_is_malformed_where_the_tree_reads() -> None:
-    tree = loads('event e(v) = { topic: "t", value: v }; toplevel a; a on e(V);')
-    for text in (b'{"topic":"t","value":1e999}', b'{"topic":"t","value":[{"deep":-1e999}]}', b'{"topic":1e999}'):
-        with pytest.raises(TraceError, match="range of a double"):
-            events(text, TreeReads(tree))
-    digits = b"1" * 400 + b".5"
-    for text, expected in {
-        b'{"topic":"t","other":1e999}': {"topic": "t", "other": None},
-        b'{"topic":"another","value":-1E+0999}': {"topic": "another", "value": None},
-        b'{"x":[1,{"y":' + digits + b"}]}": {"x": [1, {"y": None}]},
-        b'{"x":[1e308,1e-999,"1e999"]}': {"x": [1e308, 0.0, "1e999"]},
-    }.items():
-        assert events(text, TreeReads(tree)) == [expected]
-        if b"-999" not in text:
-            with pytest.raises(ValueError, match="range of a double"):
-                decode(text, reads=TreeReads(tree), finite=True)
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (b'{"topic":"t","value":1e999}', None),
+        (b'{"topic":"t","value":[{"deep":-1e999}]}', None),
+        (b'{"topic":1e999}', None),
+        (b'{"topic":"t","other":1e999}', {"topic": "t", "other": None}),
+        (b'{"topic":"another","value":-1E+0999}', {"topic": "another", "value": None}),
+        (b'{"x":[1,{"y":%b.5}]}' % (b"1" * 400), {"x": [1, {"y": None}]}),
+        (b'{"x":[1e308,1e-999,"1e999"]}', {"x": [1e308, 0.0, "1e999"]}),
+    ],
+)
+def test_a_number_that_overflows_is_malformed_where_the_tree_reads(text: bytes, expected: object) -> None:
+    reads = TreeReads(loads('event e(v) = { topic: "t", value: v }; toplevel a; a on e(V);'))
+    with pytest.raises(TraceError, match="range of a double") if expected is None else nullcontext():
+        assert events(text, reads) == [expected]
+    with pytest.raises(ValueError, match="range of a double") if b"-999" not in text else nullcontext():
+        decode(text, reads=reads, finite=True)
 
 
 def test_a_default_event_and_an_ignore_are_read_too() -> None:
@@ -94,27 +95,22 @@ def test_a_default_event_and_an_ignore_are_read_too() -> None:
         events(b'{"noise":1,"noise":2}', TreeReads(tree))
 
 
-class Endless(io.RawIOBase):
-    """A line that never ends; counts what was taken of it."""
-
-    def __init__(self) -> None:
-        self.taken = 0
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        size = len(buffer)
-        buffer[:] = b"x" * size
-        self.taken += size
-        return size
-
-
 def test_an_endless_line_is_refused_before_it_fills_the_memory() -> None:
-    source = Endless()
+    taken = 0
+
+    class Endless(io.RawIOBase):
+        def readable(self) -> bool:
+            return True
+
+        def readinto(self, buffer: Any) -> int:
+            nonlocal taken
+            taken += len(buffer)
+            buffer[:] = b"x" * len(buffer)
+            return len(buffer)
+
     with pytest.raises(TraceError, match=r"log:1: the line is longer than 64 MiB"):
-        next(read(io.BufferedReader(source), name="log"))
-    assert source.taken <= 2 * MAX_LINE
+        next(read(io.BufferedReader(Endless()), name="log"))
+    assert taken <= 2 * MAX_LINE
 
 
 @pytest.mark.parametrize("garbage", [b"[", b'"', b'\\"', b'[\\"', b'{"a":', b'{"a":"\\ud83d', b"\xff"])
@@ -125,48 +121,33 @@ def test_a_long_line_of_garbage_is_refused_in_linear_time(garbage: bytes) -> Non
 
 
 def test_events_come_as_their_lines_do() -> None:
-    lines = iter([b'{"a":1}\n', b'{"a":2}\n', b"nonsense\n"])
-
     class Stream(io.BytesIO):
-        def readline(self, size: int | None = -1, /) -> bytes:  # noqa: ARG002 (the interface)
-            return next(lines, b"")
+        read_lines = 0
 
-    reader = read(Stream())
-    assert next(reader) == {"a": 1}
-    assert next(reader) == {"a": 2}
-    assert next(lines) == b"nonsense\n"
+        def readline(self, size: int | None = -1, /) -> bytes:
+            self.read_lines += 1
+            return super().readline(size)
+
+    stream = Stream(b'{"a":1}\n{"a":2}\nnonsense\n')
+    for number, event in zip((1, 2), read(stream), strict=False):
+        assert (event, stream.read_lines) == ({"a": number}, number)
 
 
 def test_a_path_is_opened_and_named_in_errors(tmp_path: Path) -> None:
     log = tmp_path / "a.jsonl"
     log.write_bytes(b'{"a":1}\n{')
-    reader = read(log)
-    assert next(reader) == {"a": 1}
+    given = read(log)
+    assert next(given) == {"a": 1}
     with pytest.raises(TraceError, match=r"a\.jsonl:2: "):
-        next(reader)
+        next(given)
     with pytest.raises(FileNotFoundError):
         next(read(tmp_path / "missing"))
 
 
-def test_a_stream_that_fails_is_an_error_of_the_trace() -> None:
-    class Torn(io.BytesIO):
-        def readline(self, size: int | None = -1, /) -> bytes:
-            return super().readline(size) or self.fail()
-
-        def fail(self) -> bytes:
-            raise OSError(5, "Input/output error")
-
-    reader = read(Torn(b"{}\n"), name="log")
-    assert next(reader) == {}
-    with pytest.raises(TraceError, match="log:2: cannot be read: Input/output error"):
-        next(reader)
-
-
-def deeply(levels: int) -> object:
-    return decode(nested(MAX_DEPTH)) if levels == 0 else deeply(levels - 1)
-
-
 def test_no_recursion_error_leaks_from_a_full_stack() -> None:
+    def deeply(levels: int) -> object:
+        return decode(nested(MAX_DEPTH)) if levels == 0 else deeply(levels - 1)
+
     with pytest.raises(ValueError, match="nested too deeply"):
         deeply(sys.getrecursionlimit() - 350)
 
@@ -230,10 +211,10 @@ def test_compressed_files(tmp_path: Path, suffix: str) -> None:
             list(read(written(tmp_path, f"cut{suffix}", good[:length])))
 
 
-def test_a_line_is_bounded_after_decompression(tmp_path: Path) -> None:
-    bomb = written(tmp_path, "bomb.gz", gzip.compress(b"x" * (MAX_LINE + 2), 1))
-    with pytest.raises(TraceError, match="longer than"):
-        list(read(bomb))
+def test_a_line_is_bounded_after_decompression(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader, "MAX_LINE", 1 << 20)
+    with pytest.raises(TraceError, match="longer than 1 MiB"):
+        list(read(written(tmp_path, "bomb.gz", gzip.compress(b"x" * ((1 << 20) + 2), 1))))
 
 
 def test_without_the_package_zst_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

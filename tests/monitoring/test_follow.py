@@ -5,7 +5,7 @@ import signal
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, Final, cast
+from typing import Any, Final
 
 import pytest
 from hypothesis import given, settings
@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from rvaft.errors import OptionError
 from rvaft.monitoring import follow
 from rvaft.monitoring.follow import FollowedFile, stopping
-from rvaft.monitoring.reader import read
 
 LOOKS: Final = 8
 """How often a follower asks whether to stop before the next thing happens: more than one look at the file takes."""
@@ -195,13 +194,6 @@ def test_the_present_file_and_the_place_in_it_belong_together(log: Log) -> None:
             stream.file.seek(0)
             places.append((line, stream.file.read(stream.offset)))
     assert places == [(b"1\n", b"1\n"), (b"2\n", b""), (b"3\n", b"3\n"), (b"4\n", b"4\n"), (b"5\n", b"4\n5\n")]
-
-
-def test_a_byte_order_mark_at_the_start_of_each_file(log: Log) -> None:
-    log.happen(BOM + b'{"n": 1}\n')
-    stream, _ = log.follow("rename", "reopen", BOM + b'{"n": 2}\n')
-    with stream:
-        assert list(read(cast("BinaryIO", stream))) == [{"n": 1}, {"n": 2}]
 
 
 def test_an_endless_line_is_given_in_parts(log: Log) -> None:

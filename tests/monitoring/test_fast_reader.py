@@ -175,6 +175,27 @@ def test_one_line_among_many(row: list[Any]) -> None:
             assert len(events) == before
 
 
+@given(st.sampled_from(sorted(TREES)), st.lists(objects, max_size=40))
+@settings(deadline=None)
+def test_statistics_are_the_same(name: str, some: list[dict[str, Any]]) -> None:
+    tree = TREES[name]
+    data = b"".join(json.dumps(event).encode() + b"\n" for event in some)
+    types = EventTypeIndex(tree)
+    slow, quick = Statistics(types), Statistics(types)
+    for number, event in enumerate(some, 1):
+        slow.add(event, number)
+    reader = fast(tree)
+    with small(100):
+        number = 0
+        for batch in reader.read(io.BytesIO(data), "log"):
+            for place, event in batch.events:
+                quick.add(event, number + place + 1)
+            quick.events += batch.total - len(batch.events)
+            number += batch.total
+    assert (slow.events, slow.relevant, slow.never_seen) == (quick.events, quick.relevant, quick.never_seen)
+    assert slow.near_misses == quick.near_misses
+
+
 def test_trees_that_are_left_to_the_other_way() -> None:
     for field in ("", '"a/b": "t", ', 'topic: "t", "ö": 1, ', 'topic: "t", "a\\"b": 1, '):
         tree = loads(f"event e(v) = {{ {field}value: v }}; toplevel a; a on e(V);")

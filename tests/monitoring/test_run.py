@@ -223,20 +223,11 @@ def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def log_of(trace: Sequence[Json], random: Random) -> bytes:
-    """A trace among telemetry, blank lines, near misses, and times that go back now and then."""
+    """A trace among telemetry, blank lines, and times that go back now and then."""
     lines: list[str] = []
     for event in trace:
         lines.extend(json.dumps({"topic": "/odom", "x": random.random()}) for _ in range(random.choice([0, 0, 1, 5])))
         lines.extend([""] * random.choice([0, 0, 0, 1]))
-        if isinstance(event, dict) and random.random() < 0.3:
-            lines.append(
-                json.dumps(
-                    {
-                        name: f"{value}/ ".upper() if name in {"topic", "kind"} else value
-                        for name, value in event.items()
-                    }
-                )
-            )
         timed = event if "time" in event or random.random() < 0.5 else {**event, "time": random.random()}
         lines.append(json.dumps(timed))
     return "\n".join(lines).encode()

@@ -10,9 +10,8 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
@@ -23,12 +22,11 @@ import yaml
 from rvaft import Verdict, load, monitor
 from rvaft.model.values import Json
 from rvaft.monitoring.reader import read
-from tests.cli.runs import PRUNED, TREES, run
+from tests.cli.runs import LOGS, PRUNED, ROW1, TREES, run, soon, started
 from tests.ros.clients import serving
 
 CHECKOUT: Final = Path(os.environ.get("ROSMONITORING", ""))
 ROS: Final = TREES / "remote_inspection" / "ros.rvaft"
-TRACES: Final = PRUNED.parent / "pruned.traces"
 TYPES: Final = {
     "gazebo_radiation_plugins.msg": ["Command", "Simulated_Radiation_Msg"],
     "move_base_msgs.msg": ["MoveBaseActionGoal", "MoveBaseActionResult"],
@@ -103,22 +101,23 @@ def generated(folder: Path, id_: str, port: int, monkeypatch: pytest.MonkeyPatch
 class Client:
     """A generated monitor of which ROS has been left out: messages come in as events and go out as names of topics."""
 
-    def __init__(self, module: ModuleType, folder: Path) -> None:
+    def __init__(self, module: ModuleType, files: ExitStack, folder: Path) -> None:
         kind = getattr(module, f"ROSMonitor_{module.MONITOR_ID}")
         self.monitor = kind.__new__(kind)
         self.interfaces = {interface["name"]: interface for interface in module.INTERFACES}
         self.warnings: list[str] = []
         self.shutdowns: list[object] = []
         self.status: dict[str, Any] = {}
-        self.monitor.lock = threading.Lock()
-        self.monitor.log_file = (folder / "events.jsonl").open("w", encoding="utf-8")
-        self.monitor.status_file = (folder / "status.jsonl").open("w", encoding="utf-8")
         self.statuses = folder / "status.jsonl"
+        self.monitor.lock = threading.Lock()
+        self.monitor.log_file = files.enter_context((folder / "events.jsonl").open("w", encoding="utf-8"))
+        self.monitor.status_file = files.enter_context(self.statuses.open("w", encoding="utf-8"))
         self.monitor._log_info = str
         self.monitor._log_warning = self.warnings.append
         self.monitor._shutdown_runtime = lambda *why: self.shutdowns.append(why)
         self.monitor.oracle = self.monitor._connect_oracle()
         assert self.monitor.oracle is not None, self.warnings
+        files.callback(self.monitor.oracle.close)
 
     def receive(self, event: dict[str, Json]) -> tuple[bool, str]:
         """Whether the message of an event passes, and the verdict."""
@@ -131,12 +130,6 @@ class Client:
         lines = map(json.loads, self.statuses.read_text(encoding="utf-8").splitlines())
         self.status = [line for line in lines if line["status"] == "event"][-1]
         return passes, self.monitor._normalize_verdict(self.status["verdict_raw"])
-
-    def close(self) -> None:
-        """Let go of files and connection."""
-        self.monitor.oracle.close()
-        self.monitor.log_file.close()
-        self.monitor.status_file.close()
 
 
 def test_the_generated_monitor_uses_the_message_types(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,18 +147,37 @@ def test_the_generated_monitor_uses_the_message_types(tmp_path: Path, monkeypatc
 
 
 @contextmanager
+def rml_oracle(line: str, folder: Path) -> Iterator[int]:
+    """The RML oracle, started as run.txt says but at a free port, when it listens."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = int(free.getsockname()[1])
+    words = [*(os.path.expandvars(word) for word in shlex.split(line)[:-1]), str(port)]
+
+    def listens() -> bool:
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", port)) == 0
+
+    with started(args=words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL):
+        assert soon(listens)
+        yield port
+
+
+@contextmanager
 def asking(
     folder: Path, monkeypatch: pytest.MonkeyPatch, *options: object, more: tuple[str, ...] = ()
 ) -> Iterator[Client]:
     """The generated monitor, connected to the oracle that run.txt starts, though at a free port."""
     (entry,) = written(folder, *options)
-    (line, *_) = [line for line in (folder / "run.txt").read_text().splitlines() if line.startswith("rvaft serve")]
-    words = shlex.split(line)[2:]
-    del words[words.index("--port") : words.index("--port") + 2]
-    with serving(*words, *more) as (_, url):
-        module = generated(folder, entry["id"], int(url.rpartition(":")[2]), monkeypatch)
-        with closing(Client(module, folder)) as client:
-            yield client
+    line = (folder / "run.txt").read_text(encoding="utf-8").splitlines()[1]
+    with ExitStack() as stack:
+        if line.startswith("rvaft serve "):
+            words = shlex.split(line)[2:]
+            del words[words.index("--port") : words.index("--port") + 2]
+            port = int(stack.enter_context(serving(*words, *more))[1].rpartition(":")[2])
+        else:
+            monkeypatch.setenv("ROSMONITORING_HOME", str(CHECKOUT))
+            port = stack.enter_context(rml_oracle(line, folder))
+        yield Client(generated(folder, entry["id"], port, monkeypatch), stack, folder)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +185,7 @@ def asking(
     [
         (["--branch", 1], {"branch": 1}, "table2_row1", "rml"),
         (["--kind", "attack"], {"kind": "attack"}, "table2_row3", "strings"),
-        *(([], {}, path.stem, ("rml", "strings")[n % 2]) for n, path in enumerate(sorted(TRACES.iterdir()))),
+        *(([], {}, path.stem, ("rml", "strings")[n % 2]) for n, path in enumerate(sorted(LOGS.iterdir()))),
     ],
 )
 def test_the_commands_and_the_monitor_work_together(
@@ -189,7 +201,7 @@ def test_the_commands_and_the_monitor_work_together(
     raw = {Verdict.TRUE: "false", Verdict.FALSE: "true", Verdict.UNKNOWN: "currently_true"}
     command: dict[str, Json] = {"topic": "/command", "name": "move", "waypoint": 1, "time": 9000.5}
     with asking(tmp_path, monkeypatch, *options, more=("--vocabulary", vocabulary)) as client:
-        for event in [*read(TRACES / f"{trace}.jsonl"), command]:
+        for event in [*read(LOGS / f"{trace}.jsonl"), command]:
             verdict = alone.step(event)
             blocked = verdict is Verdict.TRUE and event["topic"] == "/command"
             assert client.receive(event) == (not blocked, raw[verdict])
@@ -200,43 +212,21 @@ def test_the_commands_and_the_monitor_work_together(
         assert bool(client.warnings) is (alone.verdict is Verdict.TRUE)
 
 
-def test_an_error_reply_neither_stops_it_nor_counts_as_a_violation(
+def test_a_passive_monitor_stops_at_a_detection_and_not_at_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """An error reply does not count as a violation either."""
+    events = list(read(ROW1))
+    detected = [verdict.final for verdict in monitor(load(PRUNED)).run(events)].index(True)
     with asking(tmp_path, monkeypatch, "--action", "log") as client:
         assert client.receive({"topic": "/image", "data": "x" * 2_000_000}) == (True, "currently_true")
         assert "error" in client.status["oracle_response"]
         assert client.receive({"topic": "/other"}) == (True, "currently_true")
-        assert (client.shutdowns, client.warnings) == ([], [])
-
-
-def test_a_passive_monitor_stops_at_a_detection(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    events = list(read(TRACES / "table2_row1.jsonl"))
-    detected = [verdict.final for verdict in monitor(load(PRUNED)).run(events)].index(True)
-    with asking(tmp_path, monkeypatch, "--action", "log") as client:
-        for number, event in enumerate(events[: detected + 1]):
+        assert client.warnings == []
+        for event in events[: detected + 1]:
+            assert client.shutdowns == []
             client.receive(event)
-            assert len(client.shutdowns) == (number == detected)
-
-
-@contextmanager
-def rml_oracle(line: str, folder: Path, port: int) -> Iterator[None]:
-    """The RML oracle, started as run.txt says but at a free port, until it listens."""
-    words = [os.path.expandvars(word) for word in shlex.split(line)[:-1]]
-    with subprocess.Popen(
-        [*words, str(port)], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as running:
-        try:
-            deadline = time.monotonic() + 30
-            while time.monotonic() < deadline:
-                with socket.socket() as probe:
-                    if probe.connect_ex(("127.0.0.1", port)) == 0:
-                        break
-                assert running.poll() is None
-                time.sleep(0.1)
-            yield
-        finally:
-            running.kill()
+        assert len(client.shutdowns) == 1
 
 
 @pytest.mark.skipif(shutil.which("swipl") is None, reason="needs SWI-Prolog")
@@ -244,18 +234,11 @@ def rml_oracle(line: str, folder: Path, port: int) -> Iterator[None]:
 def test_the_rml_oracle_can_be_asked_instead(
     branch: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (entry,) = written(tmp_path, "--oracle", "rml", *([] if branch is None else ["--branch", branch]))
-    monkeypatch.setenv("ROSMONITORING_HOME", str(CHECKOUT))
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    line = (tmp_path / "run.txt").read_text(encoding="utf-8").splitlines()[1]
     alone = monitor(load(ROS), branch=branch)
     raw = {Verdict.TRUE: "true", Verdict.FALSE: "false", Verdict.UNKNOWN: "currently_false"}
-    with rml_oracle(line, tmp_path, port):
-        module = generated(tmp_path, entry["id"], port, monkeypatch)
-        with closing(Client(module, tmp_path)) as client:
-            for event in read(TRACES / "table2_row3.jsonl"):
-                assert client.receive(event) == (True, raw[alone.step(event)])
-            assert alone.verdict is Verdict.TRUE
-            assert client.warnings == []
+    part = [] if branch is None else ["--branch", branch]
+    with asking(tmp_path, monkeypatch, "--oracle", "rml", *part) as client:
+        for event in read(LOGS / "table2_row3.jsonl"):
+            assert client.receive(event) == (True, raw[alone.step(event)])
+        assert alone.verdict is Verdict.TRUE
+        assert client.warnings == []

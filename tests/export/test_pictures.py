@@ -7,6 +7,7 @@ import zlib
 from itertools import product
 from pathlib import Path
 from random import Random
+from typing import Any
 from xml.dom import minidom
 
 import pytest
@@ -14,9 +15,10 @@ import pytest
 from rvaft import RVAFT, Gate, Kind, Node, ToolFailed, ToolMissing, load, loads
 from rvaft.export import Format, draw, picture
 from rvaft.export.layout import WIDTH, looking, wrapped
-from tests.cli.runs import FULL, TREES
+from tests.cli.runs import FULL, TREES, written
 from tests.export.geometry import measured, overlaps, pdf_width
 from tests.export.trees import AWKWARD, PINNED, awkward
+from tests.tables import rows
 from tests.tex import document, needs_tex
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
@@ -93,21 +95,17 @@ def test_without_graphviz_the_error_says_what_to_install(monkeypatch: pytest.Mon
     assert draw(load(EVERY), Format.DOT)
 
 
-@pytest.mark.parametrize(
-    ("script", "reason"),
-    [
+def test_a_graphviz_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    for script, reason in (
         ("echo 'Error: out of paper' >&2; exit 3", "out of paper"),
         ("exit 3", "exit status 3"),
         ("exit 0", "exit status 0"),
-        ("exec sleep 60", "no layout after 0.5 s"),
-    ],
-)
-def test_a_graphviz_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, reason: str) -> None:
-    (tmp_path / "dot").write_text(f"#!/bin/sh\n{script}\n")
-    (tmp_path / "dot").chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    with pytest.raises(ToolFailed, match=reason):
-        picture("digraph {}", "svg", timeout=0.5)
+        ("exec sleep 60", r"no layout after 0.5 s"),
+    ):
+        written(tmp_path / "dot", f"#!/bin/sh\n{script}\n").chmod(0o755)
+        with pytest.raises(ToolFailed, match=reason):
+            picture("digraph {}", "svg", timeout=0.5)
 
 
 def drawn_from(random: Random, *, shared: bool) -> RVAFT:
@@ -150,27 +148,10 @@ def test_children_stand_in_their_order(shared: bool, stagger: bool, count: int) 
 
 
 @needs_dot
-@pytest.mark.parametrize(
-    ("tree", "options", "centimetres"),
-    [
-        # 8.5 cm is a column, 17.8 cm a page
-        ("remote_inspection/pruned", {}, 8.5),
-        ("remote_inspection/pruned", {"branch": 3}, 8.5),
-        ("remote_inspection/pruned", {"stagger": True, "events": True, "legend": True, "wrap": 12}, 8.5),
-        ("remote_inspection/full", {"stagger": True, "names": False, "wrap": 12}, 8.5),
-        ("remote_inspection/full", {"collapse": ["imagery"], "wrap": 12, "stagger": True}, 8.5),
-        ("pressure_tank/tank", {"collapse": ["no_signal"], "stagger": True}, 8.5),
-        ("gates/vot", {"legend": True}, 8.5),
-        ("gates/sand_rl", {"legend": True}, 8.5),
-        ("remote_inspection/full", {"events": True, "legend": True}, 17.8),
-        ("pressure_tank/tank", {"events": True, "legend": True}, 17.8),
-        ("pipeline/pollution", {"events": True, "legend": True}, 17.8),
-        ("vehicle/takeover", {"events": True, "legend": True}, 17.8),
-    ],
-)
-def test_a_figure_is_readable(tree: str, options: dict[str, object], centimetres: float) -> None:
+@pytest.mark.parametrize(("tree", "options", "centimetres"), rows(__file__, "figures.txt"))
+def test_a_figure_is_readable(tree: str, options: dict[str, Any], centimetres: float) -> None:
     """At least 7 points, no box and no text upon another; a printed page has no other margin."""
-    dot = load(TREES / f"{tree}.rvaft").to_dot(**options)  # type: ignore[arg-type]
+    dot = load(TREES / f"{tree}.rvaft").to_dot(**options)
     found = measured(picture(dot, "svg"))
     assert found.size_in(centimetres) >= 7
     assert overlaps(found) == []

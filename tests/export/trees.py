@@ -2,35 +2,15 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from rvaft import RVAFT, Gate, Node
+from tests.tables import rows
 
 PINNED = Path(__file__).with_name("pinned")
 """Trees and drawings of them; `every.rvaft` has all gates and all parts of nodes, one node shared."""
 
-AWKWARD = (
-    'a "quoted" word',
-    r"\N \G \\ back\slash\\",
-    "<b>bold</b> & &amp; ]]> -->",
-    "line one\nline two\ttab\r\nline three",
-    "%$#_{}~^\\ [x] , = ;",
-    "日本語のとても長いラベルがここにあります",
-    "кириллица العربية",
-    "escape \x1b[31m, zero \x00, next line \x85, right to left \u202e",
-    "x" * 100,
-    "   ",
-    "",
-    "\\",
-    '"];}',
-    "}]\\end{forest}",
-    "</td></tr></table>",
-    "list [ decontaminations ]",
-    "]]",
-    "a &nbsp; b &lt; c",
-    "star\n* [x]\n[y]",
-    "Größe ≥ 5 °C → µΩ “½” –",
-)
-"""Labels that try to leave their place."""
+AWKWARD: Final[list[str]] = rows(__file__, "awkward.txt")
 
 
 def awkward(texts: Sequence[str] = AWKWARD) -> RVAFT:

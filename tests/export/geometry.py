@@ -1,9 +1,14 @@
 """Where things are in a picture by Graphviz: boxes and lines of text, in points from the left and from above."""
 
 import re
+import shutil
 from itertools import combinations
 from typing import NamedTuple
 from xml.dom import minidom
+
+import pytest
+
+needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 
 
 class Box(NamedTuple):
@@ -37,8 +42,7 @@ class Picture(NamedTuple):
 
 
 def measured(svg: bytes) -> Picture:
-    document = minidom.parseString(svg)
-    frames: dict[str, Box] = {}
+    document, frames = minidom.parseString(svg), dict[str, Box]()
     for group in document.getElementsByTagName("g"):
         shapes = [*group.getElementsByTagName("polygon"), *group.getElementsByTagName("path")]
         if group.getAttribute("class").split()[:1] == ["node"] and shapes:

@@ -1,7 +1,6 @@
 """The tree with the path marked on which it was detected."""
 
 import re
-import shutil
 from random import Random
 from typing import Any
 from xml.dom import minidom
@@ -20,10 +19,8 @@ from rvaft.semantics import branches, feasible_scenarios
 from rvaft.semantics.scenarios import of_branch
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
-from tests.export.geometry import measured, overlaps
+from tests.export.geometry import measured, needs_dot, overlaps
 from tests.export.trees import AWKWARD, PINNED, awkward, chain
-
-needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 
 ROBOT = load(PINNED / "robot.rvaft")
 EVENTS = list(read(PINNED / "robot.jsonl"))

@@ -2,7 +2,7 @@
 
 import os
 import re
-import shutil
+import struct
 import zlib
 from itertools import product
 from pathlib import Path
@@ -16,12 +16,11 @@ from rvaft import RVAFT, Gate, Kind, Node, ToolFailed, ToolMissing, load, loads
 from rvaft.export import Format, draw, picture
 from rvaft.export.layout import WIDTH, looking, wrapped
 from tests.cli.runs import FULL, TREES, written
-from tests.export.geometry import measured, overlaps, pdf_width
+from tests.export.geometry import measured, needs_dot, overlaps, pdf_width
 from tests.export.trees import AWKWARD, PINNED, awkward
 from tests.tables import rows
 from tests.tex import document, needs_tex
 
-needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 EVERY = PINNED / "every.rvaft"
 
 
@@ -75,13 +74,12 @@ def test_pictures_are_what_they_say_and_not_blank() -> None:
         assert data.startswith(magic)
         assert len(data) > 2000
     assert "<svg" in str(every._repr_svg_())
-    chunks, place = [], 8
+    (width, height), place, packed = struct.unpack(">II", data[16:24]), 8, b""
     while place < len(data):
-        length = int.from_bytes(data[place : place + 4])
-        chunks.append((data[place + 4 : place + 8], data[place + 8 : place + 8 + length]))
+        length, kind = struct.unpack(">I4s", data[place : place + 8])
+        packed += data[place + 8 : place + 8 + length] if kind == b"IDAT" else b""
         place += 12 + length
-    width, height = int.from_bytes(chunks[0][1][:4]), int.from_bytes(chunks[0][1][4:8])
-    pixels = zlib.decompress(b"".join(chunk for kind, chunk in chunks if kind == b"IDAT"))
+    pixels = zlib.decompress(packed)
     assert min(width, height) > 300
     assert len(pixels) == height * (4 * width + 1)
     assert len(set(pixels)) > 50

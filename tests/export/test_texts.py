@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -75,9 +74,8 @@ def test_galileo_says_what_is_lost_and_lets_no_attribute_become_a_statement() ->
     lost = " ".join(losses(load(EVERY)))
     told = ("2 sand gates", "3 runtime events", "1 guard ", "2 fault or attack marks", "3 labels", "3 basic events")
     assert [what for what in told if what not in lost] == []
-    tree = loads(
-        'top or a b; a k="x; sneaky or hidden" lambda=0.5; b m="1\\" // z" "k\\"];x"="1"; ignore e(); event e() = {};'
-    )
+    attributes = 'a k="x; sneaky or hidden" lambda=0.5; b m="1\\" // z" "k\\"];x"="1";'
+    tree = loads(f"top or a b; {attributes} ignore e(); event e() = {{}};")
     assert draw(tree, Format.GALILEO).decode() == 'toplevel "top";\n"top" or "a" "b";\n"a" lambda=0.5;\n"b";\n'
     lost = " ".join(losses(tree))
     assert "3 attributes left out" in lost
@@ -91,18 +89,8 @@ def test_a_suffix_names_a_format() -> None:
     assert found == [Format.DOT, Format.TIKZ, Format.SVG, None, None]
 
 
-@pytest.mark.parametrize(
-    ("tree", "options", "error"),
-    [
-        ("top or a b;", {"collapse": ["topp"]}, "cannot collapse topp: the tree has no such node; did you mean top"),
-        ("top or a b;", {"collapse": "\x1b"}, r"cannot collapse \\x1b: the tree has no such node$"),
-        ("toplevel a; a; b;", {"collapse": "b"}, "cannot collapse b: the root does not lead to it"),
-        ("top or a b;", {"depth": -1}, "0 or more"),
-        ("top or a b;", {"wrap": 3}, "at least 4 columns"),
-        ("top or a b;", {"branch": 3}, "there is no branch 3"),
-    ],
-)
-def test_a_look_that_a_tree_cannot_have(tree: str, options: Mapping[str, Any], error: str) -> None:
+@pytest.mark.parametrize(("tree", "options", "error"), rows(__file__, "wrong_looks.txt"))
+def test_a_look_that_a_tree_cannot_have(tree: str, options: dict[str, Any], error: str) -> None:
     for form in (Format.TREE, Format.DOT, Format.TIKZ):
         with pytest.raises((OptionError, TreeError), match=error):
             draw(loads(tree), form, looking(loads(tree), **options))

@@ -117,7 +117,7 @@ async def test_what_one_client_does_costs_the_others_nothing(
 @live
 async def test_who_never_reads_or_never_speaks_is_left_behind_when_it_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "_HANDSHAKE", 1.0)
-    monkeypatch.setattr(server, "_PATIENCE", 0.1)
+    monkeypatch.setattr(server, "_PATIENCE", 0.5)
     async with served() as url, connected(url) as connection:
         reader, silent = await asyncio.open_connection(*endpoint(url))
         _, writer, _ = await opened(url)
@@ -219,14 +219,16 @@ async def test_what_happens_is_said(tmp_path: Path) -> None:
                 await connected(url)
             await asked(other, B)
             await asked(one, B)
-        clients = [socket.create_connection(endpoint(url)) for _ in range(60)]
-        lines = [running.stderr.readline()]
-        while "too many" not in lines[-1]:
-            lines.append(running.stderr.readline())
-        for client in clients:
-            client.close()
-        async with connected(url) as late:
-            assert (await asked(late, {}))[0]["verdict"] is False
+        lines: list[str] = []
+        for times in (1, 2):
+            clients = [socket.create_connection(endpoint(url)) for _ in range(60)]
+            while sum("too many" in line for line in lines) < times:
+                lines.append(await asyncio.to_thread(running.stderr.readline))
+                assert lines[-1], lines
+            for client in clients:
+                client.close()
+            async with connected(url) as late:
+                assert (await asked(late, {}))[0]["verdict"] is False
         running.send_signal(signal.SIGTERM)
         assert running.wait(20) == 0
         lines += running.stderr.readlines()
@@ -239,8 +241,10 @@ async def test_what_happens_is_said(tmp_path: Path) -> None:
         "connection 2: detected at event 3: branch 2, attack",
         "connection 3 closed after 1 event",
         "connection 3 opened",
+        "connection 4 closed after 1 event",
+        "connection 4 opened",
         "connection refused: there are 2, the most that --max-connections allows",
-        "too many open files: new connections have to wait; allow more with ulimit -n",
+        *["too many open files: new connections have to wait; allow more with ulimit -n"] * 2,
     ]
 
 

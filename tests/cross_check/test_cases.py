@@ -2,8 +2,9 @@
 
 import json
 import re
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,6 +19,7 @@ from rvaft import RVAFT, Gate, Kind, Node, RvaftError, Semantics, Verdict, dumps
 from rvaft.analysis.branches import restrict
 from rvaft.errors import TraceError
 from rvaft.model.patterns import Literal
+from rvaft.model.values import Json
 from tests.tables import rows, spelled
 
 UNKNOWN, TRUE, FALSE = Verdict.UNKNOWN, Verdict.TRUE, Verdict.FALSE
@@ -111,10 +113,8 @@ def test_what_is_in_the_way_stays(tmp_path: Path) -> None:
     (tmp_path / "n").write_text("mine")
     (tmp_path / "n-2").mkdir()
     (tmp_path / "n-3").symlink_to("nowhere")
-    path = save(replace(CASE, name="n"), tmp_path)
-    assert path == tmp_path / "n-4"
-    assert (tmp_path / "n").read_text() == "mine"
-    assert list((tmp_path / "n-2").iterdir()) == []
+    assert save(replace(CASE, name="n"), tmp_path) == tmp_path / "n-4"
+    assert ((tmp_path / "n").read_text(), list((tmp_path / "n-2").iterdir())) == ("mine", [])
 
 
 NAMES = {"../up": "up", "a/b": "a-b", "": "case", "..": "case", "Ä Ö": "case", ".x": "x", "x" * 200: "x" * 60}
@@ -132,23 +132,19 @@ def test_names_tell_the_gate_the_semantics_and_a_digest() -> None:
     name = case_name(tree, trace, Semantics.PROJECTED)
     assert re.fullmatch("and-projected-[0-9a-f]{4}", name)
     assert name == case_name(loads(dumps(tree)), list(trace), Semantics.PROJECTED)
-    others = {case_name(tree, [], Semantics.PROJECTED), case_name(loads("top and a c;"), trace, Semantics.PROJECTED)}
-    branch = case_name(tree, trace, Semantics.PROJECTED, branch=1)
-    kind = case_name(tree, trace, Semantics.PROJECTED, kind=Kind.FAULT)
-    assert len(others | {name, branch, kind}) == 5
+    parts: list[dict[str, Any]] = [{}, {"branch": 1}, {"kind": Kind.FAULT}]
+    pairs = [(tree, trace), (tree, []), (loads("top and a c;"), trace)]
+    others = {case_name(*pair, Semantics.PROJECTED, **part) for pair in pairs for part in parts}
+    assert len(others) == 9
     assert case_name(loads("a;"), trace, Semantics.STRICT).startswith("leaf-strict-")
 
 
 def test_many_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
     many = [replace(CASE, name="n", branch=number % 3 + 1) for number in range(12)]
-    paths: list[Path] = []
-    threads = [threading.Thread(target=lambda case=case: paths.append(save(case, tmp_path))) for case in many]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted({path.name for path in paths}) == sorted(path.name for path in tmp_path.iterdir())
-    assert {load(path).branch for path in tmp_path.iterdir()} == {1, 2, 3}
+    with ThreadPoolExecutor(12) as threads:
+        paths = set(threads.map(lambda case: save(case, tmp_path), many))
+    assert paths == set(tmp_path.iterdir())
+    assert {load(path).branch for path in paths} == {1, 2, 3}
 
 
 # -- all or nothing ---------------------------------------------------------------------------------------------
@@ -159,24 +155,23 @@ def test_many_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
 def test_nothing_is_left_of_a_case_that_could_not_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_at: int, error: BaseException
 ) -> None:
-    written, write = 0, Path.write_bytes
+    writing = count(1)
 
     def failing(self: Path, data: bytes) -> int:
-        nonlocal written
-        written += 1
-        if written == fails_at:
+        if next(writing) == fails_at:
             raise error
         return write(self, data)
 
+    write = Path.write_bytes
     monkeypatch.setattr(Path, "write_bytes", failing)
-    said = r"^[^\n]*cannot be written: No space left on device$" if isinstance(error, OSError) else ""
-    with pytest.raises(CaseError if said else KeyboardInterrupt, match=said or None):
+    said = r"^[^\n]*cannot be written: No space left on device$" if isinstance(error, OSError) else None
+    with pytest.raises(CaseError if said else KeyboardInterrupt, match=said):
         save(CASE, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def _deep(levels: int) -> Any:
-    value: Any = 1
+def _deep(levels: int) -> Json:
+    value: Json = 1
     for _ in range(levels):
         value = [value]
     return value
@@ -209,14 +204,6 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path: Path, what: str) -
     assert "\n" not in str(caught.value)
     assert str(tmp_path) not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("folder", ["file", "file/inner", "a\0b"])
-def test_a_folder_that_cannot_be_written(tmp_path: Path, folder: str) -> None:
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(CaseError, match="cannot be written"):
-        save(CASE, tmp_path / folder)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_what_cannot_be_a_case() -> None:
@@ -256,13 +243,16 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
     assert load(path) == Case(CASE.name, CASE.tree, CASE.trace, Semantics.STRICT)
 
 
-@pytest.mark.parametrize("path", ["none", "file", "a\0b"])
-def test_a_path_that_is_no_folder(tmp_path: Path, path: str) -> None:
+@pytest.mark.parametrize("name", ["file", "file/inner", "a\0b"])
+def test_a_path_that_is_no_folder(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("{}")
     with pytest.raises(CaseError, match="there is no folder of this name"):
-        load(tmp_path / path)
+        load(tmp_path / name)
     with pytest.raises(CaseError, match=r"^[^\n]*cannot be read: "):
-        case_folders(tmp_path / path)
+        case_folders(tmp_path / name)
+    with pytest.raises(CaseError, match="cannot be written"):
+        save(CASE, tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_the_name_is_that_of_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

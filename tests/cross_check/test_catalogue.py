@@ -22,22 +22,19 @@ def test_every_gate_with_one_to_four_children_without_and_with_its_own_event() -
         for tree, node in NODES
         if node.gate is not None and all(tree.nodes[child].leaf for child in node.children)
     }
-    expected = {(gate, n, None) for gate in Gate if gate is not Gate.VOT for n in (1, 2, 3, 4)}
     votes = {(Gate.VOT, n, k) for n in (1, 2, 3, 4) for k in range(1, n + 1)}
-    assert {(*shape, causality) for shape in expected | votes for causality in (None, *Causality)} <= shapes
+    expected = votes | {(gate, n, None) for gate in Gate if gate is not Gate.VOT for n in (1, 2, 3, 4)}
+    assert {(*shape, causality) for shape in expected for causality in (None, *Causality)} <= shapes
 
 
 def test_every_ordered_pair_of_gates_is_nested_and_under_every_gate_something_is_shared() -> None:
-    assert set(product(Gate, repeat=2)) <= {
-        (node.gate, tree.nodes[child].gate) for tree, node in NODES for child in node.children
-    }
+    nested = {(node.gate, tree.nodes[child].gate) for tree, node in NODES for child in node.children}
+    assert set(product(Gate, repeat=2)) <= nested
     assert {entry.tree.nodes[entry.tree.root].gate for entry in ENTRIES if entry.tree.shared} == set(Gate)
-    doubled = set()
-    for tree, node in NODES:
-        patterns = [tree.pattern(child) for child in node.children if tree.nodes[child].has_event]
-        if len(set(patterns)) < len(patterns):
-            doubled.add(node.gate)
-    assert doubled == set(Gate)
+    events = [
+        (node, [tree.pattern(child) for child in node.children if tree.nodes[child].has_event]) for tree, node in NODES
+    ]
+    assert {node.gate for node, patterns in events if len(set(patterns)) < len(patterns)} == set(Gate)
 
 
 def test_branches_kinds_and_guards() -> None:
@@ -46,4 +43,4 @@ def test_branches_kinds_and_guards() -> None:
     assert any(entry.tree.ignores for entry in ENTRIES)
     guarded = [node for _, node in NODES if node.when is not None]
     assert any(node.gate for node in guarded)
-    assert any(node.gate is None and node.on is None for node in guarded)
+    assert any(node.leaf and node.on is None for node in guarded)

@@ -20,7 +20,6 @@ from cross_check.shrink import NotReproduced, shrink
 from rvaft import RVAFT, Gate, Node, NotExpressible, OptionError, TreeError, Verdict, dumps, load, loads
 from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
-from rvaft.model.guards import Operation, Operator
 from rvaft.model.patterns import Literal
 from rvaft.model.values import Json
 from rvaft.rules import require_valid
@@ -186,29 +185,34 @@ def test_the_way_does_not_depend_on_hashing() -> None:
 
 
 def test_errors_of_rvaft_are_no_disagreement_and_others_come_through() -> None:
-    def only_large(tree: RVAFT, trace: Trace) -> bool:
+    def only_large(tree: RVAFT, _trace: Trace) -> bool:
         if len(tree.nodes) < 3:
             raise NotExpressible("too small", backend="none", semantics="strict")
         return True
 
     tree, trace = shrink(loads("top sand a b c d;"), word("a b"), only_large)
     assert (dumps(tree), trace) == ("toplevel top;\ntop or a c;\na;\nc;\n", [])
-    with pytest.raises(NotReproduced, match="no disagreement"):
-        shrink(loads("a;"), word("a"), only_large)
-    with pytest.raises(NotReproduced, match="no disagreement"):
-        shrink(loads("a;"), word("a"), lambda _tree, _trace: False)
+    for never in (only_large, lambda _tree, _trace: False):
+        with pytest.raises(NotReproduced, match="no disagreement"):
+            shrink(loads("a;"), word("a"), never)
     with pytest.raises(ZeroDivisionError):
         shrink(loads("a;"), word("a b"), lambda _tree, trace: 1 // (len(trace) - 1) > 0)
 
 
-def test_what_is_no_whole_valid_tree_is_refused() -> None:
-    with pytest.raises(OptionError, match="not 0"):
-        shrink(loads("a;"), word("a"), lambda _tree, _trace: True, steps=0)
-    with pytest.raises(OptionError, match="whole tree"):
-        shrink(restrict(loads("top or a b;"), branch=1), word("a"), lambda _tree, _trace: True)
-    silent = RVAFT("a", [Node("a", Gate.OR, ("b",)), Node("b", when=Operation(Operator.EQ, (Literal(1), Literal(1))))])
-    with pytest.raises(TreeError):
-        shrink(silent, word("a"), lambda _tree, _trace: True)
+SILENT = RVAFT("a", [Node("a", Gate.OR, ("b",)), Node("b", when=Literal(True))])
+
+
+@pytest.mark.parametrize(
+    ("tree", "steps", "error", "said"),
+    [
+        (loads("a;"), 0, OptionError, "not 0"),
+        (restrict(loads("top or a b;"), branch=1), 9, OptionError, "whole tree"),
+        (SILENT, 9, TreeError, ""),
+    ],
+)
+def test_what_is_no_whole_valid_tree_is_refused(tree: RVAFT, steps: int, error: type[Exception], said: str) -> None:
+    with pytest.raises(error, match=said or None):
+        shrink(tree, word("a"), lambda _tree, _trace: True, steps=steps)
 
 
 def test_a_disagreement_of_a_part_shrinks_the_whole() -> None:
@@ -216,7 +220,6 @@ def test_a_disagreement_of_a_part_shrinks_the_whole() -> None:
         right, wrong = (restrict(one, kind="attack") for one in (tree, MISTAKES["a sand reversed"](tree)))
         return list(Engine(right).run(trace)) != list(Engine(wrong).run(trace))
 
-    tree, trace = shrink(
-        loads('top or p q; p sand a b fault; q sand c d attack; c label "see";'), word("n c d"), disagrees
-    )
+    large = loads('top or p q; p sand a b fault; q sand c d attack; c label "see";')
+    tree, trace = shrink(large, word("n c d"), disagrees)
     assert (dumps(tree), trace) == ("toplevel q;\nq sand c d attack;\nc;\nd;\n", word("c"))

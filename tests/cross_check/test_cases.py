@@ -46,9 +46,6 @@ CASE = Case(
 )
 
 
-# -- there and back ---------------------------------------------------------------------------------------------
-
-
 def test_the_files_are_for_people(tmp_path: Path) -> None:
     path = save(CASE, tmp_path / "new" / "folder")
     assert path == tmp_path / "new" / "folder" / CASE.name
@@ -89,9 +86,6 @@ def test_every_case_reads_back(data: st.DataObject, pair: tuple[Any, list[Any]])
         again = load(path)
         assert (again, repr(again.trace)) == (case, repr(case.trace))
         assert save(again, folder) == path
-
-
-# -- names ------------------------------------------------------------------------------------------------------
 
 
 def test_another_case_of_the_name_gets_a_number(tmp_path: Path) -> None:
@@ -145,9 +139,6 @@ def test_many_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
         paths = set(threads.map(lambda case: save(case, tmp_path), many))
     assert paths == set(tmp_path.iterdir())
     assert {load(path).branch for path in paths} == {1, 2, 3}
-
-
-# -- all or nothing ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
@@ -213,9 +204,6 @@ def test_what_cannot_be_a_case() -> None:
         replace(CASE, tree=restrict(loads("top or a b;"), branch=1))
 
 
-# -- what is no case --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("name", "put", "message"), rows(__file__, "no_cases.txt"))
 def test_what_is_no_case_is_said_in_one_line(tmp_path: Path, name: str, put: Any, message: str) -> None:
     path = save(CASE, tmp_path)
@@ -260,9 +248,6 @@ def test_the_name_is_that_of_the_folder(tmp_path: Path, monkeypatch: pytest.Monk
     assert load(path).name == "Übernommen 1"
     monkeypatch.chdir(path)
     assert load(".").name == "Übernommen 1"
-
-
-# -- many cases -------------------------------------------------------------------------------------------------
 
 
 def test_all_cases_of_a_folder(tmp_path: Path) -> None:

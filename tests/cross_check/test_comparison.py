@@ -202,8 +202,6 @@ def test_without_the_first_the_next_one_is_the_baseline(reference: Enlist, said:
         assert [one.status for one in odd.values()] == [Status.TOO_LARGE, Status.BASELINE, Status.DIFFERS]
 
 
-# -- trees and texts ------------------------------------------------------------------------------------------------
-
 READ = 'event read(v) = { event: "read", value: v };\n'
 
 

@@ -163,9 +163,6 @@ def test_a_deep_event_is_edited_without_recursion() -> None:
         assert not equal(edited, [value]) or kind is Disturbance.NUMBER
 
 
-# -- near misses ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("shape", [*SHAPES, *DENSE])
 def test_near_misses_are_one_edit_from_a_trace_that_detects_at_its_last_event(shape: str) -> None:
     made = 0

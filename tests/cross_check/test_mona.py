@@ -108,9 +108,6 @@ def test_malformed_formulas_and_unknown_tools() -> None:
         backend("rml").read_with("mona", "Main = empty;")
 
 
-# -- without the tools, and with such as are none ----------------------------------------------------------------------
-
-
 @needs_ltlf2dfa
 def test_without_mona_there_is_no_automaton(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))

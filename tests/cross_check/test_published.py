@@ -37,8 +37,6 @@ def word(text: str) -> list[Json]:
 
 SEQUENCE = emitted("r sand a b;")
 
-# -- stand-ins ---------------------------------------------------------------------------------------------------------
-
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
@@ -90,8 +88,6 @@ def test_who_is_late_or_dies_has_answered_what_it_has_answered_and_what_does_not
     assert "\n" not in str(caught.value)
 
 
-# -- the driver, with a monitor of a few lines -------------------------------------------------------------------------
-
 needs_swipl = pytest.mark.skipif(shutil.which("swipl") is None, reason="swipl is not on the path")
 
 ODD = Path(__file__).with_name("odd_monitor.pl").read_text()
@@ -122,8 +118,6 @@ def test_what_takes_all_memory_or_all_time(checkout: Path) -> None:
     assert after == Answer((Q,))
     assert loop.error == never.error == "timeout: no answer within 12 s"
 
-
-# -- the published monitor, and its copy in ROSMonitoring's RML oracle -------------------------------------------------
 
 MONITORS = {
     "monitor": os.environ.get("RML_MONITOR", ""),

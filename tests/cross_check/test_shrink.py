@@ -44,8 +44,6 @@ def word(text: str) -> Trace:
     return [{"event": name} for name in text.split()]
 
 
-# -- planted disagreements --------------------------------------------------------------------------------------
-
 LARGE = Path(__file__).with_name("large.rvaft")
 
 
@@ -55,8 +53,6 @@ def test_a_planted_fault_shrinks_to_its_core(planted: list[Any]) -> None:
     tree, found = shrink(load(LARGE) if text == "large" else loads(text), trace, differ(wrong, semantics))
     assert (dumps(tree), found) == (smallest, left)
 
-
-# -- every result -----------------------------------------------------------------------------------------------
 
 SEEDS = st.integers(0, 2**32)
 SEMANTICS = st.sampled_from(["strict", "projected", "scattered"])
@@ -179,9 +175,6 @@ def test_the_way_does_not_depend_on_hashing() -> None:
     done = subprocess.run(again, env=env, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True)
     assert done.stdout == f"{asked}\n"
     assert len(asked) > 30
-
-
-# -- what it refuses, and what it takes for agreement -----------------------------------------------------------
 
 
 def test_errors_of_rvaft_are_no_disagreement_and_others_come_through() -> None:

@@ -15,12 +15,10 @@ from cross_check.participants import Absent, Participant
 from cross_check.results import Job, Result, Status
 from cross_check.traces import Effort
 from rvaft import loads
-from rvaft.analysis.scenarios import most_scenarios
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Causality, Gate
 from rvaft.model.verdict import Semantics
 from rvaft.rules import require_valid
-from rvaft.semantics import scenarios
 
 ROSTER = Roster(backends=("rml",))
 ENTRIES = list(catalogue())
@@ -95,12 +93,6 @@ def test_campaigns_depend_on_their_seed_alone() -> None:
     trees, same, others = ([dumps(entry.tree) for entry in campaign(*asked)] for asked in ((20, 1), (5, 1), (20, 2)))
     assert trees[:5] == same
     assert trees != others
-
-
-def test_the_bound_on_scenarios_is_their_number_in_a_tree_without_sharing() -> None:
-    for text in ("r or a b c;", "r 2of4 a b c d;", "r and p q; p or a b; q 2of3 c d e;", "r 1of2 p c; p or a b;"):
-        tree = loads(f"toplevel r; {text}")
-        assert most_scenarios(tree) == len(list(scenarios(tree)))
 
 
 @pytest.mark.parametrize("semantics", Semantics)

@@ -166,7 +166,7 @@ def test_a_deep_event_is_edited_without_recursion() -> None:
 @pytest.mark.parametrize("shape", [*SHAPES, *DENSE])
 def test_near_misses_are_one_edit_from_a_trace_that_detects_at_its_last_event(shape: str) -> None:
     made = 0
-    for random, tree in small_trees(shape, 4):
+    for random, tree in small_trees(shape, 3):
         for semantics in Semantics:
             near = found(near_miss, random, tree, semantics)
             if near is not None:
@@ -174,11 +174,11 @@ def test_near_misses_are_one_edit_from_a_trace_that_detects_at_its_last_event(sh
                 assert Verdict.TRUE not in verdicts(tree, semantics, near.trace)
                 assert detects(tree, semantics, near.detecting)
                 assert is_edit(near.edit, tree, near.detecting, near.trace), near
-    assert made > 4
+    assert made > 1
 
 
 def test_near_misses_of_every_kind_that_can_matter() -> None:
-    edits = Counter(near_miss(Random(seed), TREE, Semantics.STRICT).edit for seed in range(120))
+    edits = Counter(near_miss(Random(seed), TREE, Semantics.STRICT).edit for seed in range(90))
     assert set(edits) == set(Disturbance) - {Disturbance.NUMBER}
     scattered = {near_miss(Random(seed), TREE, Semantics.SCATTERED).edit for seed in range(50)}
     assert not scattered & {Disturbance.EXTRA, Disturbance.NOISE, Disturbance.REPEATED, Disturbance.NUMBER}

@@ -1,6 +1,8 @@
 """Running the command: inside this process for speed, or as a process of its own where that is the point."""
 
 import json
+import re
+import shlex
 import subprocess
 import sys
 import time
@@ -21,6 +23,15 @@ UNBOUND: Final = PRUNED.with_name("listing.rvaft")
 SAND: Final = TREES / "gates" / "sand.rvaft"
 LOGS: Final = PRUNED.with_suffix(".traces")
 ROW1: Final = LOGS / "table2_row1.jsonl"
+FILES: Final = {
+    "TREES": TREES,
+    "PRUNED": PRUNED,
+    "FULL": FULL,
+    "UNBOUND": UNBOUND,
+    "SAND": SAND,
+    "LOGS": LOGS,
+    "LOG": ROW1,
+}
 COMMAND: Final = (sys.executable, "-c", "from rvaft.cli import main; main()")
 
 
@@ -29,6 +40,11 @@ def run(*args: object, data: bytes | str | None = None, env: Mapping[str, str] |
     result = CliRunner().invoke(main, [str(arg) for arg in args], input=data, env=env)
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     return result
+
+
+def words(command: str) -> list[str]:
+    """The words of a command in a table, where `$NAME` is one of our files."""
+    return [re.sub(r"\$([A-Z]+)", lambda name: str(FILES[name[1]]), word) for word in shlex.split(command)]
 
 
 def jsonl(*args: object, **options: Any) -> list[dict[str, Any]]:

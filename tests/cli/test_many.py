@@ -1,6 +1,5 @@
 """`rvaft monitor` over many: a monitor for each branch or kind, several logs, keys, processes, and the table at the end."""
 
-import gzip
 import json
 import os
 import signal
@@ -10,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rvaft import Semantics
-from tests.cli.runs import LOGS, PRUNED, ROW1, SAND, failed, jsonl, lines, process, row1, run, started, written
+from tests.cli.runs import LOGS, PRUNED, ROW1, SAND, TREES, jsonl, lines, run, started, written
 from tests.trees import shipped
 
 NAMED = {"tree": "φ", "1": "φ1", "2": "φ2", "3": "φ3", "4": "φ4"}
@@ -30,33 +29,6 @@ def test_the_table_has_the_verdicts_stored_beside_the_tree(trace: str) -> None:
     assert [json.loads(event + "}") for event, _, _ in rows] == events
     cells = [cells.split() for _, _, cells in rows]
     assert ["".join(column) for column in zip(*cells, strict=True)] == [stored[label] for label in NAMED]
-
-
-def test_each_branch_has_its_verdict_and_its_explanation() -> None:
-    said = jsonl(PRUNED, ROW1, "--per", "branch")
-    assert said[0]["verdict"] == "unknown"
-    assert said[0]["verdicts"] == {"tree": "unknown", "1": "unknown", "2": "false", "3": "unknown", "4": "false"}
-    assert set(said[0]["columns"]) == {"2", "4"}
-    expected = [{"branch": 2, "awaited": [{"node": "ev2", "event": 'result(Waypoint, "success")'}], "variables": {}}]
-    assert said[0]["columns"]["2"] == {"expected": expected}
-    assert said[3]["columns"]["1"] == {name: said[3][name] for name in ("branch", "kinds", "matched", "variables")}
-    text = run("monitor", PRUNED, ROW1, "--per", "branch").stdout.splitlines()
-    assert text[:5] == [
-        "event 1: φ2 false, φ4 false",
-        '  φ2: branch 2 waited for result(Waypoint, "success") (ev2)',
-        '  φ4: branch 4 waited for result(Waypoint, "success") (ev2)',
-        "event 4: φ true, φ1 true",
-        "  φ, φ1: branch 1: fault",
-    ]
-    table = text[text.index("verdict true after 4 events") + 1 :]
-    assert [line.split() for line in table[:6]] == [
-        ["MONITOR", "VERDICT", "EVENT"],
-        ["φ", "true", "4"],
-        ["φ1", "true", "4"],
-        ["φ2", "false", "1"],
-        ["φ3", "unknown", "-"],
-        ["φ4", "false", "1"],
-    ]
 
 
 def test_a_long_table_leaves_out_events_that_change_nothing(tmp_path: Path) -> None:
@@ -88,20 +60,6 @@ def test_a_pattern_stands_for_the_files_that_match_it(pattern: str, files: list[
         written(tmp_path / place, '{"event": "a"}\n')
     said = jsonl(SAND, tmp_path / pattern, tmp_path / "x.jsonl")
     assert [str(Path(one["trace"]).relative_to(tmp_path)) for one in said][:-1] == files
-
-
-def test_the_summary_has_a_row_for_each_trace(tmp_path: Path) -> None:
-    torn = written(tmp_path / "torn.jsonl", '{"event": "a"}\n{')
-    packed = tmp_path / "packed.jsonl.gz"
-    packed.write_bytes(gzip.compress(ROW1.read_bytes()))
-    result = run("monitor", PRUNED, LOGS / "table3_row1.jsonl", torn, packed)
-    assert result.exit_code == 2
-    assert [line.split() for line in result.stdout.splitlines()[-4:]] == [
-        ["TRACE", "EVENTS", "VERDICT", "EVENT", "BRANCH", "KINDS"],
-        [str(LOGS / "table3_row1.jsonl"), "4", "unknown", "-", "-", "-"],
-        [str(torn), "1", "unknown", "-", "-", "-", "error"],
-        [str(packed), "4", "true", "4", "1", "fault"],
-    ]
 
 
 def ends(branches: int, *logs: str) -> list[str]:
@@ -170,70 +128,6 @@ def test_an_interrupt_ends_all_processes(tmp_path: Path) -> None:
 # -- keys -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def robots(tmp_path: Path) -> Path:
-    """Two robots, one of which does what the tree describes, and an event of none."""
-    events = row1()
-    mixed = [{**event, "robot": {"id": robot}} for event in events[:3] for robot in ("r1", "r2")]
-    return written(
-        tmp_path / "robots.jsonl", lines([*mixed, {"topic": "/clock"}, {**events[3], "robot": {"id": "r2"}}])
-    )
-
-
-def test_each_key_is_monitored_by_itself(robots: Path) -> None:
-    result = run("monitor", PRUNED, robots, "--key", "robot.id")
-    said = result.stdout.splitlines()
-    assert result.exit_code == 1
-    assert said[0] == 'robot.id="r2": event 8: true'
-    assert "  event 2 at 10.4 on /command is ev1 (Moving to an inspection waypoint)" in said
-    assert said[-3:] == [
-        "robot.id  EVENTS  VERDICT  EVENT  BRANCH  KINDS",
-        '"r1"      3       unknown  -      -       -',
-        '"r2"      4       true     8      1       fault',
-    ]
-    assert "events read: 8;" in result.stdout
-    lacking = "1 event without the field robot.id, given to no monitor (first: event 7)"
-    assert result.stderr == f"rvaft: warning: {lacking}\n"
-    assert run("monitor", PRUNED, robots).exit_code == 0
-    told = jsonl(PRUNED, robots, "--key", "robot.id")
-    places = [(f"r{1 + (number + 1) % 2}", number) for number in range(1, 7)]
-    assert [(one["key"], one["event"]) for one in told] == [*places, ("r2", 8)]
-    assert told[-1]["verdict"] == "true"
-    assert [one["event"] for one in told[-1]["matched"]] == [2, 4, 6, 8]
-    assert told[-1]["matched"][0] == {"node": "ev1", "event": 2, "time": 10.4, "topic": "/command"}
-
-
-def test_a_key_that_no_event_has_is_an_error(tmp_path: Path) -> None:
-    log = written(tmp_path / "log.jsonl", lines([{"event": "a"}, {"event": "b", "user": "eve"}]))
-    said = "rvaft: error: no event has what --key names (user and src), so nothing was monitored\n"
-    result = run("monitor", SAND, log, "--key", "user", "--key", "src")
-    assert result.exit_code == 2
-    assert result.stderr.endswith(said)
-    assert run("monitor", SAND, log, "--key", "user").exit_code == 0
-    assert run("monitor", SAND, log, "--key", "nope", "--jobs", "2").exit_code == 2
-    assert run("monitor", SAND, written(tmp_path / "empty.jsonl", ""), "--key", "user").exit_code == 0
-
-
-def test_several_fields_are_one_key(tmp_path: Path) -> None:
-    events = [("bob", 1, "a"), ("bob", 2, "b"), ("eve", 1, "a"), ("bob", 1, "b"), ("eve", 1, "b"), ("bob", 1, "c")]
-    keyed = [{"user": user, "src": src, "event": name} for user, src, name in events]
-    log = written(tmp_path / "log.jsonl", lines([*keyed, {"user": "x"}]))
-    result = run("monitor", SAND, log, "--key", "user", "--key", "src")
-    said = result.stdout.splitlines()
-    changes = ['user="bob", src=2: event 2: false', 'user="bob", src=1: event 6: true']
-    assert (result.exit_code, [line for line in said if ": event " in line]) == (1, changes)
-    assert [line.split() for line in said[-4:]] == [
-        ["user", "src", "EVENTS", "VERDICT", "EVENT", "BRANCH", "KINDS"],
-        ['"bob"', "1", "3", "true", "6", "1", "-"],
-        ['"bob"', "2", "1", "false", "2", "-", "-"],
-        ['"eve"', "1", "2", "unknown", "-", "-", "-"],
-    ]
-    lacking = "1 event without the field user or src, given to no monitor (first: event 7)"
-    assert result.stderr == f"rvaft: warning: {lacking}\n"
-    (told,) = jsonl(SAND, log, "--key", "user", "--key", "src", "--detections")
-    assert (told["key"], told["event"], told["verdict"]) == ({"user": "bob", "src": 1}, 6, "true")
-
-
 @pytest.mark.parametrize("per", ["tree", "branch"])
 def test_only_detections_are_told(per: str) -> None:
     traces = LOGS / "table[23]_row*.jsonl"
@@ -242,19 +136,16 @@ def test_only_detections_are_told(per: str) -> None:
     assert 0 < len(told) < len(every)
 
 
-def test_very_many_keys_are_an_error_or_summed_up(robots: Path, tmp_path: Path) -> None:
-    result = run("monitor", PRUNED, robots, "--key", "robot.id", "--max-keys", 1, "--format", "jsonl")
-    failed(result, "too large", "different values of robot.id", "limit 1", "--max-keys N", "event 2", str(robots))
-    assert len(result.stdout.splitlines()) == 1
+def test_very_many_keys_are_summed_up(tmp_path: Path) -> None:
     last = [("b", 7), ("c", 7), ("b", 3), ("a", 3)]
     events = [{"event": name, "id": key} for name, key in (*(("a", key) for key in range(300)), *last)]
     said = run("monitor", SAND, written(tmp_path / "l", lines(events)), "--key", "id").stdout.splitlines()
     assert said[-2].split() == ["7", "3", "true", "302", "1", "-"]
     assert said[-1] == "and 299 more: 1 false, 298 unknown"
-    log = written(tmp_path / "l", lines([{"event": name, "id": key} for name in "abcd" for key in range(1001)]))
-    said = run("monitor", SAND, log, "--key", "id").stdout.splitlines()
+    log = written(tmp_path / "l", lines([{"event": "c", "id": key} for key in range(1001)]))
+    said = run("monitor", TREES / "gates" / "or.rvaft", log, "--key", "id").stdout.splitlines()
     assert (said[-2].split()[0], said[-1]) == ("999", "and 1 more: 1 true")
-    dead = run("monitor", SAND, written(log, log.read_text().replace('"a"', '"c"')), "--key", "id")
+    dead = run("monitor", SAND, log, "--key", "id")
     more = "1000 keys can no longer match: for others it is not said what was waited for"
     assert (dead.stderr, dead.stdout.count("waited for")) == (f"rvaft: warning: {more}\n", 1000)
 
@@ -283,7 +174,7 @@ def test_a_terminal_is_told_what_is_waited_for() -> None:
 
 def test_a_bar_is_drawn_on_a_terminal_and_never_elsewhere(tmp_path: Path) -> None:
     pty = pytest.importorskip("pty")
-    log = written(tmp_path / "log.jsonl", lines([{"event": "x", "pad": "y" * 200}]) * 60_000 + '{"event": "b"}\n')
+    log = written(tmp_path / "log.jsonl", lines([{"event": "x", "pad": "y" * 200}]) * 5_000 + '{"event": "b"}\n')
     ours, theirs = pty.openpty()
     patience = "import rvaft.support.terminal as t; t._PATIENCE = 0; from rvaft.cli import main; main()"
     with started(args=[sys.executable, "-c", patience, "monitor", str(SAND), str(log)], stderr=theirs) as running:
@@ -298,5 +189,5 @@ def test_a_bar_is_drawn_on_a_terminal_and_never_elsewhere(tmp_path: Path) -> Non
     os.close(ours)
     assert b"monitoring" in drawn
     assert b"MB" in drawn
-    alone = process("monitor", SAND, log)
+    alone = run("monitor", SAND, log)
     assert (said, alone.stderr) == (alone.stdout, "")

@@ -1,7 +1,6 @@
 """Whatever is wrong with what a user gives: one line that says what, where and what to do; status 2; nothing half-written."""
 
 import os
-import shlex
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -9,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from rvaft.cli import main
-from tests.cli import runs
-from tests.cli.runs import PRUNED, SAND, failed, jsonl, process, run, written
+from tests.cli.runs import PRUNED, SAND, failed, jsonl, process, run, words, written
 from tests.monitoring.test_reader import BAD
 from tests.tables import rows
 
@@ -21,10 +19,7 @@ WRITERS = {"show": ["show", SAND], "emit": ["emit", SAND, "--to", "rml"]}
 @pytest.mark.parametrize("row", rows(__file__, "wrong_uses.txt"), ids=lambda row: row[0])
 def test_wrong_use(row: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    words = shlex.split(row[0])
-    for name in ("TREES", "PRUNED", "FULL", "UNBOUND", "SAND", "LOGS", "LOG"):
-        words = [word.replace(f"${name}", str(runs.ROW1 if name == "LOG" else getattr(runs, name))) for word in words]
-    result = run(*words, data="")
+    result = run(*words(row[0]), data="")
     failed(result, *row[1:])
     assert result.stdout == ""
     assert list(tmp_path.iterdir()) == []

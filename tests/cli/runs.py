@@ -74,6 +74,12 @@ def started(*args: object, **options: Any) -> Iterator[Any]:
             running.kill()
 
 
+def children(running: Any) -> list[str]:
+    """The numbers of the processes that a process has started, where the system tells."""
+    path = Path(f"/proc/{running.pid}/task/{running.pid}/children")
+    return path.read_text().split() if path.exists() else []
+
+
 def failed(result: Result, *parts: str) -> None:
     """Assert that a run ended with status 2 and one line of error in which these parts occur."""
     assert result.exit_code == 2, result.output

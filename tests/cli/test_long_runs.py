@@ -5,12 +5,11 @@ import shutil
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.cli.runs import LOGS, PRUNED, ROW1, SAND, TREES, failed, lines, row1, run, soon, started, written
-
-# -- a growing file ---------------------------------------------------------------------------------------------------
 
 
 def test_a_growing_file_is_followed_until_it_is_interrupted(tmp_path: Path) -> None:
@@ -45,9 +44,6 @@ def test_a_last_line_without_an_end_and_a_file_that_is_replaced_are_said(replace
         assert ("was replaced" if replaced else f"rvaft: warning: {lost}\n") in running.stderr.read()
 
 
-# -- checkpoints ------------------------------------------------------------------------------------------------------
-
-
 def changes(text: str) -> list[str]:
     """What is said of changes of verdict, by a run in text with the key robot."""
     return [line for line in text.splitlines() if line.startswith(("robot=", "  "))]
@@ -61,7 +57,7 @@ def kept_events(state: Path) -> int:
 def test_a_run_that_was_killed_goes_on_with_the_same_verdicts(tmp_path: Path) -> None:
     state, part = tmp_path / "state", tmp_path / "part.jsonl"
     options = ["--per", "branch", "--key", "robot", "--order-by", "time", "--window", "3"]
-    events = [{"topic": "/clock", "robot": "r"} for _ in range(500)]
+    events: list[dict[str, Any]] = [{"topic": "/clock", "robot": "r"} for _ in range(500)]
     for place, event in zip((20, 130, 300, 480), row1(), strict=True):
         events[place] = {**event, "robot": "r"}
     events = [{**event, "time": place} for place, event in enumerate(events)]
@@ -146,9 +142,6 @@ def test_what_waits_for_its_turn_belongs_in_the_checkpoint(options: list[str], e
     assert json.loads(said[0])["event"] <= 13
 
 
-# -- commands ---------------------------------------------------------------------------------------------------------
-
-
 def test_commands_get_the_detection_as_json(tmp_path: Path) -> None:
     told = {name: tmp_path / name for name in ("exec", "exec-fault", "exec-attack")}
     result = run("monitor", PRUNED, ROW1, *(f"--{name}=cat >> {file}" for name, file in told.items()))
@@ -188,9 +181,6 @@ def test_a_failing_command_is_reported_and_stops_nothing() -> None:
     assert (result.exit_code, result.stdout) == (1, run(*args).stdout)
     for status in (3, 127):
         assert sum(f"ended with status {status}" in line for line in result.stderr.splitlines()) == 2
-
-
-# -- drawings ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "start"), [("a.dot", b"digraph"), ("a.svg", b"<?xml"), ("a.txt", "●".encode())])

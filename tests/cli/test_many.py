@@ -9,13 +9,10 @@ from pathlib import Path
 import pytest
 
 from rvaft import Semantics
-from tests.cli.runs import LOGS, PRUNED, ROW1, SAND, TREES, jsonl, lines, run, started, written
+from tests.cli.runs import LOGS, PRUNED, ROW1, SAND, TREES, children, jsonl, lines, run, started, written
 from tests.trees import shipped
 
 NAMED = {"tree": "φ", "1": "φ1", "2": "φ2", "3": "φ3", "4": "φ4"}
-
-
-# -- a monitor for each branch or kind --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("trace", dict(shipped.traces("remote_inspection/pruned")))
@@ -39,9 +36,6 @@ def test_a_long_table_leaves_out_events_that_change_nothing(tmp_path: Path) -> N
     assert rows[1001].strip() == "(1002 more)"
     assert rows[1002].split() == ['{"event":', '"c"}', "⊤"]
     assert rows[1003].strip() == "(1 more)"
-
-
-# -- several logs -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -96,9 +90,6 @@ def test_a_tree_of_very_many_event_types_is_summed_up(tmp_path: Path) -> None:
     assert len(said) < 30
 
 
-# -- processes --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("form", "per"), [("text", "tree"), ("jsonl", "branch"), ("table", "branch")])
 def test_several_processes_print_what_one_prints(form: str, per: str, tmp_path: Path) -> None:
     torn = written(tmp_path / "torn.jsonl", '{"topic": "command", "name": "inspect", "waypoint": 1}\n{')
@@ -115,17 +106,13 @@ def test_an_interrupt_ends_all_processes(tmp_path: Path) -> None:
         os.mkfifo(pipe)
     with started("monitor", SAND, *pipes, "--jobs", "2") as running:
         streams = [pipe.open("w") for pipe in pipes]  # each returns once it is being read
-        children = Path(f"/proc/{running.pid}/task/{running.pid}/children")
-        workers = children.read_text().split() if children.exists() else []
+        workers = children(running)
         running.send_signal(signal.SIGINT)
         assert running.wait(timeout=30) == 130
         assert running.stderr.read() == ""
         for stream in streams:
             stream.close()
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
-
-
-# -- keys -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("per", ["tree", "branch"])
@@ -154,9 +141,6 @@ def test_of_very_many_traces_those_with_an_error_have_a_row(tmp_path: Path) -> N
     log, torn = written(tmp_path / "log.jsonl", '{"event": "a"}\n'), written(tmp_path / "torn.jsonl", "{")
     said = run("monitor", SAND, *[log] * 100, torn).stdout.splitlines()
     assert (said[-2].split()[0], said[-1]) == (str(torn), "and 100 more: 100 unknown")
-
-
-# -- a terminal -------------------------------------------------------------------------------------------------------
 
 
 def test_a_terminal_is_told_what_is_waited_for() -> None:

@@ -81,28 +81,7 @@ def test_a_trace_is_none_of_those_before_where_there_are_others(tmp_path: Path) 
     assert len(set(texts(tmp_path).values())) == 3
 
 
-def test_nothing_is_written_where_a_trace_is_not_found(tmp_path: Path) -> None:
-    text = "event e(x) = { x: x }; top and a b; a on e(X) when X > 5; b on e(X) when X < 5;"
-    tree = written(tmp_path / "tree.rvaft", text)
-    for mode in ("--detect", "--near-miss"):
-        result = run("traces", tree, mode, "-o", tmp_path / "logs")
-        failed(result, str(tree), "100 attempts", "guards of a and b do not hold", "--seed")
-    assert not (tmp_path / "logs").exists()
-    assert run("traces", tree, "--random", "-o", tmp_path / "logs").exit_code == 0
-
-
-def test_words_beyond_ascii_are_read_back(tmp_path: Path) -> None:
-    tree = written(tmp_path / "tree.rvaft", 'top sand "ärger" "雪";')
-    result = run("traces", tree, "--semantics", "strict")
-    assert result.stdout == '{"event": "ärger"}\n{"event": "雪"}\n'
-    assert run("monitor", tree, data=result.stdout.encode()).exit_code == 1
-
-
-def test_a_folder_that_cannot_be_made_or_written_to(tmp_path: Path) -> None:
-    file = written(tmp_path / "file", "kept")
-    failed(run("traces", SAND, "-o", file), "file: cannot make the folder")
-    failed(run("traces", SAND, "-o", tmp_path / "no" / "where"), "where: cannot make the folder: No such file")
+def test_a_folder_that_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "full" / "detect-2.jsonl").mkdir(parents=True)
     failed(run("traces", SAND, "-o", tmp_path / "full"), "detect-2.jsonl", "cannot write")
-    assert file.read_text() == "kept"
     assert {path.name for path in (tmp_path / "full").iterdir()} == {"detect-1.jsonl", "detect-2.jsonl"}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rvaft.cli import main
-from tests.cli.runs import PRUNED, SAND, failed, jsonl, process, run, words, written
+from tests.cli.runs import PRUNED, SAND, failed, process, run, words, written
 from tests.monitoring.test_reader import BAD
 from tests.tables import rows
 
@@ -76,13 +76,6 @@ def test_a_line_of_a_hundred_megabytes(tmp_path: Path) -> None:
     failed(run("monitor", SAND, written(tmp_path / "log.jsonl", "x" * 100_000_000)), "log.jsonl:1: ")
 
 
-@pytest.mark.parametrize("line", ["[1]", "1", "null", "a: 1", "", '{"a":'])
-def test_a_line_that_is_no_object_is_told_what_a_trace_is(line: str) -> None:
-    failed(
-        run("monitor", SAND, data=line.encode() or b"\xff"), "<stdin>:1: not ", "a trace has one JSON object per line"
-    )
-
-
 def test_a_limit_that_no_option_raises_is_only_named(tmp_path: Path) -> None:
     choices = "".join(f"p{i} or s a{i};" for i in range(1001))
     tree = written(tmp_path / "kinds.rvaft", f"top and {' '.join(f'p{i}' for i in range(1001))}; s fault; {choices}")
@@ -103,15 +96,6 @@ def test_a_defect_is_reported_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_command_returns_its_status_where_it_is_called_from_python() -> None:
     assert main(["check", str(PRUNED), "--format", "json"], standalone_mode=False) == 0
     assert main(["explain", "nothing"], standalone_mode=False) == 2
-
-
-def test_json_lines_stay_json_whatever_the_words() -> None:
-    result = run("monitor", SAND, "-", "-", data='{"event": "a"}', env={"PYTHONIOENCODING": "ascii"})
-    assert result.exit_code == 0
-    assert [one["trace"] for one in jsonl(SAND, "-", "-", data='{"event": "\u2028\x9f"}')] == ["<stdin>"]
-
-
-# Outputs: whole or as they were, and those that are no regular files.
 
 
 @pytest.mark.parametrize("writer", WRITERS)

@@ -1,12 +1,11 @@
 """`rvaft monitor` on one log: verdicts, explanations, and what the traces held."""
 
 import json
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-from tests.cli.runs import LOGS, PRUNED, ROW1, SAND, failed, jsonl, lines, row1, run, written
+from tests.cli.runs import LOGS, PRUNED, ROW1, failed, jsonl, lines, row1, run, written
 
 ATTACK = LOGS / "table2_row3.jsonl"
 """README has what is said of it."""
@@ -36,17 +35,6 @@ def test_jsonl_is_one_object_per_event_and_nothing_else() -> None:
     }
 
 
-def test_several_traces_are_named_and_start_afresh(tmp_path: Path) -> None:
-    other = written(tmp_path / "other.jsonl", lines(row1()[:1]))
-    said = jsonl(PRUNED, ATTACK, other, ATTACK)
-    assert [one["trace"] for one in said] == [str(ATTACK)] * 5 + [str(other)] + [str(ATTACK)] * 5
-    assert said[5] == {"trace": str(other), "event": 1, "verdict": "unknown"}
-    text = run("monitor", PRUNED, ATTACK, other).stdout
-    assert f"{ATTACK}: event 5: true\n" in text
-    assert f"{other}: verdict unknown after 1 event\n" in text
-    assert "events read: 6; relevant: move 3" in text
-
-
 def test_a_malformed_line_ends_its_trace_after_the_verdicts_before_it(tmp_path: Path) -> None:
     torn = written(tmp_path / "torn.jsonl", lines(row1()) + "\n" + '{"topic": ')
     for form, start in (("text", "event 4: true\n"), ("jsonl", '{"event": 1, "verdict": "unknown"}\n')):
@@ -63,16 +51,6 @@ def test_values_cannot_steer_the_terminal(tmp_path: Path) -> None:
     result = run("monitor", tree, written(tmp_path / "log.jsonl", lines(events)))
     assert result.exit_code == 1
     assert all(line.isprintable() for line in result.stdout.splitlines())
-
-
-needs_spot = [pytest.mark.spot, pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot")]
-
-
-@pytest.mark.parametrize("backend", ["rml", *(pytest.param(name, marks=needs_spot) for name in ("ltlf", "automaton"))])
-def test_a_backend_gives_the_same_verdicts_without_an_explanation(backend: str) -> None:
-    expected = [{key: one[key] for key in ("event", "verdict")} for one in jsonl(SAND, "--word", "a b c")]
-    assert jsonl(SAND, "--word", "a b c", "--backend", backend) == expected
-    assert run("monitor", SAND, "--word", "a b c", "--backend", backend).exit_code == 1
 
 
 def test_events_of_a_stream_that_are_forgotten_are_not_made_up(monkeypatch: pytest.MonkeyPatch) -> None:

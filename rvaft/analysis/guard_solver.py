@@ -378,9 +378,7 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
     names = list(dict.fromkeys(name for guard in todo for name in variables(guard)))
     rank = {name: index for index, name in enumerate(names)}
     touching: list[list[Guard]] = [[] for _ in names]
-    due: list[list[Guard]] = [
-        [] for _ in names
-    ]  # a guard is looked at as soon as the last of its variables has a value
+    due: list[list[Guard]] = [[] for _ in names]  # looked at as soon as the last of their variables has a value
     for guard in todo:
         ranks = [rank[name] for name in variables(guard)]
         for index in ranks:

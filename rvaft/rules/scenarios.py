@@ -95,9 +95,8 @@ def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
     """Whether some feasible scenario contains both nodes and orders neither before the other."""
-    apart = bool(
-        space.tree.shared
-    )  # what orders two nodes of a tree without shared nodes orders them in every scenario
+    # What orders two nodes of a tree without shared nodes orders them in every scenario.
+    apart = bool(space.tree.shared)
     if apart:
         budget.spend(5 * len(space.tree.order))
         apart = bool(path(space.order, one, other) or path(space.order, other, one))
@@ -289,21 +288,19 @@ def contradictory_guards(space: ScenarioSpace) -> Iterator[RuleReport]:
     for group in _groups(space):
         for core, kept in _conflicts(space, group, budget):
             guards = [group[name] for name in core]
-            certain: bool | None = refuted(guards)
+            certain = refuted(guards)
             if not certain:
                 budget.spend(_ALGEBRA)
-                certain = contradictory(guards)
+                certain = contradictory(guards) is True
             where = f"the guards of {listing(core)}" if len(core) > 1 else f"the guard of {core[0]}"
             branch, together = branch_of(space.tree, kept), " together" * (len(core) > 1)
             if certain:
                 message = f"{where} cannot hold{together} in {branch}; mend one"
-            elif certain is None and contradictory_over_reals(guards):
+            elif contradictory_over_reals(guards):
                 rounding = "contradict each other by exact arithmetic and can hold at most through rounding"
                 message = f"{where} {rounding}, in {branch}"
-            elif certain is None:
-                message = f"whether {where} can hold in {branch} was not decided"
             else:
-                continue
+                message = f"whether {where} can hold in {branch} was not decided"
             yield RuleReport(space.tree.nodes[core[0]].place("when"), message, core, undecided=not certain)
 
 
@@ -340,8 +337,7 @@ def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[t
         core = _core(names, group, budget, hopeful=len(names) == len(group))
         if not core:
             continue
-        kept = space.feasible(budget, core)
-        apart = None
+        kept, apart = space.feasible(budget, core), None
         if kept is not None:
             yield core, kept
         else:
@@ -379,15 +375,18 @@ def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
     return next(filter(exclusive, pairs), None) or _smallest(names, group, budget)
 
 
-def _smallest(names: Core, group: Group, budget: Budget) -> Core:
-    """A smallest part without a witness: again and again the guard that takes the last witness from those before it."""
+def _smallest(names: Core, group: Group, budget: Budget, *, twice: bool = False) -> Core:
+    """A smallest part without a witness: again and again the guard that takes the last witness from those before it.
+
+    Whether one is found depends on the order of the guards. Where the part has one in its own order, every part is asked in both.
+    """
 
     def hopeless(some: Core) -> bool:
         budget.spend(_COST // 10 + len(some))
-        return witness(group[name] for name in some) is None
+        orders = (some, tuple(name for name in names if name in some)) if twice else (some,)
+        return all(witness(group[name] for name in order) is None for order in orders)
 
-    core: Core = ()
-    rest = names
+    core, rest = names[:0], names
     while not core or (rest and not hopeless(core)):
         low, high = 0, len(rest)
         while high - low > 1:
@@ -397,4 +396,7 @@ def _smallest(names: Core, group: Group, budget: Budget) -> Core:
             else:
                 low = middle
         core, rest = (*core, rest[high - 1]), rest[: high - 1]
-    return tuple(name for name in names if name in core)
+    found = tuple(name for name in names if name in core)
+    if twice or len(found) == len(names) or witness(group[name] for name in found) is None:
+        return found
+    return _smallest(names, group, budget, twice=True)

@@ -8,6 +8,8 @@ from typing import Any
 
 from tests.tables import rows
 
+VALUES = {"T": "true", "F": "false", "?": "unknown"}
+
 
 @dataclass(frozen=True)
 class Case:
@@ -31,14 +33,14 @@ class Case:
         return self.part if isinstance(self.part, str) else None
 
     @property
+    def values(self) -> list[str]:
+        """The verdict after every event, in words."""
+        return [VALUES[sign] for sign in self.verdicts]
+
+    @property
     def events(self) -> list[dict[str, Any]]:
         """The trace as events: `"a b"` is `[{"event": "a"}, {"event": "b"}]`."""
         return [{"event": word} for word in self.trace.split()] if isinstance(self.trace, str) else self.trace
-
-
-def v(*values: Any) -> list[dict[str, Any]]:
-    """Events `{"v": value}`."""
-    return [{"v": value} for value in values]
 
 
 CASES = [Case(*row) for row in rows(__file__, "cases.txt")]

@@ -1,5 +1,6 @@
 """Guards: their values are the reference's own, and what is made of a guard keeps its value."""
 
+import re
 from itertools import product
 from random import Random
 from typing import Any
@@ -52,7 +53,7 @@ def of_reference(guard: Guard, binding: dict[str, Any]) -> Any:
         return UNDEFINED
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_values_are_those_of_the_reference(seed: int) -> None:
     random = Random(seed)
     for _ in range(400):
@@ -69,17 +70,7 @@ def test_values_are_those_of_the_reference(seed: int) -> None:
             assert holds(swapped, {"X": y, "Y": x}) == holds(guard, binding)
             assert holds(folded(guard), binding) == holds(guard, binding)
             assert all(holds(part, binding) for part in conjuncts(guard)) == holds(guard, binding)
-        assert set(names) == {name for name in "XY" if name in guard_words(guard)}
-
-
-def guard_words(guard: Guard) -> set[str]:
-    match guard:
-        case Variable(name):
-            return {name}
-        case Operation(_, operands):
-            return set().union(*map(guard_words, operands))
-        case Literal():
-            return set()
+        assert set(names) == set(re.findall("[XY]", guard_text(guard)))
 
 
 def test_negated_and_mirrored_comparisons() -> None:
@@ -102,7 +93,7 @@ def test_signs_are_those_of_the_language() -> None:
         assert guard_text(guard) == text
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_witnesses_hold_and_what_is_refuted_has_none(seed: int) -> None:
     """Strings, truth values, huge integers and doubles that round included."""
     random, proofs, found = Random(seed), 0, 0
@@ -115,9 +106,8 @@ def test_witnesses_hold_and_what_is_refuted_has_none(seed: int) -> None:
             assert not refuted(guards)
         elif refuted(guards):
             proofs += 1
-            for x in VALUES:
-                for y in VALUES:
-                    assert not all(holds(guard, {"X": x, "Y": y}) for guard in guards), guards
+            for x, y in product(VALUES, repeat=2):
+                assert not all(holds(guard, {"X": x, "Y": y}) for guard in guards), guards
     assert proofs > 10
     assert found > 10
 
@@ -127,8 +117,9 @@ def _guards(*texts: str) -> list[Guard]:
 
 
 @pytest.mark.parametrize(("texts", "expected"), rows(__file__, "contradictions.txt"))
-def test_decided(texts: list[str], expected: bool) -> None:
+def test_decided(texts: list[str], expected: bool | None) -> None:
     assert contradictory(_guards(*texts)) is expected
+    assert expected is not None or contradictory_over_reals(_guards(*texts)) is None
 
 
 @pytest.mark.parametrize(
@@ -139,12 +130,6 @@ def test_what_holds_through_rounding_is_not_called_contradictory(text: str, valu
     assert holds(guard, {"X": value})
     assert contradictory([guard]) is not True
     assert contradictory_over_reals([guard]) is True
-
-
-def test_what_exact_arithmetic_cannot_tell_is_left_open() -> None:
-    guards = _guards("X * X == 2")
-    assert contradictory(guards) is None
-    assert contradictory_over_reals(guards) is None
 
 
 def test_no_values_satisfy_what_sympy_refutes() -> None:

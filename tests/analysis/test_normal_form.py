@@ -16,9 +16,8 @@ from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
 from rvaft.semantics import feasible_scenarios
-
-from .random_trees import random_tree
-from .small_trees import small_trees
+from tests.analysis.random_trees import random_tree
+from tests.analysis.small_trees import small_trees
 
 Meaning: TypeAlias = tuple[frozenset[str], frozenset[tuple[str, str]], frozenset[str]]
 """Occurrences, pairs of them of which the first comes first, nodes with a guard over variables."""
@@ -40,8 +39,7 @@ def resolved(form: NormalForm) -> Iterator[NormalForm]:
     for number in reversed(form.kept()):
         part = form.parts[number]
         if part.op in (Op.ONE, Op.AT_LEAST):
-            sizes = [1] if part.op is Op.ONE else range(part.need, len(part.parts) + 1)
-            for size in sizes:
+            for size in [1] if part.op is Op.ONE else range(part.need, len(part.parts) + 1):
                 for chosen in combinations(part.parts, size):
                     yield from resolved(form.resolve(number, chosen))
             return
@@ -78,16 +76,13 @@ def check(tree: RVAFT) -> None:
     assert all(count == 1 for count in conditions.values())
 
 
-def test_all_small_trees_and_random_graphs() -> None:
-    random = Random(1)
-    for tree in [*small_trees(1), *small_trees(2), *small_trees(3), *(random_tree(random) for _ in range(400))]:
-        check(tree)
-
-
-@pytest.mark.slow
-def test_all_trees_of_four_nodes_and_very_many_random_graphs() -> None:
-    random = Random(2)
-    for tree in [*islice(small_trees(4), 0, None, 5), *(random_tree(random) for _ in range(4_000))]:
+@pytest.mark.parametrize(("most", "count"), [(3, 400), pytest.param(4, 4_000, marks=pytest.mark.slow)])
+def test_all_small_trees_and_random_graphs(most: int, count: int) -> None:
+    random = Random(most)
+    for size in range(1, most + 1):
+        for tree in islice(small_trees(size), 0, None, 5 if size == 4 else 1):
+            check(tree)
+    for tree in (random_tree(random) for _ in range(count)):
         check(tree)
 
 

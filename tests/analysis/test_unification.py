@@ -1,7 +1,7 @@
 """The pattern algebra against brute force: a small universe of events, and the least events themselves written out."""
 
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 from random import Random
 from typing import Any
 
@@ -27,7 +27,7 @@ UNIVERSE = [
     {name: value for name, value in zip("ab", pair, strict=True) if value != "absent"}
     for pair in product((*VALUES, "absent"), repeat=2)
 ]
-SEEDS = range(3)
+SEEDS = range(2)
 
 
 def random_pattern(random: Random) -> Pattern:
@@ -36,12 +36,12 @@ def random_pattern(random: Random) -> Pattern:
 
 
 def matches_all(patterns: list[Pattern], event: Any) -> dict[str, Any] | None:
-    binding: dict[str, Any] | None = {}
+    binding: dict[str, Any] = {}
     for pattern in patterns:
-        found = match(pattern, event, binding or {})
-        binding = None if found is None else rigid(found)
-        if binding is None:
+        found = match(pattern, event, binding)
+        if found is None:
             return None
+        binding = rigid(found)
     return binding
 
 
@@ -82,11 +82,9 @@ def test_the_least_event_says_what_all_events_say(seed: int) -> None:
         for other in (random_pattern(random) for _ in range(10)):
             known = {name: value for name, value in values.items() if not name.startswith("_")}
             found = match(other, written, known)
-            assert event.satisfies(other) == (found is not None and rigid(found).keys() == known.keys()), (
-                patterns,
-                other,
-            )
-            if event.satisfies(other):
+            implied = event.satisfies(other)
+            assert implied == (found is not None and rigid(found).keys() == known.keys()), (patterns, other)
+            if implied:
                 assert all(match(other, one, matches_all(patterns, one) or {}) is not None for one in matching)
 
 
@@ -104,12 +102,8 @@ def test_overlaps_of_many_patterns(seed: int) -> None:
             assert number == index or overlaps(one, other) == bool(many.exact(number, Budget()) >> index & 1)
             if any(matches_all([one, other], event) is not None for event in UNIVERSE):
                 assert overlaps(one, other)
-    assert list(many.pairs()) == [
-        (i, j)
-        for i in range(len(patterns))
-        for j in range(i + 1, len(patterns))
-        if compatible(patterns[i], patterns[j])
-    ]
+    pairs = combinations(range(len(patterns)), 2)
+    assert list(many.pairs()) == [(i, j) for i, j in pairs if compatible(patterns[i], patterns[j])]
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -119,6 +119,7 @@ def _guards(*texts: str) -> list[Guard]:
 @pytest.mark.parametrize(("texts", "expected"), rows(__file__, "contradictions.txt"))
 def test_decided(texts: list[str], expected: bool | None) -> None:
     assert contradictory(_guards(*texts)) is expected
+    assert expected or not refuted(_guards(*texts))
     assert expected is not None or contradictory_over_reals(_guards(*texts)) is None
 
 

@@ -25,7 +25,7 @@ NOISE = {"nothing": "of the tree"}
 @pytest.mark.parametrize("shape", [*SHAPES, *WILD])
 def test_verdicts_and_explanations(shape: str, seed: int) -> None:
     random = Random(f"{shape} {seed}")
-    count = 50 if seed else 8 if shape in SHAPES else 16
+    count = 50 if seed else 6 if shape in SHAPES else 12
     for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), count):
         for semantics in SEMANTICS:
             trace = trace_of(random, tree, shape, semantics)

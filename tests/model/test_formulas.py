@@ -37,7 +37,6 @@ EVENTS = "event p(x) = { x: x }; event q_1(x, y) = { x: x, y: y };"
 A, B, C = (rf"\mathit{{{letter}}}" for letter in "abc")
 
 FORMULAS = rows(__file__, "formulas.txt")
-
 GUARDS = rows(__file__, "guards.txt")
 
 
@@ -75,12 +74,7 @@ def test_the_formulas_of_the_paper() -> None:
 
 def test_a_property_has_the_sign_of_its_part() -> None:
     tree = load(PRUNED)
-    parts: list[RVAFT | Branch] = [
-        tree,
-        branch(tree, 3),
-        restrict(tree, branch=3),
-        restrict(tree, kind=next(iter(branch(tree, 1).kinds))),
-    ]
+    parts: list[RVAFT | Branch] = [tree, branch(tree, 3), restrict(tree, branch=3), restrict(tree, kind="fault")]
     assert [property_sign(part) for part in parts] == ["φ", "φ₃", "φ₃", "φ(fault)"]
     signs = [equation_latex(part).partition(" &= ")[0] for part in parts]
     assert signs == [r"\varphi", r"\varphi_{3}", r"\varphi_{3}", r"\varphi_{\mathrm{fault}}"]

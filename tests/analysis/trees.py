@@ -1,5 +1,7 @@
-"""Small random trees of every shape that the rules look at: shared nodes, all gates, guards, overlapping events."""
+"""Small trees: random ones of every shape that the rules look at, and all there are of a few nodes."""
 
+from collections.abc import Iterator
+from itertools import permutations, product
 from random import Random
 
 from rvaft.model.guards import Guard, Operation, Operator
@@ -16,6 +18,7 @@ _EVENTS = (
     EventType("four", (), ObjectPattern((("kind", Literal("four")), ("inner", ObjectPattern((("a", Literal(1)),)))))),
 )
 _VALUES = (1, 2, "a", "one", True)
+_SIGNS = (Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE)
 
 
 def random_tree(random: Random, *, guards: float = 0.3, constants: float = 0.2) -> RVAFT:
@@ -47,18 +50,14 @@ def _on(random: Random) -> On:
 
 
 def _argument(random: Random) -> Argument:
-    arguments: list[Argument] = [Variable("X"), Variable("Y"), Anything(), Literal(random.choice(_VALUES))]
-    return random.choice(arguments)
+    return random.choice((Variable("X"), Variable("Y"), Anything(), Literal(random.choice(_VALUES))))
 
 
 def _guard(random: Random, constants: float) -> Guard:
     if random.random() < constants:
         return Operation(random.choice([Operator.LT, Operator.GT]), (Literal(1), Literal(2)))
     sides: list[Guard] = [Variable("X"), Variable("Y"), Literal(random.choice(_VALUES))]
-    comparison = Operation(
-        random.choice([Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE]),
-        (Variable(random.choice("XYZ")), random.choice(sides)),
-    )
+    comparison = Operation(random.choice(_SIGNS), (Variable(random.choice("XYZ")), random.choice(sides)))
     match random.randrange(4):
         case 0:
             return Operation(Operator.NOT, (comparison,))
@@ -66,3 +65,43 @@ def _guard(random: Random, constants: float) -> Guard:
             return Operation(Operator.OR, (comparison, _guard(random, 0)))
         case _:
             return comparison
+
+
+_E = EventType("e", ("n",), ObjectPattern((("event", Variable("n")),)))
+_FALSE: Guard = Operation(Operator.LT, (Literal(2), Literal(1)))
+_OPEN: Guard = Operation(Operator.LT, (Variable("X"), Literal(1)))
+
+
+def small_trees(size: int) -> Iterator[RVAFT]:
+    """Every tree of so many nodes where a child comes after its parents (but for names); of guards and events every kind in turn."""
+    turn = 0
+    later = [
+        [chosen for count in range(size - own) for chosen in permutations(range(own + 1, size), count)]
+        for own in range(size)
+    ]
+    for below in product(*later):
+        reached = {0}
+        for own in range(size):
+            if own in reached:
+                reached.update(below[own])
+        if len(reached) < size:
+            continue
+        ways = [_gates(len(children)) if children else [(None, None)] for children in below]
+        for joined in product(*ways):
+            turn += 1
+            nodes = [
+                _node(own, gate, children, threshold, turn * 7 + own * 3)
+                for own, ((gate, threshold), children) in enumerate(zip(joined, below, strict=True))
+            ]
+            yield RVAFT("n0", nodes, [_E], causality=list(Causality)[turn % 2])
+
+
+def _gates(children: int) -> list[tuple[Gate | None, int | None]]:
+    return [(gate, need) for gate in Gate for need in (range(1, children + 1) if gate is Gate.VOT else (None,))]
+
+
+def _node(own: int, gate: Gate | None, children: tuple[int, ...], threshold: int | None, turn: int) -> Node:
+    has_event = turn % 5 in (0, 1) or (gate is None and turn % 5 in (2, 3))
+    when = {0: _FALSE, 3: _OPEN, 6: _OPEN}.get(turn % 11)
+    on = On("e", (Literal(f"n{own}"),)) if has_event else None
+    return Node(f"n{own}", gate, tuple(f"n{child}" for child in children), threshold, on, when)

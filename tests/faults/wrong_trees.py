@@ -33,22 +33,24 @@ def each(change: Callable[[Node], Mapping[str, Any] | None]) -> Mistake:
     return lambda tree: rebuilt(tree, (replace(node, **(change(node) or {})) for node in tree.nodes.values()))
 
 
+def fields(which: Callable[[Node], Any], **others: Any) -> Mistake:
+    """The mistake that such nodes have these fields instead."""
+    return each(lambda node: others if which(node) else None)
+
+
 def regated(old: Gate, new: Gate, *, threshold: int | None = None) -> Mistake:
     """The mistake that every gate of one type with two children or more is of another type."""
-    return each(
-        lambda node: {"gate": new, "threshold": threshold} if node.gate is old and len(node.children) > 1 else None
-    )
+    return fields(lambda node: node.gate is old and len(node.children) > 1, gate=new, threshold=threshold)
 
 
 def thresholds(change: int) -> Mistake:
     """The mistake that K is another number, where a vote can have it."""
-    return each(
-        lambda node: (
-            {"threshold": wrong}
-            if node.threshold is not None and 1 <= (wrong := node.threshold + change) <= len(node.children)
-            else None
-        )
-    )
+
+    def changed(node: Node) -> Mapping[str, Any] | None:
+        wrong = (node.threshold or 0) + change
+        return {"threshold": wrong} if node.threshold and 1 <= wrong <= len(node.children) else None
+
+    return each(changed)
 
 
 def exactly(tree: RVAFT) -> RVAFT:
@@ -70,23 +72,21 @@ def exactly(tree: RVAFT) -> RVAFT:
 
 def without_last(*gates: Gate) -> Mistake:
     """The mistake that the last child of such gates is not there."""
-    return each(
-        lambda node: (
-            {"children": node.children[:-1]}
-            if node.gate in gates and len(node.children) > max(1, node.threshold or 0)
-            else None
-        )
-    )
+
+    def changed(node: Node) -> Mapping[str, Any] | None:
+        spare = node.gate in gates and len(node.children) > max(1, node.threshold or 0)
+        return {"children": node.children[:-1]} if spare else None
+
+    return each(changed)
 
 
 def order_of_events_alone(tree: RVAFT) -> RVAFT:
     """A sequence orders its leaves and not what is below its gates."""
 
-    def changed(node: Node) -> Mapping[str, Any] | None:
-        nested = any(tree.nodes[child].children for child in node.children)
-        return {"gate": Gate.AND} if nested and node.gate in (Gate.SAND, Gate.SAND_RL) else None
+    def nested(node: Node) -> bool:
+        return node.gate in (Gate.SAND, Gate.SAND_RL) and any(tree.nodes[child].children for child in node.children)
 
-    return each(changed)(tree)
+    return fields(nested, gate=Gate.AND)(tree)
 
 
 def doubled(tree: RVAFT) -> RVAFT:
@@ -146,21 +146,19 @@ def operators(by: Mapping[Operator, Operator | None]) -> Mistake:
 def unguarded(which: Callable[[Node], bool]) -> Mistake:
     """The mistake that such nodes have no guard; a leaf that has nothing else keeps one that holds."""
     true = Operation(Operator.EQ, (Literal(1), Literal(1)))
-    return each(
-        lambda node: {"when": true if node.leaf and node.on is None else None} if which(node) and node.when else None
-    )
+    alone = fields(lambda node: which(node) and node.when and node.leaf and not node.on, when=true)
+    others = fields(lambda node: which(node) and node.when and not (node.leaf and not node.on), when=None)
+    return lambda tree: others(alone(tree))
 
 
-def arguments(change: Callable[[Any], Any]) -> Mistake:
+def arguments(change: Callable[[tuple[Any, ...]], Iterable[Any]]) -> Mistake:
     """The mistake that the arguments of events are others."""
-    return each(
-        lambda node: {"on": replace(node.on, arguments=tuple(map(change, node.on.arguments)))} if node.on else None
-    )
+    return each(lambda node: {"on": replace(node.on, arguments=tuple(change(node.on.arguments)))} if node.on else None)
 
 
 def literals(change: Callable[[Any], Any]) -> Mistake:
     """The mistake that the values events are asked for are others."""
-    return arguments(lambda one: Literal(change(one.value)) if isinstance(one, Literal) else one)
+    return arguments(lambda given: (Literal(change(one.value)) if isinstance(one, Literal) else one for one in given))
 
 
 def unshared(tree: RVAFT) -> RVAFT:
@@ -178,12 +176,11 @@ def unshared(tree: RVAFT) -> RVAFT:
 def unified(tree: RVAFT) -> RVAFT:
     """All variables of the tree that stand at one place of an event are one."""
 
-    def changed(node: Node) -> Mapping[str, Any] | None:
-        numbered = enumerate(node.on.arguments if node.on else ())
-        given = (Variable(f"V{number}") if isinstance(one, Variable) else one for number, one in numbered)
-        return {"on": replace(node.on, arguments=tuple(given))} if node.on else None
+    def changed(given: tuple[Any, ...]) -> Iterator[Any]:
+        for number, one in enumerate(given):
+            yield Variable(f"V{number}") if isinstance(one, Variable) else one
 
-    return tree if any(node.when for node in tree.nodes.values()) else each(changed)(tree)
+    return tree if any(node.when for node in tree.nodes.values()) else arguments(changed)(tree)
 
 
 def relevance(whole: Callable[[RVAFT], RVAFT]) -> Mistake:
@@ -222,10 +219,8 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     "the last child of an and or a sequence forgotten": without_last(Gate.AND, Gate.SAND, Gate.SAND_RL),
     "an order lost through a nested gate": order_of_events_alone,
     # events
-    "a gate's own event forgotten": each(lambda node: {"on": None} if node.children else None),
-    "a leaf's event taken for that of its name": each(
-        lambda node: {"on": None} if node.leaf and not node.when else None
-    ),
+    "a gate's own event forgotten": fields(lambda node: node.children, on=None),
+    "a leaf's event taken for that of its name": fields(lambda node: node.leaf and not node.when, on=None),
     "a shared node twice": doubled,
     "one event for two nodes": merged,
     "causality turned": turned,
@@ -250,10 +245,10 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     ),
     'the text "1" as the number 1': literals(lambda value: int(value) if value == "1" else value),
     "true as 1": literals(lambda value: 1 if value is True else value),
-    "literals not looked at": arguments(lambda one: Anything() if isinstance(one, Literal) else one),
-    "arguments in the other order": each(
-        lambda node: {"on": replace(node.on, arguments=node.on.arguments[::-1])} if node.on else None
+    "literals not looked at": arguments(
+        lambda given: (Anything() if isinstance(one, Literal) else one for one in given)
     ),
+    "arguments in the other order": arguments(lambda given: given[::-1]),
     "a variable not shared": unshared,
     "two variables taken for one": unified,
     # parts and relevance
@@ -264,5 +259,5 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     ),
     "the events of one branch alone relevant": lambda tree: rebuilt(tree, part_of=None),
     "an event relevant whatever its guard says": relevance(unguarded(lambda _: True)),
-    "the events of gates not relevant": relevance(each(lambda node: {"on": None} if node.children else None)),
+    "the events of gates not relevant": relevance(fields(lambda node: node.children, on=None)),
 }

@@ -19,7 +19,7 @@ from papers.fmas2022.formulas_tex import formulas_tex
 from papers.fmas2022.listing import listing_rml
 from papers.fmas2022.making import latex_texts
 from papers.fmas2022.notes import Notes, difference
-from papers.fmas2022.places import GATES, TREES
+from papers.fmas2022.places import GATES, PRUNED, TREES
 from papers.fmas2022.transitions import transitions
 from papers.fmas2022.verdict_tex import verdict_tables
 from papers.fmas2022.verdicts import Disagreement, Enlisted, enlist, monitors, symbols, traces
@@ -30,20 +30,17 @@ from tests.backends.rml.published import compiled, needs_published
 from tests.tex import document, needs_tex
 
 EXPECTED = Path(verdicts.__file__).parent / "expected"
+TREE = rvaft.load(PRUNED)
 TRACES = TREES / "pruned.traces"
 MARK = re.compile(r"\\rlap\{\\textsuperscript\{([a-z]+)\}\}")
 """A cell that differs from the print."""
-NEEDS_SPOT = [pytest.mark.spot, pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot")]
+SPOT = [pytest.mark.spot, pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot")]
+NEEDS_SPOT = [pytest.param(name, marks=SPOT) for name in ("table2.tex", "table3.tex", "gates.tex")]
 
 
 @pytest.fixture(scope="module")
-def pruned() -> RVAFT:
-    return rvaft.load(TREES / "pruned.rvaft")
-
-
-@pytest.fixture(scope="module")
-def enlisted(pruned: RVAFT) -> Enlisted:
-    return enlist(pruned)
+def enlisted() -> Enlisted:
+    return enlist(TREE)
 
 
 @pytest.fixture(scope="module")
@@ -51,16 +48,7 @@ def texts() -> dict[str, str]:
     return latex_texts(TREES)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "table1.tex",
-        "formulas.tex",
-        "listing.rml",
-        "listing.tex",
-        *(pytest.param(name, marks=NEEDS_SPOT) for name in ("table2.tex", "table3.tex", "gates.tex")),
-    ],
-)
+@pytest.mark.parametrize("name", ["table1.tex", "formulas.tex", "listing.rml", "listing.tex", *NEEDS_SPOT])
 def test_every_text_is_as_stored(texts: dict[str, str], name: str) -> None:
     assert texts[name] == (EXPECTED / name).read_text(encoding="utf-8")
 
@@ -80,12 +68,12 @@ def test_the_stored_texts_are_all_of_them_and_say_what_the_print_does_not(texts:
 # -- Tables 2 and 3 --------------------------------------------------------------------------------------------------
 
 
-def test_the_print_differs_in_two_cells(pruned: RVAFT, enlisted: Enlisted) -> None:
+def test_the_print_differs_in_two_cells(enlisted: Enlisted) -> None:
     """φ after the fourth event of the first two traces of Table 3: φ₃, φ₄ may still come. Two columns of four cells in each of eight traces."""
     cells = {
         (trace.table, trace.number, sign, place): (trace.printed(branch, place), verdict)
         for trace in traces(enlisted, TRACES)
-        for sign, branch in monitors(pruned).items()
+        for sign, branch in monitors(TREE).items()
         for place, verdict in enumerate(trace.verdicts[sign], 1)
     }
     printed = {cell: (said.symbol, meant.symbol) for cell, (said, meant) in cells.items() if said is not None}
@@ -128,9 +116,7 @@ def test_a_threshold_in_the_tree_changes_the_tables(tmp_path: Path, old: str, ne
     assert new.removeprefix("Value ").removeprefix("T2 >= T1 + ") in listing_rml(tree)
 
 
-def test_the_tables_name_who_gives_the_same_verdicts_and_who_was_not_asked(
-    pruned: RVAFT, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_tables_name_who_gives_the_same_verdicts_and_who_was_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     def without_rml(tree: RVAFT) -> Enlisted:
         absent = Absent(ToolMissing("a_tool", remedy="install it"))
         mine = ("engine", "reference")
@@ -140,7 +126,7 @@ def test_the_tables_name_who_gives_the_same_verdicts_and_who_was_not_asked(
         }
 
     monkeypatch.setattr(verdict_tex, "enlist", without_rml)
-    for table in verdict_tables(pruned, TRACES).values():
+    for table in verdict_tables(TREE, TRACES).values():
         assert r"in every cell, give \texttt{reference}.\par" in table
         assert r"Not run: \texttt{rml} (a\_tool is not installed: install it).\par" in table
 
@@ -188,7 +174,7 @@ def test_a_participant_that_says_something_else_is_no_footnote(
 # -- formulas and the Listing ----------------------------------------------------------------------------------------
 
 
-def test_the_formulas_are_those_of_the_paper(pruned: RVAFT) -> None:
+def test_the_formulas_are_those_of_the_paper() -> None:
     """Their parts in their order; the paper joins them by one sign and merges φ by hand."""
     common = ["inspect", "radiation", "250", "move", "entrance"]
     late, altered = ["10"], ["goal", "MBGoal"]
@@ -199,7 +185,7 @@ def test_the_formulas_are_those_of_the_paper(pruned: RVAFT) -> None:
         r"\varphi_{4}": ["result", *common, *altered],
         r"\varphi": ["move", "result", *common, *late, *altered],
     }
-    rows = [row.partition("&=") for row in re.sub(r"%.*\n", "", formulas_tex(pruned)).split(r"\varphi")[1:]]
+    rows = [row.partition("&=") for row in re.sub(r"%.*\n", "", formulas_tex(TREE)).split(r"\varphi")[1:]]
     assert [rf"\varphi{name}".strip() for name, _, _ in rows] == list(expected)
     words = re.compile(r"\{(move|result|inspect|radiation|goal|MBGoal)\}(?=\(|\])|(250|10|entrance)")
     for (_, _, formula), parts in zip(rows, expected.values(), strict=True):
@@ -207,16 +193,16 @@ def test_the_formulas_are_those_of_the_paper(pruned: RVAFT) -> None:
 
 
 @pytest.mark.parametrize("trace", sorted(TRACES.glob("table*.jsonl")), ids=lambda path: path.stem)
-def test_the_listing_says_what_the_tree_says(pruned: RVAFT, trace: Path) -> None:
+def test_the_listing_says_what_the_tree_says(trace: Path) -> None:
     events = [json.loads(line) for line in trace.read_text(encoding="utf-8").splitlines()]
-    said = list(RmlBackend().read(listing_rml(pruned)).run(events))
-    assert said == list(rvaft.monitor(pruned, semantics="strict").run(events))
+    said = list(RmlBackend().read(listing_rml(TREE)).run(events))
+    assert said == list(rvaft.monitor(TREE, semantics="strict").run(events))
 
 
 @pytest.mark.published
 @needs_published
-def test_the_published_compiler_takes_the_listing(pruned: RVAFT, tmp_path: Path) -> None:
-    (found,) = compiled([listing_rml(pruned)], tmp_path)
+def test_the_published_compiler_takes_the_listing(tmp_path: Path) -> None:
+    (found,) = compiled([listing_rml(TREE)], tmp_path)
     assert isinstance(found, Path), found
 
 

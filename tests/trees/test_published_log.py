@@ -11,42 +11,24 @@ from typing import Any, Final
 import pytest
 
 import rvaft
-from rvaft import Ended, Pending, Verdict, loads
+from rvaft import Ended, Pending, Verdict
 from rvaft.coverage import Coverage
 from rvaft.export import fired_text
 from rvaft.model.tree import RVAFT
 from rvaft.monitoring.reader import read
-from rvaft.monitors import Awaited
+from rvaft.monitors import Awaited, Monitor
 from rvaft.semantics import Reference
 from tests.cli.runs import PRUNED
 from tests.engine.checking import check_explanation
 
-LOG: Final = Path(__file__).parents[3] / "shared" / "corpus" / "remote_inspection" / "log_rvaft.txt"
+HERE: Final = Path(__file__).parent
+LOG: Final = HERE.parents[2] / "shared" / "corpus" / "remote_inspection" / "log_rvaft.txt"
 SEMANTICS: Final = ("strict", "projected", "scattered")
 
 pytestmark = pytest.mark.skipif(not LOG.exists(), reason="the published log is not there")
 
-IN_ITS_WORDS: Final = """
-event move(wp, t)     = { topic: "/command", name: "move", location: wp, time: t };
-event inspect(wp)     = { topic: "/command", name: "inspect", location: wp };
-event arrived(wp)     = { topic: "inspected", location: wp, data: true };
-event radiation(v, t) = { topic: "/radiation_sensor_plugin/sensor_0", value: v, time: t };
-event goal(x)         = { topic: "/move_base/goal", goal: { target_pose: { pose: { position: { x: x } } } } };
-ignore radiation(V, _) when V < 250;
-
-toplevel damaged;
-damaged or   ev1 ev2;
-ev1     and  ev3                on move(From, _);
-ev2     and  ev3                on arrived(From);
-ev3     sand next ev4 ev5 ev6   on inspect(At);
-next                            when At == From + 1;
-ev4                             on radiation(Value, T1);
-ev5                             when Value >= 250;
-ev6     or   ev8 ev9            on move(NewWp, T2);
-ev8     fault                   when T2 >= T1 + 10;
-ev9     and  ev10 attack        on goal(X)            label "Sent far to the west";
-ev10                            when X < -5;
-"""
+SHIPPED: Final = rvaft.load(PRUNED)
+ADAPTED: Final = rvaft.load(HERE / "published_log.rvaft")
 
 
 @cache
@@ -54,33 +36,29 @@ def events() -> list[dict[str, Any]]:
     return list(read(LOG))
 
 
-def shipped() -> RVAFT:
-    return rvaft.load(PRUNED)
-
-
-def adapted() -> RVAFT:
-    return loads(IN_ITS_WORDS)
+def watched(tree: RVAFT, semantics: str, kind: str | None = None) -> Monitor:
+    """A monitor that has read the log."""
+    monitor = rvaft.monitor(tree, semantics=semantics, kind=kind)
+    list(monitor.run(events()))
+    return monitor
 
 
 @pytest.mark.parametrize("semantics", SEMANTICS)
-@pytest.mark.parametrize("tree", [shipped, adapted], ids=lambda tree: tree.__name__)
+@pytest.mark.parametrize("tree", [SHIPPED, ADAPTED], ids=["shipped", "adapted"])
 @pytest.mark.parametrize("kind", [None, "fault", "attack"])
-def test_every_verdict_is_that_of_the_reference(tree: Any, semantics: str, kind: str | None) -> None:
-    engine = rvaft.monitor(tree(), semantics=semantics, kind=kind)
-    reference = Reference(tree(), semantics, kind=kind)
-    for event in events():
-        assert engine.step(event) is reference.step(event)
+def test_every_verdict_is_that_of_the_reference(tree: RVAFT, semantics: str, kind: str | None) -> None:
+    engine = rvaft.monitor(tree, semantics=semantics, kind=kind)
+    assert list(engine.run(events())) == list(Reference(tree, semantics, kind=kind).run(events()))
     if engine.verdict is Verdict.TRUE:
         assert engine.explanation is not None
         prefix = events()[: max(engine.explanation.matched.values())]
-        check_explanation(tree(), prefix, semantics, engine.explanation, kind=kind)
+        check_explanation(tree, prefix, semantics, engine.explanation, kind=kind)
 
 
 @pytest.mark.parametrize("semantics", SEMANTICS)
 def test_the_shipped_tree_sees_a_reading_before_any_command(semantics: str) -> None:
     """Under `strict` and `projected` that ends all hope; under `scattered` the commands it waits for never come."""
-    monitor = rvaft.monitor(shipped(), semantics=semantics)
-    list(monitor.run(events()))
+    monitor = watched(SHIPPED, semantics)
     move, result = Awaited("ev1", "move(Waypoint, _)"), Awaited("ev2", 'result(Waypoint, "success")')
     waited = tuple(Pending(number, (move if number % 2 else result,), {}) for number in (1, 2, 3, 4))
     assert monitor.explanation is None
@@ -90,61 +68,30 @@ def test_the_shipped_tree_sees_a_reading_before_any_command(semantics: str) -> N
         assert (monitor.verdict, monitor.ended) == (Verdict.FALSE, Ended(1, waited))
 
 
-def test_in_the_words_of_the_log_the_first_event_ends_it_under_strict() -> None:
-    monitor = rvaft.monitor(adapted(), semantics="strict")
-    list(monitor.run(events()))
-    assert monitor.ended is not None
-    assert monitor.ended.event == 1
-
-
-def test_under_projected_a_goal_comes_where_an_inspection_was_expected() -> None:
-    monitor = rvaft.monitor(adapted(), semantics="projected")
-    list(monitor.run(events()))
+def test_in_the_words_of_the_log_strict_ends_at_once_and_projected_where_a_goal_comes_instead_of_an_inspection() -> (
+    None
+):
+    first = watched(ADAPTED, "strict").ended
+    assert first is not None
+    assert first.event == 1
     inspect = (Awaited("ev3", "inspect(At)"),)
-    assert monitor.ended == Ended(168, (Pending(1, inspect, {"From": 0}), Pending(3, inspect, {"From": 0})))
-
-
-FIRED = """\
-● damaged OR
-● ├─ ev1 AND  on move(From, _)  event 166, time 656.922, topic /command
-● │  └─ ev3 SAND →  on inspect(At)  event 212, time 700.193, topic /command
-● │     ├─ next  when At == From + 1
-● │     ├─ ev4  on radiation(Value, T1)  event 262, time 743.002, topic /radiation_sensor_plugin/sensor_0
-● │     ├─ ev5  when Value >= 250
-● │     └─ ev6 OR  on move(NewWp, T2)  event 290, time 768.456, topic /command
-● │        ├─ ev8  [fault]  when T2 >= T1 + 10
-  │        └─ ev9 AND  [attack]  on goal(X)  "Sent far to the west"
-  │           └─ ev10  when X < -5
-  └─ ev2 AND  on arrived(From)
-     └─ ev3 (see above)
-
-branch 1: fault
-From = 0
-At = 1
-Value = 286.0
-T1 = 743.002
-NewWp = 3
-T2 = 768.456
-"""
+    pending = Pending(1, inspect, {"From": 0}), Pending(3, inspect, {"From": 0})
+    assert watched(ADAPTED, "projected").ended == Ended(168, pending)
 
 
 def test_under_scattered_the_robot_stayed_too_long() -> None:
-    monitor = rvaft.monitor(adapted(), semantics="scattered")
-    list(monitor.run(events()))
-    explanation = monitor.explanation
+    explanation = watched(ADAPTED, "scattered").explanation
     assert explanation is not None
     assert explanation.branch == 1
+    fired = (HERE / "published_log.txt").read_text(encoding="utf-8")
     assert dict(explanation.matched) == {"ev1": 166, "ev3": 212, "ev4": 262, "ev6": 290}
-    assert fired_text(adapted(), explanation, dict(enumerate(events(), 1))) == FIRED
+    assert fired_text(ADAPTED, explanation, dict(enumerate(events(), 1))) == fired
 
 
 def test_the_attack_comes_with_the_last_goal() -> None:
-    monitor = rvaft.monitor(adapted(), semantics="scattered", kind="attack")
-    verdicts = list(monitor.run(events()))
-    assert verdicts.index(Verdict.TRUE) + 1 == 343
-    assert monitor.explanation is not None
-    assert (monitor.explanation.branch, monitor.explanation.matched["ev9"]) == (3, 343)
-    assert monitor.explanation.variables["X"] == -8.18
+    explanation = watched(ADAPTED, "scattered", "attack").explanation
+    assert explanation is not None
+    assert (explanation.branch, explanation.matched["ev9"], explanation.variables["X"]) == (3, 343, -8.18)
 
 
 @pytest.mark.parametrize(
@@ -156,7 +103,7 @@ def test_the_attack_comes_with_the_last_goal() -> None:
     ],
 )
 def test_how_far_its_branches_came(semantics: str, reached: list[tuple[int, int, int | None]]) -> None:
-    coverage = Coverage(adapted(), semantics)
+    coverage = Coverage(ADAPTED, semantics)
     coverage.add("log", events())
     report = coverage.report()
     assert [(branch.reached, branch.needed, branch.event) for branch in report.branches] == reached

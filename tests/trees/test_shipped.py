@@ -24,7 +24,7 @@ def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics
     columns = [column for column in next(iter(expected.values()))[semantics] if column in ("tree", "1", "2")]
     for column in columns:
         job = Job(name, semantics, branch=None if column == "tree" else int(column))
-        for participant, enlist in Roster().candidates(tree, job):
+        for participant, enlist in [*Roster().candidates(tree, job)][1:]:  # the reference, the first, is asked above
             made = enlist()
             if isinstance(made, Absent):
                 refused = participant == "rml" and isinstance(made.error, NotExpressible) and tree.variables
@@ -39,12 +39,10 @@ def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics
 @pytest.mark.parametrize(("name", "base"), shipped.ADDING.items())
 def test_a_tree_that_adds_to_another_means_the_same(name: str, base: str) -> None:
     more, tree = shipped.load(name), shipped.load(base)
-    assert dict(more.nodes) == dict(tree.nodes)
-    assert (more.root, dict(more.events), more.ignores, more.causality) == (
-        tree.root,
-        dict(tree.events),
-        tree.ignores,
-        tree.causality,
-    )
+    said = [
+        [list(one.nodes.items()), list(one.events.items()), one.root, one.ignores, one.causality]
+        for one in (more, tree)
+    ]
+    assert said[0] == said[1]
     assert more.topics
     assert not check_tree(more)

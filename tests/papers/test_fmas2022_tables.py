@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from collections.abc import Sequence
 from importlib.util import find_spec
 from itertools import product
@@ -70,9 +69,10 @@ def test_the_stored_texts_are_all_of_them_and_say_what_the_print_does_not(texts:
 
 def test_the_print_differs_in_two_cells(enlisted: Enlisted) -> None:
     """φ after the fourth event of the first two traces of Table 3: φ₃, φ₄ may still come. Two columns of four cells in each of eight traces."""
+    found = list(traces(enlisted, TRACES))
     cells = {
         (trace.table, trace.number, sign, place): (trace.printed(branch, place), verdict)
-        for trace in traces(enlisted, TRACES)
+        for trace in found
         for sign, branch in monitors(TREE).items()
         for place, verdict in enumerate(trace.verdicts[sign], 1)
     }
@@ -80,14 +80,8 @@ def test_the_print_differs_in_two_cells(enlisted: Enlisted) -> None:
     assert (len(printed), len(cells)) == (64, 5 * (4 * 4 + 4 * 5))
     differing = {cell: pair for cell, pair in printed.items() if pair[0] != pair[1]}
     assert differing == {(3, 1, "φ", 4): ("⊥", "?"), (3, 2, "φ", 4): ("⊥", "?")}
-
-
-def test_as_printed_the_third_and_fourth_trace_detect_nothing(enlisted: Enlisted) -> None:
-    found = {
-        (trace.table, trace.number): symbols(trace.as_printed["φ"]) if trace.as_printed else None
-        for trace in traces(enlisted, TRACES)
-    }
-    assert found == {(t, n): None if n < 3 else "???⊥" for t in (2, 3) for n in (1, 2, 3, 4)}
+    as_printed = [symbols(trace.as_printed["φ"]) if trace.as_printed else None for trace in found]
+    assert as_printed == [None, None, "???⊥", "???⊥"] * 2, "the third and fourth detect nothing"
 
 
 @pytest.mark.parametrize(
@@ -99,15 +93,11 @@ def test_as_printed_the_third_and_fourth_trace_detect_nothing(enlisted: Enlisted
         ("T2 >= T1 + 10", "T2 >= T1 + 1", {2: 0, 3: 6}),
     ],
 )
-def test_a_threshold_in_the_tree_changes_the_tables(tmp_path: Path, old: str, new: str, marked: dict[int, int]) -> None:
-    folder = tmp_path / "trees"
-    shutil.copytree(TREES, folder)
-    file = folder / "pruned.rvaft"
-    text = file.read_text(encoding="utf-8")
+def test_a_threshold_in_the_tree_changes_the_tables(old: str, new: str, marked: dict[int, int]) -> None:
+    text = PRUNED.read_text(encoding="utf-8")
     assert old in text
-    file.write_text(text.replace(old, new), encoding="utf-8")
-    tree = rvaft.load(file)
-    tables = verdict_tables(tree, folder / "pruned.traces")
+    tree = loads(text.replace(old, new))
+    tables = verdict_tables(tree, TRACES)
     assert {number: len(MARK.findall(table)) for number, table in tables.items()} == marked
     for table in tables.values():
         letters = set(MARK.findall(table))
@@ -119,11 +109,11 @@ def test_a_threshold_in_the_tree_changes_the_tables(tmp_path: Path, old: str, ne
 def test_the_tables_name_who_gives_the_same_verdicts_and_who_was_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     def without_rml(tree: RVAFT) -> Enlisted:
         absent = Absent(ToolMissing("a_tool", remedy="install it"))
-        mine = ("engine", "reference")
-        return {
-            sign: {**{name: one for name, one in everybody.items() if name in mine}, "rml": absent}
+        asked = {
+            sign: [(name, everybody[name]) for name in ("engine", "reference")]
             for sign, everybody in enlist(tree).items()
         }
+        return {sign: {**dict(mine), "rml": absent} for sign, mine in asked.items()}
 
     monkeypatch.setattr(verdict_tex, "enlist", without_rml)
     for table in verdict_tables(TREE, TRACES).values():

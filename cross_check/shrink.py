@@ -19,6 +19,7 @@ from itertools import chain, count, islice
 from typing import Any, Final, TypeAlias
 
 from rvaft.errors import OptionError, RvaftError, TreeError
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import JUNCTIONS, Guard, Operation
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Node, On
 from rvaft.model.patterns import (
@@ -34,6 +35,7 @@ from rvaft.model.patterns import (
 )
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, Scalar
+from rvaft.model.verdict import Semantics
 from rvaft.rules import require_valid
 
 DEFAULT_STEPS: Final = 2_000
@@ -127,6 +129,8 @@ class _Pair:
     patterns: Mapping[str, Pattern]
     ignores: tuple[tuple[Pattern, Guard | None], ...]
     causality: Causality
+    time: EventTime | None
+    semantics: Semantics | None
     trace: tuple[Json, ...]
     calls: Mapping[str, tuple[On, EventType]]
     whole: RVAFT | None = None
@@ -141,6 +145,8 @@ class _Pair:
             {name: tree.instantiate(node.on) for name, node in tree.nodes.items() if node.on is not None},
             tuple((tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores),
             tree.causality,
+            tree.time,
+            tree.semantics,
             tuple(trace),
             {repr(tree.instantiate(on)): (on, tree.events[on.event]) for on in calls if on is not None},
             tree,
@@ -167,7 +173,15 @@ class _Pair:
         own = {name: call(self.patterns[name]) for name in self.nodes if name in self.patterns}
         nodes = [replace(node, on=own.get(name)) for name, node in self.nodes.items()]
         ignores = [Ignore(call(pattern), when) for pattern, when in self.ignores]
-        return RVAFT(self.root, nodes, used.values(), ignores=ignores, causality=self.causality)
+        return RVAFT(
+            self.root,
+            nodes,
+            used.values(),
+            ignores=ignores,
+            causality=self.causality,
+            time=self.time,
+            semantics=self.semantics,
+        )
 
     def _called(self, pattern: Pattern, used: Mapping[str, EventType]) -> tuple[On, EventType]:
         """A pattern as a call of an event type: one of those used that is like it, or a new one.

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple, TypeAlias
 from rvaft.analysis.formula import TEXT, formula, write
 from rvaft.analysis.normal_form import Op, body
 from rvaft.errors import TooLarge, TreeError
+from rvaft.model.guards import repointed
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT, Whole, reachable
 from rvaft.support.bits import bits, union
@@ -311,9 +312,11 @@ def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None 
 
         for name in reachable(tree.root, kept):
             children = tuple(f"{child}{copy}" for child in kept(name))
-            nodes.append(replace(tree.nodes[name], name=f"{name}{copy}", children=children))
+            node = replace(tree.nodes[name], name=f"{name}{copy}", children=children)
             if copy:
+                node = replace(node, when=node.when and repointed(node.when, copy))
                 origins[f"{name}{copy}"] = name
+            nodes.append(node)
     root = nodes[0].name
     if len(ways) > 1:
         root = f"{tree.root}#"
@@ -325,6 +328,8 @@ def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None 
         ignores=tree.ignores,
         topics=tree.topics.values(),
         causality=tree.causality,
+        time=tree.time,
+        semantics=tree.semantics,
         part_of=Whole(tree, branch, kind, origins),
     )
 

@@ -70,7 +70,7 @@ def chosen_part(tree: RVAFT, choices: Choices) -> RVAFT:
     """The tree whose scenarios are those that keep the children chosen; its alphabet is its own."""
     nodes = [replace(tree.nodes[name], children=children) for name, children in kept_nodes(tree, choices).items()]
     events = dict.fromkeys(node.on.event for node in nodes if node.on is not None)
-    return RVAFT(tree.root, nodes, (tree.events[event] for event in events), causality=tree.causality)
+    return RVAFT(tree.root, nodes, (tree.events[event] for event in events), causality=tree.causality, time=tree.time)
 
 
 class MatchFinder:

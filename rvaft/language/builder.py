@@ -15,10 +15,22 @@ from lark import Token, Transformer
 
 from rvaft.language.diagnostics import shown
 from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Said
-from rvaft.model.guards import MAX_DEPTH, Operation, Operator
+from rvaft.model.event_time import UNITS, EventTime, TimeFormat, scaled
+from rvaft.model.guards import (
+    COMPARISONS,
+    MAX_DEPTH,
+    MAX_GLOB,
+    OPERATORS,
+    Duration,
+    Operation,
+    Operator,
+    TimePoint,
+    walk,
+)
 from rvaft.model.nodes import Causality, EventType, Ignore, Kind, On, Place
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar
+from rvaft.model.verdict import Semantics
 
 # ruff: noqa: D102 - what a method is about is the rule of its name in the grammar
 
@@ -84,12 +96,16 @@ class Clause(NamedTuple):
 
 
 class Term(NamedTuple):
-    """A pattern or a guard under construction: how deep it is, the words in it, and whether it is a number without sign."""
+    """A pattern or a guard under construction: how deep it is, the words in it, and whether it is a number without sign.
+
+    `sort` tells a `point` of time, a `duration` and a `span` between two points from every other `value`.
+    """
 
     value: Any
     depth: int = 0
     words: tuple[Token, ...] = ()
     unsigned: bool = False
+    sort: str = "value"
 
 
 def text_of(token: Token) -> str:
@@ -135,6 +151,29 @@ def _values(parts: Iterable[Term]) -> tuple[Any, ...]:
     return tuple([part.value for part in parts])
 
 
+_SUMS: Final = {
+    ("point", "+", "duration"): "point",
+    ("point", "-", "duration"): "point",
+    ("duration", "+", "point"): "point",
+    ("point", "-", "point"): "span",
+}
+_COMPARED: Final = (("point", "point"), ("span", "duration"), ("duration", "span"))
+
+
+def _sort_of(operands: Sequence[Term], token: Token) -> str:
+    """What an operator makes of points of time and durations; a `Slip` where it can make nothing."""
+    sorts = tuple(operand.sort for operand in operands)
+    if set(sorts) == {"value"}:
+        return "value"
+    if (len(sorts) == 2 and sorts in _COMPARED) and token in COMPARISONS:
+        return "value"
+    if len(sorts) == 2 and (sort := _SUMS.get((sorts[0], str(token), sorts[1]))):
+        return sort
+    if "duration" not in sorts and any(isinstance(operand.value, Literal) for operand in operands):
+        raise Slip("a duration has a unit, as in 10 s", token)
+    raise Slip("times are compared with times (at(a) <= at(b) + 5 s), and their difference with a duration", token)
+
+
 def _gate(token: Token, children: Sequence[Word]) -> Clause:
     """A gate, with the K of a vote and the N of K`of`N."""
     if not token[-1].isdigit():
@@ -164,7 +203,14 @@ class Build(Transformer[Token, Any]):
     def only_pattern(self, items: Items) -> Any:
         return items[0].value
 
-    only_guard = only_pattern
+    def only_guard(self, items: Items) -> Any:
+        return self._condition(items[0], None)
+
+    def _condition(self, term: Term, token: Token | None) -> Any:
+        """A guard that says something true or false."""
+        if term.sort != "value":
+            raise Slip("a time alone is no condition: compare it", token or Token("START", "", 0))
+        return term.value
 
     # -- statements -------------------------------------------------------------------------------------------------
 
@@ -181,6 +227,28 @@ class Build(Transformer[Token, Any]):
         start, word, _ = items
         return lambda page: page.draft.causalities.append(page.said(start, Causality(word)))
 
+    def semantics(self, items: Items) -> Statement:
+        start, word, _ = items
+        if word not in tuple(Semantics):
+            raise Slip(f"unknown semantics {shown(word)}: known are {', '.join(Semantics)}", word)
+        return lambda page: page.draft.semantics.append(page.said(start, Semantics(word)))
+
+    def path(self, items: Items) -> Items:
+        return items[::2]
+
+    def time(self, items: Items) -> Statement:
+        start, path, _, word, late = items[0], items[1], items[2], items[3], items[5]
+        if word not in tuple(TimeFormat):
+            raise Slip(f"unknown format of times {shown(word)}: known are {', '.join(TimeFormat)}", word)
+        latest = None if late is None else self.duration([late]).value.value
+
+        def add(page: Page) -> None:
+            place = page.said(start, None).place
+            names = tuple(name.value for name in path)
+            page.draft.times.append(Said(EventTime(names, TimeFormat(word), latest, place), place))
+
+        return add
+
     def import_(self, items: Items) -> ImportStatement:
         return ImportStatement(self.name(items[1:2]))
 
@@ -188,8 +256,10 @@ class Build(Transformer[Token, Any]):
         return lambda page: page.draft.prunes.extend(page.names(items[1:-1]))
 
     def ignore(self, items: Items) -> Statement:
-        _, (name, on), _, guard, _ = items
-        when = None if guard is None else guard.value
+        _, (name, on), token, guard, _ = items
+        when = None if guard is None else self._condition(guard, token)
+        if when is not None and any(isinstance(part, TimePoint) for part in walk(when)):
+            raise Slip("an `ignore` looks at one event, and has no nodes whose times it could ask for", token)
         return lambda page: page.draft.ignores.append(Ignore(on, when, page.said(name, on).place))
 
     def event(self, items: Items) -> Statement:
@@ -251,7 +321,17 @@ class Build(Transformer[Token, Any]):
         return Clause("ons", *items[1])
 
     def when(self, items: Items) -> Clause:
-        return Clause("whens", items[0], items[1].value)
+        return Clause("whens", items[0], self._condition(items[1], items[0]))
+
+    def times(self, items: Items) -> Clause:
+        token, number = items
+        count = number_of(number)
+        if type(count) is not int or count < 1:
+            raise Slip("`times` counts events: a whole number from 1", number)
+        return Clause("counts", token, count)
+
+    def within(self, items: Items) -> Clause:
+        return Clause("withins", items[0], self.duration(items[1:]).value.value)
 
     def kind(self, items: Items) -> Clause:
         return Clause("kinds", items[0], Kind(items[0]))
@@ -310,14 +390,45 @@ class Build(Transformer[Token, Any]):
 
     def binary(self, items: Items) -> Term:
         operands = items[::2]
-        return _compound(Operation(Operator(items[1]), _values(operands)), operands, "guard", items[1])
+        term = _compound(Operation(Operator(items[1]), _values(operands)), operands, "guard", items[1])
+        return term._replace(sort=_sort_of(operands, items[1]))
 
     junction = binary
+
+    def listed(self, items: Items) -> Term:
+        operands = [items[0], *items[3::2]]
+        _sort_of(operands, items[1])
+        return _compound(Operation(Operator.IN, _values(operands)), operands, "guard", items[1])
+
+    def applied(self, items: Items) -> Term:
+        token, operands = items[0], items[2::2]
+        operator, arity = Operator(token), OPERATORS[Operator(token)].arity
+        if len(operands) != arity and (arity or len(operands) < 2):
+            raise Slip(f"{token} takes {arity or 'two or more'} value{'s' * (arity != 1)}, not {len(operands)}", token)
+        if operator is Operator.LIKE:
+            glob = operands[1].value
+            if not isinstance(glob, Literal) or not isinstance(glob.value, str) or len(glob.value) > MAX_GLOB:
+                raise Slip(f"the pattern of like is a string in quotes, of at most {MAX_GLOB} characters", token)
+        _sort_of(operands, token)
+        return _compound(Operation(operator, _values(operands)), operands, "guard", token)
+
+    def duration(self, items: Items) -> Term:
+        token = items[0]
+        number = token.rstrip("abcdefghijklmnopqrstuvwxyz")
+        unit, length = token[len(number) :], scaled(number.strip(), token[len(number) :])
+        if length is None or length < 0 or unit not in UNITS:
+            raise Slip(f"{shown(token)} is no duration: it is not negative, and no clock counts that far", token)
+        return Term(Duration(length), sort="duration")
+
+    def time_point(self, items: Items) -> Term:
+        token, _, name, _ = items
+        return Term(TimePoint.of(token.value, name.value), sort="point")
 
     def unary(self, items: Items) -> Term:
         token, operand = items
         if token.type != "NOT" and operand.unsigned:  # a minus right before a number belongs to the number
             return Term(Literal(-operand.value.value))
+        _sort_of([operand], token)
         operator = Operator.NOT if token.type == "NOT" else Operator.NEGATE
         return _compound(Operation(operator, (operand.value,)), [operand], "guard", token)
 

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple, TypeAlias
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
 from rvaft.errors import LanguageError
+from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
 from rvaft.support.terminal import visible
 
@@ -30,28 +31,43 @@ _GROUPS: Final = (
     ("a name", "NAME", "STRING"),
     ("a word or a string in quotes", "WORD STRING", ""),
     ("a value", "VALUE", "STRING"),
-    ("on, when, fault, attack, label or key=value", "ON", "WHEN FAULT ATTACK LABEL KEY"),
-    ("a comparison", "COMPARISON", "PLUS MINUS TIMES SLASH AND OR"),
-    ("an operator", "PLUS", "MINUS TIMES SLASH AND OR"),
+    ("on, when, fault, attack, label, times, within or key=value", "ON", "WHEN FAULT ATTACK LABEL TIMES WITHIN KEY"),
+    ("a comparison", "COMPARISON", "PLUS MINUS STAR SLASH AND OR IN"),
+    ("an operator", "PLUS", "MINUS STAR SLASH AND OR"),
     ("and", "AND", ""),
     ("or", "OR", ""),
-    ("a condition", "NOT", f"LPAR VARIABLE {_LITERALS}"),
+    ("a condition", "NOT", f"LPAR VARIABLE DURATION POINT FUNCTION {_LITERALS}"),
     ("a pattern", "LBRACE TRUE", f"LBRACKET WORD ANY {_LITERALS}"),
     ("an argument (a Variable, _, a literal)", "ANY", f"VARIABLE {_LITERALS}"),
-    ("a value", "VARIABLE", f"LPAR {_LITERALS}"),
+    ("a value", "VARIABLE", f"LPAR DURATION POINT FUNCTION {_LITERALS}"),
+    ("a duration (10 s, 1.5 h)", "DURATION", ""),
     ("a number", "NUMBER", ""),
     ("a word", "WORD", ""),
     ("a string in quotes", "STRING", ""),
     ("when", "WHEN", ""),
     ("type", "TYPE", ""),
+    ("as", "AS", ""),
+    ("late", "LATE", ""),
     ("from", "FROM", ""),
     ("top_down or bottom_up", "TOP_DOWN", "BOTTOM_UP"),
     ("the end", "$END", ""),
     *(
         (f"`{sign}`", name, "")
         for sign, name in zip(
-            ";,:=(){}[]",
-            ["SEMICOLON", "COMMA", "COLON", "EQUALS", "LPAR", "RPAR", "LBRACE", "RBRACE", "LBRACKET", "RBRACKET"],
+            ";,.:=(){}[]",
+            [
+                "SEMICOLON",
+                "COMMA",
+                "DOT",
+                "COLON",
+                "EQUALS",
+                "LPAR",
+                "RPAR",
+                "LBRACE",
+                "RBRACE",
+                "LBRACKET",
+                "RBRACKET",
+            ],
             strict=True,
         )
     ),
@@ -328,6 +344,8 @@ def _term_slips(at: _Situation) -> Advice:
         mend = f": {bare[:1].upper()}{bare[1:]}" if bare[:1].isalpha() else ""
         message = f'{shown(bad.text)} is no variable, which starts with a capital{mend}; for text write "{bad.text}"'
         yield message if len(bad.text) <= 40 else "a variable starts with a capital", bad.start
+    if at.can("DURATION") and not at.can("NUMBER") and bad.text[:1].isdigit():
+        yield f"a duration has a unit, one of {', '.join(UNITS)}, as in {shown(bad.text)[1:-1]} s", bad.start
     if at.can("NUMBER") and (bad.text[:1].isdigit() or bad.text in (".", "+")):
         yield "a number is written as in JSON: 10, -0.5, 1e-3", bad.start
     if at.possible == {"LPAR"} and at.before:

@@ -13,9 +13,11 @@ from enum import StrEnum
 from typing import Generic, NamedTuple, TypeVar, assert_never
 
 from rvaft.errors import TreeError
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Place, Topic, absolute
 from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 
 T_co = TypeVar("T_co", covariant=True)
 
@@ -89,6 +91,8 @@ class DraftNode:
     whens: list[Said[Guard]] = field(default_factory=list)
     kinds: list[Said[Kind]] = field(default_factory=list)
     labels: list[Said[str]] = field(default_factory=list)
+    counts: list[Said[int]] = field(default_factory=list)
+    withins: list[Said[int]] = field(default_factory=list)
     attributes: list[Said[tuple[str, str]]] = field(default_factory=list)
 
     @property
@@ -97,7 +101,7 @@ class DraftNode:
         return self.statements[0]
 
     def settings(self) -> dict[str, list[Place]]:
-        """Where each part that a node has at most once was set, of those that were: `gate`, `on`, `when`, `kind`, `label`."""
+        """Where each part that a node has at most once was set, of those that were: `gate`, `on`, `when`, `kind` and so on."""
         parts: tuple[tuple[str, Sequence[Said[object]]], ...]
         parts = (
             ("gate", self.gates),
@@ -105,6 +109,8 @@ class DraftNode:
             ("when", self.whens),
             ("kind", self.kinds),
             ("label", self.labels),
+            ("times", self.counts),
+            ("within", self.withins),
         )
         return {part: [said.place for said in settings] for part, settings in parts if settings}
 
@@ -134,6 +140,8 @@ class DraftNode:
             _first(self.kinds),
             _first(self.labels),
             tuple([said.value for said in self.attributes]),
+            _first(self.counts) or 1,
+            _first(self.withins),
             places=places,
         )
 
@@ -170,6 +178,8 @@ class Draft:
     topics: list[DraftTopic] = field(default_factory=list)
     toplevels: list[Said[str]] = field(default_factory=list)
     causalities: list[Said[Causality]] = field(default_factory=list)
+    semantics: list[Said[Semantics]] = field(default_factory=list)
+    times: list[Said[EventTime]] = field(default_factory=list)
     parameters: list[Said[str]] = field(default_factory=list)
     prunes: list[Said[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
@@ -208,16 +218,29 @@ class Draft:
                 raise TreeError(f"event type {name} is declared twice", rule="duplicate-setting")
         nodes = [node.build() for node in self.nodes.values()]
         nodes += [Node(c.value, declared=False, places={"name": c.place}) for c in self.undeclared()]
-        causality = self.causalities[0].value if self.causalities else Causality.TOP_DOWN
-        if any(said.value is not causality for said in self.causalities):
-            raise TreeError("`causality` is set twice", rule="duplicate-setting")
+        for word, settings in self.settings().items():
+            if any(said.value != settings[0].value for said in settings):
+                raise TreeError(f"`{word}` is set twice", rule="duplicate-setting")
         topics: dict[tuple[str, str], Topic] = {}  # one per name and type, with the publishers of all its statements
         for topic in self.topics:
             key = absolute(topic.name.value), topic.type.value
             first = topics.get(key, Topic(topic.name.value, topic.type.value, place=topic.name.place))
             named = dict.fromkeys([*first.publishers, *(publisher.value for publisher in topic.publishers)])
             topics[key] = replace(first, publishers=tuple(named))
-        return RVAFT(root, nodes, self.events, ignores=self.ignores, topics=topics.values(), causality=causality)
+        return RVAFT(
+            root,
+            nodes,
+            self.events,
+            ignores=self.ignores,
+            topics=topics.values(),
+            causality=_first(self.causalities) or Causality.TOP_DOWN,
+            time=_first(self.times),
+            semantics=_first(self.semantics),
+        )
+
+    def settings(self) -> dict[str, Sequence[Said[object]]]:
+        """The settings of what a tree has at most once, by the words of their statements."""
+        return {"causality": self.causalities, "semantics": self.semantics, "time": self.times}
 
     def carry_out_prunes(self) -> None:
         """Drop the pruned nodes and what only they reach; what cannot be dropped stays, and is noted in `broken_prunes`."""
@@ -258,7 +281,7 @@ class Draft:
         if len(left) == len(use.children):
             return use
         match use.gate:
-            case Gate.OR | Gate.AND | Gate.SAND | Gate.SAND_RL:  # fewer children ask for nothing new
+            case Gate.OR | Gate.AND | Gate.SAND | Gate.SAND_RL | Gate.PAND:  # fewer children ask for nothing new
                 if left:
                     return GateUse(use.gate, left)
                 fault = PruneFault.EMPTY

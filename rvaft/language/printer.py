@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from rvaft.errors import WrongType
+from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text, name_text, on_text, pattern_text, quoted, value_text, word_text
 from rvaft.model.guards import Guard
 from rvaft.model.nodes import Causality, Node, Topic
@@ -16,7 +17,7 @@ _WIDEST: Final = 40
 def dumps(tree: RVAFT) -> str:
     """The canonical text of a tree: `loads(dumps(tree)) == tree` for every tree that can be written.
 
-    The order is causality, event types, topics, ignores, toplevel, nodes (parents before children, then the unreachable ones); a
+    The order is causality, semantics, time, event types, topics, ignores, toplevel, nodes (parents before children, then the unreachable ones); a
     child that no statement defined stays undefined. What a restricted tree keeps of the alphabet of the whole is not
     text, and a text with half a surrogate pair or a pattern or guard nested deeper than 100 is a `LanguageError`.
 
@@ -28,7 +29,7 @@ def dumps(tree: RVAFT) -> str:
     if not isinstance(tree, RVAFT):
         raise WrongType("a tree to print", tree, "an RVAFT")
     blocks = [
-        [f"causality {tree.causality};"] if tree.causality is not Causality.TOP_DOWN else [],
+        [*_settings(tree)],
         _aligned(
             [f"event {word_text(event.name)}({', '.join(event.parameters)})", f"= {pattern_text(event.pattern)}"]
             for event in tree.events.values()
@@ -38,6 +39,16 @@ def dumps(tree: RVAFT) -> str:
         [f"toplevel {name_text(tree.root)};", *_aligned(_node_cells(node) for node in _stated(tree))],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def _settings(tree: RVAFT) -> Iterator[str]:
+    if tree.causality is not Causality.TOP_DOWN:
+        yield f"causality {tree.causality};"
+    if tree.semantics is not None:
+        yield f"semantics {tree.semantics};"
+    if tree.time is not None:
+        late = "" if tree.time.late is None else f" late {duration_text(tree.time.late)}"
+        yield f"time {'.'.join(map(word_text, tree.time.field))} as {tree.time.format}{late};"
 
 
 def _stated(tree: RVAFT) -> Iterator[Node]:
@@ -63,8 +74,10 @@ def _node_cells(node: Node) -> list[str]:
     gate = ""
     if node.gate is not None:
         word = f"{node.threshold}of{len(node.children)}" if node.threshold is not None else node.gate.value
-        gate = " ".join([word, *(name_text(child) for child in node.children)])
+        within = [] if node.within is None else [f"within {duration_text(node.within)}"]
+        gate = " ".join([word, *(name_text(child) for child in node.children), *within])
     tail = f"on {on_text(node.on)}" if node.on is not None else ""
+    tail = f"{tail} times {node.times}".lstrip() if node.times > 1 else tail
     attributes = " ".join(f"{word_text(key)}={value_text(value)}" for key, value in node.attributes)
     label = f"label {quoted(node.label)}" if node.label is not None else ""
     return [name_text(node.name), gate, node.kind or "", (tail + _when(node.when)).lstrip(), attributes, label]

@@ -7,7 +7,18 @@ from dataclasses import dataclass
 from typing import Final
 
 from rvaft.errors import LanguageError
-from rvaft.model.guards import COMPARISONS, MAX_DEPTH, OPERATORS, Guard, Operation, Operator
+from rvaft.model.event_time import duration_text
+from rvaft.model.guards import (
+    COMPARISONS,
+    FUNCTIONS,
+    MAX_DEPTH,
+    OPERATORS,
+    Duration,
+    Guard,
+    Operation,
+    Operator,
+    TimePoint,
+)
 from rvaft.model.nodes import Argument, Gate, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar
@@ -17,10 +28,10 @@ TOPIC: Final = "topic"
 """Starts a statement, but only before a string, `type` and a string: nodes of this name are read without quotes too."""
 GATES: Final = tuple(gate.value for gate in Gate if not gate.counts)
 """The gates that are written as a word; a vote is written with its numbers."""
-CLAUSES: Final = ("on", "when", "fault", "attack", "label")
+CLAUSES: Final = ("on", "when", "fault", "attack", "label", "times", "within")
 OPERATOR_WORDS: Final = ("and", "or", "not")
 DYNAMIC: Final = frozenset(
-    {"xor", "nor", "nand", "not", "pand", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
+    {"xor", "nor", "nand", "not", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
     | {"spare", "wsp", "csp", "hsp", "fdep", "pdep", "rdep"}
 )
 """Gates of other fault-tree languages: reserved, so that a forgotten semicolon does not make them names."""
@@ -141,6 +152,10 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
     if depth > MAX_DEPTH:
         raise LanguageError(f"a guard nested deeper than {MAX_DEPTH} cannot be written")
     match guard:
+        case TimePoint(point=point, node=node):
+            return f"{point}({name_text(node)})", _ATOM
+        case Duration(int(nanoseconds)):
+            return duration_text(nanoseconds), _ATOM
         case Variable(name):
             return style.variable(name), _ATOM
         case Literal(value):
@@ -163,6 +178,11 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
             return f"{sign}{least(_ATOM + 1 if number else level, parts[0])}", style.minus_level
         case Operator.AND | Operator.OR:
             return f" {sign} ".join(least(level + 1, part) for part in parts), level
+        case Operator.IN:
+            listed = ", ".join(text for text, _ in parts[1:])
+            return f"{least(level + 1, parts[0])} {sign} ({listed})", level
+        case _ if operator in FUNCTIONS:
+            return f"{sign}({', '.join(text for text, _ in parts)})", _ATOM
         case Operator.DIV if style.fraction and (stacked := style.fraction(parts[0][0], parts[1][0])) is not None:
             return stacked, SIGNED_LEVEL
         case _:  # arithmetic is read from the left, comparisons are not chained

@@ -1,15 +1,19 @@
 """Guards: the expression type, the table of operators, and the value of a guard under an assignment of the variables.
 
-A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, a result that is not finite). Undefined
+A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, what is not finite). Undefined
 propagates through every operator, except that `and` and `or` read left to right and do not look at the right side when the left
 decides. The parser bounds the nesting of an expression (`MAX_DEPTH`), so the recursion here is bounded too.
 """
 
+import json
 import math
 import operator as python
+import re
+import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
+from functools import lru_cache
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.patterns import Binding, Literal, Variable
@@ -35,6 +39,16 @@ class Operator(StrEnum):
     NOT = "not"
     AND = "and"
     OR = "or"
+    IN = "in"
+    STARTSWITH = "startswith"
+    ENDSWITH = "endswith"
+    CONTAINS = "contains"
+    LIKE = "like"
+    LOWER = "lower"
+    ABS = "abs"
+    MIN = "min"
+    MAX = "max"
+    NUMBER = "number"
 
 
 class _Undefined(Enum):
@@ -52,25 +66,37 @@ class OperatorFacts(NamedTuple):
     """How tightly an operator binds (`level`), and the value it gives defined operands (None where not all of them are looked at).
 
     Of a comparison, `negated` is true where it is false (both are defined there), `mirrored` is the same with its sides exchanged, and
-    `compare` is what Python has for it.
+    `compare` is what Python has for it. `arity` is None where two operands or more will do.
     """
 
     level: int
     sign: str
     function: Callable[..., Json] | None
-    arity: int = 2
+    arity: int | None = 2
     compare: Callable[[Any, Any], bool] | None = None
     negated: Operator | None = None
     mirrored: Operator | None = None
+
+
+def _finite(value: Json) -> bool:
+    return type(value) is not float or math.isfinite(value)
+
+
+def _equality(left: Json, right: Json) -> Json:
+    return equal(left, right) if _finite(left) and _finite(right) else UNDEFINED
+
+
+def _denied(truth: Json) -> Json:
+    return not truth if isinstance(truth, bool) else UNDEFINED
 
 
 def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json]:
     """A comparison of two numbers or two strings."""
 
     def compared(left: Json, right: Json) -> Json:
-        if (is_number(left) and is_number(right)) or (isinstance(left, str) and isinstance(right, str)):
-            return compare(left, right)
-        return UNDEFINED
+        if is_number(left) and is_number(right):
+            return compare(left, right) if _finite(left) and _finite(right) else UNDEFINED
+        return compare(left, right) if isinstance(left, str) and isinstance(right, str) else UNDEFINED
 
     return compared
 
@@ -79,7 +105,7 @@ def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
     """An operation on numbers."""
 
     def calculated(*arguments: Json) -> Json:
-        if not all(map(is_number, arguments)):
+        if not all(is_number(argument) and _finite(argument) for argument in arguments):
             return UNDEFINED
         try:
             result = calculate(*arguments)
@@ -90,14 +116,59 @@ def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
     return calculated
 
 
+def _texts(asked: Callable[..., Json]) -> Callable[..., Json]:
+    """A question about texts."""
+
+    def answered(*arguments: Json) -> Json:
+        return asked(*arguments) if all(isinstance(argument, str) for argument in arguments) else UNDEFINED
+
+    return answered
+
+
+def _like(text: str, glob: str) -> bool:
+    """Whether a glob matches the whole text: the pieces between stars are looked for from the left, each once."""
+    first, *others = re.split(r"\*+", glob)
+    begins = _piece(first).match(text)
+    if begins is None or not others:
+        return begins is not None and begins.end() == len(text)
+    *inner, last = others
+    at = begins.end()
+    for piece in inner:
+        found = _piece(piece).search(text, at)
+        if found is None:
+            return False
+        at = found.end()
+    tail = len(text) - len(last)
+    return tail >= at and _piece(last).match(text, tail) is not None
+
+
+@lru_cache(maxsize=1_000)
+def _piece(piece: str) -> re.Pattern[str]:
+    return re.compile("".join("." if sign == "?" else re.escape(sign) for sign in piece), re.DOTALL)
+
+
+def _number(value: Json) -> Json:
+    """A number as it is; of a text the number that it writes as JSON does."""
+    if isinstance(value, str) and _WRITTEN.fullmatch(value):
+        try:
+            value = json.loads(value)
+        except ValueError:  # more digits than Python reads
+            return UNDEFINED
+    return value if is_number(value) and _finite(value) else UNDEFINED
+
+
+_WRITTEN: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?", re.ASCII)
+MAX_GLOB: Final = 1_000
+"""The longest glob, in characters."""
+
 _O = Operator
 
 OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
     _O.OR: OperatorFacts(1, "or", None),
     _O.AND: OperatorFacts(2, "and", None),
-    _O.NOT: OperatorFacts(3, "not ", lambda it: not it if isinstance(it, bool) else UNDEFINED, arity=1),
-    _O.EQ: OperatorFacts(4, "==", equal, 2, python.eq, _O.NE, _O.EQ),
-    _O.NE: OperatorFacts(4, "!=", lambda left, right: not equal(left, right), 2, python.ne, _O.EQ, _O.NE),
+    _O.NOT: OperatorFacts(3, "not ", _denied, arity=1),
+    _O.EQ: OperatorFacts(4, "==", _equality, 2, python.eq, _O.NE, _O.EQ),
+    _O.NE: OperatorFacts(4, "!=", lambda left, right: _denied(_equality(left, right)), 2, python.ne, _O.EQ, _O.NE),
     _O.LT: OperatorFacts(4, "<", _ordered(python.lt), 2, python.lt, _O.GE, _O.GT),
     _O.LE: OperatorFacts(4, "<=", _ordered(python.le), 2, python.le, _O.GT, _O.GE),
     _O.GT: OperatorFacts(4, ">", _ordered(python.gt), 2, python.gt, _O.LE, _O.LT),
@@ -107,6 +178,18 @@ OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
     _O.MUL: OperatorFacts(6, "*", _calculating(python.mul)),
     _O.DIV: OperatorFacts(6, "/", _calculating(python.truediv)),
     _O.NEGATE: OperatorFacts(7, "-", _calculating(python.neg), arity=1),
+    _O.IN: OperatorFacts(
+        4, "in", lambda it, *listed: any(equal(it, one) for one in listed) if _finite(it) else UNDEFINED, None
+    ),
+    _O.STARTSWITH: OperatorFacts(8, "startswith", _texts(str.startswith)),
+    _O.ENDSWITH: OperatorFacts(8, "endswith", _texts(str.endswith)),
+    _O.CONTAINS: OperatorFacts(8, "contains", _texts(str.__contains__)),
+    _O.LIKE: OperatorFacts(8, "like", _texts(_like)),
+    _O.LOWER: OperatorFacts(8, "lower", _texts(lambda text: "".join(map(str.lower, text))), arity=1),
+    _O.ABS: OperatorFacts(8, "abs", _calculating(abs), arity=1),
+    _O.MIN: OperatorFacts(8, "min", _calculating(min), None),
+    _O.MAX: OperatorFacts(8, "max", _calculating(max), None),
+    _O.NUMBER: OperatorFacts(8, "number", _number, arity=1),
 }
 """Every operator, those that bind least first."""
 
@@ -114,10 +197,12 @@ JUNCTIONS: Final = frozenset({Operator.AND, Operator.OR})
 """Two operands or more, read from the left."""
 COMPARISONS: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.negated)
 ORDERINGS: Final = COMPARISONS - {Operator.EQ, Operator.NE}
-ARITHMETIC: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.level > 4)
+ARITHMETIC: Final = frozenset(operator for operator, facts in OPERATORS.items() if 4 < facts.level < 8)
+FUNCTIONS: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.level == 8)
+"""Written before their operands, which stand in parentheses."""
 
 assert set(OPERATORS) == set(Operator)
-assert JUNCTIONS | COMPARISONS | ARITHMETIC | {Operator.NOT} == set(Operator)
+assert JUNCTIONS | COMPARISONS | ARITHMETIC | FUNCTIONS | {Operator.NOT, Operator.IN} == set(Operator)
 for _operator in COMPARISONS:
     _facts = OPERATORS[_operator]
     assert OPERATORS[_facts.negated or Operator.NOT].negated is _operator
@@ -126,7 +211,7 @@ for _operator in COMPARISONS:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Operation:
-    """An operator applied: one operand for NOT and NEGATE, two or more for AND and OR, else two.
+    """An operator applied: one operand for NOT and NEGATE, two or more for AND, OR, MIN and MAX, else two; of IN the value and the literals.
 
     Operations are equal where they are written alike. 1 and 1.0, equal as values, are not: arithmetic tells them apart.
     """
@@ -142,8 +227,34 @@ class Operation:
 
     @property
     def _written(self) -> tuple[Hashable, ...]:
-        exact = (("literal", repr(part.value)) if isinstance(part, Literal) else part for part in self.operands)
+        exact = ((type(part), repr(part.value)) if isinstance(part, Literal) else part for part in self.operands)
         return (self.operator, *exact)
+
+
+@dataclass(frozen=True, slots=True)
+class TimePoint(Variable):
+    """`at(NODE)`, `start(NODE)` or `end(NODE)`: a variable that the times of events bind; `name` is how it is told apart."""
+
+    point: str = "at"
+    node: str = ""
+
+    @classmethod
+    def of(cls, point: str, node: str) -> "TimePoint":
+        """The time point of a node.
+
+        >>> TimePoint.of("start", "login").name
+        'start(login)'
+        """
+        return cls(f"{point}({node})", point, node)
+
+
+POINTS: Final = ("at", "start", "end")
+"""The time points that a node has."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Duration(Literal):
+    """A literal that was written with a unit; its value is in nanoseconds."""
 
 
 Guard: TypeAlias = Literal | Variable | Operation
@@ -189,6 +300,12 @@ def renamed(guard: Guard, names: Mapping[str, str]) -> Guard:
     Operation(operator=<Operator.LT: '<'>, operands=(Variable(name='Speed'), Literal(value=3)))
     """
     return substitute(guard, {old: Variable(new) for old, new in names.items()})
+
+
+def repointed(guard: Guard, ending: str) -> Guard:
+    """The guard with this ending added to the names of the nodes that its time points are of."""
+    points = [part for part in walk(guard) if isinstance(part, TimePoint)]
+    return substitute(guard, {one.name: TimePoint.of(one.point, one.node + ending) for one in points})
 
 
 def folded(guard: Guard) -> Guard:
@@ -241,6 +358,7 @@ def value(guard: Guard, binding: Binding) -> Json:
 Predicate: TypeAlias = Callable[[Mapping[str, Json]], bool]
 
 _NUMBERS: Final = (int, float)
+_LARGEST: Final = sys.float_info.max
 
 
 def predicate(guard: Guard) -> Predicate:
@@ -253,11 +371,14 @@ def predicate(guard: Guard) -> Predicate:
             parts = tuple(predicate(operand) for operand in operands)
             return lambda binding: all(part(binding) for part in parts)
         case Operation(operator, (Variable(name), Literal(constant))) if compare := OPERATORS[operator].compare:
-            types = (str,) if type(constant) is str else _NUMBERS if type(constant) in _NUMBERS else ()
+            types = (str,) if type(constant) is str else (int,) if type(constant) in _NUMBERS else ()
+            doubles = type(constant) in _NUMBERS
 
             def compared(binding: Mapping[str, Json]) -> bool:
                 value = binding[name]
-                return bool(compare(value, constant)) if type(value) in types else holds(guard, binding)
+                if type(value) in types or (doubles and type(value) is float and -_LARGEST <= value <= _LARGEST):
+                    return bool(compare(value, constant))
+                return holds(guard, binding)
 
             return compared
         case _:

@@ -27,12 +27,13 @@ class Gate(StrEnum):
     AND = "and"
     SAND = "sand"
     SAND_RL = "sand_rl"
+    PAND = "pand"
     VOT = "vot"
 
     @property
     def ordered(self) -> bool:
-        """Whether the gate orders the parts of its children."""
-        return self in (Gate.SAND, Gate.SAND_RL)
+        """Whether the order of the children matters."""
+        return self in (Gate.SAND, Gate.SAND_RL, Gate.PAND)
 
     @property
     def counts(self) -> bool:
@@ -143,7 +144,7 @@ class Topic:
 class Node:
     """One node. A leaf has neither gate nor children; `threshold` is the K of a VOT gate.
 
-    `declared` is False for a child that no statement defines. `places` holds where the parts `name`, `gate`, `on`,
+    `times` is how many events a leaf observes, `within` how long the part of a gate may last, in nanoseconds. `declared` is False for a child that no statement defines. `places` holds where the parts `name`, `gate`, `on`,
     `when`, `kind`, `label` stand. A gate and a kind may be given by their words, the children as a list.
 
     >>> Node("top", "or", ["a", "b"]) == Node("top", Gate.OR, ("a", "b"))
@@ -161,6 +162,8 @@ class Node:
     kind: Kind | None = None
     label: str | None = None
     attributes: tuple[tuple[str, str], ...] = ()
+    times: int = 1
+    within: int | None = None
     declared: bool = field(default=True, compare=False)
     places: Mapping[str, Place] = field(default_factory=dict, compare=False, hash=False, repr=False)
 
@@ -185,6 +188,8 @@ class Node:
             expect("a child of {}", child, str, "the name of a node, a str")
         for what, stated, kind, expected in (
             ("the threshold of {}", self.threshold, int, "an int"),
+            ("how many events {} observes (`times`)", self.times, int, "an int"),
+            ("the window (`within`) of {}", self.within, int, "nanoseconds, an int"),
             ("the event (`on`) of {}", self.on, On, "an On"),
             ("the guard (`when`) of {}", self.when, (Literal, Variable, Operation), "a guard"),
         ):

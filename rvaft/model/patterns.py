@@ -22,7 +22,7 @@ class Literal:
     value: Scalar
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Literal) and equal(self.value, other.value)
+        return type(self) is type(other) and isinstance(other, Literal) and equal(self.value, other.value)
 
     def __hash__(self) -> int:
         return hash(key(self.value))

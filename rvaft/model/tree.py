@@ -12,10 +12,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rvaft.errors import ToolFailed, ToolMissing, TreeError
+from rvaft.model.event_time import EventTime
+from rvaft.model.guards import TimePoint
 from rvaft.model.guards import variables as guard_variables
+from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Causality, EventType, Ignore, Kind, Node, On, Relevant, Topic, by_name
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.model.patterns import variables as pattern_variables
+from rvaft.model.verdict import Semantics
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -41,13 +45,14 @@ class RVAFT:
     `nodes` keeps the order of declaration. `alphabet` is what decides relevance under `projected`. A tree restricted to some
     branches of another one is `part_of` it: it keeps the alphabet of the whole, and `origins` maps its nodes to the whole's.
 
-    `topics` says where events come from in ROS, by absolute name (`/command`).
+    `topics` says where events come from in ROS, by absolute name (`/command`), `time` where an event has its time, `semantics` which
+    one its author means; either may be None.
 
     Trees are equal that are written the same way but for order and places; topics count, although no verdict depends on them.
 
     Raises `TreeError` for what is no tree: an unknown root or child, a cycle, a child listed twice, a threshold out of
     range, an unknown event type, a wrong number of arguments, a parameter that is not in its pattern, a topic declared
-    twice, a name or type that no topic can have.
+    twice, a name or type that no topic can have, a number or a window that its node cannot have, a time of a node that is not there.
 
     >>> from rvaft import Gate, Node
     >>> tree = RVAFT("top", [Node("top", Gate.AND, ("a", "b")), Node("a"), Node("b")])
@@ -64,6 +69,8 @@ class RVAFT:
         ignores: Iterable[Ignore] = (),
         topics: Iterable[Topic] = (),
         causality: Causality = Causality.TOP_DOWN,
+        time: EventTime | None = None,
+        semantics: Semantics | None = None,
         part_of: "Whole | None" = None,
     ) -> None:
         self.root = root
@@ -72,6 +79,8 @@ class RVAFT:
         self.ignores = tuple(ignores)
         self.topics: Mapping[str, Topic] = MappingProxyType(by_name(topics))
         self.causality = causality
+        self.time = time
+        self.semantics = semantics
         self.part_of = part_of
         for event in self.events.values():
             used = pattern_variables(event.pattern)
@@ -81,6 +90,8 @@ class RVAFT:
                     raise TreeError(message, rule="unused-parameter")
         for node in self.nodes.values():
             _check_node(node, self.nodes)
+            if part_of is None:
+                _check_points(node, self.nodes)
             if node.on is not None:
                 _check_call(node.on, self.events, [node.name])
         for ignore in self.ignores:
@@ -93,7 +104,7 @@ class RVAFT:
     def __reduce__(self) -> tuple[Any, ...]:
         parts = self.root, tuple(self.nodes.values()), tuple(self.events.values())
         stated = {"ignores": self.ignores, "topics": tuple(self.topics.values()), "causality": self.causality}
-        return _rebuilt, (parts, {**stated, "part_of": self.part_of})
+        return _rebuilt, (parts, {**stated, "time": self.time, "semantics": self.semantics, "part_of": self.part_of})
 
     @cached_property
     def graph(self) -> "nx.DiGraph":
@@ -234,7 +245,7 @@ class RVAFT:
 
     def _identity(self) -> tuple[object, ...]:
         unordered = (frozenset(stated.values()) for stated in (self.nodes, self.events, self.topics))
-        return (self.root, *unordered, self.ignores, self.causality, self.part_of)
+        return (self.root, *unordered, self.ignores, self.causality, self.time, self.semantics, self.part_of)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RVAFT) and self._identity() == other._identity()
@@ -316,12 +327,25 @@ def _check_node(node: Node, nodes: Mapping[str, Node]) -> None:
     if node.threshold is not None and not 1 <= node.threshold <= len(children):
         message = f"{name}: the threshold {node.threshold} is not between 1 and {len(children)}"
         raise TreeError(message, rule="threshold", nodes=[name])
+    if node.times < 1 or (node.times > 1 and not (node.leaf and node.has_event)):
+        message = f"{name}: `times {node.times}` counts the events of a leaf, and 1 at the least"
+        raise TreeError(message, rule="times", nodes=[name])
+    if node.within is not None and (node.within < 0 or node.leaf):
+        message = f"{name}: `within` says how long the part of a gate may last, and no less than 0 s"
+        raise TreeError(message, rule="within", nodes=[name])
     for child in children:
         if child not in nodes:
             raise TreeError(f"{name} has an unknown child {child}", rule="unknown-child", nodes=[name, child])
     if len(set(children)) < len(children):
         twice = next(child for child in children if children.count(child) > 1)
         raise TreeError(f"{name} lists its child {twice} twice", rule="duplicate-child", nodes=[name, twice])
+
+
+def _check_points(node: Node, nodes: Mapping[str, Node]) -> None:
+    for point in guard_walk(node.when) if node.when is not None else ():
+        if isinstance(point, TimePoint) and point.node not in nodes:
+            message = f"the guard of {node.name} asks for {point.name}, and there is no node {point.node}"
+            raise TreeError(message, rule="unbound-time", nodes=[node.name])
 
 
 def _check_call(on: On, events: Mapping[str, EventType], nodes: list[str]) -> None:

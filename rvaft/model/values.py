@@ -22,7 +22,7 @@ def equal(left: Json, right: Json) -> bool:
     while todo:
         a, b = todo.pop()
         if is_number(a):
-            if not (is_number(b) and a == b):
+            if not (is_number(b) and a == b and a - a == 0):  # what is not finite equals nothing
                 return False
         elif isinstance(a, Mapping):
             if not (isinstance(b, Mapping) and a.keys() == b.keys()):

@@ -1,4 +1,4 @@
-"""The three verdicts and the three semantics."""
+"""The three verdicts and the four semantics."""
 
 from enum import StrEnum
 
@@ -34,4 +34,10 @@ class Semantics(StrEnum):
 
     STRICT = "strict"
     PROJECTED = "projected"
+    CONSECUTIVE = "consecutive"
     SCATTERED = "scattered"
+
+    @property
+    def ends(self) -> bool:
+        """Whether the verdict can become false: where a match has to begin with the first event, or the first relevant one."""
+        return self in (Semantics.STRICT, Semantics.PROJECTED)

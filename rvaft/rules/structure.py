@@ -22,11 +22,13 @@ def duplicate_setting(draft: Draft) -> Iterator[RuleReport]:
             for again in places[1:]:
                 said = f"the {words.get(part, part)} of {node.name} is set twice, first at {places[0]}; remove one"
                 yield RuleReport(again, said, (node.name,))
-    for said_again in draft.causalities[1:]:
-        first = draft.causalities[0]
-        if said_again.value is not first.value:
-            message = f"`causality` is set twice, first to {first.value} at {first.place}; remove one"
-            yield RuleReport(said_again.place, message)
+    for word, settings in draft.settings().items():
+        for said_again in settings[1:]:
+            first = settings[0]
+            if said_again.value != first.value:
+                to = f" to {first.value}" if isinstance(first.value, str) else ""
+                message = f"`{word}` is set twice, first{to} at {first.place}; remove one"
+                yield RuleReport(said_again.place, message)
 
 
 def _gates(draft: Draft) -> Iterator[tuple[str, Said[GateUse]]]:

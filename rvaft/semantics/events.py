@@ -1,19 +1,30 @@
-"""Equality, event patterns and guards (definition, section 1)."""
+"""Equality, event patterns, times and guards (definition, section 1)."""
 
+import datetime
+import json
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
+from fractions import Fraction
 from typing import Any
 
-from rvaft.model.guards import Guard, Operation
+from rvaft.model.event_time import EventTime
+from rvaft.model.guards import Guard, Operation, TimePoint
 from rvaft.model.nodes import Node, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT
 
 Binding = Mapping[str, Any]
+"""The values of variables and, by their names as they are written, the times of time points (None where undefined)."""
 
 
 def same(left: Any, right: Any) -> bool:
-    """Clause: numbers by mathematical value, booleans only equal booleans, objects with the same keys, lists elementwise."""
+    """Clause: numbers by mathematical value, booleans only equal booleans, objects with the same keys, lists elementwise.
+
+    Clause: a number that is not finite equals nothing.
+    """
+    if not defined(left) or not defined(right):
+        return False
     if isinstance(left, bool) or isinstance(right, bool):
         return left is right
     if isinstance(left, (int, float)) and isinstance(right, (int, float)):
@@ -23,6 +34,63 @@ def same(left: Any, right: Any) -> bool:
     if isinstance(left, list) and isinstance(right, list):
         return len(left) == len(right) and all(map(same, left, right))
     return type(left) is type(right) and bool(left == right)
+
+
+def defined(value: Any) -> bool:
+    """Clause: NaN and the infinities are undefined."""
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def time_of(declaration: EventTime | None, event: Any) -> int | None:
+    """Clause: the time of an event is an integer number of nanoseconds, or undefined (None)."""
+    if declaration is None:
+        return None
+    value = event
+    for name in declaration.field:
+        if not isinstance(value, dict) or name not in value:
+            return None
+        value = value[name]
+    form = declaration.format.value
+    if form == "ros":
+        pairs = [("sec", "nanosec"), ("secs", "nsecs")] if isinstance(value, dict) else []
+        found = [(value[s], value[n]) for s, n in pairs if type(value.get(s)) is int and type(value.get(n)) is int]
+        return found[0][0] * 10**9 + found[0][1] if found else None
+    if isinstance(value, str) and len(value) > 1000:
+        return None
+    if form == "iso8601":
+        return instant(value) if isinstance(value, str) else None
+    # Clause: a number of these units, or a string that writes one as JSON does; a double is the shortest decimal that denotes it.
+    text = value if isinstance(value, str) else repr(value) if type(value) in (int, float) and abs(value) < 1e40 else ""
+    if not re.fullmatch(r"-?(0|[1-9][0-9]*)([.][0-9]+)?([eE][-+]?[0-9]+)?", text, re.ASCII):
+        return None
+    mantissa, _, exponent = text.lower().partition("e")
+    if Fraction(mantissa) == 0 or int(exponent or 0) < -2000:
+        return 0
+    if int(exponent or 0) > 2000 or abs(number := Fraction(text)) >= 10**31:
+        return None
+    return round(number * {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[form])  # Python rounds half to even
+
+
+def instant(text: str) -> int | None:
+    """Clause: a date, `T` or a space, hours and minutes, with or without seconds, decimals and an offset; UTC without one.
+
+    Clause: days of 86,400 s; second 60 is the first of the next minute.
+    """
+    clock = r"(?P<h>[0-9]{2}):(?P<m>[0-9]{2})(:(?P<s>[0-9]{2})([.,](?P<f>[0-9]+))?)?"
+    zone = r"(?P<z>[Zz]|(?P<sign>[-+])(?P<zh>[0-9]{2})(:?(?P<zm>[0-9]{2}))?)?"
+    found = re.fullmatch(rf"(?P<day>[0-9]{{4}}-[0-9]{{2}}-[0-9]{{2}})[Tt ]{clock}{zone}", text)
+    if not found:
+        return None
+    part = {name: int(found[name] or 0) for name in ("h", "m", "s", "zh", "zm")}
+    if part["h"] > 23 or part["m"] > 59 or part["s"] > 60 or part["zh"] > 23 or part["zm"] > 59:
+        return None
+    try:
+        days = (datetime.date.fromisoformat(found["day"]) - datetime.date(1970, 1, 1)).days
+    except ValueError:
+        return None
+    east = -1 if found["sign"] == "-" else 1
+    minutes = (days * 24 + part["h"] - east * part["zh"]) * 60 + part["m"] - east * part["zm"]
+    return round((minutes * 60 + part["s"] + Fraction(f"0.{found['f'] or 0}")) * 10**9)
 
 
 def arguments(tree: RVAFT, on: On) -> dict[str, Pattern]:
@@ -95,7 +163,11 @@ def evaluate(guard: Guard, binding: Binding) -> Any:
     """
     if isinstance(guard, Literal):
         return guard.value
+    if isinstance(guard, TimePoint):
+        return typed(binding[guard.name], int)
     if isinstance(guard, Variable):
+        if not defined(binding[guard.name]):
+            raise Undefined
         return binding[guard.name]
     operator, operands = guard.operator.value, guard.operands
     if operator in ("and", "or"):
@@ -109,7 +181,52 @@ def evaluate(guard: Guard, binding: Binding) -> Any:
         return not typed(values[0], bool)
     if operator == "neg":
         return -typed(values[0], int, float)
+    if operator in FUNCTIONS:
+        return FUNCTIONS[operator](*values)
     return binary(operator, *values)
+
+
+def like(text: Any, glob: Any) -> bool:
+    """Clause: `*` stands for any number of characters and `?` for exactly one."""
+    ends = {0}  # how much of the text the pattern so far may be
+    for sign in typed(glob, str):
+        if sign == "*":
+            ends = set(range(min(ends), len(typed(text, str)) + 1)) if ends else set()
+        else:
+            ends = {end + 1 for end in ends if end < len(text) and sign in ("?", text[end])}
+    return len(typed(text, str)) in ends
+
+
+def number(value: Any) -> Any:
+    """Clause: a number as it is, and the number that a string writes as JSON writes numbers."""
+    if isinstance(value, str):
+        try:
+            value = json.loads(value) if value[:1] in set("-0123456789") and value == value.strip() else None
+        except ValueError:
+            raise Undefined from None
+    return finite(typed(value, int, float))
+
+
+def finite(value: Any) -> Any:
+    """The value, which is undefined where it is not finite."""
+    if not defined(value):
+        raise Undefined
+    return value
+
+
+FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    "in": lambda value, *listed: any(same(value, one) for one in listed),
+    "startswith": lambda text, start: typed(text, str)[: len(typed(start, str))] == start,
+    "endswith": lambda text, end: typed(text, str)[max(len(text) - len(typed(end, str)), 0) :] == end,
+    "contains": lambda text, part: typed(part, str) in typed(text, str),
+    "like": like,
+    "lower": lambda text: "".join(character.lower() for character in typed(text, str)),
+    "abs": lambda value: abs(typed(value, int, float)),
+    "min": lambda *values: min([typed(value, int, float) for value in values]),
+    "max": lambda *values: max([typed(value, int, float) for value in values]),
+    "number": number,
+}
+"""Clauses: text and membership in guards; wrong types are undefined here, too."""
 
 
 def binary(operator: str, left: Any, right: Any) -> Any:
@@ -123,9 +240,7 @@ def binary(operator: str, left: Any, right: Any) -> Any:
         return {"<": below, "<=": below or equal, ">": not below and not equal, ">=": not below}[operator]
     a, b = typed(left, int, float), typed(right, int, float)
     result = a + b if operator == "+" else a - b if operator == "-" else a * b if operator == "*" else a / b
-    if isinstance(result, float) and not math.isfinite(result):
-        raise Undefined
-    return result
+    return finite(result)
 
 
 def typed(value: Any, *types: type) -> Any:
@@ -136,7 +251,7 @@ def typed(value: Any, *types: type) -> Any:
 
 
 def names(term: Guard | Pattern) -> set[str]:
-    """The variables of a guard or a pattern."""
+    """The variables and time points of a guard or a pattern."""
     match term:
         case Variable(name):
             return {name}

@@ -1,6 +1,6 @@
 """Detection and verdicts (definition, sections 3 and 4)."""
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from rvaft.errors import TreeError
@@ -8,21 +8,27 @@ from rvaft.model.nodes import Kind, Relevant
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
-from rvaft.semantics.events import Binding, arguments, bound_by, holds, matches, names, observe
+from rvaft.semantics.events import Binding, arguments, bound_by, holds, matches, names, observe, time_of
 from rvaft.semantics.scenarios import Resolution, Scenario, branches, feasible_scenarios, of_branch
 
 
 class Partial(NamedTuple):
-    """A downward-closed set of a scenario's occurrences that some positions of the prefix serve, and its variables."""
+    """A downward-closed set of a scenario's occurrences, in one of its orders, that some positions of the prefix serve.
+
+    `times` are the times of their events, None where these are undefined.
+    """
 
     scenario: int
+    order: int
     assigned: frozenset[str]
     binding: Binding
+    times: Mapping[str, int | None]
 
     @property
     def key(self) -> Hashable:
         """Equal for equal partial matches."""
-        return self.scenario, self.assigned, frozenset((name, _key(value)) for name, value in self.binding.items())
+        values = frozenset((name, _key(value)) for name, value in self.binding.items())
+        return self.scenario, self.order, self.assigned, values, frozenset(self.times.items())
 
 
 class Reference(Monitor):
@@ -34,69 +40,111 @@ class Reference(Monitor):
     def __init__(
         self,
         tree: RVAFT,
-        semantics: Semantics | str = Semantics.PROJECTED,
+        semantics: Semantics | str | None = None,
         *,
         branch: int | None = None,
         kind: Kind | str | None = None,
     ) -> None:
         super().__init__()
         self.tree = tree
-        self.semantics = Semantics(semantics)
+        self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
         chosen = _chosen(tree, branch, None if kind is None else Kind(kind))
         self.scenarios = [s for s in feasible_scenarios(tree) if any(of_branch(s, b) for b in chosen)]
         if not self.scenarios:
             raise TreeError("no feasible scenario", rule="no-scenario", nodes=[tree.root])
         for scenario in self.scenarios:
             _check_scenario(scenario)
-        start = [Partial(number, frozenset(), {}) for number in range(len(self.scenarios))]
-        self._partials = {partial.key: partial for partial in start}
+        numbers = [(one, order) for one, s in enumerate(self.scenarios) for order in range(len(s.orders))]
+        self._starts = [Partial(scenario, order, frozenset(), {}, {}) for scenario, order in numbers]
+        self._partials = {partial.key: partial for partial in self._starts}
+        self._latest: int | None = None
 
     @property
     def state(self) -> Hashable:
         """The verdict and the partial matches so far."""
-        return self.verdict, frozenset(self._partials)
+        return self.verdict, frozenset(self._partials), self._latest
 
     def _advance(self, event: Any) -> Verdict:
         """Clauses: *true*: some prefix contains a match. *false*: not true, and no partial match is left."""
-        found = {partial.key: partial for partial in self._after(event)}
+        time = time_of(self.tree.time, event)
+        late = self._is_late(time)
+        found = {partial.key: partial for partial in self._after(event, time, late=late)}
         if any(self._complete(partial) for partial in found.values()):
             self._partials = {}
             return Verdict.TRUE
         self._partials = found
-        return Verdict.UNKNOWN if found or self.semantics is Semantics.SCATTERED else Verdict.FALSE
+        lasting = self.semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
+        return Verdict.UNKNOWN if found or lasting else Verdict.FALSE
 
-    def _after(self, event: Any) -> Iterator[Partial]:
-        """Clauses: `strict` uses up all positions, `projected` all relevant ones, `scattered` any.
+    def _is_late(self, time: int | None) -> bool:
+        """Clause: an event whose time is more than D before the greatest time of the events before it is late."""
+        allowed, greatest = self.tree.time.late if self.tree.time else None, self._latest
+        if allowed is None or time is None:
+            return False
+        self._latest = time if greatest is None else max(time, greatest)
+        return greatest is not None and greatest - time > allowed
+
+    def _after(self, event: Any, time: int | None, *, late: bool) -> Iterator[Partial]:
+        """Clauses: which positions a match may use, and that no match uses a late event.
 
         No position is used twice: an event extends a partial match by one occurrence at most.
         """
-        skips = self.semantics is Semantics.SCATTERED
-        skips = skips or (self.semantics is Semantics.PROJECTED and not relevant(self.tree, event))
-        takes = self.semantics is not Semantics.PROJECTED or not skips
+        matters = not late and relevant(self.tree, event)
+        match self.semantics:
+            case Semantics.STRICT:
+                passes, takes, begins = False, not late, False
+            case Semantics.PROJECTED:
+                passes, takes, begins = not matters, matters, False
+            case Semantics.CONSECUTIVE:
+                passes, takes, begins = not matters, matters, True
+            case Semantics.SCATTERED:
+                passes, takes, begins = True, not late, False
         for partial in self._partials.values():
-            if skips:
+            if passes:
                 yield partial
             if takes:
-                yield from self._extended(partial, event)
+                yield from self._extended(partial, event, time)
+        if begins:
+            yield from self._starts
 
-    def _extended(self, partial: Partial, event: Any) -> Iterator[Partial]:
+    def _extended(self, partial: Partial, event: Any, time: int | None) -> Iterator[Partial]:
         """Clause: precedence is kept, every event matches its occurrence under one assignment of the variables."""
         scenario = self.scenarios[partial.scenario]
-        for name in sorted(scenario.occurrences - partial.assigned):
-            if scenario.before[name] <= partial.assigned:
-                binding = observe(self.tree, self.tree.nodes[name], event, partial.binding)
-                if binding is not None and _guards_hold(scenario, binding):
-                    yield Partial(partial.scenario, partial.assigned | {name}, binding)
+        before = scenario.orders[partial.order]
+        for one in sorted(scenario.occurrences - partial.assigned):
+            if before[one] <= partial.assigned:
+                binding = observe(self.tree, scenario.observing[one], event, partial.binding)
+                if binding is not None:
+                    times = {**partial.times, one: time} if scenario.points else {}
+                    found = partial._replace(assigned=partial.assigned | {one}, binding=binding, times=times)
+                    if _guards_hold(scenario, found):
+                        yield found
 
     def _complete(self, partial: Partial) -> bool:
-        """Clause: a match maps all its occurrences; every guard holds (all its variables are bound by then)."""
+        """Clause: a match maps all its occurrences; every guard holds (all it asks for is known by then)."""
         return partial.assigned == self.scenarios[partial.scenario].occurrences
 
 
-def _guards_hold(scenario: Scenario, binding: Binding) -> bool:
-    """Clause: guards whose variables are all bound hold."""
-    guards = [node.when for node in scenario.nodes if node.when is not None]
-    return all(holds(guard, binding) for guard in guards if names(guard) <= set(binding))
+def _guards_hold(scenario: Scenario, partial: Partial) -> bool:
+    """Clause: guards all of whose variables and time points are known hold.
+
+    Clause: a point is known when all events of its part are there, and undefined where one of their times is.
+    """
+    known = dict(partial.binding)
+    for point, events in scenario.points.items():
+        if events <= partial.assigned:
+            times = [partial.times[one] for one in events]
+            defined = [time for time in times if time is not None]
+            known[point] = None if len(defined) < len(times) else max(defined) if point[0] == "e" else min(defined)
+    for node in scenario.nodes:
+        if node.when is not None and names(node.when) <= set(known) and not holds(node.when, known):
+            return False
+        # Clause: `within D` is the guard end - start <= D.
+        if node.within is not None and f"end({node.name})" in known:
+            start, end = known[f"start({node.name})"], known[f"end({node.name})"]
+            if start is None or end is None or end - start > node.within:
+                return False
+    return True
 
 
 def relevant(tree: RVAFT, event: Any) -> bool:
@@ -144,8 +192,13 @@ def _chosen(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Resoluti
 
 
 def _check_scenario(scenario: Scenario) -> None:
+    if scenario.points and scenario.tree.time is None:
+        raise TreeError("a condition on time in a tree without `time`", rule="no-time")
+    for point, events in scenario.points.items():
+        if not events:
+            raise TreeError(f"{point} has no event, or several", rule="unbound-time")
     for node in scenario.nodes:
-        unbound = names(node.when) - scenario.bound if node.when is not None else set()
+        unbound = names(node.when) - scenario.bound - set(scenario.points) if node.when is not None else set()
         if unbound:
             raise TreeError(f"{min(unbound)} is unbound in the guard of {node.name}", rule="unbound-variable")
     if not scenario.occurrences:

@@ -3,6 +3,7 @@
 The table feeds the reference, the engine and every backend.
 """
 
+import json
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,8 +40,11 @@ class Case:
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """The trace as events: `"a b"` is `[{"event": "a"}, {"event": "b"}]`."""
-        return [{"event": word} for word in self.trace.split()] if isinstance(self.trace, str) else self.trace
+        """The trace as events: `"a b@5"` is `[{"event": "a"}, {"event": "b", "t": 5}]`."""
+        if not isinstance(self.trace, str):
+            return self.trace
+        words = [word.partition("@") for word in self.trace.split()]
+        return [{"event": name, "t": json.loads(time)} if at else {"event": name} for name, at, time in words]
 
 
 CASES = [Case(*row) for row in rows(__file__, "cases.txt")]

@@ -1,0 +1,154 @@
+"""The time of an event (semantics, section 1.1): where a tree says it stands, and how it is read.
+
+A time is a whole number of nanoseconds. Decimals are read as they are written, exactly, and rounded to nanoseconds, half to even; a double
+is read as the shortest decimal that denotes it.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from dataclasses import field as part
+from datetime import date
+from decimal import ROUND_HALF_EVEN, Context, DecimalException
+from enum import StrEnum
+from typing import Final
+
+from rvaft.model.nodes import Place
+from rvaft.model.values import Json
+
+UNITS: Final[Mapping[str, int]] = {
+    "d": 86_400_000_000_000,
+    "h": 3_600_000_000_000,
+    "min": 60_000_000_000,
+    "s": 1_000_000_000,
+    "ms": 1_000_000,
+    "us": 1_000,
+    "ns": 1,
+}
+"""The units of durations in nanoseconds, the longest first."""
+
+
+class TimeFormat(StrEnum):
+    """What the field with the time of an event holds."""
+
+    SECONDS = "s"
+    MILLISECONDS = "ms"
+    MICROSECONDS = "us"
+    NANOSECONDS = "ns"
+    ISO8601 = "iso8601"
+    ROS = "ros"
+
+
+@dataclass(frozen=True, slots=True)
+class EventTime:
+    """`time FIELD as FORMAT [late DURATION];`: the way to the field from the outside in, and how late an event may be, in nanoseconds.
+
+    >>> import rvaft
+    >>> rvaft.loads("time header.stamp as ros late 2 s; top and a b;").time
+    EventTime(field=('header', 'stamp'), format=<TimeFormat.ROS: 'ros'>, late=2000000000)
+    """
+
+    field: tuple[str, ...]
+    format: TimeFormat
+    late: int | None = None
+    place: Place = part(default=Place(), compare=False, repr=False)
+
+    def read(self, event: Json) -> int | None:
+        """The time of an event in nanoseconds, or None where it is undefined.
+
+        >>> EventTime(("ts",), TimeFormat.MILLISECONDS).read({"ts": "1.5"})
+        1500000
+        """
+        value = event
+        for name in self.field:
+            if not isinstance(value, Mapping) or name not in value:
+                return None
+            value = value[name]
+        return _READERS[self.format](value)
+
+
+def duration_text(nanoseconds: int) -> str:
+    """A duration with the longest unit of which it is a whole number.
+
+    >>> duration_text(5_400_000_000_000), duration_text(0)
+    ('90 min', '0 s')
+    """
+    if nanoseconds == 0:
+        return "0 s"
+    unit = next(unit for unit, size in UNITS.items() if nanoseconds % size == 0)
+    return f"{nanoseconds // UNITS[unit]} {unit}"
+
+
+def scaled(number: str, unit: str) -> int | None:
+    """A decimal number of a unit in nanoseconds, or None for what is too large to be a time.
+
+    >>> scaled("1.5", "h"), scaled("2e-10", "s"), scaled("1e999999", "s")
+    (5400000000000, 0, None)
+    """
+    try:
+        value = _EXACT.create_decimal(number)
+        if not value.is_finite() or value.adjusted() > _MOST:
+            return None
+        return int((value * UNITS[unit]).to_integral_value(ROUND_HALF_EVEN, _EXACT)) if value.adjusted() > -40 else 0
+    except DecimalException:
+        return None
+
+
+_MOST: Final = 30
+"""The largest power of ten that a time may have, whatever its unit: no clock has more."""
+_EXACT: Final = Context(prec=5_000, Emax=999_999, Emin=-999_999)
+_NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?", re.ASCII)
+_LONGEST: Final = 1_000
+"""The longest text of a time, in characters."""
+_ISO: Final = re.compile(
+    r"""(\d{4})-(\d\d)-(\d\d) [Tt\ ] (\d\d):(\d\d) (?: :(\d\d) (?: [.,](\d+) )? )?
+        (?: [Zz] | ([+-])(\d\d) (?: :?(\d\d) )? )?""",
+    re.VERBOSE | re.ASCII,
+)
+_EPOCH: Final = date(1970, 1, 1).toordinal()
+
+
+def _numeric(unit: str) -> Callable[[Json], int | None]:
+    def read(value: Json) -> int | None:
+        if type(value) is int:
+            return value * UNITS[unit] if abs(value) < 10 ** (_MOST + 1) else None
+        if type(value) is float:
+            return scaled(repr(value), unit)
+        if isinstance(value, str) and len(value) <= _LONGEST and _NUMBER.fullmatch(value):
+            return scaled(value, unit)
+        return None
+
+    return read
+
+
+def _iso8601(value: Json) -> int | None:
+    found = _ISO.fullmatch(value) if isinstance(value, str) and len(value) <= _LONGEST else None
+    if found is None:
+        return None
+    year, month, day, hour, minute, second = (int(found[number] or 0) for number in range(1, 7))
+    ahead = (int(found[9] or 0) * 60 + int(found[10] or 0)) * (-1 if found[8] == "-" else 1)
+    in_range = hour < 24 and minute < 60 and second <= 60 and int(found[9] or 0) < 24 and int(found[10] or 0) < 60
+    try:
+        days = date(year, month, day).toordinal() - _EPOCH
+    except ValueError:
+        return None
+    whole = ((days * 24 + hour) * 60 + minute - ahead) * 60 + second
+    part = scaled(f"0.{found[7]}", "s") if found[7] else 0
+    return whole * UNITS["s"] + part if in_range and part is not None else None
+
+
+def _ros(value: Json) -> int | None:
+    if isinstance(value, Mapping):
+        for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):
+            seconds, rest = value.get(whole), value.get(part)
+            if type(seconds) is int and type(rest) is int:
+                return seconds * UNITS["s"] + rest
+    return None
+
+
+_READERS: Final[Mapping[TimeFormat, Callable[[Json], int | None]]] = {
+    TimeFormat.ISO8601: _iso8601,
+    TimeFormat.ROS: _ros,
+    **{form: _numeric(form.value) for form in TimeFormat if form.value in UNITS},
+}
+assert set(_READERS) == set(TimeFormat)

@@ -56,6 +56,8 @@ def body(node: Node) -> Body:
             return Body(Op.ALL, node.children, len(node.children))
         case Gate.OR:
             return Body(Op.ONE, node.children, 1)
+        case Gate.PAND:  # said in other words before (`plain_trees`)
+            return Body(Op.ALL, node.children, len(node.children))
         case Gate.SAND:
             return Body(Op.SEQUENCE, node.children, len(node.children))
         case Gate.SAND_RL:

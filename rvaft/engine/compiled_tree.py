@@ -16,10 +16,11 @@ from typing import Any, Final, NamedTuple
 
 from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
 from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, reader
+from rvaft.model.event_time import TIME
 from rvaft.model.guards import Predicate, predicate
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Node
-from rvaft.model.patterns import rigid_variables
+from rvaft.model.patterns import ObjectPattern, Pattern, Variable, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.support.bits import mask_of
@@ -62,7 +63,8 @@ class CompiledTree:
         bound = [() if pattern is None else rigid_variables(pattern) for pattern in patterns]
         needs = [() if node.when is None else guard_variables(node.when) for node in nodes]
         mentioned = Counter(name for both in zip(bound, needs, strict=True) for name in {*both[0], *both[1]})
-        private = [{name for name in names if mentioned[name] == 1} for names in bound]
+        clocks = {None if pattern is None else time_variable(pattern) for pattern in patterns}
+        private = [{name for name in names if mentioned[name] == 1 and name not in clocks} for names in bound]
         filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
         self.filters = tuple(node.when if only else None for node, only in zip(nodes, filters, strict=True))
         """For each node the guard that its event alone decides."""
@@ -151,6 +153,18 @@ class Sketch(NamedTuple):
     ignored: tuple[Reader, ...]
 
 
+def time_variable(pattern: Pattern) -> str | None:
+    """The variable that the time of an event of this pattern binds, if one does."""
+    last = pattern.fields[-1] if isinstance(pattern, ObjectPattern) and pattern.fields else ("", None)
+    return last[1].name if last[0] == TIME and isinstance(last[1], Variable) else None
+
+
+def _without_time(pattern: Pattern) -> Pattern:
+    return (
+        ObjectPattern(pattern.fields[:-1]) if isinstance(pattern, ObjectPattern) and time_variable(pattern) else pattern
+    )
+
+
 class TreeLetters:
     """The letters of a tree, equal patterns with equal guards: those of its occurrences, its alphabet, and what it ignores.
 
@@ -158,25 +172,39 @@ class TreeLetters:
     """
 
     def __init__(self, tree: RVAFT, compiled: CompiledTree) -> None:
-        serves: dict[Letter, list[int]] = {}
+        serves: dict[tuple[Letter, str | None], list[int]] = {}
         for node, name in enumerate(compiled.names):
             pattern = tree.pattern(name)
             if pattern is not None:
-                serves.setdefault(Letter(pattern, compiled.filters[node]), []).append(node)
-        alphabet = dict.fromkeys(Letter(entry.pattern, entry.when) for entry in tree.alphabet)
-        self.letters = tuple(dict.fromkeys([*serves, *alphabet]))
-        self.serves = tuple(tuple(serves.get(letter, ())) for letter in self.letters)
+                letter = Letter(_without_time(pattern), compiled.filters[node])
+                serves.setdefault((letter, time_variable(pattern)), []).append(node)
+        alphabet = dict.fromkeys((Letter(entry.pattern, entry.when), None) for entry in tree.alphabet)
+        told = tuple(dict.fromkeys([*serves, *alphabet]))
+        self.letters = tuple(letter for letter, _ in told)
+        self.serves = tuple(tuple(serves.get(one, ())) for one in told)
         """For each letter the nodes whose runtime event it is."""
         ignored = [Letter(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores]
         readers = [reader(number, letter) for number, letter in enumerate((*self.letters, *ignored))]
+
+        def values_of(one: Reader, time: str | None) -> Callable[[Mapping[str, Json]], dict[str, Json] | None]:
+            values = one.values if one.plain else one.read
+            if time is None or tree.time is None:
+                return values
+            read = tree.time.read
+
+            def timed(event: Mapping[str, Json]) -> dict[str, Json] | None:
+                found = values(event)
+                return None if found is None else {**found, time: read(event)}
+
+            return timed
 
         def sketch(decided: Decided) -> Sketch:
             possible = [readers[number] for number in sorted((*decided.fits, *decided.open))]
             letters = []
             for one in possible:
                 if one.number < len(self.letters):
-                    test, values = (one.holds, one.values) if one.plain else (None, one.read)
-                    relevant = self.letters[one.number] in alphabet
+                    test, values = one.holds if one.plain else None, values_of(one, told[one.number][1])
+                    relevant = told[one.number] in alphabet
                     letters.append(Admission(one.number, self.serves[one.number], relevant, test, values))
             serving = tuple(one for one in letters if one.nodes)
             return Sketch(tuple(letters), serving, tuple(possible[len(letters) :]))

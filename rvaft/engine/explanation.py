@@ -57,6 +57,11 @@ def whole(tree: RVAFT) -> RVAFT:
     return tree if tree.part_of is None else tree.part_of.tree
 
 
+def is_all(tree: RVAFT) -> bool:
+    """Whether a tree has all branches of the tree that it is part of, said in other words perhaps."""
+    return tree.part_of is None or (tree.part_of.branch is None and tree.part_of.kind is None)
+
+
 def kept_nodes(tree: RVAFT, choices: Choices) -> dict[str, tuple[str, ...]]:
     """The nodes that are reachable under choices, each with its children."""
 
@@ -134,7 +139,7 @@ class MatchFinder:
         matching, node_of = self.strategy.matching, {node: node for node in range(len(self._names))}
         if choices is not None:
             of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
-            base = self.tree if of_branch else whole(self.tree)
+            base = self.tree if of_branch or is_all(self.tree) else whole(self.tree)
             kept = kept_nodes(base, choices)
             histories = [steps for steps in histories if all(self._names[step.node] in kept for step in steps)]
             if not histories:
@@ -203,9 +208,9 @@ def explain(tree: RVAFT, strategy: Following | Earliest) -> Explanation:
     found = finder.find({})
     assert found is not None, "what detected is a match"
     number = None if part is None else part.branch
-    if part is None:
-        found, number = _lowest(tree, finder, found)
-    elif part.branch is None and part.kind is not None:  # a match may be in it with what its scenario does not contain
+    if is_all(tree):
+        found, number = _lowest(whole(tree), finder, found)
+    elif part is not None and part.branch is None:  # a match may be in it with what its scenario does not contain
         of_kind = (branch for branch in islice(branches(part.tree), BRANCHES) if part.kind in branch.kinds)
         matches = ((match, branch.number) for branch in of_kind if (match := finder.find(branch.choices)) is not None)
         found, number = next(matches, (found, None))
@@ -216,10 +221,10 @@ def explain(tree: RVAFT, strategy: Following | Earliest) -> Explanation:
     for step in found.steps:
         variables = {**step.values, **variables}
     return Explanation(
-        branch=number,
+        branch=number or None,
         kinds=frozenset(kind for kind in kinds if kind is not None),
         matched={step.node: step.position for step in found.steps},
-        variables=variables,
+        variables={name: value for name, value in variables.items() if name in tree.variables},
         scenario={name: tuple(c for c in tree.nodes[name].children if c in chosen) for name, chosen in kept.items()},
     )
 
@@ -272,7 +277,11 @@ def pending(
         steps = (history(match.witness) for match in matches)
         histories = [[one for one in some if before is None or one.position < before] for some in steps]
     return tuple(
-        Pending(number, awaited(all_of, names), variables)
+        Pending(
+            number or None,
+            awaited(all_of, names),
+            {n: value for n, value in variables.items() if n in all_of.variables},
+        )
         for number, choices in selected
         for names, variables in finder.waiting(choices, histories)
         if names
@@ -281,6 +290,6 @@ def pending(
 
 def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
     """The nodes of a tree with these names, each once, in the order of the tree, with their events as text."""
-    wanted = set(names)
+    wanted = {name if name in tree.nodes else name.rpartition("[")[0] for name in names}
     nodes = (tree.nodes[name] for name in tree.order if name in wanted)
     return tuple(Awaited(n.name, name_text(n.name) if n.on is None else on_text(n.on)) for n in nodes)

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Hashable
 from typing import Any, Final, Self
 
+from rvaft.analysis.plain_trees import plain_trees, without_conditions
+from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, TreeLetters
 from rvaft.engine.explanation import explain, pending
 from rvaft.engine.partial_matches import Contiguous, Following
@@ -30,33 +32,33 @@ class Engine(Monitor):
     (['?', '⊤'], {'a': 1, 'b': 2})
     """
 
-    def __init__(
-        self, tree: RVAFT, semantics: Semantics | str = Semantics.PROJECTED, *, limit: int = DEFAULT_LIMIT
-    ) -> None:
+    def __init__(self, tree: RVAFT, semantics: Semantics | str | None = None, *, limit: int = DEFAULT_LIMIT) -> None:
         super().__init__()
         self.tree = tree
-        self.semantics = Semantics(semantics)
+        self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
         self._position = 0
+        self._latest: int | None = None  # the greatest time of an event, in nanoseconds, where that says which are late
         self._explanation: Explanation | None = None
         self._ended: Ended | None = None
         self._limit = limit
-        compiled = CompiledTree(tree)
-        letters = TreeLetters(tree, compiled)
-        self._strategy: Following | Earliest
-        if self.semantics is not Semantics.SCATTERED:
-            self._strategy = Contiguous(compiled, letters, self.semantics, limit=limit)
-        elif (starts := linear_starts(compiled, letters)) is not None:
-            self._strategy = Earliest(compiled, letters, starts, limit=limit)
+        self._may_be_late = tree.time is not None and tree.time.late is not None
+        plain = plain_trees(tree)
+        found = [(one, _strategy(one, self.semantics, limit)) for one in plain]
+        self._plain = found[0][0] if found else tree
+        self._strategy: Following | Earliest | Alternatives
+        if len(found) == 1:
+            self._strategy = found[0][1]
         else:
-            self._strategy = ScatteredMatches(compiled, letters, limit=limit)
+            carrier = without_conditions(tree)
+            self._strategy = Alternatives(TreeLetters(carrier, CompiledTree(carrier)), found)
 
     def snapshot(self) -> dict[str, Any]:
         """What the events so far have left, for `restore`; can be pickled."""
-        return {**vars(self), "tree": None, "_strategy": self._strategy.snapshot()}
+        return {**vars(self), "tree": None, "_plain": None, "_strategy": self._strategy.snapshot()}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot of a monitor of the same tree; this one has read nothing."""
-        vars(self).update({**snapshot, "tree": self.tree, "_strategy": self._strategy})
+        vars(self).update({**snapshot, "tree": self.tree, "_plain": self._plain, "_strategy": self._strategy})
         self._strategy.restore(snapshot["_strategy"])
 
     def __getstate__(self) -> dict[str, Any]:
@@ -101,7 +103,7 @@ class Engine(Monitor):
 
     def step(self, event: Json) -> Verdict:
         """Read one event and return the verdict after it; raises `TraceError` for what is no JSON object."""
-        if type(event) is not dict or self._verdict is not _UNKNOWN:
+        if type(event) is not dict or self._verdict is not _UNKNOWN or self._may_be_late:
             return super().step(event)
         self._read += 1  # what follows is for very many events
         self._position += 1
@@ -109,8 +111,22 @@ class Engine(Monitor):
         self._verdict = strategy.advance(strategy.read(event), self._position)
         return self._verdict
 
+    def is_late(self, event: Json) -> bool:
+        """Whether an event is late (semantics, section 1.1), which no match may use; asked once of each event, in their order.
+
+        Who reads events for `take` asks this first, and gives late ones to `skip`.
+        """
+        declared = self.tree.time
+        if declared is None or declared.late is None or (time := declared.read(event)) is None:
+            return False
+        before = self._latest
+        self._latest = time if before is None else max(before, time)
+        return before is not None and before - time > declared.late
+
     def _advance(self, event: Json) -> Verdict:
         self._position += 1
+        if self._may_be_late and self.is_late(event):
+            return self._strategy.advance(NOTHING, self._position)
         return self._strategy.advance(self._strategy.read(event), self._position)
 
     def fork(self) -> Self:
@@ -122,23 +138,43 @@ class Engine(Monitor):
     @property
     def state(self) -> Hashable:
         """Equal states of monitors of one tree under one semantics have equal futures."""
-        return self.verdict if self.verdict.final else (self.verdict, self._strategy.state)
+        return self.verdict if self.verdict.final else (self.verdict, self._strategy.state, self._latest)
 
     @property
     def explanation(self) -> Explanation | None:
         """After ⊤, one match of the lowest-numbered branch that has one."""
         if self._explanation is None and self.verdict is Verdict.TRUE:
-            self._explanation = explain(self.tree, self._strategy)
+            self._explanation = (
+                self._strategy.explanation()
+                if isinstance(self._strategy, Alternatives)
+                else explain(self._plain, self._strategy)
+            )
         return self._explanation
 
     def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:
         """What each live branch waits for; raises `TooLarge` as `step` does."""
-        return () if self.verdict.final else pending(self.tree, self._strategy, limit=limit)
+        return () if self.verdict.final else self._pending(limit)
+
+    def _pending(self, limit: int, before: int | None = None) -> tuple[Pending, ...]:
+        if isinstance(self._strategy, Alternatives):
+            return self._strategy.pending(limit, before=before)
+        return pending(self._plain, self._strategy, limit=limit, before=before)
 
     @property
     def ended(self) -> Ended | None:
         """After ⊥, the event that ended the last hope and what was expected there."""
         if self._ended is None and self.verdict is Verdict.FALSE:
-            waiting = pending(self.tree, self._strategy, limit=DEFAULT_BRANCHES, before=self._position)
+            waiting = self._pending(DEFAULT_BRANCHES, self._position)
             self._ended = Ended(self._position, waiting)
         return self._ended
+
+
+def _strategy(tree: RVAFT, semantics: Semantics, limit: int) -> Following | Earliest:
+    compiled = CompiledTree(tree)
+    letters = TreeLetters(tree, compiled)
+    if semantics is not Semantics.SCATTERED:
+        return Contiguous(compiled, letters, semantics, limit=limit)
+    starts = linear_starts(compiled, letters)
+    if starts is not None:
+        return Earliest(compiled, letters, starts, limit=limit)
+    return ScatteredMatches(compiled, letters, limit=limit)

@@ -191,11 +191,12 @@ class Following(ABC):
 
 
 class Contiguous(Following):
-    """Under `strict` and `projected` all partial matches have used up the same events."""
+    """Under `strict` and `projected` all partial matches have used up the same events, under `consecutive` those since each began."""
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
         super().__init__(compiled, letters, limit=limit)
-        self._projected = semantics is Semantics.PROJECTED
+        self._projected = semantics is not Semantics.STRICT
+        self._begins = semantics is Semantics.CONSECUTIVE
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
@@ -212,9 +213,9 @@ class Contiguous(Following):
         relevant, hits = reading
         before = self._configurations
         if self._projected and not relevant:
-            return Verdict.UNKNOWN if before else Verdict.FALSE
+            return Verdict.UNKNOWN if before or self._begins else Verdict.FALSE
         steps = [(node, hit.values) for hit in hits for node in hit.nodes]
-        reuse = len(steps) == 1
+        reuse = len(steps) == 1 and not self._begins
         found: dict[Hashable, Configuration] = {}
         for configuration in before:
             for node, values in steps:
@@ -224,6 +225,9 @@ class Contiguous(Following):
             self._bound(len(found))
         standing = self.matching.standing
         self.matches = [new for new in found.values() if standing(new)[0]]
+        if self._begins:
+            start = self.matching.start()
+            found.setdefault(start.key, start)
         self._configurations = [] if self.matches else list(found.values())
         if not found:
             self.lost = before

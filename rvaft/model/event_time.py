@@ -16,6 +16,8 @@ from typing import Final
 from rvaft.model.nodes import Place
 from rvaft.model.values import Json
 
+TIME: Final = "τ"
+"""The field that the time of an event becomes where a tree is said without times."""
 UNITS: Final[Mapping[str, int]] = {
     "d": 86_400_000_000_000,
     "h": 3_600_000_000_000,

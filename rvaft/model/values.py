@@ -56,6 +56,8 @@ def _flattened(value: Json, *, exactly: bool) -> Hashable:
             todo.extend(v)
         elif isinstance(v, bool) or v is None:
             out.append(("=", repr(v)))
+        elif v - v != 0 if isinstance(v, float) else False:  # not finite: equal to nothing, and one like the other
+            out.append("undefined" if exactly else object())
         else:
             out.append((type(v), v) if exactly else v)
     return out[0] if len(out) == 1 else tuple(out)
@@ -70,7 +72,7 @@ def exact(value: Json) -> Hashable:
     >>> exact(1) == exact(1.0), exact([1]) == exact([1])
     (False, True)
     """
-    return (type(value), value) if type(value) in _PLAIN else _flattened(value, exactly=True)
+    return (type(value), value) if type(value) in _PLAIN and value == value else _flattened(value, exactly=True)  # noqa: PLR0124
 
 
 def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:

@@ -1,0 +1,331 @@
+"""A tree with times, windows, counted leaves and `pand`, said without them: for engines and languages that know none of these.
+
+The time of a node's event becomes one more variable of the event, bound by the field `TIME` and null where it is undefined; a time point
+is that variable, or the least or the greatest of several; `within` is a guard. A leaf with `times N` is N leaves in sequence.
+Under `pand` the events with which the parts end are in sequence.
+
+What is in the part of a node depends on the choices below it. Where that matters the tree becomes several, one for each way to make
+its choices and to end the parts of its `pand` gates: a trace has the verdict true where it has it for one of them, and false where it has
+it for all. The alphabet always is that of the tree as it was.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import product
+from typing import Final
+
+from rvaft.analysis.branches import number_of
+from rvaft.analysis.normal_form import Op, body
+from rvaft.analysis.scenarios import ScenarioSpace, path, precedence, resolutions
+from rvaft.errors import TooLarge
+from rvaft.model.event_time import TIME
+from rvaft.model.guards import Guard, Operation, Operator, TimePoint, substitute, variables, walk
+from rvaft.model.nodes import Causality, EventType, Gate, Node, On
+from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.tree import RVAFT, Whole, reachable
+
+LIMIT: Final = 5_000
+"""The most trees that one tree may become."""
+
+
+def is_plain(tree: RVAFT) -> bool:
+    """Whether a tree has nothing that is said in other words here.
+
+    >>> import rvaft
+    >>> is_plain(rvaft.loads("top sand a b; a times 3;"))
+    False
+    """
+    return not any(
+        node.times > 1 or node.within is not None or node.gate is Gate.PAND or _points(node) for node in tree.top_down()
+    )
+
+
+def plain_trees(tree: RVAFT, *, limit: int = LIMIT) -> tuple[RVAFT, ...]:
+    """The trees that together say what a tree says, itself where it is plain; raises `TooLarge` beyond `limit`.
+
+    >>> import rvaft
+    >>> found, = plain_trees(rvaft.loads("top sand a b; a times 2;"))
+    >>> found.nodes["a"].children
+    ('a[1]', 'a[2]')
+    """
+    if is_plain(tree):
+        return (tree,)
+    part_of = tree.part_of or Whole(tree)
+    if part_of.kind is None:  # which of its branches a match of a kind belongs to is asked of the whole
+        try:
+            return (_Translation(tree, part_of).tree,)
+        except _Open:
+            pass
+    return tuple(_resolved(tree, part_of.tree, limit))
+
+
+def without_conditions(tree: RVAFT) -> RVAFT:
+    """The tree without times, numbers and order: events that can concern it as it was can concern this one."""
+    nodes = [
+        replace(
+            node,
+            gate=Gate.AND if node.gate is Gate.PAND else node.gate,
+            times=1,
+            within=None,
+            when=None if _points(node) else node.when,
+            on=node.on or (On(f"{node.name}()", ()) if node.has_event else None),
+        )
+        for node in tree.nodes.values()
+    ]
+    types = {f"{n.name}()": EventType(f"{n.name}()", (), p) for n in nodes if (p := tree.pattern(n.name)) is not None}
+    return _rebuilt(tree, nodes, tree.part_of or Whole(tree), types)
+
+
+class _Open(Exception):
+    """What is in a part, or how it ends, is a matter of choices that are not made."""
+
+
+def _resolved(tree: RVAFT, whole: RVAFT, limit: int) -> Iterator[RVAFT]:
+    """The trees for each way to make the choices."""
+    count = 0
+    for kept in resolutions(tree, limit=limit):
+        nodes = [_without_choice(tree.nodes[name], children) for name, children in kept.items()]
+        choosing = [name for name in kept if body(tree.nodes[name]).op is Op.ONE]
+        origin = tree.origins
+        choices = {origin.get(name, name): origin.get(kept[name][0], kept[name][0]) for name in choosing}
+        number = number_of(whole, {name: child for name, child in choices.items() if name in whole.nodes})
+        part_of = Whole(whole, number or 0, None, origin)  # 0 where finding the number would take too long
+        part = _rebuilt(tree, nodes, part_of)
+        for ends in _ways_to_end(part):
+            count += 1
+            if count > limit:
+                raise TooLarge("ways to make the choices and to end the parts of `pand` gates", limit=limit)
+            try:
+                found = _Translation(part, part_of, ends).tree
+            except _Open:
+                continue
+            if not ScenarioSpace(found).is_empty:
+                yield found
+
+
+def _without_choice(node: Node, children: tuple[str, ...]) -> Node:
+    return replace(node, gate=Gate.AND, threshold=None, children=children) if body(node).chooses else node
+
+
+def _rebuilt(tree: RVAFT, nodes: list[Node], part_of: Whole, events: Mapping[str, EventType] | None = None) -> RVAFT:
+    return RVAFT(
+        tree.root,
+        nodes,
+        {**tree.events, **(events or {})}.values(),
+        ignores=tree.ignores,
+        causality=tree.causality,
+        time=tree.time,
+        semantics=tree.semantics,
+        part_of=part_of,
+    )
+
+
+def _points(node: Node) -> list[TimePoint]:
+    """The time points in the guard of a node."""
+    return [] if node.when is None else [part for part in walk(node.when) if isinstance(part, TimePoint)]
+
+
+# What is in a part, and how it ends.
+
+
+def _below(tree: RVAFT, name: str) -> dict[str, tuple[str, ...]]:
+    """The nodes of a part with their children; raises `_Open` where choices say which these are."""
+    if name not in tree.nodes:  # in no feasible scenario with who asks
+        raise _Open
+    found = {one: tree.nodes[one].children for one in reachable(name, lambda one: tree.nodes[one].children)}
+    if any(
+        body(tree.nodes[one]).chooses and len(children) > body(tree.nodes[one]).need for one, children in found.items()
+    ):
+        raise _Open
+    return found
+
+
+def _single(tree: RVAFT, name: str) -> bool:
+    """Whether no scenario has more than one event in a part."""
+    node = tree.nodes[name]
+    if node.has_event:
+        return node.leaf and node.times == 1
+    few = all(_single(tree, child) for child in node.children)
+    busy = [child for child in node.children if not _silent(tree, child)]
+    return few and (body(node).op is Op.ONE or len(busy) < 2)
+
+
+def _silent(tree: RVAFT, name: str) -> bool:
+    return not any(tree.nodes[one].has_event for one in reachable(name, lambda one: tree.nodes[one].children))
+
+
+def _last(tree: RVAFT, name: str) -> list[str]:
+    """The nodes with whose event a part may end, as far as the part itself says."""
+    below = _below(tree, name)
+    graph, observing = precedence(tree, below), [one for one in below if tree.nodes[one].has_event]
+    return [one for one in observing if not any(path(graph, one, other) for other in observing if other != one)]
+
+
+Ends = Mapping[tuple[str, str], str]
+"""For children of `pand` gates the node with whose event their part ends."""
+
+
+def _ways_to_end(tree: RVAFT) -> Iterator[Ends]:
+    """The ways to end the parts of the `pand` gates of a tree without choices."""
+    gates = [node for node in tree.top_down() if node.gate is Gate.PAND]
+    parts = {(gate.name, child): _last(tree, child) for gate in gates for child in gate.children}
+    parts = {place: lasts for place, lasts in parts.items() if lasts}
+    return (dict(zip(parts, lasts, strict=True)) for lasts in product(*parts.values()))
+
+
+class _Translation:
+    """A tree said in fewer words; raises `_Open` where that needs the choices to be made, or `ends`."""
+
+    def __init__(self, tree: RVAFT, part_of: Whole, ends: Ends | None = None) -> None:
+        self._old = tree
+        self._ends = ends
+        self._nodes = dict(tree.nodes)
+        self._events: dict[str, EventType] = {}
+        self._times: dict[str, str] = {}
+        self._variables = {
+            *tree.variables,
+            *(name for n in tree.nodes.values() if n.when for name in variables(n.when)),
+        }
+        self._moved: dict[str, tuple[str, ...]] = {}
+        for node in tree.top_down():
+            if node.times > 1:
+                self._count(node)
+        for node in tree.top_down():
+            if node.gate is Gate.PAND:
+                self._end_in_sequence(node)
+        for node in tree.top_down():
+            if points := {one.name: self._point(one) for one in _points(node)}:
+                assert node.when is not None
+                self._change(node.name, when=substitute(_differences(node.when), points))
+            if node.within is not None:
+                self._open_window(node)
+        for name, variable in self._times.items():
+            self._observe(name, _timed(self._pattern(name), variable))
+        origins = dict(part_of.origins)
+        for name in [name for name in self._nodes if name not in tree.nodes]:
+            before, bracket, number = name.rpartition("[")
+            if before in origins:
+                origins[name] = f"{origins[before]}{bracket}{number}"
+        self.tree = _rebuilt(tree, list(self._nodes.values()), replace(part_of, origins=origins), self._events)
+
+    def _change(self, name: str, **parts: object) -> None:
+        self._nodes[name] = replace(self._nodes[name], **parts)  # type: ignore[arg-type]
+
+    def _add(self, node: Node) -> str:
+        """Add a node, under its name or, where that is taken, a longer one."""
+        name = node.name
+        while name in self._nodes:
+            name += "'"
+        self._nodes[name] = replace(node, name=name)
+        return name
+
+    def _pattern(self, name: str) -> Pattern:
+        on = self._nodes[name].on
+        pattern = self._events[on.event].pattern if on and on.event in self._events else self._old.pattern(name)
+        assert pattern is not None, "only nodes with events are observed"
+        return pattern
+
+    def _observe(self, name: str, pattern: Pattern) -> None:
+        """Let a node observe events of this pattern, whose variables are those of the tree."""
+        self._events[f"{name}()"] = EventType(f"{name}()", (), pattern)
+        self._change(name, on=On(f"{name}()", ()))
+
+    def _count(self, node: Node) -> None:
+        """A leaf with `times N` as N leaves in sequence, all with its guard unless that asks for times."""
+        own = None if _points(node) else node.when
+        copies = []
+        for number in range(1, node.times + 1):
+            copies.append(self._add(Node(f"{node.name}[{number}]", when=own)))
+            self._observe(copies[-1], self._pattern(node.name))
+        when = node.when if own is None else None
+        self._moved[node.name] = tuple(copies)
+        self._change(node.name, gate=Gate.SAND, children=tuple(copies), on=None, when=when, times=1)
+
+    def _point(self, point: TimePoint) -> Guard:
+        below = _below(self._old, point.node)
+        names = [point.node] if point.point == "at" else [*below]
+        observing = [name for name in names if self._old.nodes[name].has_event]
+        times = tuple(Variable(self._time(one)) for name in observing for one in self._moved.get(name, (name,)))
+        operator = Operator.MIN if point.point == "start" else Operator.MAX
+        return times[0] if len(times) == 1 else Operation(operator, times)
+
+    def _time(self, name: str) -> str:
+        """The variable that the time of a node's event binds."""
+        if name not in self._times:
+            word = "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in f"At_{name}")
+            while word in self._variables:
+                word += "_"
+            self._variables.add(word)
+            self._times[name] = word
+        return self._times[name]
+
+    def _open_window(self, node: Node) -> None:
+        start, end = (self._point(TimePoint.of(point, node.name)) for point in ("start", "end"))
+        guard = Operation(Operator.LE, (Operation(Operator.SUB, (end, start)), Literal(node.within)))
+        self._change(node.name, within=None)
+        changed = self._nodes[node.name]
+        if changed.when is None:
+            self._change(node.name, when=guard)
+            return
+        if body(changed).chooses:
+            raise _Open
+        window = self._add(
+            Node(f"{node.name}[within]", when=guard)
+        )  # it may be decided later than the node's own guard
+        self._change(node.name, children=(*changed.children, window))
+
+    def _end_in_sequence(self, node: Node) -> None:
+        """A `pand` as all of its parts, and the events with which they end in sequence."""
+        parts = [child for child in node.children if not _silent(self._old, child)]
+        if all(_single(self._old, child) for child in parts):
+            self._change(node.name, gate=Gate.SAND)
+            return
+        ended, more = [], list[str]()
+        for child in parts:
+            lasts = [child] if _single(self._old, child) else _last(self._old, child)
+            if len(lasts) > 1 and self._ends is None:
+                raise _Open
+            last = lasts[0] if self._ends is None or len(lasts) == 1 else self._ends[node.name, child]
+            ended.append(self._event_of(last))
+            for other in lasts:
+                if other != last:
+                    pair = self._event_of(other), ended[-1]
+                    more.append(self._add(Node(f"{node.name}[{other} before {last}]", Gate.SAND, pair)))
+        twice = len(set(ended)) < len(ended)
+        if len(ended) > 1 and not twice:
+            more.append(self._add(Node(f"{node.name}[ends]", Gate.SAND, tuple(ended))))
+        never = [self._add(Node(f"{node.name}[never]", when=Literal(value=False)))] if twice else []
+        self._change(node.name, gate=Gate.AND, children=(*node.children, *more, *never))
+
+    def _event_of(self, name: str) -> str:
+        """The leaf that observes the event of a node, or the last of them."""
+        node = self._old.nodes[name]
+        if name in self._moved:
+            return self._moved[name][-1]
+        if not node.has_event or self._old.causality is Causality.TOP_DOWN or _silent_below(self._old, name):
+            return name
+        pattern, changed = self._pattern(name), self._nodes[name]  # the event after all that is below becomes a leaf
+        inner = self._add(Node(f"{name}[below]", changed.gate, changed.children, changed.threshold))
+        own = self._add(Node(f"{name}[event]"))
+        self._observe(own, pattern)
+        self._moved[name] = (own,)
+        self._change(name, gate=Gate.SAND, children=(inner, own), threshold=None, on=None)
+        return own
+
+
+def _silent_below(tree: RVAFT, name: str) -> bool:
+    return all(_silent(tree, child) for child in tree.nodes[name].children)
+
+
+def _timed(pattern: Pattern, variable: str) -> Pattern:
+    fields = pattern.fields if isinstance(pattern, ObjectPattern) else ()
+    return ObjectPattern((*fields, (TIME, Variable(variable))))
+
+
+def _differences(guard: Guard) -> Guard:
+    """The guard with times that are compared for equality subtracted: null, for an undefined time, equals null."""
+    if not isinstance(guard, Operation):
+        return guard
+    if guard.operator in (Operator.EQ, Operator.NE) and any(isinstance(part, TimePoint) for part in walk(guard)):
+        return Operation(guard.operator, (Operation(Operator.SUB, guard.operands), Literal(0)))
+    return Operation(guard.operator, tuple(map(_differences, guard.operands)))

@@ -31,7 +31,7 @@ def translate(
     tree: RVAFT,
     language: str,
     *,
-    semantics: Semantics | str = Semantics.PROJECTED,
+    semantics: Semantics | str | None = None,
     branch: int | None = None,
     kind: Kind | str | None = None,
     limit: int | None = None,
@@ -48,18 +48,18 @@ def translate(
     _expect("language", language, str, "a str, the name of a backend")
     _expect("branch", branch, int | None, "an int")
     _expect("limit", limit, int | None, "an int")
-    return backend(language).translate(narrowed(tree, branch, kind), one_of(Semantics, semantics), limit=limit)
+    return backend(language).translate(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
 
 
 def monitor(
     tree: RVAFT,
     *,
-    semantics: Semantics | str = Semantics.PROJECTED,
+    semantics: Semantics | str | None = None,
     branch: int | None = None,
     kind: Kind | str | None = None,
     limit: int = DEFAULT_LIMIT,
 ) -> Monitor:
-    """A fresh monitor of the tree; `limit` bounds the partial matches that it follows.
+    """A fresh monitor of the tree; `limit` bounds the partial matches that it follows. `semantics` is as for `translate`.
 
     Raises `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind, `WrongType`, and, when it
     reads events too, `TooLarge`.
@@ -71,7 +71,7 @@ def monitor(
     _expect("tree", tree, RVAFT, _TREE)
     _expect("branch", branch, int | None, "an int")
     _expect("limit", limit, int, "an int")
-    return Engine(narrowed(tree, branch, kind), one_of(Semantics, semantics), limit=limit)
+    return Engine(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
 
 
 def check(tree: RVAFT) -> list[Finding]:
@@ -105,6 +105,15 @@ def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = N
         message = f"{name} has no feasible scenario: nothing can be detected there"
         raise TreeError(message, rule=error.rule, nodes=error.nodes) from error
     return part
+
+
+def meant(tree: RVAFT, semantics: Semantics | str | None = None) -> Semantics:
+    """The semantics that is asked for, or else the one that the tree states, or else `projected`; raises `OptionError`.
+
+    >>> meant(loads("semantics scattered; top or a b;"))
+    <Semantics.SCATTERED: 'scattered'>
+    """
+    return (tree.semantics or Semantics.PROJECTED) if semantics is None else one_of(Semantics, semantics)
 
 
 def one_of(choices: type[Choice], value: Choice | str) -> Choice:

@@ -22,7 +22,7 @@ def watch(
     tree: RVAFT | Monitor,
     events: AsyncIterable[Event] | Iterable[Event],
     *,
-    semantics: Semantics | str = Semantics.PROJECTED,
+    semantics: Semantics | str | None = None,
     branch: int | None = None,
     kind: Kind | str | None = None,
     limit: int = DEFAULT_LIMIT,
@@ -61,7 +61,7 @@ def on_detection(
     tree: RVAFT | Monitor,
     callback: Callable[[Explanation | None], object],
     *,
-    semantics: Semantics | str = Semantics.PROJECTED,
+    semantics: Semantics | str | None = None,
     branch: int | None = None,
     kind: Kind | str | None = None,
     limit: int = DEFAULT_LIMIT,
@@ -99,11 +99,11 @@ def on_detection(
 
 
 def _watching(
-    tree: RVAFT | Monitor, semantics: Semantics | str, branch: int | None, kind: Kind | str | None, limit: int
+    tree: RVAFT | Monitor, semantics: Semantics | str | None, branch: int | None, kind: Kind | str | None, limit: int
 ) -> Monitor:
     """The monitor given, or a fresh one."""
     if not isinstance(tree, Monitor):
         return monitor(tree, semantics=semantics, branch=branch, kind=kind, limit=limit)
-    if (semantics, branch, kind, limit) != (Semantics.PROJECTED, None, None, DEFAULT_LIMIT):
+    if (semantics, branch, kind, limit) != (None, None, None, DEFAULT_LIMIT):
         raise OptionError("a monitor has its options already: give them to rvaft.monitor")
     return tree

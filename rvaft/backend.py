@@ -14,6 +14,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import ClassVar
 
+from rvaft.analysis.plain_trees import asks_for_time, plain_trees
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
@@ -108,7 +109,7 @@ class Backend(ABC):
     """Programs of others by which `read_with` can run a text as well."""
     highlighting: ClassVar[Highlighting | None] = None
     """How its texts are highlighted in a listing in LaTeX, if they are."""
-    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics) - {Semantics.CONSECUTIVE}
     default_limit: ClassVar[int]
     """The size (in the unit the backend documents) above which `translate` raises `TooLarge`."""
 
@@ -118,6 +119,19 @@ class Backend(ABC):
 
         Raises `NotExpressible` where the language cannot say it, `TooLarge` where it could but not within the limit.
         """
+
+    def plain(self, tree: RVAFT, semantics: Semantics) -> RVAFT:
+        """The tree said without counted leaves and `pand`, for a language that has neither; raises `NotExpressible` for what is left."""
+        trees, reason = plain_trees(tree), ""
+        if semantics not in self.semantics:
+            reason = "the language has no way to say it"
+        elif tree.time is not None and (tree.time.late is not None or any(map(asks_for_time, tree.top_down()))):
+            reason = "the language has no times"
+        elif len(trees) != 1:
+            reason = "how the parts of `pand` end is a matter of choices"
+        if reason:
+            raise NotExpressible(reason, backend=self.name, semantics=semantics)
+        return trees[0]
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a text of the language, whoever wrote it; raises `LanguageError`.

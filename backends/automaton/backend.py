@@ -41,7 +41,7 @@ class AutomatonBackend(Backend):
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as an automaton; raises `TooLarge`, never `NotExpressible`."""
-        started = perf_counter()
+        tree, started = self.plain(tree, Semantics(semantics)), perf_counter()
         work = Work(self.default_limit if limit is None else limit)
         automaton, parts, letters = _built(tree, Semantics(semantics), work)
         relevance, name = _relevance(tree, Semantics(semantics)), title_of(tree, semantics)
@@ -51,7 +51,7 @@ class AutomatonBackend(Backend):
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:
         """The minimal automaton as a graph in the DOT language; raises `TooLarge` beyond so many states, by default `READABLE`."""
-        most = READABLE if limit is None else limit
+        tree, most = self.plain(tree, Semantics(semantics)), READABLE if limit is None else limit
         try:
             automaton, parts, letters = _built(tree, Semantics(semantics), Work(BEFORE * most))
         except TooLarge as error:

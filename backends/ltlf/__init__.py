@@ -41,7 +41,7 @@ class LtlfBackend(Backend):
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as a formula; `TooLarge` beyond `limit` subformulas, never `NotExpressible`."""
-        start = time.perf_counter()
+        tree, start = self.plain(tree, Semantics(semantics)), time.perf_counter()
         limit = self.default_limit if limit is None else limit
         text, metrics = Translation(tree, Semantics(semantics), limit).text()
         metrics = replace(metrics, seconds=time.perf_counter() - start)

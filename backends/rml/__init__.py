@@ -54,7 +54,7 @@ class RmlBackend(Backend):
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as an RML text; raises `NotExpressible` and `TooLarge`."""
-        start = perf_counter()
+        tree, start = self.plain(tree, Semantics(semantics)), perf_counter()
         limit = self.default_limit if limit is None else limit
         text, symbols, equations = self._translated(tree, Semantics(semantics), limit)
         metrics = Metrics(symbols=symbols, states=equations, seconds=perf_counter() - start)

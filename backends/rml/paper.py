@@ -346,6 +346,4 @@ class RmlPaperBackend(RmlBackend):
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.STRICT, Semantics.PROJECTED})
 
     def _translated(self, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
-        if semantics not in self.semantics:
-            raise NotExpressible("the paper does not say how", backend=self.name, semantics=semantics)
         return specification(tree, semantics, limit)

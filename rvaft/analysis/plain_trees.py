@@ -35,9 +35,12 @@ def is_plain(tree: RVAFT) -> bool:
     >>> is_plain(rvaft.loads("top sand a b; a times 3;"))
     False
     """
-    return not any(
-        node.times > 1 or node.within is not None or node.gate is Gate.PAND or _points(node) for node in tree.top_down()
-    )
+    return not any(node.times > 1 or node.gate is Gate.PAND or asks_for_time(node) for node in tree.top_down())
+
+
+def asks_for_time(node: Node) -> bool:
+    """Whether a node has a window, or a guard with time points."""
+    return node.within is not None or bool(_points(node))
 
 
 def plain_trees(tree: RVAFT, *, limit: int = LIMIT) -> tuple[RVAFT, ...]:

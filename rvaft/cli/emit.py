@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import click
 
-from rvaft.api import narrowed, translate
+from rvaft.api import meant, narrowed, translate
 from rvaft.backend import Backend, UnknownBackend, all_backends, backend
 from rvaft.cli import options
 from rvaft.errors import OptionError, TooLarge, ToolMissing
@@ -42,7 +42,7 @@ def emit_command(*, tree: str, language: str, form: str, output: str | None, **c
         known = "known: .dot, .gv, .svg, .pdf, .png"
         options.refuse(suffix and not drawn, f"no drawing of an automaton has the suffix {suffix}; {known}")
         try:
-            text = backend("automaton").diagram(part, chosen["semantics"], limit=chosen["limit"])
+            text = backend("automaton").diagram(part, meant(loaded, chosen["semantics"]), limit=chosen["limit"])
         except TooLarge as error:
             error.add_note("raise it with --limit N, or draw one branch with --branch N")
             raise

@@ -8,7 +8,7 @@ from typing import Any, Final
 import click
 
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.api import load, monitor, narrowed, translate
+from rvaft.api import load, meant, monitor, narrowed, translate
 from rvaft.cli import FAILED, Failures, options, warn
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import PICTURES, SUFFIXES, TraceSource, run
@@ -87,7 +87,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     _check(given)
     whole = load(tree)
-    part, semantics = narrowed(whole, branch, kind), given["semantics"]
+    part, semantics = narrowed(whole, branch, kind), meant(whole, given["semantics"])
     backend, limit = given["backend"], given["max_configurations"] or DEFAULT_LIMIT
 
     def make(part: RVAFT) -> Monitor:

@@ -59,7 +59,9 @@ def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
 tree_argument = click.argument("tree", metavar="TREE")
 output_option = click.option("-o", "--output", metavar="FILE", help="Write to this file instead of standard output.")
 semantics_option: Final = choice(
-    "--semantics", words=Semantics, default=Semantics.PROJECTED, text="Which events of a trace a match may use."
+    "--semantics",
+    words=Semantics,
+    text="Which events of a trace a match may use.  [default: what the tree states, or projected]",
 )
 
 

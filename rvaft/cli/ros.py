@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import click
 
-from rvaft.api import load, narrowed
+from rvaft.api import load, meant, narrowed
 from rvaft.cli import options, warn
 from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.model.nodes import Kind
@@ -64,8 +64,8 @@ def rosmonitoring_command(
     All files are written or none.
     """
     options.refuse(output in ("", "-"), f"-o names a folder, and '{output}' is none")
-    wanted = ros.RosOptions(**how)
     loaded = load(tree)
+    wanted = ros.RosOptions(**{**how, "semantics": meant(loaded, how["semantics"])})
     if wanted.oracle is ros.Oracle.RVAFT:
         folder = Path(tree).parent.resolve()
         passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)

@@ -58,7 +58,13 @@ from rvaft.support.terminal import visible
 )
 @options.output_option
 def show_command(
-    *, tree: str, form: Format | None, output: str | None, highlight: tuple[str, ...], semantics: Semantics, **look: Any
+    *,
+    tree: str,
+    form: Format | None,
+    output: str | None,
+    highlight: tuple[str, ...],
+    semantics: Semantics | None,
+    **look: Any,
 ) -> int:
     """Draw a tree, or write it in another format. The TREE - is standard input."""
     chosen = form or _suggested(output)
@@ -98,7 +104,7 @@ def _suggested(output: str | None) -> Format:
     return found
 
 
-def _highlighted(tree: RVAFT, what: str, semantics: Semantics) -> Marks:
+def _highlighted(tree: RVAFT, what: str, semantics: Semantics | None) -> Marks:
     """The marks for `branch:N`, or for what the trace of that name detects."""
     is_number = re.compile(r"[0-9]{1,9}").fullmatch
     if what.startswith("branch:"):

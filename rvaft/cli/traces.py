@@ -11,7 +11,7 @@ import click
 from cross_check.generate import PLAIN, NoTraceFound, detecting
 from cross_check.generate import near_miss as missing
 from cross_check.generate.traces import random_trace
-from rvaft.api import load, narrowed
+from rvaft.api import load, meant, narrowed
 from rvaft.cli import options
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
@@ -44,7 +44,7 @@ def traces_command(
     near_miss: bool,
     chance: bool,
     wanted: int | None,
-    semantics: Semantics,
+    semantics: Semantics | None,
     seed: int,
     length: int | None,
     branch: int | None,
@@ -60,14 +60,15 @@ def traces_command(
     wanted = wanted or (DEFAULT_NUMBER if folder is not None else 1)
     options.refuse(folder is None and wanted > 1, f"{wanted} traces need a folder: name it with -o")
     part, manner = narrowed(load(tree), branch, kind), replace(PLAIN, longest=length)
+    meaning = meant(part, semantics)
     name = "near-miss" if near_miss else "random" if chance else "detect"
 
     def make(random: Random) -> list[Json]:
         if near_miss:
-            return missing(random, part, semantics, manner).trace
+            return missing(random, part, meaning, manner).trace
         if chance:
             return random_trace(random, part, max_length=length or RANDOM_LENGTH)
-        return detecting(random, part, semantics, manner)
+        return detecting(random, part, meaning, manner)
 
     texts: list[str] = []
     for place in range(1, wanted + 1):  # each of a seed of its own: asking for more does not change the first ones

@@ -12,7 +12,7 @@ from rvaft.analysis.branches import branch as numbered
 from rvaft.analysis.branches import branches
 from rvaft.analysis.normal_form import Op, body, is_impossible
 from rvaft.analysis.scenarios import Fewest, Kept, Point, event, fewest_events, precedence
-from rvaft.api import narrowed
+from rvaft.api import meant, narrowed
 from rvaft.engine import Engine
 from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness, history
@@ -272,7 +272,7 @@ class Coverage:
     def __init__(
         self,
         tree: RVAFT,
-        semantics: Semantics | str = Semantics.PROJECTED,
+        semantics: Semantics | str | None = None,
         *,
         branch: int | None = None,
         kind: Kind | str | None = None,
@@ -281,7 +281,7 @@ class Coverage:
     ) -> None:
         narrowed(tree, branch, kind)  # all that can be wrong with these is said here
         self.tree = tree
-        self.semantics = Semantics(semantics)
+        self.semantics = meant(tree, semantics)
         self._branches: list[tuple[BranchFollower, frozenset[int]]] = []
         # For each branch the monitor that each log gets a copy of, and its nodes by their numbers in the whole tree.
         self._best: list[BranchCoverage] = []

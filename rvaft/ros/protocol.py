@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import Final, Self
 
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.api import monitor, one_of
+from rvaft.api import meant, monitor
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Literal, ObjectPattern
@@ -63,12 +63,12 @@ class Session:
     def __init__(
         self,
         tree: RVAFT,
-        semantics: Semantics | str = Semantics.PROJECTED,
+        semantics: Semantics | str | None = None,
         *,
         per: Per = Per.TREE,
         limit: int = DEFAULT_LIMIT,
     ) -> None:
-        meaning = one_of(Semantics, semantics)
+        meaning = meant(tree, semantics)
         make = lambda part: monitor(part, semantics=meaning, limit=limit)  # noqa: E731
         self.monitors = {column.label: MonitorSet([column], make, meaning) for column in columns(tree, per)}
         self.failures: dict[str, str] = {}

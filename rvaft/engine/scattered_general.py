@@ -191,7 +191,8 @@ class StageGroup:
 
     def _place(self, names: tuple[str, ...] | None, binding: Mapping[str, Json]) -> Hashable:
         if names is not None:
-            return tuple([v if type(v) in _PLAIN and v == v else key(v) for v in (binding[name] for name in names)])
+            values = [binding[name] for name in names]
+            return tuple([v if type(v) in _PLAIN and v == v else key(v) for v in values])  # noqa: PLR0124 (NaN is not)
         ways = self.stage.directions
         kinds = ((scale(binding[name]) if name in ways else None, binding[name]) for name in self.stage.names)
         return tuple([exact(value) if kind is None else kind for kind, value in kinds])

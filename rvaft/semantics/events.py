@@ -188,13 +188,14 @@ def evaluate(guard: Guard, binding: Binding) -> Any:
 
 def like(text: Any, glob: Any) -> bool:
     """Clause: `*` stands for any number of characters and `?` for exactly one."""
+    typed(text, str), typed(glob, str)
     ends = {0}  # how much of the text the pattern so far may be
-    for sign in typed(glob, str):
+    for sign in glob:
         if sign == "*":
-            ends = set(range(min(ends), len(typed(text, str)) + 1)) if ends else set()
+            ends = set(range(min(ends), len(text) + 1)) if ends else set()
         else:
             ends = {end + 1 for end in ends if end < len(text) and sign in ("?", text[end])}
-    return len(typed(text, str)) in ends
+    return len(text) in ends
 
 
 def number(value: Any) -> Any:

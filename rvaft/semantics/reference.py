@@ -117,7 +117,7 @@ class Reference(Monitor):
                 if binding is not None:
                     times = {**partial.times, one: time} if scenario.points else {}
                     found = partial._replace(assigned=partial.assigned | {one}, binding=binding, times=times)
-                    if _guards_hold(scenario, found):
+                    if guards_hold(scenario, found):
                         yield found
 
     def _complete(self, partial: Partial) -> bool:
@@ -125,7 +125,7 @@ class Reference(Monitor):
         return partial.assigned == self.scenarios[partial.scenario].occurrences
 
 
-def _guards_hold(scenario: Scenario, partial: Partial) -> bool:
+def guards_hold(scenario: Scenario, partial: Partial) -> bool:
     """Clause: guards all of whose variables and time points are known hold.
 
     Clause: a point is known when all events of its part are there, and undefined where one of their times is.

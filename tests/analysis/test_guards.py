@@ -42,7 +42,8 @@ def random_guard(random: Random, depth: int) -> Guard:
     if depth == 0:
         return random.choice(leaf)
     operator = random.choice(list(Operator))
-    count = OPERATORS[operator].arity if OPERATORS[operator].function else random.choice((2, 3))
+    count = OPERATORS[operator].arity if OPERATORS[operator].function else None
+    count = random.choice((2, 3)) if count is None else count
     return Operation(operator, tuple(random_guard(random, depth - random.choice((1, depth))) for _ in range(count)))
 
 

@@ -12,8 +12,8 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
 from rvaft.semantics import Reference, Scenario, branches, feasible_scenarios
-from rvaft.semantics.events import holds, observe
-from rvaft.semantics.reference import relevant
+from rvaft.semantics.events import observe, time_of
+from rvaft.semantics.reference import Partial, guards_hold, relevant
 from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices
 
 Trace = Sequence[dict[str, Any]]
@@ -75,14 +75,9 @@ def check_explanation(
     positions = list(explanation.matched.values())
     assert positions == sorted(set(positions))
     assert _allowed(tree, prefix, semantics, positions)
-    binding: Any = {}
-    for name, position in explanation.matched.items():
-        binding = observe(tree, tree.nodes[name], prefix[position - 1], binding)
-        assert binding is not None
-    assert set(binding) == set(explanation.variables)
     chosen = branches(tree)[explanation.branch - 1]
     scenarios = [scenario for scenario in feasible_scenarios(tree) if of_branch(scenario, chosen)]
-    assert any(_is_match(scenario, explanation, binding) for scenario in scenarios)
+    assert any(_is_match(scenario, explanation, prefix) for scenario in scenarios)
 
 
 def _lowest(tree: RVAFT, prefix: Trace, semantics: str, branch: int | None, kind: str | None) -> int | None:
@@ -99,20 +94,40 @@ def _lowest(tree: RVAFT, prefix: Trace, semantics: str, branch: int | None, kind
 
 
 def _allowed(tree: RVAFT, prefix: Trace, semantics: str, positions: list[int]) -> bool:
+    late = None if tree.time is None else tree.time.late
+    in_time, greatest = list[int](), None
+    for position, event in enumerate(prefix, 1):
+        time = time_of(tree.time, event)
+        if late is None or time is None or greatest is None or greatest - time <= late:
+            in_time.append(position)
+        greatest = time if greatest is None else greatest if time is None else max(time, greatest)
+    mattering = [position for position in in_time if relevant(tree, prefix[position - 1])]
     match Semantics(semantics):
         case Semantics.STRICT:
-            return positions == list(range(1, len(prefix) + 1))
+            return positions == list(range(1, len(prefix) + 1)) and set(positions) <= set(in_time)
         case Semantics.PROJECTED:
-            return positions == [position for position, event in enumerate(prefix, 1) if relevant(tree, event)]
+            return positions == mattering
+        case Semantics.CONSECUTIVE:
+            return positions == mattering[-len(positions) :]
         case Semantics.SCATTERED:
-            return positions[-1] == len(prefix)
+            return positions[-1] == len(prefix) and set(positions) <= set(in_time)
 
 
-def _is_match(scenario: Scenario, explanation: Explanation, binding: Any) -> bool:
+def _is_match(scenario: Scenario, explanation: Explanation, prefix: Trace) -> bool:
     matched = explanation.matched
     if scenario.occurrences != set(matched):
         return False
-    ordered = all(matched[a] < matched[b] for b in scenario.occurrences for a in scenario.before[b])
-    guards = all(holds(node.when, binding) for node in scenario.nodes if node.when is not None)
+    binding: Any = {}
+    for name, position in matched.items():
+        binding = (
+            binding
+            if binding is None
+            else observe(scenario.tree, scenario.observing[name], prefix[position - 1], binding)
+        )
+    if binding is None or set(binding) != set(explanation.variables):
+        return False
+    orders = (all(matched[a] < matched[b] for b in order for a in order[b]) for order in scenario.orders)
+    times = {name: time_of(scenario.tree.time, prefix[position - 1]) for name, position in matched.items()}
+    whole = Partial(0, 0, scenario.occurrences, binding, times)
     kinds = frozenset(node.kind for node in scenario.nodes if node.kind is not None)
-    return ordered and guards and kinds == explanation.kinds
+    return any(orders) and guards_hold(scenario, whole) and kinds == explanation.kinds

@@ -88,13 +88,13 @@ class Cell:
 def gate_subjects(gates: Iterable[Gate] = Gate, max_arity: int = MAX_ARITY) -> Iterator[Subject]:
     """Each gate over 1 to `max_arity` leaves with default events, no event of two of them; VOT with every threshold.
 
-    >>> [subject.name for subject in gate_subjects([Gate.AND, Gate.VOT], 2)]
+    >>> [subject.name for subject in gate_subjects(map(Gate, ["and", "vot"]), 2)]
     ['and 1', 'and 2', 'vot 1/1', 'vot 1/2', 'vot 2/2']
     """
     for gate in gates:
         for children in range(1, max_arity + 1):
             leaves = [Node(f"e{number}") for number in range(1, children + 1)]
-            for threshold in range(1, children + 1) if gate is Gate.VOT else (None,):
+            for threshold in range(1, children + 1) if gate.counts else (None,):
                 root = Node("top", gate, tuple(leaf.name for leaf in leaves), threshold)
                 size = f"{children}" if threshold is None else f"{threshold}/{children}"
                 yield Subject(f"{gate} {size}", RVAFT("top", [root, *leaves]), gate, threshold)

@@ -54,6 +54,7 @@ _OUTLINES: Final[Mapping[Gate, str]] = {
     Gate.AND: 'shape=box, style="filled,rounded", height=0.28',
     Gate.SAND: "shape=house, orientation=270, height=0.22",
     Gate.SAND_RL: "shape=house, orientation=90, height=0.22",
+    Gate.PAND: 'shape=house, orientation=270, height=0.22, style="filled,rounded"',
     Gate.VOT: "shape=hexagon, height=0.28",
 }
 """A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, the hexagon of a vote."""

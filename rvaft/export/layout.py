@@ -35,6 +35,7 @@ _GATES: Final[Mapping[Gate, tuple[str, str]]] = {
     Gate.AND: ("AND", "all, in any order"),
     Gate.SAND: ("SAND →", "all, from left to right"),
     Gate.SAND_RL: ("SAND ←", "all, from right to left"),
+    Gate.PAND: ("PAND →", "all, each ending after the one to its left"),
     Gate.VOT: ("VOT k/n", "at least k of the n"),
 }
 """The short form of a gate, and what it means."""

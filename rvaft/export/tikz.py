@@ -26,6 +26,7 @@ _OUTLINES: Final[Mapping[Gate, str]] = {
     Gate.AND: "rounded corners=4pt",
     Gate.SAND: "signal, signal to=east",
     Gate.SAND_RL: "signal, signal to=west",
+    Gate.PAND: "signal, signal to=east, rounded corners=2pt",
     Gate.VOT: "signal, signal to=east and west",
 }
 assert set(_OUTLINES) == set(Gate), "every gate has an outline"

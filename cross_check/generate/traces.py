@@ -317,7 +317,7 @@ class _Making:
         guards = ((name, self.tree.nodes[name].when) for name in kept)
         demands = [demand for name, guard in guards if guard is not None for demand in guard_demands(name, guard)]
         patterns = {name: self.tree.pattern(name) or Anything() for name in order}
-        if self.semantics is Semantics.PROJECTED and self.tree.ignores:
+        if self.semantics.projects and self.tree.ignores:
             demands += [
                 Demand(name, rigid_variables(pattern), partial(passes, name)) for name, pattern in patterns.items()
             ]

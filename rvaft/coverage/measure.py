@@ -320,7 +320,7 @@ class Coverage:
         try:
             for number, event in enumerate(events, 1):
                 reading = self._letters.read(event)
-                counts = reading.relevant or self.semantics is not Semantics.PROJECTED
+                counts = reading.relevant or not self.semantics.projects
                 hit = {node for hit in reading.hits for node in hit.nodes} if counts else set[int]()
                 seen |= hit
                 if hit or strict:

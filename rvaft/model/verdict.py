@@ -38,6 +38,11 @@ class Semantics(StrEnum):
     SCATTERED = "scattered"
 
     @property
+    def projects(self) -> bool:
+        """Whether relevant events alone count, and each of them does."""
+        return self in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
+
+    @property
     def ends(self) -> bool:
         """Whether the verdict can become false: where a match has to begin with the first event, or the first relevant one."""
         return self in (Semantics.STRICT, Semantics.PROJECTED)

@@ -89,7 +89,7 @@ class MonitorSet:
     def __init__(self, columns: Sequence[Column], make: Callable[[RVAFT], Monitor], semantics: Semantics) -> None:
         self.columns = tuple(columns)
         self.semantics = semantics
-        self._projected = semantics is Semantics.PROJECTED
+        self._projected = semantics.projects
         self._strict = semantics is Semantics.STRICT
         self._take_over(tuple(make(column.part) for column in columns))
         letters = (letter.pattern for engine in self.engines for letter in engine.letters.letters)

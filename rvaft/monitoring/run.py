@@ -368,7 +368,7 @@ class TraceRun:
         """
         plan, prefix, semantics = self.plan, self.prefix, self.plan.monitors.semantics
         every = tuple(listener for listener in self.listeners if listener.every)
-        skips = semantics is Semantics.PROJECTED and bool(plan.monitors.engines)  # what is not relevant changes nothing
+        skips = semantics.projects and bool(plan.monitors.engines)  # what is not relevant changes nothing
         strict, key, look_up = semantics is Semantics.STRICT, plan.key, plan.monitors.types.of
         for batch in self._batches(source, name, line, by_blocks=by_blocks):
             before, statistics, clock, watch = self.number, self.statistics, self.clock, self.watch

@@ -315,7 +315,7 @@ def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str
             words += ["--host", options.host]
             if options.host != "localhost" and not is_address(options.host):
                 words += ["--origin", f"http://{options.host}:{monitor.port}"]
-        if options.semantics is not Semantics.PROJECTED:
+        if options.semantics is not (monitor.tree.semantics or Semantics.PROJECTED):
             words += ["--semantics", options.semantics.value]
         whole = monitor.tree.part_of
         if whole is not None and whole.branch is not None:

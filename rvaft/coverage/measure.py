@@ -194,7 +194,7 @@ class BranchFollower(Engine):
         """Compare the partial matches with the best so far."""
         assert isinstance(self._strategy, Following), "the linear way has no partial matches"
         partial = self._strategy.partial
-        if self.semantics is not Semantics.SCATTERED:
+        if self.semantics.ends:
             size = partial[0].taken.bit_count()  # the same for all: each has used all events that count
             if size == self._size:
                 return

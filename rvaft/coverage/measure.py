@@ -1,20 +1,23 @@
 """Coverage of the branches of a tree by several logs."""
 
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import combinations, islice
 from math import inf
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import networkx as nx
 
 from rvaft.analysis.branches import branch as numbered
 from rvaft.analysis.branches import branches
 from rvaft.analysis.normal_form import Op, body, is_impossible
-from rvaft.analysis.scenarios import Fewest, Kept, Point, event, fewest_events, precedence
+from rvaft.analysis.plain_trees import is_plain, plain_trees, without_conditions
+from rvaft.analysis.scenarios import Fewest, Kept, Point, ScenarioSpace, event, fewest_events, precedence
 from rvaft.api import meant, narrowed
 from rvaft.engine import Engine
-from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
+from rvaft.engine.alternatives import Alternatives
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness, history
 from rvaft.engine.explanation import awaited, chosen_part
 from rvaft.engine.monitor import DEFAULT_LIMIT
@@ -140,16 +143,18 @@ class Reach(NamedTuple):
     awaited: tuple[Awaited, ...]
 
 
-class BranchFollower(Engine):
-    """The monitor of one branch, `tree` being that branch alone, that remembers the best of the partial matches it met.
+class PlainFollower(Engine):
+    """The monitor of a plain tree, a branch or one of those that it becomes, that remembers the best of the partial matches it met.
 
     It is given only the events that may matter to it, with what the whole tree says of them, since there may be very many branches.
-    Under `strict` and `projected` partial matches end, so they are looked at whenever they grow; under `scattered` none is lost
-    but to a better one, and the end of the log is early enough. Raises `TooLarge`.
+    Under `scattered` no partial match is lost but to a better one, and the end of the log is early enough; else they end, so they are
+    looked at whenever they grow. Raises `TooLarge`.
     """
 
-    def __init__(self, tree: RVAFT, semantics: Semantics, *, limit: int) -> None:
+    def __init__(self, tree: RVAFT, semantics: Semantics, *, of: RVAFT, limit: int) -> None:
         super().__init__(tree, semantics, limit=limit)
+        self._of = of  # whose nodes are told
+        assert not isinstance(self._strategy, Alternatives), "a plain tree has no others beside it"
         compiled = self._strategy.compiled
         self._names = compiled.names
         self._shortest = LackingEvents(tree, (compiled.names[node] for node in compiled.core))
@@ -172,6 +177,7 @@ class BranchFollower(Engine):
         if self.verdict is Verdict.TRUE:
             return Reach(0, self._position, ())
         strategy, waiting = self._strategy, set[str]()
+        assert not isinstance(strategy, Alternatives), "a plain tree has no others beside it"
         if isinstance(strategy, Earliest):  # the best match may do without some of what fired: played again alone
             fired = {self._names[node]: position for node, (position, _) in strategy.run.fired.items()}
             lacking, nodes = self._shortest.fewest(fired, exact=False)
@@ -180,7 +186,7 @@ class BranchFollower(Engine):
                 if self._names[node] in nodes:
                     run.fire([(node, values)], position)
                     last = position
-            return Reach(lacking, last, awaited(self.tree, {self._names[node] for node in run.awaited()}))
+            return Reach(lacking, last, awaited(self._of, {self._names[node] for node in run.awaited()}))
         if self.semantics is Semantics.SCATTERED:
             self._look()
         for witness in self._best:
@@ -188,7 +194,7 @@ class BranchFollower(Engine):
             match = strategy.matching.replayed(steps)
             assert match is not None, "a partial match can be made again"
             waiting.update(strategy.matching.admitted(match))
-        return Reach(self._lacking, self._last, awaited(self.tree, waiting))
+        return Reach(self._lacking, self._last, awaited(self._of, waiting))
 
     def _look(self) -> None:
         """Compare the partial matches with the best so far."""
@@ -210,6 +216,48 @@ class BranchFollower(Engine):
                 self._lacking, self._last, self._best = lacking, last, []
             if (lacking, last) == (self._lacking, self._last) and match.witness not in self._best:
                 self._best = [*self._best, match.witness]
+
+
+class BranchFollower:
+    """The monitors of one branch, `tree` being that branch alone: one for each plain tree that it becomes. The branch came as far as the best of them.
+
+    Raises `TooLarge`, and `TreeError` where no scenario is feasible.
+    """
+
+    def __init__(self, tree: RVAFT, semantics: Semantics, *, limit: int) -> None:
+        feasible = (one for one in plain_trees(tree) if one is tree or not ScenarioSpace(one).is_empty)
+        self._parts = [PlainFollower(one, semantics, of=tree, limit=limit) for one in feasible]
+        if not self._parts:
+            raise TreeError("no feasible scenario", rule="no-scenario", nodes=[tree.root])
+
+    def fork(self) -> Self:
+        """An independent copy."""
+        twin = copy(self)
+        twin._parts = [part.fork() for part in self._parts]  # noqa: SLF001 (its own)
+        return twin
+
+    @property
+    def verdict(self) -> Verdict:
+        """True where one of them has that, false where all have."""
+        found = [part.verdict for part in self._parts]
+        return next((one for one in (Verdict.TRUE, Verdict.UNKNOWN) if one in found), Verdict.FALSE)
+
+    def is_late(self, event: Json) -> bool:
+        """Whether an event is late, asked of each in their order."""
+        return self._parts[0].is_late(event)
+
+    def follow(self, number: int, event: Json, *, fits: bool) -> None:
+        """Read the event of that number as each of them does, until one detects."""
+        for part in self._parts:
+            if part.verdict is Verdict.UNKNOWN:
+                part.follow(number, event, fits=fits)
+
+    def reach(self) -> Reach:
+        """How far the branch came: what the best could have taken next, together."""
+        found = [part.reach() for part in self._parts]
+        best = min(found, key=lambda one: (one.lacking, one.event))
+        alike = [one for one in found if one[:2] == best[:2]]
+        return best._replace(awaited=tuple(dict.fromkeys(node for one in alike for node in one.awaited)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,9 +335,11 @@ class Coverage:
         self._best: list[BranchCoverage] = []
         self._infeasible: list[int] = []
         self._logs = 0
+        self._may_be_late = tree.time is not None and tree.time.late is not None
         self._seen: set[int] = set()
-        self._compiled = CompiledTree(tree)
-        self._letters = TreeLetters(tree, self._compiled)
+        carrier = tree if is_plain(tree) else without_conditions(tree)
+        self._compiled = CompiledTree(carrier)
+        self._letters = TreeLetters(carrier, self._compiled)
         number = {name: node for node, name in enumerate(self._compiled.names)}
         chosen = [numbered(tree, branch)] if branch is not None else list(islice(branches(tree), limit + 1))
         if branch is None and len(chosen) > limit:
@@ -302,12 +352,12 @@ class Coverage:
             part = chosen_part(tree, one.choices)
             try:
                 require_valid(part)
+                fresh = BranchFollower(part, self.semantics, limit=configurations)
             except TreeError as error:
                 if error.rule != "no-scenario":
                     raise
                 self._infeasible.append(one.number)
             else:
-                fresh = BranchFollower(part, self.semantics, limit=configurations)
                 start = fresh.fork().reach()
                 self._best.append(BranchCoverage(one.number, one.kinds, start.lacking, 0, awaited=start.awaited))
                 self._branches.append((fresh, frozenset(number[name] for name in one.nodes)))
@@ -319,7 +369,8 @@ class Coverage:
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         try:
             for number, event in enumerate(events, 1):
-                reading = self._letters.read(event)
+                late = self._may_be_late and followers[0][0].is_late(event)
+                reading = NOTHING if late else self._letters.read(event)
                 counts = reading.relevant or not self.semantics.projects
                 hit = {node for hit in reading.hits for node in hit.nodes} if counts else set[int]()
                 seen |= hit

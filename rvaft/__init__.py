@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
     from rvaft.model.tree import RVAFT
     from rvaft.model.verdict import Semantics, Verdict
-    from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending
+    from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending, Repetition
     from rvaft.rules.rule import Finding, Severity
 
     __version__: str
@@ -56,6 +56,7 @@ __all__ = [
     "On",
     "OptionError",
     "Pending",
+    "Repetition",
     "RvaftError",
     "Semantics",
     "Severity",
@@ -101,7 +102,7 @@ _NAMES: Final = {
     "rvaft.rules.rule": ("Finding", "Severity"),
     "rvaft.language.printer": ("dumps",),
     "rvaft.model.nodes": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On", "Topic"),
-    "rvaft.monitors": ("Awaited", "Ended", "Explanation", "Monitor", "Pending"),
+    "rvaft.monitors": ("Awaited", "Ended", "Explanation", "Monitor", "Pending", "Repetition"),
     "rvaft.model.tree": ("RVAFT",),
     "rvaft.model.verdict": ("Semantics", "Verdict"),
     "rvaft.asynchronous": ("on_detection", "watch"),

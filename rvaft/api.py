@@ -18,7 +18,7 @@ from rvaft.language.parser import parse, parse_file
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.monitors import Monitor
+from rvaft.monitors import Monitor, Repetition
 from rvaft.rules import check_draft, check_tree, require_valid
 from rvaft.rules.rule import Finding, Severity
 
@@ -58,8 +58,11 @@ def monitor(
     branch: int | None = None,
     kind: Kind | str | None = None,
     limit: int = DEFAULT_LIMIT,
+    repeat: bool = False,
 ) -> Monitor:
     """A fresh monitor of the tree; `limit` bounds the partial matches that it follows. `semantics` is as for `translate`.
+
+    With `repeat` it is a `Repetition`, which begins afresh with the event after each detection.
 
     Raises `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind, `WrongType`, and, when it
     reads events too, `TooLarge`.
@@ -71,7 +74,9 @@ def monitor(
     _expect("tree", tree, RVAFT, _TREE)
     _expect("branch", branch, int | None, "an int")
     _expect("limit", limit, int, "an int")
-    return Engine(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
+    _expect("repeat", repeat, bool, "a bool")
+    engine = Engine(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
+    return Repetition(engine) if repeat else engine
 
 
 def check(tree: RVAFT) -> list[Finding]:

@@ -26,6 +26,7 @@ def watch(
     branch: int | None = None,
     kind: Kind | str | None = None,
     limit: int = DEFAULT_LIMIT,
+    repeat: bool = False,
 ) -> AsyncIterator[tuple[Event, Verdict]]:
     """The events as they come, each with the verdict after it: for `async for event, verdict in …`.
 
@@ -42,7 +43,7 @@ def watch(
     >>> asyncio.run(verdicts([{"event": "b"}, {"event": "a"}]))
     ['?', '⊤']
     """
-    watching = _watching(tree, semantics, branch, kind, limit)
+    watching = _watching(tree, semantics, branch, kind, limit, repeat=repeat)
     if not isinstance(events, (AsyncIterable, Iterable)):
         raise WrongType("events", events, "an iterable, or an asynchronous one")
 
@@ -65,12 +66,13 @@ def on_detection(
     branch: int | None = None,
     kind: Kind | str | None = None,
     limit: int = DEFAULT_LIMIT,
+    repeat: bool = False,
 ) -> Callable[[Json], Verdict]:
-    """A function to be called with each event, which gives the verdict and calls back once, on detection, with the explanation.
+    """A function to be called with each event, which gives the verdict and calls back on detection, with the explanation.
 
     Made for code that delivers events by calling, such as a subscriber to a topic. The options and errors are those of `watch`;
     what the callback raises comes out of the call with the detecting event, and the verdict stands. A monitor that has detected already
-    does not call back. Nothing here could await a callback, so an `async def` is refused with `WrongType`: at once, or on detection where
+    does not call back again, unless it repeats. Nothing here could await a callback, so an `async def` is refused with `WrongType`: at once, or on detection where
     only what it returns shows it.
 
     >>> import rvaft
@@ -79,16 +81,16 @@ def on_detection(
     {'b': 1, 'a': 2}
     ['?', '⊤']
     """
-    watching = _watching(tree, semantics, branch, kind, limit)
+    watching = _watching(tree, semantics, branch, kind, limit, repeat=repeat)
     if not callable(callback):
         raise WrongType("callback", callback, "a function of the explanation")
     if iscoroutinefunction(callback):
         raise WrongType("callback", callback, _AWAITED)
 
     def step(event: Json) -> Verdict:
-        before = watching.verdict
+        before = watching.detections
         verdict = watching.step(event)
-        if verdict is Verdict.TRUE and before is not Verdict.TRUE:
+        if watching.detections > before:
             told = callback(watching.explanation)
             if isinstance(told, Coroutine):
                 told.close()  # else Python warns of it, later and elsewhere
@@ -99,11 +101,17 @@ def on_detection(
 
 
 def _watching(
-    tree: RVAFT | Monitor, semantics: Semantics | str | None, branch: int | None, kind: Kind | str | None, limit: int
+    tree: RVAFT | Monitor,
+    semantics: Semantics | str | None,
+    branch: int | None,
+    kind: Kind | str | None,
+    limit: int,
+    *,
+    repeat: bool,
 ) -> Monitor:
     """The monitor given, or a fresh one."""
     if not isinstance(tree, Monitor):
-        return monitor(tree, semantics=semantics, branch=branch, kind=kind, limit=limit)
-    if (semantics, branch, kind, limit) != (None, None, None, DEFAULT_LIMIT):
+        return monitor(tree, semantics=semantics, branch=branch, kind=kind, limit=limit, repeat=repeat)
+    if (semantics, branch, kind, limit, repeat) != (None, None, None, DEFAULT_LIMIT, False):
         raise OptionError("a monitor has its options already: give them to rvaft.monitor")
     return tree

@@ -126,6 +126,18 @@ class Monitor(ABC):
         """
         return copy(self)
 
+    def go_on_after(self, earlier: Self) -> None:
+        """Go on in the trace after the events that another monitor of the same has read; this one has read none.
+
+        Events keep their numbers, and what of the trace before them matters to any match, as its greatest time, is known.
+        """
+        self._read = earlier._read
+
+    @property
+    def detections(self) -> int:
+        """How many times the events so far were a detection: one at most, but of a `Repetition`."""
+        return int(self.verdict is Verdict.TRUE)
+
     @abstractmethod
     def _advance(self, event: Json) -> Verdict:
         """Read one event; called only while the verdict is unknown."""
@@ -151,3 +163,82 @@ class Monitor(ABC):
     def ended(self) -> Ended | None:
         """After ⊥, the event that ended the last hope, where the monitor knows the tree; else None."""
         return None
+
+
+class Repetition(Monitor):
+    """A monitor that begins afresh with the event after each detection; what was used is not used again.
+
+    The verdict is true at each event that detects; after others it is that of the events since, and false stays. Explanations name events
+    by their numbers in the whole trace. `monitor` has read nothing.
+
+    >>> import rvaft
+    >>> watching = Repetition(rvaft.monitor(rvaft.loads("top sand a b;"), semantics="scattered"))
+    >>> "".join(verdict.symbol for verdict in watching.run({"event": name} for name in "abbab"))
+    '?⊤??⊤'
+    >>> watching.detections, dict(watching.explanation.matched)
+    (2, {'a': 4, 'b': 5})
+    """
+
+    def __init__(self, monitor: Monitor) -> None:
+        super().__init__()
+        self._fresh = monitor
+        self._before = 0
+        self.current = monitor.fork()
+        """The monitor that reads the events since the last detection."""
+
+    def begin_again(self) -> None:
+        """Begin afresh, if the last event was a detection."""
+        if self.verdict is Verdict.TRUE:
+            self._before += 1
+            self.current = self._next()
+
+    def _next(self) -> Monitor:
+        """What reads the next event."""
+        if self.verdict is not Verdict.TRUE:
+            return self.current
+        fresh = self._fresh.fork()
+        fresh.go_on_after(self.current)
+        return fresh
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict so far."""
+        return self.current.verdict
+
+    @property
+    def detections(self) -> int:
+        """How many detections there were."""
+        return self._before + self.current.detections
+
+    def step(self, event: Json) -> Verdict:
+        """Read one event and return the verdict after it; raises what the monitor raises."""
+        self.begin_again()
+        return self.current.step(event)
+
+    def fork(self) -> Self:
+        """An independent monitor that has read the same events."""
+        twin = copy(self)
+        twin.current = self.current.fork()
+        return twin
+
+    def _advance(self, event: Json) -> Verdict:
+        return self.current.step(event)
+
+    @property
+    def state(self) -> Hashable:
+        """Equal states of repetitions of one monitor have equal futures."""
+        return self.verdict, self._next().state
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """At an event that detects, one match."""
+        return self.current.explanation
+
+    def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:
+        """What each live branch waits for."""
+        return self._next().pending(limit=limit)
+
+    @property
+    def ended(self) -> Ended | None:
+        """After ⊥, how the last hope ended."""
+        return self.current.ended

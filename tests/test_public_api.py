@@ -100,7 +100,7 @@ NO_TREE = "tree must be an RVAFT, as rvaft.load returns it, not "
         (
             lambda: api.monitor(TREE, semantics="weak"),
             OptionError,
-            "unknown semantics 'weak'; known: strict, projected, scattered",
+            "unknown semantics 'weak'; known: strict, projected, consecutive, scattered",
         ),
         (lambda: api.monitor(TREE, kind="error"), OptionError, "unknown kind 'error'; known: fault, attack"),
         (

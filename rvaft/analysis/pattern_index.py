@@ -258,7 +258,7 @@ class Reads:
 
 
 class TreeReads:
-    """What a monitor of the tree reads: what its runtime events and `ignore` declarations mention; and these paths of fields."""
+    """What a monitor of the tree reads: what its runtime events, `ignore` and `time` declarations mention; and these paths of fields."""
 
     def __init__(self, tree: RVAFT, also: Iterable[tuple[str, ...]] = ()) -> None:
         self.patterns = (
@@ -267,7 +267,7 @@ class TreeReads:
         )
         self.discriminators = Discriminators(self.patterns)
         self._always: list[Pattern] = [ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields]
-        for path in also:
+        for path in (*also, *([tree.time.field] if tree.time else [])):
             at: Pattern = Variable("_")  # which looks at the whole value there
             for name in reversed(path):
                 at = ObjectPattern(((name, at),))

@@ -111,6 +111,11 @@ class Engine(Monitor):
         self._verdict = strategy.advance(strategy.read(event), self._position)
         return self._verdict
 
+    def go_on_after(self, earlier: Self) -> None:
+        """Go on in the trace after the events that another engine of the same tree has read; this one has read none."""
+        super().go_on_after(earlier)
+        self._position, self._latest = earlier._position, earlier._latest
+
     def is_late(self, event: Json) -> bool:
         """Whether an event is late (semantics, section 1.1), which no match may use; asked once of each event, in their order.
 

@@ -33,6 +33,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.follow import FollowedFile
+from rvaft.monitoring.monitor_set import DetectionCount
 from rvaft.monitoring.near_misses import NearMissCount, Statistics
 from rvaft.monitoring.reader import MAX_DEPTH, RepeatingObject, failures_of, unreadable
 from rvaft.monitoring.run import Backwards, Field, Ordering
@@ -51,7 +52,19 @@ _SHOWN: Final = 5
 """Columns that a message names."""
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
-_OURS: Final = (Awaited, Backwards, Configuration, Ended, Explanation, Field, Kind, NearMissCount, Ordering, Pending)
+_OURS: Final = (
+    Awaited,
+    Backwards,
+    Configuration,
+    DetectionCount,
+    Ended,
+    Explanation,
+    Field,
+    Kind,
+    NearMissCount,
+    Ordering,
+    Pending,
+)
 _MORE: Final = (RepeatingObject, Semantics, Snapshot, Statistics, Verdict)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in (*_BUILT_IN, *_OURS, *_MORE)}
 """The classes of which a checkpoint consists. None of them runs commands, writes files or listens, and none must: a pickle can set the

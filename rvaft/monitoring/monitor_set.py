@@ -5,13 +5,14 @@ These are the options (a), (b) and (c) of the paper, section 4.3, with the names
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import islice
-from typing import Any, Final, Self
+from typing import Any, Final, Self, cast
 
 from rvaft.analysis.branches import branches
 from rvaft.api import narrowed
+from rvaft.engine.compiled_tree import NOTHING
 from rvaft.engine.monitor import Engine
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.nodes import Kind
@@ -19,7 +20,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.near_misses import EventTypeIndex, Sight
-from rvaft.monitors import Ended, Explanation, Monitor
+from rvaft.monitors import Ended, Explanation, Monitor, Repetition
 
 MOST: Final = 1_000
 """How many branches are monitored one by one."""
@@ -77,30 +78,80 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
     return tuple(found)
 
 
+@dataclass(slots=True)
+class DetectionCount:
+    """What one monitor has detected: how many detections were told, the event of the last, how it came about and when that was.
+
+    Others were `suppressed`: so many, the first of them at that event, and so many since the last that was told.
+    """
+
+    told: int = 0
+    last: int | None = None
+    explanation: Explanation | None = None
+    time: int | None = None
+    suppressed: int = 0
+    first_suppressed: int | None = None
+    suppressed_since: int = 0
+
+    def add(self, number: int, time: int | None, cooldown: int | None) -> bool:
+        """Count the detection at the event of that number, and say whether it is told.
+
+        It is not where its time is less than `cooldown` from that of the last one that was told.
+        """
+        if cooldown and time is not None and self.time is not None and abs(time - self.time) < cooldown:
+            self.suppressed += 1
+            self.suppressed_since += 1
+            self.first_suppressed = self.first_suppressed or number
+            return False
+        self.told += 1
+        self.last, self.time = number, self.time if time is None else time
+        return True
+
+
 class MonitorSet:
     """One monitor for each column; the first is that of the whole.
 
     Events have the numbers that the caller gives them, which rise, and may leave some out: explanations name events by these numbers.
     `types` says what events are to the tree: one look-up serves the counts and all monitors. `since` has, for each column whose verdict is final,
     the number of the event that made it so. `concerned` says whether the last event was relevant to the tree, or may be part of a match all the
-    same, `serves` whether an explanation may name it. Raises `TooLarge` as its monitors do.
+    same, `serves` whether an explanation may name it, `late` whether it came too late for any. `found` counts the detections of each column.
+
+    With `repeat` monitors begin afresh after each detection, and true is no final verdict; for `cooldown` nanoseconds after one that was told others of the
+    same column are suppressed: counted, and otherwise as if nothing had been detected. Raises `TooLarge` as its monitors do.
     """
 
-    def __init__(self, columns: Sequence[Column], make: Callable[[RVAFT], Monitor], semantics: Semantics) -> None:
+    def __init__(
+        self,
+        columns: Sequence[Column],
+        make: Callable[[RVAFT], Monitor],
+        semantics: Semantics,
+        *,
+        repeat: bool = False,
+        cooldown: int | None = None,
+    ) -> None:
         self.columns = tuple(columns)
+        self.repeat = repeat
+        self.cooldown = cooldown
         self.semantics = semantics
         self._projected = semantics.projects
         self._strict = semantics is Semantics.STRICT
-        self._take_over(tuple(make(column.part) for column in columns))
+        made = [make(column.part) for column in columns]
+        self._take_over(tuple(map(Repetition, made)) if repeat else tuple(made))
+        self._time = self.columns[0].part.time
         letters = (letter.pattern for engine in self.engines for letter in engine.letters.letters)
         self.types = EventTypeIndex(self.columns[0].part, letters)
         self.since: dict[int, int] = {}
-        self.serves = self.concerned = False
+        self.found = [DetectionCount() for _ in columns]
+        self.serves = self.concerned = self.late = False
+        self.may_be_late = self._time is not None and self._time.late is not None
         self._live = tuple(range(len(self.monitors)))
+        self._resting: tuple[int, ...] = ()
+        """The columns that detected with the last event and begin afresh with the next."""
 
     def _take_over(self, monitors: tuple[Monitor, ...]) -> None:
         self.monitors = monitors
-        engines = tuple(monitor for monitor in monitors if isinstance(monitor, Engine))
+        current = (monitor.current if isinstance(monitor, Repetition) else monitor for monitor in monitors)
+        engines = tuple(monitor for monitor in current if isinstance(monitor, Engine))
         self.engines = engines if len(engines) == len(monitors) else ()
         """The same where all are engines, else none."""
         if self.engines:
@@ -111,31 +162,51 @@ class MonitorSet:
         twin = copy(self)
         twin._take_over(tuple(monitor.fork() for monitor in self.monitors))  # noqa: SLF001 (its own)
         twin.since = dict(self.since)
+        twin.found = [replace(count) for count in self.found]
         return twin
 
     @property
     def snapshot(self) -> Any:
         """What `resumed` needs to go on from here; for engines alone."""
-        return [engine.snapshot() for engine in self.engines], self.since
+        return [engine.snapshot() for engine in self.engines], self.since, self.found
 
     def resumed(self, snapshot: Any) -> Self:
         """A copy of these monitors, which have read nothing, that goes on from a snapshot."""
         twin = self.fork()
-        states, twin.since = snapshot
+        states, twin.since, twin.found = snapshot
         for engine, state in zip(twin.engines, states, strict=True):
             engine.restore(state)
         twin._live = tuple(column for column in self._live if column not in twin.since)  # noqa: SLF001 (its own)
+        twin._resting = tuple(column for column in twin._live if twin.engines[column].verdict.final)  # noqa: SLF001
         return twin
+
+    def begin_again(self) -> None:
+        """Let the monitors that repeat and have detected with the last event begin afresh."""
+        for column in self._resting:
+            cast("Repetition", self.monitors[column]).begin_again()
+        self._resting = ()
+        self._take_over(self.monitors)
 
     def step(self, event: Json, number: int, sight: Sight | None = None) -> Sequence[int]:
         """Read one event and return the columns whose verdict it changed; `sight` is what `types` says of it."""
         self.serves = False
+        if self._resting:
+            self.begin_again()
         engines = self.engines
         if not engines:
             self.concerned = True
             for column in self._live:
                 self.monitors[column].step(event)
-            return self._changed(number)
+            return self._changed(number, event)
+        if self.may_be_late:
+            self.late = engines[0].is_late(event)
+            if self.late:
+                self.concerned = False
+                if not self._strict:
+                    return ()
+                for column in self._live:
+                    engines[column].take(NOTHING, number)
+                return self._changed(number, event)
         if sight is None:
             sight = self.types.of(event)
         sketches = sight.monitored
@@ -152,14 +223,29 @@ class MonitorSet:
             final = final or verdict is not _UNKNOWN
             serves = serves or engine.noted
         self.serves = serves and bool(reading.hits)
-        return self._changed(number) if final else ()
+        return self._changed(number, event) if final else ()
 
-    def _changed(self, number: int) -> Sequence[int]:
-        """The columns whose verdict the event of that number changed."""
-        changed = [column for column in self._live if self.monitors[column].verdict is not _UNKNOWN]
+    def _changed(self, number: int, event: Json) -> Sequence[int]:
+        """The columns that detected with the event of that number, or whose verdict it made final."""
+        changed, suppressed = [], []
+        for column in self._live:
+            verdict = self.monitors[column].verdict
+            if verdict is _UNKNOWN:
+                continue
+            if verdict is Verdict.TRUE:
+                time = None if self._time is None or self.cooldown is None else self._time.read(event)
+                if not self.found[column].add(number, time, self.cooldown):
+                    suppressed.append(column)
+                    continue
+            changed.append(column)
+            if verdict is Verdict.FALSE or not self.repeat:
+                self.since[column] = number
+        if suppressed:
+            self._resting = tuple(suppressed)
+            self.begin_again()
         if changed:
-            self.since.update(dict.fromkeys(changed, number))
             self._live = tuple(column for column in self._live if column not in self.since)
+            self._resting = tuple(column for column in changed if column not in self.since)
         return changed
 
     @property

@@ -313,6 +313,8 @@ class MonitoringPlan:
         """What reads files quickly, or None where every event has to be seen as it stands."""
         if not self.plain or not self.monitors.engines or not isinstance(self.reads, TreeReads):
             return None
+        if self.monitors.may_be_late:
+            return None  # the time of each event counts
         return FastReader.of(self.reads, self.monitors.types.possible, (TIME, *self.told))
 
 
@@ -368,7 +370,8 @@ class TraceRun:
         """
         plan, prefix, semantics = self.plan, self.prefix, self.plan.monitors.semantics
         every = tuple(listener for listener in self.listeners if listener.every)
-        skips = semantics.projects and bool(plan.monitors.engines)  # what is not relevant changes nothing
+        # What is not relevant changes nothing, but for the time after which others are late.
+        skips = semantics.projects and bool(plan.monitors.engines) and not plan.monitors.may_be_late
         strict, key, look_up = semantics is Semantics.STRICT, plan.key, plan.monitors.types.of
         for batch in self._batches(source, name, line, by_blocks=by_blocks):
             before, statistics, clock, watch = self.number, self.statistics, self.clock, self.watch
@@ -440,10 +443,14 @@ class TraceRun:
             raise failure
 
     def _tell(self, change: VerdictChange) -> None:
+        monitors = change.watch.monitors
         if change.detected:
             self.detected = change.number
         for listener in self.listeners:
             listener.change(change)
+        if monitors.repeat and change.detected[:1] == [0]:
+            monitors.found[0].explanation = change.explanations.get(0)
+        monitors.begin_again()
 
     def _fill(self, number: int) -> None:
         """Under `strict` an event before that number that was passed over, since it fits nothing, ends a match."""
@@ -513,7 +520,7 @@ class TraceRun:
     @property
     def found(self) -> bool:
         """Whether something was detected."""
-        return any(verdict is Verdict.TRUE for watch in self.watches for verdict in watch.monitors.verdicts)
+        return any(count.told for watch in self.watches for count in watch.monitors.found)
 
     @property
     def warnings(self) -> Iterator[str]:

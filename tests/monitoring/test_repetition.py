@@ -1,0 +1,85 @@
+"""Monitors that begin afresh after each detection: what the reference says of the events since, whichever way the events are read."""
+
+import pickle
+from collections.abc import Iterator
+from itertools import islice
+from random import Random
+from typing import Any
+
+import pytest
+
+import rvaft
+from rvaft.engine import Engine
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.monitor_set import MonitorSet, columns
+from rvaft.monitors import Explanation
+from rvaft.semantics import Reference
+from tests.engine.checking import check_explanation, small_valid_trees
+from tests.engine.dense import SHAPES, dense_trace, dense_tree
+
+TIMED = """
+time t as s late 2 s;
+event e(n) = { event: n };
+top or fast slow; fast sand a b within 2 s fault; slow pand c d within 3 s attack; a times 2;
+"""
+TIMES = [{"event": name, "t": time} for name in "abcdx" for time in range(6)]
+
+
+def expected(tree: RVAFT, semantics: str, trace: list[dict[str, Any]]) -> Iterator[tuple[Verdict, int]]:
+    """The verdict after each event, and how many events a fresh monitor has not read; what is late depends on all of the trace."""
+    reference, begun = Reference(tree, semantics), 0
+    for number, event in enumerate(trace, 1):
+        yield reference.step(event), begun
+        if reference.verdict is Verdict.TRUE:
+            latest, begun = reference._latest, number
+            reference = Reference(tree, semantics)
+            reference._latest = latest
+
+
+def require_match(tree: RVAFT, semantics: str, trace: list[dict[str, Any]], begun: int, found: Explanation) -> None:
+    """The explanation is one of the events since then, which have their numbers in the whole trace."""
+    numbers = {node: number - begun for node, number in found.matched.items()}
+    own = Explanation(found.branch, found.kinds, numbers, found.variables, found.scenario)
+    late = [
+        max([0, *(one.get("t", 0) for one in trace[:place])]) - event.get("t", 0) > 2
+        for place, event in enumerate(trace)
+    ]
+    in_time = [{} if is_late else event for event, is_late in zip(trace, late, strict=True)]
+    check_explanation(tree, in_time[begun:], semantics, own)
+
+
+@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("shape", ["plain", "shared", "variables", "timed"])
+def test_it_says_what_the_reference_says_when_it_begins_afresh_after_each_detection(shape: str, semantics: str) -> None:
+    """A monitor, one that is copied and pickled all the time, and a set of monitors that is kept and goes on."""
+    random = Random(f"{shape} {semantics}")
+    made = (lambda: rvaft.loads(TIMED)) if shape == "timed" else lambda: dense_tree(random, SHAPES[shape])
+    detected = 0
+    for tree in islice(small_valid_trees(made), 3):
+        trace = (
+            [random.choice(TIMES) for _ in range(24)] if shape == "timed" else dense_trace(random, SHAPES[shape], 24)
+        )
+        straight, moved = (rvaft.monitor(tree, semantics=semantics, repeat=True) for _ in range(2))
+        fresh = MonitorSet(columns(tree), lambda part: Engine(part, semantics), Semantics(semantics), repeat=True)
+        monitors = fresh.fork()
+        for number, ((verdict, begun), event) in enumerate(
+            zip(expected(tree, semantics, trace), trace, strict=True), 1
+        ):
+            moved = pickle.loads(pickle.dumps(moved)).fork()
+            monitors = fresh.resumed(pickle.loads(pickle.dumps(monitors.snapshot)))
+            changed = monitors.step(event, number)
+            assert straight.step(event) is moved.step(event) is monitors.verdicts[0] is verdict
+            assert straight.state == moved.state
+            assert straight.pending() == moved.pending()
+            if verdict is Verdict.TRUE:
+                detected += 1
+                assert straight.explanation is not None
+                assert straight.explanation == moved.explanation == monitors.explanation(0)
+                require_match(tree, semantics, trace[:number], begun, straight.explanation)
+                monitors.begin_again()
+                assert monitors.verdicts == (Verdict.UNKNOWN,)
+            assert bool(changed) is (verdict is Verdict.TRUE or monitors.since.get(0) == number)
+        counted = straight.detections, moved.detections, monitors.found[0].told
+    assert len(set(counted)) == 1
+    assert detected or semantics in ("strict", "projected")

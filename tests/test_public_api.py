@@ -106,7 +106,7 @@ NO_TREE = "tree must be an RVAFT, as rvaft.load returns it, not "
         (
             lambda: api.Node("x", "orr", ["a"]),
             OptionError,
-            "unknown gate 'orr' of x; known: or, and, sand, sand_rl, vot",
+            "unknown gate 'orr' of x; known: or, and, sand, sand_rl, pand, vot",
         ),
         (lambda: api.Node("x", kind="bug"), OptionError, "unknown kind 'bug' of x; known: fault, attack"),
         (lambda: api.Node("x", "or", "ab"), WrongType, "the children of x must be a tuple of names, not str"),

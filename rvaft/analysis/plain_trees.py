@@ -193,7 +193,7 @@ class _Translation:
         for node in tree.top_down():
             if node.times > 1:
                 self._count(node)
-        for node in tree.top_down():
+        for node in tree.bottom_up():  # what is below a node is said in other words before it is moved
             if node.gate is Gate.PAND:
                 self._end_in_sequence(node)
         for node in tree.top_down():

@@ -13,7 +13,8 @@ from rvaft.cli import FAILED, Failures, options, warn
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import PICTURES, SUFFIXES, TraceSource, run
 from rvaft.engine.monitor import DEFAULT_LIMIT
-from rvaft.errors import TooLarge, ToolMissing
+from rvaft.errors import OptionError, TooLarge, ToolMissing
+from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
@@ -52,6 +53,7 @@ def _drawable(_context: click.Context, _parameter: click.Parameter, value: str |
     return value
 
 
+_COOLDOWN: Final = "With --repeat, tell no detection for so long, by the time of events, after one, as in '10 min'."
 _KEY: Final = "Monitor each value of this field by itself; several are one key."
 
 
@@ -66,6 +68,8 @@ _KEY: Final = "Monitor each value of this field by itself; several are one key."
 @options.output_format(*REPORTERS)
 @click.option("--detections", is_flag=True, help="With --format jsonl, only the events that detect something.")
 @click.option("--explain", metavar="[FILE]", callback=_drawable, help="Draw a detection, in the text or to FILE.")
+@click.option("--repeat", is_flag=True, help="Begin afresh after each detection.")
+@click.option("--cooldown", metavar="DURATION", callback=options.duration, help=_COOLDOWN)
 @click.option("--key", multiple=True, metavar="FIELD", help=_KEY)
 @options.number("--max-keys", text=f"Values of --key.  [default: {MAX_KEYS}]")
 @click.option("--order-by", metavar="FIELD", help="Put events in the order of this number first.")
@@ -88,6 +92,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     _check(given)
     whole = load(tree)
     part, semantics = narrowed(whole, branch, kind), meant(whole, given["semantics"])
+    if given["cooldown"] is not None and whole.time is None:
+        raise OptionError(f"--cooldown needs the time of events: declare `time FIELD as FORMAT;` in {tree}")
     backend, limit = given["backend"], given["max_configurations"] or DEFAULT_LIMIT
 
     def make(part: RVAFT) -> Monitor:
@@ -100,7 +106,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             error.add_note("--max-configurations allows more")
             raise
 
-    monitors = MonitorSet(columns(part, given["per"]), make, semantics)
+    repeating = {"repeat": given["repeat"], "cooldown": given["cooldown"]}
+    monitors = MonitorSet(columns(part, given["per"]), make, semantics, **repeating)
     missing, names = Failures(), given["traces"] or ("-",)
     if given["word"] is not None:
         traces, several = [_word(given["word"], whole)], False
@@ -122,6 +129,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             "--key": ", ".join(given["key"]) or None,
             "--order-by": order and order.text,
             "--window": given["window"],
+            "--repeat": "" if given["repeat"] else None,
+            "--cooldown": given["cooldown"] and duration_text(given["cooldown"]),
         }
         checkpoints = CheckpointFile(
             Path(given["checkpoint"]),
@@ -161,8 +170,13 @@ def _check(given: dict[str, Any]) -> None:
     for name in ("explain", "checkpoint", "max_configurations", "exec_fault", "exec_attack"):
         wrong = given["backend"] is not None and given[name] is not None
         refuse(wrong, f"--{name.replace('_', '-')} needs the engine: leave out --backend")
-    for name, needed in (("max_keys", "key"), ("window", "order_by"), ("checkpoint_every", "checkpoint")):
-        wrong = given[name] is not None and given[needed] in (None, ())
+    for name, needed in (
+        ("max_keys", "key"),
+        ("window", "order_by"),
+        ("checkpoint_every", "checkpoint"),
+        ("cooldown", "repeat"),
+    ):
+        wrong = given[name] is not None and given[needed] in (None, (), False)
         refuse(wrong, f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}")
     why = "--explain draws among the text: name a FILE for it with --format jsonl"
     refuse(explain == TERMINAL and form == "jsonl", why)

@@ -16,7 +16,7 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitoring import detection
 from rvaft.monitoring.checkpoint import CheckpointFile
 from rvaft.monitoring.detection import Hooks, counted
-from rvaft.monitoring.monitor_set import Per
+from rvaft.monitoring.monitor_set import DetectionCount, Per
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, VerdictChange
 from rvaft.monitors import Ended, Explanation
@@ -110,13 +110,14 @@ class MonitorSettings:
 
 
 class SummaryRow(NamedTuple):
-    """How the monitors of one trace or key ended, for the summary; `since` are the events that made the verdicts final."""
+    """How the monitors of one trace or key ended, for the summary; `since` are the events that made the verdicts final, `found` counts detections."""
 
     trace: str
     key: tuple[Json, ...] | None
     events: int
     verdicts: tuple[Verdict, ...]
     since: Mapping[int, int]
+    found: Sequence[DetectionCount]
     branch: int | None
     kinds: tuple[str, ...]
     failed: bool
@@ -124,9 +125,11 @@ class SummaryRow(NamedTuple):
     @classmethod
     def of(cls, watch: MonitoredTrace, *, failed: bool) -> "SummaryRow":
         """The row of a trace that has come to its end."""
-        monitors, found = watch.monitors, watch.monitors.explanation(0)
+        monitors = watch.monitors
+        found = monitors.explanation(0) or monitors.found[0].explanation
         branch, kinds = (None, ()) if found is None else (found.branch, tuple(sorted(map(str, found.kinds))))
-        return cls(watch.trace, watch.key, watch.events, monitors.verdicts, monitors.since, branch, kinds, failed)
+        ends = monitors.verdicts, monitors.since, monitors.found
+        return cls(watch.trace, watch.key, watch.events, *ends, branch, kinds, failed)
 
 
 class Reporter(Listener):
@@ -175,8 +178,10 @@ class _JsonLines(Reporter):
             if number <= self.told_before:
                 said["again"] = True
             details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
+            for column, count in change.counts.items():
+                details[column] = {"detection": count.told, **({"suppressed": count.between} if count.between else {})}
             for column, explanation in change.explanations.items():
-                details[column] = detection.explained(explanation, self.settings.tree, change.events, self.fields)
+                details[column] |= detection.explained(explanation, self.settings.tree, change.events, self.fields)
             for column, ended in self.ends(change).items():
                 details[column] = {"expected": detection.expected(ended.pending)}
             said |= details.pop(0, {})
@@ -202,12 +207,22 @@ class _Text(Reporter):
     def end(self, watch: MonitoredTrace) -> None:
         if watch.key is not None:
             return
-        verdicts, since = watch.monitors.verdicts, watch.monitors.since
-        self.sink.line(f"{self.where(watch)}verdict {verdicts[0]} after {counted(watch.events)}")
+        verdicts, since, found = watch.monitors.verdicts, watch.monitors.since, watch.monitors.found
+        repeat, ended = watch.monitors.repeat, f"verdict {verdicts[0]} after {counted(watch.events)}"
+        if repeat:
+            last = f", the last at event {found[0].last}" if found[0].told else ""
+            final = f"; false since event {since[0]}" if since else ""
+            ended = f"{detection.detections(found[0].told)} in {counted(watch.events)}{last}{final}"
+        self.sink.line(f"{self.where(watch)}{ended}")
         if len(self.columns) > 1:
-            titles = [column.title for column in self.columns]
-            rows = [(title, str(verdicts[at]), str(since.get(at, "-"))) for at, title in enumerate(titles)]
-            for line in columns([("MONITOR", "VERDICT", "EVENT"), *rows]):
+            head = ("MONITOR", "DETECTIONS", "LAST", "FALSE SINCE") if repeat else ("MONITOR", "VERDICT", "EVENT")
+            rows = [
+                (one.title, *_repeated(found[at], since.get(at)))
+                if repeat
+                else (one.title, str(verdicts[at]), str(since.get(at, "-")))
+                for at, one in enumerate(self.columns)
+            ]
+            for line in columns([head, *rows]):
                 self.sink.line(f"  {line}")
 
     def finish(self, rows: Sequence[SummaryRow], statistics: Statistics) -> None:
@@ -226,9 +241,10 @@ class _Text(Reporter):
         """A change of verdict, the matches, each once, and what was waited for in vain."""
         titles, verdicts = [column.title for column in self.columns], change.verdicts
         many = len(titles) > 1
-        changed = ", ".join(f"{titles[place]} {verdicts[place]}" for place in change.columns)
+        said = {place: f"{verdicts[place]}{_numbered(change.counts.get(place))}" for place in change.columns}
+        changed = ", ".join(f"{titles[place]} {verdict}" for place, verdict in said.items())
         again = " (told before)" if change.number <= self.told_before else ""
-        yield f"{where}event {change.number}: {changed if many else verdicts[0]}{again}"
+        yield f"{where}event {change.number}: {changed if many else said[0]}{again}"
         for which, explanation in detection.unlike(change.explanations):
             title = f"{', '.join(titles[place] for place in which)}: " if many else ""
             if self.settings.drawn:
@@ -331,32 +347,52 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
     """How each trace and each key ended, a row for each; where there are very many, for those worth a look."""
     fields = () if settings.plan.key is None else settings.plan.key.fields
     titles = [column.title for column in settings.plan.monitors.columns]
-    verdicts = titles if 1 < len(titles) <= WIDE else ["VERDICT", "EVENT"]
+    repeat = settings.plan.monitors.repeat
+    ends = ["DETECTIONS", "LAST", "FALSE SINCE"] if repeat else ["VERDICT", "EVENT"]
+    verdicts = titles if 1 < len(titles) <= WIDE else ends
     detected = ["DETECTED"] if len(titles) > WIDE else []
     trace = ["TRACE"] if settings.several else []
     table = [[*trace, *(field.text for field in fields), "EVENTS", *verdicts, "BRANCH", "KINDS", *detected, ""]]
     hidden: list[Verdict] = []
     for row in rows:
-        if len(table) > MOST or not (len(rows) <= ALL or row.failed or Verdict.TRUE in row.verdicts):
+        detections = [at for at, count in enumerate(row.found) if count.told]
+        if len(table) > MOST or not (len(rows) <= ALL or row.failed or detections):
             hidden.append(row.verdicts[0])
             continue
         cells = [row.trace] if settings.several else []
         cells += ["" for _ in fields] if row.key is None else map(_json, row.key)
         cells.append(str(row.events))
         if 1 < len(titles) <= WIDE:
-            cells += [f"{one} {row.since.get(at, '')}".rstrip() for at, one in enumerate(row.verdicts)]
+            each = [f"{one} {row.since.get(at, '')}".rstrip() for at, one in enumerate(row.verdicts)]
+            cells += [f"{one.told}, last {one.last}" if one.last else "0" for one in row.found] if repeat else each
+        elif repeat:
+            cells += _repeated(row.found[0], row.since.get(0))
         else:
             cells += [str(row.verdicts[0]), str(row.since.get(0, "-"))]
         cells += ["-" if row.branch is None else str(row.branch), ", ".join(row.kinds) or "-"]
         if len(titles) > WIDE:  # the columns beside the first that were detected, each with its event
-            found = [at for at, verdict in enumerate(row.verdicts) if at and verdict is Verdict.TRUE]
-            first = ", ".join(f"{titles[at]} {row.since[at]}" for at in found[:3])
+            found = [at for at in detections if at]
+            first = ", ".join(f"{titles[at]} {row.found[at].last}" for at in found[:3])
             cells.append(f"{first} and {len(found) - 3} more" if len(found) > 3 else first or "-")
         table.append([*cells, "error" if row.failed else ""])
     yield from columns(table)
+    if repeat:
+        yield f"detections: {sum(row.found[0].told for row in rows)}"
     if hidden:
         counts = ((verdict, hidden.count(verdict)) for verdict in Verdict)
         yield f"and {len(hidden)} more: {', '.join(f'{count} {verdict}' for verdict, count in counts if count)}"
+
+
+def _numbered(count: DetectionCount | None) -> str:
+    """Which of several detections this is, and how many before it were suppressed."""
+    if count is None:
+        return ""
+    return f" (detection {count.told}{f', {count.between} suppressed before it' if count.between else ''})"
+
+
+def _repeated(count: DetectionCount, ended: int | None) -> tuple[str, str, str]:
+    """How many detections there were, the events of the last, and since when there can be none."""
+    return str(count.told), str(count.last or "-"), str(ended or "-")
 
 
 def _json(value: Json) -> str:

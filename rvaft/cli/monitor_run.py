@@ -70,7 +70,7 @@ class _OnDetection(Listener):
 
     def change(self, change: VerdictChange) -> None:
         settings, watch, key = self._settings, change.watch, self._settings.plan.key
-        for explanation, kinds in change.detections:
+        for explanation, kinds, count in change.detections:
             self.count += 1
             if settings.hooks:
                 with suppress(BrokenPipeError):  # that nobody reads what is printed is no reason not to run the command
@@ -78,7 +78,14 @@ class _OnDetection(Listener):
                 named = None if key is None or watch.key is None else (key.told(watch.key),)
                 again, about = change.number <= self.told_before, {"name": settings.name, "trace": watch.trace}
                 told = detection(
-                    explanation, change.events, settings.tree, event=change.number, key=named, again=again, **about
+                    explanation,
+                    change.events,
+                    settings.tree,
+                    event=change.number,
+                    key=named,
+                    again=again,
+                    number=None if count is None else count.told,
+                    **about,
                 )
                 for failure in settings.hooks.run(told, kinds):
                     self._sink.warn(str(failure))
@@ -110,6 +117,17 @@ class _OnDetection(Listener):
                 self.failed = True
 
 
+class _Note(Listener):
+    """Notes of each detection that it is told, before it is."""
+
+    def __init__(self, kept: CheckpointFile) -> None:
+        self._kept = kept
+
+    def change(self, change: VerdictChange) -> None:
+        if change.detected and change.number > self._kept.noted:
+            self._kept.note(change.number)
+
+
 class _Run:
     """Runs traces one after the other and adds up their statistics."""
 
@@ -121,7 +139,9 @@ class _Run:
         self.reporter = REPORTERS[settings.form](settings, sink)
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
-        self.listeners: list[Listener] = [self.reporter, *([self.reaction] if reacts else [])]
+        notes = [] if settings.checkpoints is None else [_Note(settings.checkpoints)]
+        self.listeners: list[Listener] = [*notes, self.reporter, *([self.reaction] if reacts else [])]
+        self._flushed = 0
 
     def watch(self, trace: TraceSource) -> TraceOutcome:
         """Run one trace; a malformed one is reported up to the fault."""
@@ -215,10 +235,9 @@ class _Run:
         if not run.ended and (ended or kept.is_due(run.number, idle=idle)):
             self.sink.flush()
             kept.save(run.state, run.number, stream, stream.file if isinstance(stream, FollowedFile) else None)
-            kept.noted = run.detected
-        elif run.detected > kept.noted:
+        elif run.detected > self._flushed:
             self.sink.flush()
-            kept.note(run.detected)
+        self._flushed = run.detected
 
 
 def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> int:

@@ -1,6 +1,7 @@
 """Options that several commands share, as decorators, and how their values are checked."""
 
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from rvaft.api import load, loads
 from rvaft.backend import UnknownBackend, backend, speaking
 from rvaft.errors import OptionError, TooLarge
 from rvaft.language.parser import decoded
+from rvaft.model.event_time import UNITS, scaled
 from rvaft.model.nodes import Gate, Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -137,6 +139,17 @@ def suggesting() -> Iterator[None]:
 
 
 # Callbacks of options: what a text stands for. Without the option it is None.
+
+
+def duration(_context: object, _parameter: object, text: str | None) -> int | None:
+    """A duration in nanoseconds, more than none."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([a-z]+)", text.strip(), re.ASCII)
+    size = scaled(*found.groups()) if found is not None and found[2] in UNITS else None
+    if not size:
+        raise click.BadParameter(f"{text!r} is no duration: write a number and one of {', '.join(UNITS)}, as in 10 min")
+    return size
 
 
 def finite(what: str) -> Callable[[object, object, float | None], float | None]:

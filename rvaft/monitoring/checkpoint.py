@@ -2,12 +2,13 @@
 
 A checkpoint belongs to one tree, semantics and set of columns and settings, to one version of rvaft, and to a trace that begins with
 what was read of it; it is refused for any other. After a crash the events since the last checkpoint are read again: what they detect is told
-again, and marked so, and the verdicts are those of a run that never stopped.
+again, and marked so, and the verdicts are those of a run that never stopped. That a detection is told is noted before it is told: so none is
+told twice without a mark, and one that was only about to be told when the run was killed has the mark too.
 
 The file: a line that says what it is, a line with the digest of all that follows, a line of JSON, and a pickle. A pickle can
 be made to run code when it is read: only classes that hold data are let in, by their names, yet a checkpoint is as trustworthy as whoever
 could write to it, so keep it where only you can write. It is readable for its owner alone. Beside it stands, until the next checkpoint, a file
-`.NAME.told` with the number of the last event of which a detection was told.
+`.NAME.told` with the number of the last event of which a detection was or was about to be told.
 """
 
 import errno
@@ -167,7 +168,10 @@ def _sha(data: bytes | memoryview) -> str:
 
 
 class Checkpoint(msgspec.Struct, kw_only=True):
-    """What a checkpoint is of, and how far the trace was read: `events`, which end `offset` bytes (after decompression) and `line` lines into it."""
+    """What a checkpoint is of, and how far the trace was read: `events`, which end `offset` bytes (after decompression) and `line` lines into it.
+
+    An earlier run may have read further: what events up to the one `noted` detect has been told.
+    """
 
     version: str
     tree: str
@@ -178,13 +182,14 @@ class Checkpoint(msgspec.Struct, kw_only=True):
     offset: int = 0
     line: int = 0
     events: int = 0
+    noted: int = 0
 
 
 class CheckpointFile:
     """Where checkpoints of a run over a trace are kept, and how often: every so many events.
 
     `columns` are the labels of what has a verdict of its own, `settings` are other options on which the meaning of the rest depends, as text.
-    Of the event `noted`, and of those before, it is known that what they detected was told.
+    What the event `noted`, and those before it, detected has been told, or was about to be.
     """
 
     def __init__(
@@ -243,7 +248,8 @@ class CheckpointFile:
             raise CheckpointError(self.path, f"these monitors cannot be kept: {_one_line(error)}") from error
         finally:
             sys.setrecursionlimit(limit)
-        here: dict[str, Any] = {"offset": place.offset, "line": place.line, "events": events}
+        noted = self.noted if self.noted > events else 0
+        here: dict[str, Any] = {"offset": place.offset, "line": place.line, "events": events, "noted": noted}
         about = msgspec.structs.replace(self._about, trace=identity(trace or self.trace, place.offset), **here)
         body = msgspec.json.encode(about) + b"\n" + payload.getvalue()
         self._digest = _sha(body)
@@ -254,10 +260,12 @@ class CheckpointFile:
         self._spent += monotonic() - begun
 
     def note(self, event: int) -> None:
-        """Remember, until the next checkpoint, that a detection of that event has been told."""
+        """Remember, until the next checkpoint, that a detection of that event is told."""
         self.noted = event
+        new = self._told.with_suffix(".new")
         with self._writing():
-            self._told.write_text(f"{self._digest} {event}\n", encoding="ascii")
+            new.write_text(f"{self._digest} {event}\n", encoding="ascii")
+            new.replace(self._told)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -297,16 +305,18 @@ class CheckpointFile:
         except Exception as error:  # whatever a pickle makes of a class
             raise self.unreadable(error) from error
         self._saved = found.events
+        self.noted = found.noted
         with suppress(OSError, ValueError):
-            noted, number = self._told.read_text(encoding="ascii").split()
-            self.noted = int(number) if noted == self._digest else 0
+            digest, number = self._told.read_text(encoding="ascii").split()
+            if digest == self._digest:
+                self.noted = int(number)
         return found, state
 
     def _require_same(self, found: Checkpoint) -> None:
         """Raise `CheckpointError` for a checkpoint of another run or of another trace."""
 
         def with_(name: str, value: str | None) -> str:
-            return f"without {name}" if value is None else f"with {name} {value}"
+            return f"without {name}" if value is None else f"with {name} {value}".rstrip()
 
         def listed(labels: Sequence[str]) -> str:
             more = len(labels) - _SHOWN

@@ -82,7 +82,7 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
 class DetectionCount:
     """What one monitor has detected: how many detections were told, the event of the last, how it came about and when that was.
 
-    Others were `suppressed`: so many, the first of them at that event, and so many since the last that was told.
+    Others were `suppressed`: so many, the first of them at that event, and so many `between` the last two that were told.
     """
 
     told: int = 0
@@ -91,7 +91,8 @@ class DetectionCount:
     time: int | None = None
     suppressed: int = 0
     first_suppressed: int | None = None
-    suppressed_since: int = 0
+    between: int = 0
+    _before: int = 0
 
     def add(self, number: int, time: int | None, cooldown: int | None) -> bool:
         """Count the detection at the event of that number, and say whether it is told.
@@ -100,10 +101,10 @@ class DetectionCount:
         """
         if cooldown and time is not None and self.time is not None and abs(time - self.time) < cooldown:
             self.suppressed += 1
-            self.suppressed_since += 1
             self.first_suppressed = self.first_suppressed or number
             return False
         self.told += 1
+        self.between, self._before = self.suppressed - self._before, self.suppressed
         self.last, self.time = number, self.time if time is None else time
         return True
 
@@ -137,13 +138,13 @@ class MonitorSet:
         self._strict = semantics is Semantics.STRICT
         made = [make(column.part) for column in columns]
         self._take_over(tuple(map(Repetition, made)) if repeat else tuple(made))
-        self._time = self.columns[0].part.time
+        self.time = self.columns[0].part.time
         letters = (letter.pattern for engine in self.engines for letter in engine.letters.letters)
         self.types = EventTypeIndex(self.columns[0].part, letters)
         self.since: dict[int, int] = {}
         self.found = [DetectionCount() for _ in columns]
         self.serves = self.concerned = self.late = False
-        self.may_be_late = self._time is not None and self._time.late is not None
+        self.may_be_late = self.time is not None and self.time.late is not None
         self._live = tuple(range(len(self.monitors)))
         self._resting: tuple[int, ...] = ()
         """The columns that detected with the last event and begin afresh with the next."""
@@ -233,7 +234,7 @@ class MonitorSet:
             if verdict is _UNKNOWN:
                 continue
             if verdict is Verdict.TRUE:
-                time = None if self._time is None or self.cooldown is None else self._time.read(event)
+                time = None if self.time is None or self.cooldown is None else self.time.read(event)
                 if not self.found[column].add(number, time, self.cooldown):
                     suppressed.append(column)
                     continue

@@ -18,9 +18,9 @@ from rvaft.model.nodes import Kind
 from rvaft.model.values import Json, is_number
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.detection import PLACES, counted, matched_events, unlike
+from rvaft.monitoring.detection import PLACES, counted, detections, matched_events, unlike
 from rvaft.monitoring.fast_reader import Batch, FastReader
-from rvaft.monitoring.monitor_set import MonitorSet
+from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.reader import BLANK, BOM, decode, failures_of, read
 from rvaft.monitors import Explanation
@@ -230,6 +230,8 @@ class VerdictChange:
         self.columns = columns
         self.verdicts = watch.monitors.verdicts
         self.detected = [column for column in columns if self.verdicts[column] is Verdict.TRUE]
+        self.counts = {column: watch.monitors.found[column] for column in self.detected if watch.monitors.repeat}
+        """Where monitors repeat, for each column that detects its detections with this one."""
 
     @cached_property
     def explanations(self) -> Mapping[int, Explanation]:
@@ -244,19 +246,19 @@ class VerdictChange:
         return {**self.watch.buffer.events(wanted), self.number: self.event}
 
     @cached_property
-    def detections(self) -> Sequence[tuple[Explanation | None, frozenset[Kind]]]:
-        """What was detected, each match once, with the kinds whose monitors it detected.
+    def detections(self) -> Sequence[tuple[Explanation | None, frozenset[Kind], DetectionCount | None]]:
+        """What was detected, each match once, with the kinds whose monitors it detected; where these repeat, with the detections of the first.
 
         By the monitors of branches or kinds where these are monitored, else by that of the tree. A backend does not explain.
         """
         parts = [column for column in self.detected if column] or self.detected
         if parts and not self.explanations:
-            return [(None, frozenset())]
-        found: list[tuple[Explanation | None, frozenset[Kind]]] = []
+            return [(None, frozenset(), self.counts.get(parts[0]))]
+        found: list[tuple[Explanation | None, frozenset[Kind], DetectionCount | None]] = []
         for columns, explanation in unlike({place: one for place, one in self.explanations.items() if place in parts}):
             wholes = [self.watch.monitors.columns[column].part.part_of for column in columns]
             kinds = frozenset(whole.kind for whole in wholes if whole is not None and whole.kind is not None)
-            found.append((explanation, kinds))
+            found.append((explanation, kinds, self.counts.get(columns[0])))
         return found
 
 
@@ -315,7 +317,9 @@ class MonitoringPlan:
             return None
         if self.monitors.may_be_late:
             return None  # the time of each event counts
-        return FastReader.of(self.reads, self.monitors.types.possible, (TIME, *self.told))
+        declared = self.monitors.time
+        kept = (TIME, *self.told, *(() if declared is None else declared.field[:1]))
+        return FastReader.of(self.reads, self.monitors.types.possible, kept)
 
 
 class TraceRun:
@@ -525,6 +529,11 @@ class TraceRun:
     @property
     def warnings(self) -> Iterator[str]:
         """What was odd about the events, each as a line."""
+        counts = [count for watch in self.watches for count in watch.monitors.found if count.first_suppressed]
+        if counts:
+            first = min(count.first_suppressed or 0 for count in counts)
+            suppressed = sum(count.suppressed for count in counts)
+            yield f"{detections(suppressed)} suppressed by the cooldown (first: event {first})"
         if self._without_key and self.plan.key is not None:
             lacking = f"{counted(self._without_key)} without the field {' or '.join(one.text for one in self.plan.key.fields)}"
             yield f"{lacking}, given to no monitor (first: event {self._first_without_key})"

@@ -131,29 +131,30 @@ def one_of(choices: type[Choice], value: Choice | str) -> Choice:
 
 
 @no_collections()
-def loads(text: str, file: str = "<text>") -> RVAFT:
+def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False) -> RVAFT:
     """The tree that a text stands for; imports are relative to the folder of `file`.
 
-    Raises `LanguageError` for what is not in the language and `TreeError` for the first rule that the tree breaks.
+    Raises `LanguageError` for what is not in the language and `TreeError` for the first rule that the tree breaks. Galileo's dynamic
+    gates are read with the meaning that observed failures have, or, with `strict_galileo`, refused.
 
     >>> loads("top sand a b;")
     <RVAFT top: 3 nodes>
     """
     if not isinstance(text, str):
         raise WrongType("the text of a tree", text, "a str")
-    return _checked(parse(text, file))
+    return _checked(parse(text, file, strict_galileo=strict_galileo))
 
 
 @no_collections()
-def load(path: os.PathLike[str] | str) -> RVAFT:
-    """The tree in a file, Galileo's static part included; raises as `loads` does, and `OSError` where it cannot be read.
+def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False) -> RVAFT:
+    """The tree in a file, also in Galileo's format; raises as `loads` does, and `OSError` where it cannot be read.
 
     >>> load("trees/gates/and.rvaft")
     <RVAFT top: 4 nodes>
     """
     if not isinstance(path, (str, os.PathLike)):
         raise WrongType("the path of a tree", path, "a str or a path")
-    return _checked(parse_file(path))
+    return _checked(parse_file(path, strict_galileo=strict_galileo))
 
 
 def _checked(draft: Draft) -> RVAFT:

@@ -11,7 +11,7 @@ import click
 import rvaft
 from rvaft.cli import FAILED, FOUND, options, report
 from rvaft.errors import LanguageError, RvaftError
-from rvaft.language.parser import NoTree, parse_bytes, parse_file
+from rvaft.language.parser import NoTree
 from rvaft.model.nodes import Place
 from rvaft.rules import RULES, check, explain, meanings
 from rvaft.rules.registry import SYNTAX
@@ -23,6 +23,7 @@ _FORMATS: Final = "What to print: github are annotations of a workflow, sarif is
 
 @click.command("check")
 @click.argument("trees", nargs=-1, required=True, metavar="TREE...")
+@options.strict_galileo
 @click.option("--strict", is_flag=True, help="Warnings count as errors do.")
 @options.output_format("text", "json", "github", "sarif", text=_FORMATS)
 def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
@@ -35,7 +36,7 @@ def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
     status = 0
     for tree in trees:
         try:
-            found = check(parse_bytes(options.standard_bytes("TREE"), "<stdin>") if tree == "-" else parse_file(tree))
+            found = check(options.read_draft(tree))
         except (RvaftError, OSError) as error:
             if isinstance(error, NoTree) and error.is_part:
                 continue
@@ -55,7 +56,7 @@ def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
                 click.echo(visible(str(finding)))
     if form != "text":
         click.echo(_FORMS[form](findings + unreadable), nl=form != "github")
-    serious = any(strict or finding.severity is Severity.ERROR for finding in findings)
+    serious = any(finding.severity in {Severity.ERROR, *([Severity.WARNING] * strict)} for finding in findings)
     return max(status, FOUND if serious else 0)
 
 
@@ -79,7 +80,8 @@ def _github(findings: Sequence[Finding]) -> str:
         file, line, column = finding.place
         where = f"file={file.translate(_IN_PROPERTIES)},line={line},col={column},title=rvaft {finding.code}"
         message = f"{finding.message} [{finding.code}]".translate(_IN_MESSAGES)
-        lines.append(f"::{finding.severity} {where}::{visible(message)}\n")
+        level = "notice" if finding.severity is Severity.INFORMATION else finding.severity
+        lines.append(f"::{level} {where}::{visible(message)}\n")
     return "".join(lines)
 
 
@@ -90,7 +92,8 @@ def _sarif(findings: Sequence[Finding]) -> str:
         file, line, column = finding.place
         artifact, region = {"uri": quote(PurePath(file).as_posix())}, {"startLine": line, "startColumn": column}
         place = {"physicalLocation": {"artifactLocation": artifact, "region": region}}
-        said = {"ruleId": finding.code, "level": finding.severity.value, "message": {"text": finding.message}}
+        level = "note" if finding.severity is Severity.INFORMATION else finding.severity.value
+        said = {"ruleId": finding.code, "level": level, "message": {"text": finding.message}}
         results.append({**said, "locations": [place]})
     codes = sorted({finding.code for finding in findings})
     rules = [{"id": code, "shortDescription": {"text": meanings()[code].title}} for code in codes]

@@ -7,7 +7,6 @@ from typing import Any, Final
 import click
 
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.api import load
 from rvaft.cli import FAILED, FOUND, Failures, options
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.engine.monitor import DEFAULT_LIMIT
@@ -43,7 +42,7 @@ def coverage_command(*, tree: str, logs: tuple[str, ...], fail_under: float | No
     A LOG is as for `monitor`: JSON Lines, compressed or not; - is standard input, and a pattern such as 'runs/*.jsonl' stands for the
     files that match it.
     """
-    whole = load(tree)
+    whole = options.load_tree(tree)
     coverage = Coverage(whole, **chosen)
     failures = Failures()
     for log in (file for files in failures.collect(expanded, logs) for file in files):

@@ -8,7 +8,7 @@ from typing import Any, Final
 import click
 
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.api import load, meant, monitor, narrowed, translate
+from rvaft.api import meant, monitor, narrowed, translate
 from rvaft.cli import FAILED, Failures, options, warn
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import PICTURES, SUFFIXES, TraceSource, run
@@ -90,7 +90,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     """
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     _check(given)
-    whole = load(tree)
+    whole = options.load_tree(tree)
     part, semantics = narrowed(whole, branch, kind), meant(whole, given["semantics"])
     if given["cooldown"] is not None and whole.time is None:
         raise OptionError(f"--cooldown needs the time of events: declare `time FIELD as FORMAT;` in {tree}")

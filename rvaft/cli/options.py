@@ -14,7 +14,8 @@ import click
 from rvaft.api import load, loads
 from rvaft.backend import UnknownBackend, backend, speaking
 from rvaft.errors import OptionError, TooLarge
-from rvaft.language.parser import decoded
+from rvaft.language.draft import Draft
+from rvaft.language.parser import decoded, parse_bytes, parse_file
 from rvaft.model.event_time import UNITS, scaled
 from rvaft.model.nodes import Gate, Kind
 from rvaft.model.tree import RVAFT
@@ -58,7 +59,28 @@ def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
     )
 
 
-tree_argument = click.argument("tree", metavar="TREE")
+_STRICT: Final = "strict_galileo"
+
+
+def _remember(context: click.Context, _parameter: object, value: bool) -> None:
+    context.meta[_STRICT] = value
+
+
+strict_galileo: Final = click.option(
+    "--strict-galileo",
+    is_flag=True,
+    expose_value=False,
+    callback=_remember,
+    help="Refuse Galileo's dynamic gates instead of reading them as observed failures.",
+)
+"""`--strict-galileo`, for commands that read trees by `load_tree`, `read_tree` or `read_draft`."""
+
+
+def tree_argument(function: F) -> F:
+    """The argument TREE, and how it is read."""
+    return click.argument("tree", metavar="TREE")(strict_galileo(function))
+
+
 output_option = click.option("-o", "--output", metavar="FILE", help="Write to this file instead of standard output.")
 semantics_option: Final = choice(
     "--semantics",
@@ -114,9 +136,27 @@ def standard_bytes(argument: str) -> bytes:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", "<stdin>") from error
 
 
+def load_tree(path: str) -> RVAFT:
+    """The tree in a file, read as strictly as the command line asks; raises as `rvaft.load` does."""
+    return load(path, strict_galileo=_is_strict())
+
+
 def read_tree(tree: str) -> RVAFT:
     """The tree in a file, or for `-` on standard input; raises as `rvaft.load` does."""
-    return loads(decoded(standard_bytes("TREE"), "<stdin>"), "<stdin>") if tree == "-" else load(tree)
+    if tree != "-":
+        return load_tree(tree)
+    return loads(decoded(standard_bytes("TREE"), "<stdin>"), "<stdin>", strict_galileo=_is_strict())
+
+
+def read_draft(tree: str) -> Draft:
+    """The draft in a file, or for `-` on standard input; raises as `parse` does, and `OSError`."""
+    if tree != "-":
+        return parse_file(tree, strict_galileo=_is_strict())
+    return parse_bytes(standard_bytes("TREE"), "<stdin>", strict_galileo=_is_strict())
+
+
+def _is_strict() -> bool:
+    return bool(click.get_current_context().meta.get(_STRICT))
 
 
 @contextmanager

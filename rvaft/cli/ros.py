@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import click
 
-from rvaft.api import load, meant, narrowed
+from rvaft.api import meant, narrowed
 from rvaft.cli import options, warn
 from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.model.nodes import Kind
@@ -64,7 +64,7 @@ def rosmonitoring_command(
     All files are written or none.
     """
     options.refuse(output in ("", "-"), f"-o names a folder, and '{output}' is none")
-    loaded = load(tree)
+    loaded = options.load_tree(tree)
     wanted = ros.RosOptions(**{**how, "semantics": meant(loaded, how["semantics"])})
     if wanted.oracle is ros.Oracle.RVAFT:
         folder = Path(tree).parent.resolve()
@@ -126,7 +126,7 @@ def serve_command(
     Runs until it is interrupted or terminated; the exit status is then 0, whatever was detected.
     """
     address = Address(how["host"], how["port"], tuple(map(origin, how["origin"])), how["max_connections"])
-    part = narrowed(load(tree), branch, kind)
+    part = narrowed(options.load_tree(tree), branch, kind)
     longest = how["max_message"] * _MEBIBYTE
     speaking = Protocol(part, polarity=how["polarity"], vocabulary=how["vocabulary"], longest=longest)
     first = Session(part, how["semantics"], per=per)

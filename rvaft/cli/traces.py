@@ -11,7 +11,7 @@ import click
 from cross_check.generate import PLAIN, NoTraceFound, detecting
 from cross_check.generate import near_miss as missing
 from cross_check.generate.traces import random_trace
-from rvaft.api import load, meant, narrowed
+from rvaft.api import meant, narrowed
 from rvaft.cli import options
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
@@ -59,7 +59,7 @@ def traces_command(
     folder = None if output in (None, "-") else Path(output or "")
     wanted = wanted or (DEFAULT_NUMBER if folder is not None else 1)
     options.refuse(folder is None and wanted > 1, f"{wanted} traces need a folder: name it with -o")
-    part, manner = narrowed(load(tree), branch, kind), replace(PLAIN, longest=length)
+    part, manner = narrowed(options.load_tree(tree), branch, kind), replace(PLAIN, longest=length)
     meaning = meant(part, semantics)
     name = "near-miss" if near_miss else "random" if chance else "detect"
 

@@ -2,8 +2,9 @@
 
 The schema of the JSON is in `docs/drawing.md`.
 
-Galileo has no SAND: it becomes the priority AND (`pand`), `sand_rl` with its children turned round. Events, guards,
-kinds, labels and `ignore` have no form there either; `losses` says what is lost, so that nobody takes the result for the tree.
+Galileo has no SAND: it becomes the priority AND (`pand`), `sand_rl` with its children turned round. Over single events that means the
+same. Events, guards, times, kinds, labels and `ignore` have no form there; `losses` says what is lost, so that nobody takes the
+result for the tree. What is written is read back.
 """
 
 import json
@@ -13,7 +14,7 @@ from typing import Any, Final, assert_never
 from rvaft.analysis.normal_form import Op, body
 from rvaft.errors import OptionError
 from rvaft.model.expressions import WORD, bare_value, guard_text
-from rvaft.model.nodes import Causality, Node
+from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -31,8 +32,11 @@ def json_text(tree: RVAFT) -> str:
         "version": 1,
         "root": tree.root,
         "causality": tree.causality,
+        "semantics": tree.semantics,
+        "time": None if tree.time is None else _record(tree.time, "field format late"),
         "nodes": [
-            _record(node, "name gate threshold children on when kind label attributes") for node in tree.nodes.values()
+            _record(node, "name gate threshold children on times when within kind label attributes")
+            for node in tree.nodes.values()
         ],
         "events": [_record(event, "name parameters pattern") for event in tree.events.values()],
         "ignores": [_record(ignore, "on when") for ignore in tree.ignores],
@@ -87,12 +91,15 @@ def galileo_text(tree: RVAFT) -> str:
 def losses(tree: RVAFT) -> Iterator[str]:
     """What the Galileo text does not say, one clause each."""
     nodes = list(tree.top_down())
-    ordered = sum(body(node).op is Op.SEQUENCE for node in nodes)
+    single = _single(tree)
+    ordered = sum(body(node).op is Op.SEQUENCE and not single.issuperset(node.children) for node in nodes)
     unwritable = sum(not _is_plain(*pair) for node in nodes for pair in node.attributes)
     unrated = sum(node.leaf and not node.attributes for node in nodes)
     for lost, what in (
-        (ordered, "sand gate{} written as pand, which orders failures, not runtime events"),
+        (ordered, "sand gate{} written as pand, which orders how parts end, and not all that is in them"),
         (sum(node.on is not None for node in nodes), "runtime event{} left out"),
+        (sum(node.times > 1 for node in nodes), "number{} of events (times) left out"),
+        (sum(node.within is not None for node in nodes), "window{} (within) left out"),
         (sum(node.when is not None for node in nodes), "guard{} left out"),
         (sum(node.kind is not None for node in nodes), "fault or attack mark{} left out"),
         (sum(node.label is not None for node in nodes), "label{} left out"),
@@ -106,8 +113,21 @@ def losses(tree: RVAFT) -> Iterator[str]:
         yield "topic declarations left out"
     if tree.causality is Causality.BOTTOM_UP:
         yield "causality bottom_up left out"
+    if tree.semantics is not None:
+        yield f"semantics {tree.semantics} left out"
+    if tree.time is not None:
+        yield "the time of events left out"
     if unrated:
         yield f"{unrated} basic event{'s' * (unrated != 1)} without a rate or probability, which most tools require"
+
+
+def _single(tree: RVAFT) -> set[str]:
+    """The nodes of which no scenario has more than one leaf in the part."""
+    found: set[str] = set()
+    for node in tree.bottom_up():
+        if found.issuperset(node.children) and (len(node.children) < 2 or body(node).op is Op.ONE):
+            found.add(node.name)
+    return found
 
 
 _GATES: Final = {Op.ALL: "and", Op.ONE: "or", Op.SEQUENCE: "pand", Op.AT_LEAST: "{}of{}"}
@@ -115,13 +135,14 @@ _GATES: Final = {Op.ALL: "and", Op.ONE: "or", Op.SEQUENCE: "pand", Op.AT_LEAST: 
 
 def _statement(node: Node) -> str:
     below = body(node)
-    gate = [] if node.leaf else [_GATES[below.op].format(below.need, len(below.children))]
+    word = "pand" if node.gate is Gate.PAND else _GATES[below.op]
+    gate = [] if node.leaf else [word.format(below.need, len(below.children))]
     attributes = [f"{key}={value}" for key, value in node.attributes if _is_plain(key, value)]
     return " ".join([_name(node.name), *gate, *map(_name, below.children), *attributes]) + ";"
 
 
 def _name(name: str) -> str:
-    if '"' in name or not name.isprintable():
+    if '"' in name or "\\" in name or not name.isprintable():
         raise OptionError(f"Galileo cannot write the name {name!r}: rename the node")
     return f'"{name}"'
 

@@ -176,7 +176,7 @@ def _sort_of(operands: Sequence[Term], token: Token) -> str:
 
 def _gate(token: Token, children: Sequence[Word]) -> Clause:
     """A gate, with the K of a vote and the N of K`of`N."""
-    if not token[-1].isdigit():
+    if not token[0].isdigit() and not token.startswith("vot"):
         return Clause("gates", token, (children, None, None))
     k, _, n = token.removeprefix("vot").partition("of")
     return Clause("gates", token, (children, integer_of(k, token), integer_of(n, token) if n else None))

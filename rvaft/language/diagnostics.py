@@ -13,6 +13,7 @@ from typing import Final, NamedTuple, TypeAlias
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
 from rvaft.errors import LanguageError
+from rvaft.language.draft import DYNAMIC_GATES
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
 from rvaft.support.terminal import visible
@@ -256,7 +257,7 @@ def _statement_slips(at: _Situation) -> Advice:
     starts_node = len(at.before) == 1 and at.can("K_OF_N")
     name, gate, *_ = (*at.before, bad, _Lexeme("", 0, 0))
     names_node = (name.is_word or name.is_string) and name.text not in RESERVED
-    if names_node and gate.text.lower() in DYNAMIC:  # of Galileo and its relatives, also in the form `pdep=0.2`
+    if names_node and gate.text.lower() in DYNAMIC.difference(DYNAMIC_GATES):  # of Galileo and its relatives
         of = shown(name.text.strip('"'))
         yield f"the gate {shown(gate.text)} of {of} has no meaning here yet", gate.start
     if at.can("K_OF_N") and bad.text[:1].isdigit():
@@ -275,7 +276,7 @@ def _statement_slips(at: _Situation) -> Advice:
     if starts_node and bad.is_word:
         if following.text[:1].isdigit():
             yield f"an attribute has an equals sign: {shown(bad.text)[1:-1]}=…", bad.start
-        known = _meant(bad.text, (*GATES, *CLAUSES))
+        known = _meant(bad.text, (*GATES, *DYNAMIC_GATES, *CLAUSES))
         mend = f"did you mean {known}?" if known else f"the gates are {', '.join(GATES)} and KofN (2of3)"
         yield f"unknown {'word' if known in CLAUSES else 'gate'} {shown(bad.text)}: {mend}", bad.start
     words = (*OPERATOR_WORDS, *CLAUSES, "top_down", "bottom_up")

@@ -6,11 +6,11 @@ all that is wrong with a file and not only the first. `Draft.build` makes the im
 
 import gc
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Generic, NamedTuple, TypeVar, assert_never
+from typing import Final, Generic, NamedTuple, TypeVar, assert_never
 
 from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime
@@ -29,18 +29,43 @@ class Said(NamedTuple, Generic[T_co]):
     place: Place
 
 
+DYNAMIC_GATES: Final[Mapping[str, Gate]] = {
+    "pand": Gate.PAND,
+    "seq": Gate.SAND,
+    "csp": Gate.SAND,
+    "wsp": Gate.AND,
+    "hsp": Gate.AND,
+    "spare": Gate.AND,
+    "fdep": Gate.OR,
+    "pdep": Gate.OR,
+}
+"""The dynamic gates of Galileo that are read, and as what; `galileo.py` makes good where that depends on more than the word."""
+
+
 class GateUse(NamedTuple):
-    """A gate with its children; `threshold` is the K of a VOT gate, `out_of` the N of K`of`N (None for `votK`)."""
+    """A gate with its children; `threshold` is the K of a VOT gate, `out_of` the N of K`of`N (None for `votK`).
+
+    `dynamic` is the word of Galileo, such as `wsp` or `pdep=1`, where the gate was written as one.
+    """
 
     gate: Gate
     children: tuple[Said[str], ...]
     threshold: int | None = None
     out_of: int | None = None
+    dynamic: str = ""
 
     @classmethod
     def of(cls, word: str, children: tuple[Said[str], ...], threshold: int | None, out_of: int | None) -> "GateUse":
         """The use of a gate that is written as this word, with the numbers in it."""
-        return cls(Gate(word) if threshold is None else Gate.VOT, children, threshold, out_of)
+        if threshold is not None:
+            return cls(Gate.VOT, children, threshold, out_of)
+        known = DYNAMIC_GATES.get(word.partition("=")[0].strip())
+        return cls(Gate(word), children) if known is None else cls(known, children, dynamic=word)
+
+    @property
+    def is_dependency(self) -> bool:
+        """Whether it says that the first child brings about the others (Galileo's `fdep` and `pdep`)."""
+        return self.dynamic.startswith(("fdep", "pdep"))
 
 
 @contextmanager
@@ -66,6 +91,14 @@ class PruneFault(StrEnum):
     """A KofN gate that stays would lose a child."""
     EMPTY = "empty"
     """A gate that stays would lose all its children."""
+
+
+class DynamicGate(NamedTuple):
+    """How a dynamic gate of Galileo was read, in a sentence, and the nodes that it is about."""
+
+    place: Place
+    said: str
+    nodes: tuple[str, ...]
 
 
 class BrokenPrune(NamedTuple):
@@ -183,6 +216,7 @@ class Draft:
     parameters: list[Said[str]] = field(default_factory=list)
     prunes: list[Said[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
+    dynamic_gates: list[DynamicGate] = field(default_factory=list)
 
     def undeclared(self) -> list[Said[str]]:
         """The children that no statement defines, each once, where first named."""
@@ -280,10 +314,12 @@ class Draft:
         left = tuple(child for child in use.children if child.value not in gone)
         if len(left) == len(use.children):
             return use
+        if use.is_dependency:  # without its trigger it says nothing
+            return use._replace(children=left if left[:1] == use.children[:1] and len(left) > 1 else ())
         match use.gate:
             case Gate.OR | Gate.AND | Gate.SAND | Gate.SAND_RL | Gate.PAND:  # fewer children ask for nothing new
                 if left:
-                    return GateUse(use.gate, left)
+                    return use._replace(children=left)
                 fault = PruneFault.EMPTY
             case Gate.VOT:
                 fault = PruneFault.VOTE

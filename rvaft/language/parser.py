@@ -16,6 +16,7 @@ from rvaft.errors import LanguageError
 from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
 from rvaft.language.diagnostics import diagnose, error_at, shown
 from rvaft.language.draft import Draft, Said, no_collections
+from rvaft.language.galileo import read_dynamic_gates
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
 
@@ -75,11 +76,12 @@ def parse_guard(text: str, file: str = "<guard>") -> Guard:
     return guard
 
 
-def parse(text: str, file: str = "<text>") -> Draft:
+def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False) -> Draft:
     """The draft that a text and its imports make; paths of imports are relative to the folder of `file`.
 
     Raises `LanguageError` for what is not in the language, here or in an imported file, and `NoTree` where no statement is about
-    a node. What is in the language and still no tree (a cycle, a part set twice, …) stays in the draft.
+    a node. What is in the language and still no tree (a cycle, a part set twice, …) stays in the draft. Galileo's dynamic gates are
+    said in words of this language, or, with `strict_galileo`, refused.
 
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
@@ -89,18 +91,19 @@ def parse(text: str, file: str = "<text>") -> Draft:
     if not draft.nodes:
         raise NoTree(draft)
     draft.carry_out_prunes()
+    read_dynamic_gates(draft, strict=strict_galileo)
     return draft
 
 
-def parse_file(path: os.PathLike[str] | str) -> Draft:
+def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False) -> Draft:
     """The draft of a file and its imports; raises `LanguageError` as `parse` does, and `OSError` where it cannot be read."""
     name = os.fspath(path)
-    return parse(_text_of(name), name)
+    return parse(_text_of(name), name, strict_galileo=strict_galileo)
 
 
-def parse_bytes(data: bytes, file: str) -> Draft:
+def parse_bytes(data: bytes, file: str, *, strict_galileo: bool = False) -> Draft:
     """As `parse`, from the bytes of a file or stream; what is no UTF-8 text is a `LanguageError` too."""
-    return parse(decoded(data, file), file)
+    return parse(decoded(data, file), file, strict_galileo=strict_galileo)
 
 
 def _text_of(name: str) -> str:

@@ -38,6 +38,7 @@ DRAFT_RULES: Final = (
     Rule("ignore-variable", Severity.ERROR, structure.ignore_variable),
     Rule("duplicate-topic", Severity.ERROR, structure.duplicate_topic),
     Rule("malformed-topic", Severity.ERROR, structure.malformed_topic),
+    Rule("dynamic-gate", Severity.INFORMATION, structure.dynamic_gate),
 )
 """The rules that a draft must keep to be a tree."""
 
@@ -171,7 +172,7 @@ def explain(code: str) -> str:
 _PAGE: Final = """# What `rvaft check` looks for
 
 Every finding ends with the code of its rule, as in `robot.rvaft:7:6: error: unknown event type radiaton; did you mean
-radiation? [unknown-event]`. `rvaft explain CODE` prints what is written here. An error makes a tree unusable, a warning does not.
+radiation? [unknown-event]`. `rvaft explain CODE` prints what is written here. An error makes a tree unusable, a warning does not, and an information says how something was understood.
 The rules about scenarios are asked only where the structure has no error. None of them enumerates branches.
 
 | code | severity | finding |

@@ -13,7 +13,7 @@ from rvaft.model.tree import RVAFT
 
 
 class Severity(StrEnum):
-    """An error makes the tree unusable; a warning does not.
+    """An error makes the tree unusable; a warning does not, and an information says how something was understood.
 
     >>> Severity.ERROR.value
     'error'
@@ -21,6 +21,7 @@ class Severity(StrEnum):
 
     ERROR = "error"
     WARNING = "warning"
+    INFORMATION = "information"
 
 
 @dataclass(frozen=True, slots=True)

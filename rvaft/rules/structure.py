@@ -125,6 +125,11 @@ def prune(draft: Draft) -> Iterator[RuleReport]:
         yield RuleReport(place, f"cannot prune {pruned}: {why}", nodes)
 
 
+def dynamic_gate(draft: Draft) -> Iterator[RuleReport]:
+    """What the dynamic gates of Galileo are read as."""
+    yield from (RuleReport(*gate) for gate in draft.dynamic_gates)
+
+
 # Rules about event types and their use.
 
 

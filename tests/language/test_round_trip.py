@@ -57,7 +57,7 @@ def test_what_is_said_twice_stays_in_the_draft() -> None:
     assert [event.name for event in draft.events] == ["e", "e"]
     assert [said.value for said in (*draft.toplevels, *draft.parameters)] == ["a", "b", "x"]
     assert [child.value for child in v.children()] == ["b", "b", "c", "d"]
-    assert [node.gates[0].value[2:] for node in (v, w)] == [(2, 3), (7, None)]
+    assert [node.gates[0].value[2:4] for node in (v, w)] == [(2, 3), (7, None)]
     assert parse("a or b; c or b;").root is None
 
 

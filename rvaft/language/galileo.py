@@ -1,0 +1,184 @@
+"""Galileo's dynamic gates in words of this language, with the meaning that *observed failures* have.
+
+A monitor is told which parts failed, and in which order. So a warm or hot spare, which may fail before it is used, makes its gate
+an `and`, and a cold one, which cannot, a `sand`; so does `seq`. `fdep T D …` makes every D `D or T`, wherever D stands; T stays one node, and one
+occurrence. What depends on chances, or on which of two gates is first to take a spare, cannot be read off failures and is refused.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from rvaft.errors import LanguageError
+from rvaft.language.draft import Draft, DraftNode, DynamicGate, GateUse, Said
+from rvaft.model.nodes import Gate, Place
+from rvaft.model.tree import find_cycle
+
+SUFFIXES: Final = (".dft", ".galileo")
+"""Of files in Galileo's format. There `pand` is a dynamic gate, too; elsewhere it is one of this language."""
+_WHY: Final = {
+    "pand": "the parts below it end from left to right",
+    "seq": "its parts fail from left to right",
+    "csp": "a cold spare cannot fail before it is used",
+    "wsp": "a warm spare may fail before it is used",
+    "hsp": "a hot spare may fail before it is used",
+}
+_SPARES: Final = ("csp", "wsp", "hsp", "spare")
+
+
+def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
+    """Say them in words of this language, and note how in `dynamic_gates`; raises `LanguageError` for what cannot be, and with `strict` for all."""
+    uses = [(node, said) for node in draft.nodes.values() for said in node.gates if said.value.dynamic]
+    uses = [(n, said) for n, said in uses if said.value.dynamic != "pand" or said.place.file.endswith(SUFFIXES)]
+    if strict and uses:
+        node, (use, place) = min(uses, key=lambda found: found[1].place)
+        raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused, as the reading is strict", place)
+    _check_spares(uses)
+    dependencies = [(node, said) for node, said in uses if said.value.is_dependency and len(node.gates) == 1]
+    for node, (use, place) in uses:
+        if not use.is_dependency:
+            draft.dynamic_gates.append(_static(draft, node, Said(use, place)))
+    if dependencies:
+        _read_dependencies(draft, dependencies)
+
+
+def _error(message: str, place: Place) -> LanguageError:
+    return LanguageError(message, file=place.file, line=place.line, column=place.column)
+
+
+def _static(draft: Draft, node: DraftNode, said: Said[GateUse]) -> DynamicGate:
+    """Read a gate that stays one gate."""
+    use, place = said
+    kind = use.dynamic
+    if kind == "spare":
+        cold = all(_is_cold(draft, spare.value) for spare in use.children[1:])
+        kind = "csp" if cold else "wsp"
+        use = use._replace(gate=Gate.SAND if cold else Gate.AND)
+        node.gates = [Said(use, other.place) if other == said else other for other in node.gates]
+    parents = (child.value for other in draft.nodes.values() for child in other.children())
+    loose = kind == "seq" and node.name not in {*parents, *(toplevel.value for toplevel in draft.toplevels)}
+    idle = "; it is nobody's child, and other orders are detected, too" if loose else ""
+    how = "is read so" if use.dynamic == use.gate else f"is read as `{use.gate}`"
+    return DynamicGate(place, f"`{use.dynamic}` of {node.name} {how}: {_WHY[kind]}{idle}", (node.name,))
+
+
+def _is_cold(draft: Draft, name: str) -> bool:
+    """Whether a spare states a dormancy of 0."""
+    pairs = [said.value for said in draft.nodes[name].attributes] if name in draft.nodes else []
+    return any(key == "dorm" and _number(value) == 0 for key, value in pairs)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _check_spares(uses: list[tuple[DraftNode, Said[GateUse]]]) -> None:
+    """Refuse a spare that several gates may take."""
+    seen: dict[str, tuple[str, bool]] = {}
+    for node, (use, _) in uses:
+        if use.dynamic not in _SPARES:
+            continue
+        for number, child in enumerate(use.children):
+            other, spare = seen.setdefault(child.value, (node.name, number > 0))
+            if other != node.name and (spare or number):
+                why = "who takes it depends on who needs it first, which failures do not tell"
+                message = f"the spare {child.value} is shared by {other} and {node.name}: {why}; give each its own"
+                raise _error(message, child.place)
+
+
+def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[GateUse]]]) -> None:
+    """Put `D or T` in the place of every D that depends on a T, and take the gates that say so out of the tree."""
+    triggers: dict[str, dict[str, Said[str]]] = {}
+    names = {node.name for node, _ in dependencies}
+    for node, said in dependencies:
+        _check_dependency(node, said, names)
+        for child in said.value.children[1:]:
+            triggers.setdefault(child.value, {}).setdefault(said.value.children[0].value, said.value.children[0])
+        del draft.nodes[node.name]
+    _drop(draft, names)
+    root = draft.root
+    used = {child.value for node in draft.nodes.values() for child in node.children()} | {root or ""}
+    used |= {said.value for said in draft.toplevels}
+    new: dict[str, str] = {}
+    taken = {*draft.nodes, *used}
+    made: list[DraftNode] = []
+    for dependent in [name for name in triggers if name in used]:
+        causes = {name: said for name, said in _all_triggers(dependent, triggers) if name != dependent}
+        if not causes:
+            continue
+        name = " or ".join([dependent, *causes])
+        while name in taken:
+            name += "'"
+        taken.add(name)
+        new[dependent] = name
+        place = next(iter(causes.values())).place
+        use = GateUse(Gate.OR, (Said(dependent, place), *causes.values()))
+        made.append(DraftNode(name, statements=[place], gates=[Said(use, place)]))
+    for node in draft.nodes.values():
+        node.gates = [Said(_renamed(use, new), place) for use, place in node.gates]
+    draft.toplevels = [Said(new.get(said.value, said.value), said.place) for said in draft.toplevels]
+    draft.nodes.update((node.name, node) for node in made)
+    nodes = draft.nodes
+    circle = find_cycle({name: [c.value for c in node.children() if c.value in nodes] for name, node in nodes.items()})
+    if inside := [node for node in made if node.name in circle]:
+        why = f"{', '.join(name for name in circle if name not in new.values())} would bring about each other"
+        raise _error(f"the dependencies form a circle, in which {why}; leave out one of them", inside[0].place)
+    for node, (use, place) in dependencies:
+        if use.children:
+            trigger, *dependents = (child.value for child in use.children)
+            how = f"a failure of {trigger} stands for one of {', '.join(dependents)}, too"
+            draft.dynamic_gates.append(DynamicGate(place, f"`{use.dynamic}` of {node.name} is read so: {how}", ()))
+
+
+def _check_dependency(node: DraftNode, said: Said[GateUse], names: set[str]) -> None:
+    use, place = said
+    kind, _, chance = use.dynamic.partition("=")
+    if chance and _number(chance) != 1:
+        why = "with a probability below 1 a failure does not tell of what depends on it"
+        raise _error(f"the gate `{use.dynamic}` of `{node.name}` cannot be read: {why}; leave it out", place)
+    if len(use.children) == 1:
+        raise _error(f"`{kind.strip()}` of {node.name} names its trigger first, and then what depends on it", place)
+    for child in use.children:
+        if child.value in names:
+            raise _error(f"{child.value} is a dependency and fails never: {node.name} cannot name it", child.place)
+    extra = [*node.ons, *node.whens, *node.kinds, *node.counts, *node.withins]
+    if extra:
+        raise _error(
+            f"{node.name} is a dependency and no event: it has neither `on` nor `when`, and no kind", extra[0].place
+        )
+
+
+def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Said[str]]]) -> Iterator[tuple[str, Said[str]]]:
+    """What brings about a node, directly or by bringing about what does."""
+    found: dict[str, Said[str]] = {}
+    waiting = [name]
+    while waiting:
+        new = {cause: said for cause, said in triggers.get(waiting.pop(), {}).items() if cause not in found}
+        found.update(new)
+        waiting.extend(new)
+    yield from found.items()
+
+
+def _renamed(use: GateUse, new: Mapping[str, str]) -> GateUse:
+    return use._replace(
+        children=tuple([Said(new.get(child.value, child.value), child.place) for child in use.children])
+    )
+
+
+def _drop(draft: Draft, names: set[str]) -> None:
+    """Take the dependencies out of the children of other gates: they are no events, and fail never."""
+    for said in draft.toplevels:
+        if said.value in names:
+            raise _error(f"the root {said.value} is a dependency, which fails never", said.place)
+    for node in draft.nodes.values():
+        for place, (use, where) in enumerate(node.gates):
+            gone = [child for child in use.children if child.value in names]
+            if not gone:
+                continue
+            left = tuple(child for child in use.children if child.value not in names)
+            if use.gate.counts or not left:
+                why = f"{gone[0].value} is a dependency and fails never"
+                raise _error(f"{why}: the gate {node.name} cannot do without this child", gone[0].place)
+            node.gates[place] = Said(use._replace(children=left), where)

@@ -260,6 +260,9 @@ def _statement_slips(at: _Situation) -> Advice:
     if names_node and gate.text.lower() in DYNAMIC.difference(DYNAMIC_GATES):  # of Galileo and its relatives
         of = shown(name.text.strip('"'))
         yield f"the gate {shown(gate.text)} of {of} has no meaning here yet", gate.start
+    if names_node and gate.text in DYNAMIC_GATES and bad.text == "-" and bad.start == gate.end:
+        of = shown(name.text.strip('"'))
+        yield f"the gate {shown(f'{gate.text}-{following.text}')} of {of} has no meaning here yet", gate.start
     if at.can("K_OF_N") and bad.text[:1].isdigit():
         found = re.match(r"([0-9]+)of([0-9]+)", "".join(x.text for x in (bad, *at.after)))
         yield f"K of N is written without spaces, as in {f'{found[1]}of{found[2]}' if found else '2of3'}", bad.start

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from rvaft.errors import LanguageError
-from rvaft.language.draft import Draft, DraftNode, DynamicGate, GateUse, Said
-from rvaft.model.nodes import Gate, Place
+from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, DynamicGate, GateUse, Said
+from rvaft.model.nodes import Place
 from rvaft.model.tree import find_cycle
 
 SUFFIXES: Final = (".dft", ".galileo")
@@ -52,7 +52,7 @@ def _static(draft: Draft, node: DraftNode, said: Said[GateUse]) -> DynamicGate:
     if kind == "spare":
         cold = all(_is_cold(draft, spare.value) for spare in use.children[1:])
         kind = "csp" if cold else "wsp"
-        use = use._replace(gate=Gate.SAND if cold else Gate.AND)
+        use = use._replace(gate=DYNAMIC_GATES["csp" if cold else "wsp"])
         node.gates = [Said(use, other.place) if other == said else other for other in node.gates]
     parents = (child.value for other in draft.nodes.values() for child in other.children())
     loose = kind == "seq" and node.name not in {*parents, *(toplevel.value for toplevel in draft.toplevels)}
@@ -114,7 +114,7 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[Ga
         taken.add(name)
         new[dependent] = name
         place = next(iter(causes.values())).place
-        use = GateUse(Gate.OR, (Said(dependent, place), *causes.values()))
+        use = GateUse(DYNAMIC_GATES["fdep"], (Said(dependent, place), *causes.values()))
         made.append(DraftNode(name, statements=[place], gates=[Said(use, place)]))
     for node in draft.nodes.values():
         node.gates = [Said(_renamed(use, new), place) for use, place in node.gates]

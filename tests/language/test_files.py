@@ -69,7 +69,7 @@ def test_imports_that_contradict_each_other_leave_both_toplevels(tmp_path: Path)
             {"b_dft": 'b; import "c.dft";', "c_dft": '  import "main.rvaft";'},
             "c.dft:1:10: the files import each other in a circle",
         ),
-        ('import "a.dft";', {"a_dft": 'toplevel "A";\n"A" wsp "B" "C";'}, "a.dft:2:5: the gate `wsp` of `A`"),
+        ('import "a.dft";', {"a_dft": 'toplevel "A";\n"A" por "B" "C";'}, "a.dft:2:5: the gate `por` of `A`"),
         ('a;\nimport "absent.dft";', {}, "main.rvaft:2:8: cannot import `absent.dft`: cannot read the file: No such"),
         ('a;\nimport "folder";', {}, "main.rvaft:2:8: cannot import `folder`: cannot read the file: Is a directory"),
         ('a;\nimport "nul\\u0000l";', {}, "cannot read the file: embedded null byte"),

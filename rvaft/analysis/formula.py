@@ -1,4 +1,4 @@
-"""The property of a branch as people read it: events in sequence, events in any order, conditions.
+"""The property of a branch as people read it: events in sequence, events in any order, conditions, windows of time.
 
 For display only; nothing is run from it. A node that several parents share stands wherever it is used, though it is one
 occurrence.
@@ -10,10 +10,12 @@ from enum import Enum
 from itertools import takewhile
 from typing import Final, Literal, TypeAlias
 
-from rvaft.analysis.normal_form import Op, normal_form
+from rvaft.analysis.normal_form import NormalForm, Op, normal_form
 from rvaft.errors import TooLarge
+from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text, name_text, on_text
-from rvaft.model.nodes import Node
+from rvaft.model.guards import TimePoint, walk
+from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 
 DEFAULT_LIMIT: Final = 100_000
@@ -21,10 +23,11 @@ DEFAULT_LIMIT: Final = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leaf:
-    """The runtime event of a node, or its guard."""
+    """The runtime event of a node, or its guard; `named` where another guard asks for the time of this event."""
 
     op: Literal[Op.EVENT, Op.CONDITION]
     node: Node
+    named: bool = False
 
 
 class Join(Enum):
@@ -34,28 +37,50 @@ class Join(Enum):
     ANY_ORDER = "any order"
     AT_LEAST = "at least"
     CHOICE = "choice"
+    ENDS = "ends in sequence"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joined:
-    """Parts one after the other, in any order, at least `threshold` of them in any order, or one of them."""
+    """Parts one after the other, in any order, at least `threshold` of them in any order, one of them, or each ending before the next."""
 
     join: Join
     parts: tuple["Formula", ...]
     threshold: int = 0
 
 
-Formula: TypeAlias = Leaf | Joined
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """A part that lasts no longer than so many nanoseconds."""
+
+    part: "Formula"
+    within: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Named:
+    """A part that guards ask for the start or the end of."""
+
+    part: "Formula"
+    name: str
+
+
+Formula: TypeAlias = Leaf | Joined | Window | Named
 
 
 @dataclass(frozen=True, slots=True)
 class Notation:
-    """How a formula is written; `event` and `condition` write the two kinds of leaves, `at_least` what precedes k of n parts."""
+    """How a formula is written: `event` and `condition` the two kinds of leaves, `at_least` what precedes k of n parts.
+
+    `window` is what stands before and behind a part that has a window, `name` before what guards ask for by name.
+    """
 
     event: Callable[[Node], str]
     condition: Callable[[Node], str]
     joins: Mapping[Join, str]
     at_least: Callable[[int, int], str]
+    window: Callable[[int], tuple[str, str]]
+    name: Callable[[str], str]
     open: str = "("
     close: str = ")"
     whole: frozenset[Join] = frozenset({Join.SEQUENCE})
@@ -66,26 +91,42 @@ def formula(tree: RVAFT, choices: Mapping[str, str] | None = None) -> Formula:
     """The property of a tree, or of the branch that makes these choices."""
     form = normal_form(tree, choices, as_written=True)
     done: list[Formula] = []
+    asked = _asked(form, tree)
     spread: dict[int, list[Formula]] = {}  # what stands in a sequence for a choice
     for number, part in enumerate(form.parts):
         inner = tuple(done[inside] for inside in part.parts)
         match part.op:
             case Op.EVENT | Op.CONDITION:
-                done.append(Leaf(part.op, tree.nodes[part.node]))
+                node = tree.nodes[part.node]
+                named = ("at", node.name) in asked or (node.leaf and {("start", node.name), ("end", node.name)} & asked)
+                done.append(Leaf(part.op, node, part.op is Op.EVENT and node.on is not None and bool(named)))
             case Op.ONE:
                 spread[number] = _choice(inner)
                 done.append(_joined(Join.SEQUENCE, spread[number]))
             case Op.AT_LEAST:
                 done.append(Joined(Join.AT_LEAST, inner, part.need))
             case Op.ALL:
-                done.append(_joined(Join.ANY_ORDER, inner))
+                ends = part.node in tree.nodes and tree.nodes[part.node].gate is Gate.PAND
+                done.append(_joined(Join.ENDS if ends else Join.ANY_ORDER, inner))
             case Op.SEQUENCE:
                 row: list[Formula] = []
                 for inside in part.parts:
                     own = form.parts[inside].node == part.node
                     row += spread.get(inside, [done[inside]]) if own else [done[inside]]
                 done.append(_joined(Join.SEQUENCE, row))
+        whole = tree.nodes[part.node] if part.node and form.whole[part.node] == number else None
+        if whole is not None and whole.within is not None:
+            done[number] = Window(done[number], whole.within)
+        if whole is not None and not whole.leaf and {("start", whole.name), ("end", whole.name)} & asked:
+            done[number] = Named(done[number], whole.name)
     return done[form.root]
+
+
+def _asked(form: NormalForm, tree: RVAFT) -> set[tuple[str, str]]:
+    """The time points of nodes that guards ask for."""
+    guards = (tree.nodes[part.node].when for part in form.parts if part.op is Op.CONDITION)
+    points = (one for guard in guards if guard is not None for one in walk(guard) if isinstance(one, TimePoint))
+    return {(one.point, one.node) for one in points}
 
 
 def _choice(parts: tuple[Formula, ...]) -> list[Formula]:
@@ -123,8 +164,8 @@ def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) 
     """
     pieces: list[str] = []
     written = 0
-    outer = term.join if isinstance(term, Joined) and term.join in notation.whole else Join.SEQUENCE
-    todo: list[str | tuple[Formula, Join] | None] = [(term, outer)]  # None is where a line may end
+    outer = None if isinstance(term, Joined) and term.join in notation.whole else Join.SEQUENCE
+    todo: list[str | tuple[Formula, Join | None] | None] = [(term, outer)]  # None is where a line may end
     while todo:
         if written > limit:
             raise TooLarge("the written form of a branch", limit=limit)
@@ -135,18 +176,26 @@ def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) 
                 continue
             case str() as sign:
                 pieces.append(sign)
-            case (Leaf(op, node), _):
+            case (Leaf(op, node, named), _):
+                pieces.append(notation.name(node.name) if named else "")
                 pieces.append(notation.event(node) if op is Op.EVENT else notation.condition(node))
+            case (Named(part, name), _):
+                todo += [(part, Join.AT_LEAST), notation.name(name)]
+                continue
+            case (Window(part, within), _):
+                left, right = notation.window(within)
+                todo += [right, (part, None), left]
+                continue
             case (Joined(join, parts, threshold), around):
                 between = [notation.joins[join], None] if join is Join.AT_LEAST else [None, notation.joins[join]]
-                inner: list[str | tuple[Formula, Join] | None] = []
+                inner: list[str | tuple[Formula, Join | None] | None] = []
                 for part in parts:
                     inner += [*between, (part, join)] if inner else [(part, join)]
                 if join is Join.AT_LEAST:
                     inner[:0] = [notation.at_least(threshold, len(parts)), notation.open]
-                elif join is not around and parts:
+                    inner.append(notation.close)
+                elif around is not None and (join is not around or join is Join.ENDS) and parts:
                     inner[:0] = [notation.open]
-                if join is Join.AT_LEAST or (join is not around and parts):
                     inner.append(notation.close)
                 todo.extend(reversed(inner))
                 continue
@@ -154,10 +203,17 @@ def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) 
     yield "".join(pieces)
 
 
+def _event(node: Node) -> str:
+    return name_text(node.name) if node.on is None else on_text(node.on)
+
+
 TEXT: Final = Notation(
-    lambda node: name_text(node.name) if node.on is None else on_text(node.on),
+    lambda node: _event(node) if node.times == 1 else f"{_event(node)}^{node.times}",
     lambda node: "" if node.when is None else f"[{guard_text(node.when)}]",
-    {Join.SEQUENCE: " ; ", Join.ANY_ORDER: " & ", Join.AT_LEAST: ", ", Join.CHOICE: " | "},
+    {Join.SEQUENCE: " ; ", Join.ANY_ORDER: " & ", Join.AT_LEAST: ", ", Join.CHOICE: " | ", Join.ENDS: " pand "},
     "at least {} of ".format,
+    lambda within: ("(", f") within {duration_text(within)}"),
+    lambda name: f"{name_text(name)}: ",
 )
-"""Plain text: `a ; b` in sequence, `a & b` in any order, `a | b` one of them, conditions in brackets."""
+"""Plain text: `a ; b` in sequence, `a & b` in any order, `a | b` one of them, `a pand b` ending in this order, `a^3` three times,
+conditions in brackets, `(a & b) within 5 min`, and `name: a` where a guard asks for its time."""

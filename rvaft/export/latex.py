@@ -11,8 +11,9 @@ from functools import cache
 from typing import Final
 
 from rvaft.backend import Highlighting
+from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text
-from rvaft.model.guards import OPERATORS, Guard, Operator
+from rvaft.model.guards import FUNCTIONS, OPERATORS, Guard, Operator
 from rvaft.model.nodes import On
 from rvaft.model.values import Scalar
 from rvaft.support.terminal import visible
@@ -97,6 +98,12 @@ def guard(condition: Guard) -> str:
     return guard_text(condition, _STYLE)
 
 
+def duration(nanoseconds: int) -> str:
+    r"""A duration in mathematics: `5\,\mathrm{min}`."""
+    number, unit = duration_text(nanoseconds).split()
+    return rf"{number}\,\mathrm{{{unit}}}" if unit != "us" else rf"{number}\,\mu\mathrm{{s}}"
+
+
 _STYLE: Final = Style(
     name,
     name,
@@ -112,8 +119,15 @@ _STYLE: Final = Style(
         Operator.NOT: r"\neg ",
         Operator.AND: r"\wedge",
         Operator.OR: r"\vee",
+        Operator.IN: r"\in",
+        **{function: rf"\mathrm{{{function}}}" for function in FUNCTIONS},
+        Operator.MIN: r"\min",
+        Operator.MAX: r"\max",
     },
     brackets=(r"\left(", r"\right)"),
+    point=lambda point, node: rf"\mathrm{{{point}}}({name(node)})",
+    duration=duration,
+    listed=(r"\{", r"\}"),
     # one of fractions would have several bars and is written with a slash
     fraction=lambda above, below: None if r"\frac" in above + below else rf"\frac{{{above}}}{{{below}}}",
     minus_level=SUM_LEVEL,

@@ -12,6 +12,7 @@ from typing import Final
 from rvaft.analysis.branches import Branch
 from rvaft.analysis.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
 from rvaft.export import latex
+from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text, quoted
 from rvaft.model.guards import OPERATORS, Guard, Operator
 from rvaft.model.nodes import Kind, Node
@@ -20,6 +21,7 @@ from rvaft.model.values import Scalar
 from rvaft.support.terminal import visible
 
 _SUBSCRIPTS: Final = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+_SUPERSCRIPTS: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MINUS: Final = "−"
 
 
@@ -33,6 +35,10 @@ def _constant(value: Scalar) -> str:
     """A literal; a negative number with the sign of mathematics."""
     text = literal_text(value)
     return text if isinstance(value, str) else re.sub("^-", _MINUS, text)
+
+
+def _duration(nanoseconds: int) -> str:
+    return duration_text(nanoseconds).replace("us", "µs")
 
 
 def guard_unicode(guard: Guard) -> str:
@@ -57,7 +63,11 @@ _STYLE: Final = Style(
         Operator.NOT: "¬",
         Operator.AND: "∧",
         Operator.OR: "∨",
+        Operator.IN: "∈",
     },
+    point=lambda point, node: f"{point}({_name(node)})",
+    duration=_duration,
+    listed=("{", "}"),
     minus_level=SUM_LEVEL,
     not_operand=SIGNED_LEVEL,
 )
@@ -68,18 +78,36 @@ def _condition_latex(node: Node) -> str:
     return rf"\left[{guard}\right]" if r"\frac" in guard else f"[{guard}]" if guard else ""
 
 
+def _event(node: Node) -> str:
+    return _name(node.name) if node.on is None else on_text(node.on, _STYLE)
+
+
+def _event_latex(node: Node) -> str:
+    return latex.name(node.name) if node.on is None else latex.event(node.on)
+
+
 _UNICODE: Final = Notation(
-    lambda node: _name(node.name) if node.on is None else on_text(node.on, _STYLE),
+    lambda node: _event(node) if node.times == 1 else f"{_event(node)}{str(node.times).translate(_SUPERSCRIPTS)}",
     lambda node: "" if node.when is None else f"[{guard_unicode(node.when)}]",
-    {Join.SEQUENCE: " · ", Join.ANY_ORDER: " ∧ ", Join.AT_LEAST: ", ", Join.CHOICE: " ∨ "},
+    {Join.SEQUENCE: " · ", Join.ANY_ORDER: " ∧ ", Join.AT_LEAST: ", ", Join.CHOICE: " ∨ ", Join.ENDS: " ◁ "},
     "VOT {}/{}".format,
+    lambda within: ("⟨", f"⟩[≤ {_duration(within)}]"),
+    lambda name: f"{_name(name)}: ",
     whole=frozenset(Join),
 )
 _LATEX: Final = Notation(
-    lambda node: latex.name(node.name) if node.on is None else latex.event(node.on),
+    lambda node: _event_latex(node) if node.times == 1 else f"{_event_latex(node)}^{{{node.times}}}",
     _condition_latex,
-    {Join.SEQUENCE: r" \cdot ", Join.ANY_ORDER: r" \wedge ", Join.AT_LEAST: ", ", Join.CHOICE: r" \vee "},
+    {
+        Join.SEQUENCE: r" \cdot ",
+        Join.ANY_ORDER: r" \wedge ",
+        Join.AT_LEAST: ", ",
+        Join.CHOICE: r" \vee ",
+        Join.ENDS: r" \triangleleft ",
+    },
     r"\mathrm{{VOT}}_{{{}/{}}}".format,
+    lambda within: (r"\langle ", rf" \rangle_{{\leq {latex.duration(within)}}}"),
+    lambda name: rf"{latex.name(name)}\colon ",
     whole=frozenset(Join),
 )
 

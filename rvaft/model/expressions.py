@@ -109,6 +109,11 @@ class Style:
     """The argument that may have any value."""
     signs: Mapping[Operator, str]
     brackets: tuple[str, str] = ("(", ")")
+    point: Callable[[str, str], str] = lambda point, node: f"{point}({name_text(node)})"
+    """The time `at`, `start` or `end` of a node."""
+    duration: Callable[[int], str] = duration_text
+    listed: tuple[str, str] = ("(", ")")
+    """Around the literals behind `in`."""
     fraction: Callable[[str, str], str | None] | None = None
     """A quotient with its operands one above the other, which need no brackets."""
     minus_level: int = OPERATORS[Operator.NEGATE].level
@@ -153,9 +158,9 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
         raise LanguageError(f"a guard nested deeper than {MAX_DEPTH} cannot be written")
     match guard:
         case TimePoint(point=point, node=node):
-            return f"{point}({name_text(node)})", _ATOM
+            return style.point(point, node), _ATOM
         case Duration(int(nanoseconds)):
-            return duration_text(nanoseconds), _ATOM
+            return style.duration(nanoseconds), _ATOM
         case Variable(name):
             return style.variable(name), _ATOM
         case Literal(value):
@@ -180,7 +185,7 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
             return f" {sign} ".join(least(level + 1, part) for part in parts), level
         case Operator.IN:
             listed = ", ".join(text for text, _ in parts[1:])
-            return f"{least(level + 1, parts[0])} {sign} ({listed})", level
+            return f"{least(level + 1, parts[0])} {sign} {style.listed[0]}{listed}{style.listed[1]}", level
         case _ if operator in FUNCTIONS:
             return f"{sign}({', '.join(text for text, _ in parts)})", _ATOM
         case Operator.DIV if style.fraction and (stacked := style.fraction(parts[0][0], parts[1][0])) is not None:

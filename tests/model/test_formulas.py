@@ -21,7 +21,7 @@ from rvaft.export.property_text import (
     property_text,
     property_unicode,
 )
-from rvaft.language.parser import parse_guard
+from rvaft.language.parser import parse, parse_guard
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Operation, Operator
 from rvaft.model.nodes import Argument, EventType, Gate, Node, On
@@ -42,7 +42,7 @@ GUARDS = rows(__file__, "guards.txt")
 
 @pytest.mark.parametrize(("tree", "text", "pretty", "tex"), FORMULAS)
 def test_table_of_formulas(tree: str, text: str, pretty: str, tex: str | None) -> None:
-    loaded = loads(EVENTS + " toplevel t; " + tree)
+    loaded = parse(EVENTS + " toplevel t; " + tree).build()
     assert property_text(loaded) == text
     assert property_unicode(loaded) == pretty
     assert unsound(property_latex(loaded)) is None
@@ -153,8 +153,9 @@ def test_formulas_compile(tmp_path: Path) -> None:
         f't{n} and "{name}";' for n, name in enumerate(("a_%$\\\\{}^~#&<>|'`--", "x  y", "é ≥ 5 °C → µ Ω “½” –", "["))
     )
     trees = [load(PRUNED), loads(EVENTS + "toplevel t; t sand t0 t1 t2 t3;" + odd)]
-    trees += [loads(f"{EVENTS} toplevel t; {row[0]}") for row in FORMULAS]
+    trees += [parse(f"{EVENTS} toplevel t; {row[0]}").build() for row in FORMULAS]
     conditions = [Node(f"g{number}", when=parse_guard(row[0])) for number, row in enumerate(GUARDS)]
+    conditions += [Node(name) for name in ("ev1", "a b", "a", "b")]
     trees.append(RVAFT("t", [Node("t", Gate.AND, tuple(node.name for node in conditions)), *conditions]))
     rows = align_latex([*trees[0].branches(), *trees])
     compiled("\n".join(rows), tmp_path, "amsmath", "textcomp")

@@ -431,6 +431,40 @@ def test_being_killed_changes_no_verdict(tmp_path: Path, suffix: str, semantics:
     assert middle > 0
 
 
+@pytest.mark.parametrize("options", [["--key", "robot", "--per", "kind"], ["--order-by", "time", "--cooldown", "9 s"]])
+def test_being_killed_tells_no_detection_twice_without_a_mark(tmp_path: Path, options: list[str]) -> None:
+    """Monitors that repeat: each detection is there, with the number that it has in a run that never stopped, once unmarked or only marked."""
+    random, state, told = Random(3), tmp_path / "state", tmp_path / "told"
+    tree = written(tmp_path / "tree.rvaft", f"time time as s; {SEVERAL}")
+    log = written(tmp_path / "log", "".join(json.dumps(one) + "\n" for one in events(random, 400)))
+    words = ["monitor", str(tree), str(log), "--semantics", "scattered", "--repeat", *options]
+    words += ["--format", "jsonl", "--detections"]
+    whole = run(*words)
+    assert len(whole.stdout.splitlines()) > 10
+    keeping = [*words, "--checkpoint", str(state), "--checkpoint-every", "150"]
+    begun, marked = monotonic(), 0
+    run(*keeping)
+    takes = monotonic() - begun
+    for _ in range(3):
+        state.unlink()
+        said: list[str] = []
+        for moment in (*(random.uniform(0.2, 0.9) * takes for _ in range(4)), 60):
+            told.write_text("")
+            child = multiprocessing.get_context("fork").Process(target=go_on, args=(told, keeping))
+            child.start()
+            child.join(moment)
+            child.kill()
+            child.join()
+            said += told.read_text().split("\n")[:-1]
+        unmarked = [line for line in said if '"again": true' not in line]
+        assert len(set(unmarked)) == len(unmarked)
+        again = {line.replace(', "again": true', "") for line in said}
+        assert again == set(whole.stdout.splitlines())
+        marked += len(said) - len(unmarked)
+        assert run(*keeping).stderr == whole.stderr
+    assert marked
+
+
 def test_large_monitors_are_kept(tmp_path: Path, trace: Path) -> None:
     """A match that is deeper than Python can recurse, and values as deep as a trace may have them."""
     leaves = tuple(f"n{number}" for number in range(2000))

@@ -13,7 +13,7 @@ from rvaft.cli import FAILED, Failures, options, warn
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import PICTURES, SUFFIXES, TraceSource, run
 from rvaft.engine.monitor import DEFAULT_LIMIT
-from rvaft.errors import OptionError, TooLarge, ToolMissing
+from rvaft.errors import TooLarge, ToolMissing
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
@@ -53,7 +53,6 @@ def _drawable(_context: click.Context, _parameter: click.Parameter, value: str |
     return value
 
 
-_COOLDOWN: Final = "With --repeat, tell no detection for so long, by the time of events, after one, as in '10 min'."
 _KEY: Final = "Monitor each value of this field by itself; several are one key."
 
 
@@ -68,8 +67,7 @@ _KEY: Final = "Monitor each value of this field by itself; several are one key."
 @options.output_format(*REPORTERS)
 @click.option("--detections", is_flag=True, help="With --format jsonl, only the events that detect something.")
 @click.option("--explain", metavar="[FILE]", callback=_drawable, help="Draw a detection, in the text or to FILE.")
-@click.option("--repeat", is_flag=True, help="Begin afresh after each detection.")
-@click.option("--cooldown", metavar="DURATION", callback=options.duration, help=_COOLDOWN)
+@options.repeat_options
 @click.option("--key", multiple=True, metavar="FIELD", help=_KEY)
 @options.number("--max-keys", text=f"Values of --key.  [default: {MAX_KEYS}]")
 @click.option("--order-by", metavar="FIELD", help="Put events in the order of this number first.")
@@ -92,8 +90,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     _check(given)
     whole = options.load_tree(tree)
     part, semantics = narrowed(whole, branch, kind), meant(whole, given["semantics"])
-    if given["cooldown"] is not None and whole.time is None:
-        raise OptionError(f"--cooldown needs the time of events: declare `time FIELD as FORMAT;` in {tree}")
+    options.require_time(whole, given["cooldown"], tree)
     backend, limit = given["backend"], given["max_configurations"] or DEFAULT_LIMIT
 
     def make(part: RVAFT) -> Monitor:
@@ -170,13 +167,8 @@ def _check(given: dict[str, Any]) -> None:
     for name in ("explain", "checkpoint", "max_configurations", "exec_fault", "exec_attack"):
         wrong = given["backend"] is not None and given[name] is not None
         refuse(wrong, f"--{name.replace('_', '-')} needs the engine: leave out --backend")
-    for name, needed in (
-        ("max_keys", "key"),
-        ("window", "order_by"),
-        ("checkpoint_every", "checkpoint"),
-        ("cooldown", "repeat"),
-    ):
-        wrong = given[name] is not None and given[needed] in (None, (), False)
+    for name, needed in (("max_keys", "key"), ("window", "order_by"), ("checkpoint_every", "checkpoint")):
+        wrong = given[name] is not None and given[needed] in (None, ())
         refuse(wrong, f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}")
     why = "--explain draws among the text: name a FILE for it with --format jsonl"
     refuse(explain == TERMINAL and form == "jsonl", why)

@@ -179,7 +179,7 @@ class _JsonLines(Reporter):
                 said["again"] = True
             details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
             for column, count in change.counts.items():
-                details[column] = {"detection": count.told, **({"suppressed": count.between} if count.between else {})}
+                details[column] |= count.fields
             for column, explanation in change.explanations.items():
                 details[column] |= detection.explained(explanation, self.settings.tree, change.events, self.fields)
             for column, ended in self.ends(change).items():

@@ -84,7 +84,7 @@ class _OnDetection(Listener):
                     event=change.number,
                     key=named,
                     again=again,
-                    number=None if count is None else count.told,
+                    count=None if count is None else count.fields,
                     **about,
                 )
                 for failure in settings.hooks.run(told, kinds):

@@ -103,6 +103,39 @@ def part_options(function: F) -> F:
     return cast("F", branch(kind(checked)))
 
 
+_COOLDOWN: Final = "With --repeat, after a detection tell no other for so long by the time of events, as in '10 min'."
+
+
+def duration(_context: object, _parameter: object, text: str | None) -> int | None:
+    """A duration in nanoseconds, more than none."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([a-z]+)", text.strip(), re.ASCII)
+    size = scaled(*found.groups()) if found is not None and found[2] in UNITS else None
+    if not size:
+        raise click.BadParameter(f"{text!r} is no duration: write a number and one of {', '.join(UNITS)}, as in 10 min")
+    return size
+
+
+def repeat_options(function: F) -> F:
+    """`--repeat`, and `--cooldown DURATION`, which needs it."""
+
+    @wraps(function)
+    def checked(**given: Any) -> Any:
+        refuse(given["cooldown"] is not None and not given["repeat"], "--cooldown needs --repeat")
+        return function(**given)
+
+    repeat = click.option("--repeat", is_flag=True, help="Begin afresh after each detection.")
+    cooldown = click.option("--cooldown", metavar="DURATION", callback=duration, help=_COOLDOWN)
+    return cast("F", repeat(cooldown(checked)))
+
+
+def require_time(tree: RVAFT, cooldown: int | None, file: str) -> None:
+    """Raise `OptionError` for a cooldown where the tree does not say when its events are."""
+    if cooldown is not None and tree.time is None:
+        raise OptionError(f"{file}: --cooldown needs the time of events: add `time FIELD as FORMAT;` to the tree")
+
+
 def misused(message: str) -> click.UsageError:
     """The error for options that do not go together, with a hint at the command's help."""
     return click.UsageError(message, click.get_current_context())
@@ -179,17 +212,6 @@ def suggesting() -> Iterator[None]:
 
 
 # Callbacks of options: what a text stands for. Without the option it is None.
-
-
-def duration(_context: object, _parameter: object, text: str | None) -> int | None:
-    """A duration in nanoseconds, more than none."""
-    if text is None:
-        return None
-    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([a-z]+)", text.strip(), re.ASCII)
-    size = scaled(*found.groups()) if found is not None and found[2] in UNITS else None
-    if not size:
-        raise click.BadParameter(f"{text!r} is no duration: write a number and one of {', '.join(UNITS)}, as in 10 min")
-    return size
 
 
 def finite(what: str) -> Callable[[object, object, float | None], float | None]:

@@ -24,6 +24,7 @@ CONFIGURATION: Final = "monitors.yaml"
 COMMANDS: Final = "run.txt"
 _ACTION: Final = "Log all topics or filter all; default: filter those with publishers, if there is one monitor."
 _POLARITY: Final = "Whether true means that the tree can never be detected, or that it is."
+_DEFINITIVE: Final = "Say true for good when nothing can be detected any more, which ends monitors that only log."
 _ORACLE: Final = "Who answers the monitors: rvaft serve, or the RML oracle of ROSMonitoring."
 
 
@@ -103,6 +104,7 @@ _MEBIBYTE: Final = 1024 * 1024
 @options.number("--port", least=0, most=65535, default=PORT, metavar="INTEGER RANGE", text="0 is any that is free.")
 @click.option("--origin", multiple=True, metavar="URL", help="Let web pages from there in; may be repeated.")
 @click.option("--shared", is_flag=True, help="One monitor for all connections instead of one for each.")
+@options.repeat_options
 @options.semantics_option
 @options.part_options
 @options.choice("--per", words=Per, text="Give also a verdict for each branch or kind.", default=Per.TREE)
@@ -113,6 +115,7 @@ _MEBIBYTE: Final = 1024 * 1024
     text="Definitive verdicts as JSON booleans (rml) or as strings.",
     default=Vocabulary.RML,
 )
+@click.option("--definitive", is_flag=True, help=_DEFINITIVE)
 @options.number("--max-connections", most=100_000, default=CONNECTIONS, text="Connections at once.")
 @click.option("--quiet", is_flag=True, help="Say nothing of connections, refused messages and detections.")
 @options.number(
@@ -127,9 +130,10 @@ def serve_command(
     """
     address = Address(how["host"], how["port"], tuple(map(origin, how["origin"])), how["max_connections"])
     part = narrowed(options.load_tree(tree), branch, kind)
-    longest = how["max_message"] * _MEBIBYTE
-    speaking = Protocol(part, polarity=how["polarity"], vocabulary=how["vocabulary"], longest=longest)
-    first = Session(part, how["semantics"], per=per)
+    options.require_time(part, how["cooldown"], tree)
+    words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive")}
+    speaking = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
+    first = Session(part, how["semantics"], per=per, repeat=how["repeat"], cooldown=how["cooldown"])
 
     def say(line: str) -> None:
         if not quiet:

@@ -132,15 +132,15 @@ def detection(
     event: int,
     key: tuple[Json] | None = None,
     again: bool = False,
-    number: int | None = None,
+    count: Mapping[str, Json] | None = None,
 ) -> dict[str, Json]:
     """What a command is told: one JSON object.
 
     `tree` and `trace` are their names, `event` is the number of the event that detected; `key` says what the monitor is for, in a tuple
     since it may be null, and is only there where there is one for each. From the explanation come `branch`, `kinds`, `matched` (nodes with the numbers of
     their events) and `variables`; without one, as from a backend that does not explain, they are null or empty. `events`
-    are those that were matched, by their numbers as text, as far as they are known. With `again` an earlier run has told this already; `number` is that
-    of the detection where monitors repeat.
+    are those that were matched, by their numbers as text, as far as they are known. With `again` an earlier run has told this already; `count` says which
+    of several detections this is, where monitors repeat.
     """
     told, numbers = _UNEXPLAINED, set[int]()
     if explanation is not None:
@@ -151,7 +151,7 @@ def detection(
         **({} if key is None else {"key": key[0]}),
         "event": event,
         **({"again": True} if again else {}),
-        **({} if number is None else {"detection": number}),
+        **(count or {}),
         **told,
         "events": {str(number): events[number] for number in sorted(numbers) if number in events},
     }

@@ -14,7 +14,7 @@ from rvaft.analysis.branches import branches
 from rvaft.api import narrowed
 from rvaft.engine.compiled_tree import NOTHING
 from rvaft.engine.monitor import Engine
-from rvaft.errors import TooLarge, TreeError
+from rvaft.errors import OptionError, TooLarge, TreeError
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -108,6 +108,11 @@ class DetectionCount:
         self.last, self.time = number, self.time if time is None else time
         return True
 
+    @property
+    def fields(self) -> dict[str, int]:
+        """The number of the last detection, and how many before it were suppressed, as JSON has it."""
+        return {"detection": self.told, **({"suppressed": self.between} if self.between else {})}
+
 
 class MonitorSet:
     """One monitor for each column; the first is that of the whole.
@@ -118,7 +123,8 @@ class MonitorSet:
     same, `serves` whether an explanation may name it, `late` whether it came too late for any. `found` counts the detections of each column.
 
     With `repeat` monitors begin afresh after each detection, and true is no final verdict; for `cooldown` nanoseconds after one that was told others of the
-    same column are suppressed: counted, and otherwise as if nothing had been detected. Raises `TooLarge` as its monitors do.
+    same column are suppressed: counted, and otherwise as if nothing had been detected. Raises `TooLarge` as its monitors do, and `OptionError` for
+    a cooldown of a tree without times.
     """
 
     def __init__(
@@ -131,6 +137,11 @@ class MonitorSet:
         cooldown: int | None = None,
     ) -> None:
         self.columns = tuple(columns)
+        self.time = self.columns[0].part.time
+        if cooldown is not None and (self.time is None or not repeat):
+            raise OptionError(
+                "a cooldown needs repetition, and the time of events: `time FIELD as FORMAT;` in the tree"
+            )
         self.repeat = repeat
         self.cooldown = cooldown
         self.semantics = semantics
@@ -138,7 +149,6 @@ class MonitorSet:
         self._strict = semantics is Semantics.STRICT
         made = [make(column.part) for column in columns]
         self._take_over(tuple(map(Repetition, made)) if repeat else tuple(made))
-        self.time = self.columns[0].part.time
         letters = (letter.pattern for engine in self.engines for letter in engine.letters.letters)
         self.types = EventTypeIndex(self.columns[0].part, letters)
         self.since: dict[int, int] = {}
@@ -183,10 +193,11 @@ class MonitorSet:
 
     def begin_again(self) -> None:
         """Let the monitors that repeat and have detected with the last event begin afresh."""
-        for column in self._resting:
-            cast("Repetition", self.monitors[column]).begin_again()
-        self._resting = ()
-        self._take_over(self.monitors)
+        if self._resting:
+            for column in self._resting:
+                cast("Repetition", self.monitors[column]).begin_again()
+            self._resting = ()
+            self._take_over(self.monitors)
 
     def step(self, event: Json, number: int, sight: Sight | None = None) -> Sequence[int]:
         """Read one event and return the columns whose verdict it changed; `sight` is what `types` says of it."""

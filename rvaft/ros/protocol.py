@@ -3,13 +3,16 @@
 A message is one JSON event. The reply is that event with the field `verdict`, which ROSMonitoring publishes and reads: `false` and
 `currently_false` as violations, `true` and `false` as definitive. A reply without it would count as a definitive `true`, so a
 message that is no event gets an error with the verdict so far.
+
+A definitive verdict ends a monitor that only logs. What can no longer be detected is therefore not told definitively unless that is asked for, and
+neither is a detection where the session goes on after it.
 """
 
 import re
 from collections.abc import Mapping
 from copy import copy
 from enum import StrEnum
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import meant, monitor
@@ -20,7 +23,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.detection import explained, matched_events, places, told_fields
-from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
+from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per, columns
 from rvaft.monitoring.reader import BOM, decode
 from rvaft.monitoring.run import EventBuffer
 
@@ -52,12 +55,16 @@ _WORDS: Final[Mapping[Polarity, Mapping[Verdict, str]]] = {
 }
 
 
+_GOING_ON: Final = {Polarity.PROPERTY: "currently_false", Polarity.DETECTION: "currently_true"}
+"""What a detection is where it is not the last."""
+
+
 class Session:
     """What one connection has read: `monitors` of the tree, or the part of one, and of its branches or kinds, by number or name.
 
     A monitor gives up beyond `limit` partial matches; `failures` then say why. `buffer` has when and where the events came that an
-    explanation may name: of each event no more, and of events, of which so many were read, a bounded number.
-    Raises what `rvaft.monitoring.monitor_set.columns` raises.
+    explanation may name: of each event no more, and of events, of which so many were read, a bounded number. `repeat` and `cooldown` (in nanoseconds)
+    are as of a `MonitorSet`. Raises what `rvaft.monitoring.monitor_set.columns` raises.
     """
 
     def __init__(
@@ -67,10 +74,16 @@ class Session:
         *,
         per: Per = Per.TREE,
         limit: int = DEFAULT_LIMIT,
+        repeat: bool = False,
+        cooldown: int | None = None,
     ) -> None:
         meaning = meant(tree, semantics)
+        self.semantics = meaning
+        self.repeat = repeat
         make = lambda part: monitor(part, semantics=meaning, limit=limit)  # noqa: E731
-        self.monitors = {column.label: MonitorSet([column], make, meaning) for column in columns(tree, per)}
+        repeating: Any = {"repeat": repeat, "cooldown": cooldown}
+        parts = columns(tree, per)
+        self.monitors = {column.label: MonitorSet([column], make, meaning, **repeating) for column in parts}
         self.failures: dict[str, str] = {}
         self.fields = told_fields(tree)
         self.buffer = EventBuffer()
@@ -98,6 +111,16 @@ class Session:
                     if label == _WHOLE and monitors.serves:
                         self.buffer.remember(self.events, places(came, self.fields))
 
+    def begin_again(self) -> None:
+        """Let the monitors that repeat and have detected with the last event begin afresh."""
+        for monitors in self.monitors.values():
+            monitors.begin_again()
+
+    @property
+    def count(self) -> DetectionCount:
+        """The detections of the whole."""
+        return self.monitors[_WHOLE].found[0]
+
     def verdict(self, label: str = _WHOLE) -> Verdict | None:
         """The verdict so far, or None of a monitor that gave up."""
         return None if label in self.failures else self.monitors[label].verdicts[0]
@@ -105,6 +128,8 @@ class Session:
 
 class Protocol:
     """How messages are read and answered for a tree, or the part of one; a message of more than `longest` bytes is an error.
+
+    With `definitive` it is told so that the property holds for good.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a; a;")
@@ -119,8 +144,10 @@ class Protocol:
         polarity: Polarity = Polarity.PROPERTY,
         vocabulary: Vocabulary = Vocabulary.RML,
         longest: int = MAX_MESSAGE,
+        definitive: bool = False,
     ) -> None:
         self.tree = tree
+        self.definitive = definitive
         self.polarity = polarity
         self.vocabulary = vocabulary
         self.longest = longest
@@ -146,8 +173,10 @@ class Protocol:
                 found = {"error": session.failures[_WHOLE]}
             elif (explanation := session.monitors[_WHOLE].explanation(0)) is not None:
                 known = session.buffer.events(matched_events([explanation]))
-                found = explained(explanation, self.tree, known, session.fields)
-        verdict, *parts = ((label, self._word(session.verdict(label))) for label in session.monitors)
+                count = session.count.fields if session.repeat else {}
+                found = {**count, **explained(explanation, self.tree, known, session.fields)}
+        verdict, *parts = [(label, self._word(session.verdict(label), session)) for label in session.monitors]
+        session.begin_again()
         return {**event, **found, "verdict": verdict[1], **({"verdicts": dict(parts)} if parts else {})}
 
     def _event(self, line: bytes) -> dict[str, Json]:
@@ -157,10 +186,13 @@ class Protocol:
             raise ValueError("a byte order mark before the event; send the event alone")
         return decode(line, reads=self._reads, finite=True)
 
-    def _word(self, verdict: Verdict | None) -> str | bool:
+    def _word(self, verdict: Verdict | None, session: Session) -> str | bool:
         if verdict is None:
             return "unknown"  # ROSMonitoring's word for no verdict: no violation, and not definitive
-        word = _WORDS[self.polarity][verdict]
+        if verdict is Verdict.TRUE and session.repeat:
+            return _GOING_ON[self.polarity]
+        holds = verdict is Verdict.FALSE and self.polarity is Polarity.PROPERTY
+        word = _WORDS[self.polarity][Verdict.UNKNOWN if holds and not self.definitive else verdict]
         return _DEFINITIVE.get(word, word) if self.vocabulary is Vocabulary.RML else word
 
     def _as_spelled(self, event: Mapping[str, Json]) -> Mapping[str, Json]:

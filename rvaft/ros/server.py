@@ -168,17 +168,21 @@ class _Server:
         read = refused = 0
         try:
             async for message in connection:
-                events, detected = session.events, session.verdict() is Verdict.TRUE
+                events, detected, verdict = session.events, session.count.told, session.verdict()
                 reply = self.protocol.reply(message, session)
                 if session.events == events:
                     refused += 1
                     if refused <= _TOLD:
                         more = "; of more it is not told" if refused == _TOLD else ""
                         self.say(f"{name}: message refused: {reply['error']}{more}")
-                elif session.verdict() is Verdict.TRUE and not detected:
+                elif session.count.told > detected:
                     branch = [] if reply.get("branch") is None else [f"branch {reply['branch']}"]
                     how = ", ".join([*branch, *reply.get("kinds", [])])
-                    self.say(f"{name}: detected at event {session.events}{f': {how}' if how else ''}")
+                    number = f" (detection {session.count.told})" if session.repeat else ""
+                    self.say(f"{name}: detected at event {session.events}{f': {how}' if how else ''}{number}")
+                elif session.verdict() is Verdict.FALSE is not verdict:
+                    why = f"under {session.semantics} nothing can be detected after event {session.events}"
+                    self.say(f"{name}: {why}; consecutive and scattered go on (--semantics)")
                 read += session.events - events
                 await connection.send(json.dumps(reply))
         except _library().exceptions.ConnectionClosed:

@@ -44,8 +44,10 @@ def test_a_conversation(row: list[Any]) -> None:
         polarity=Polarity(options.get("polarity", "property")),
         vocabulary=Vocabulary(options.get("vocabulary", "rml")),
         longest=options.get("longest", MAX_MESSAGE),
+        definitive=options.get("definitive", False),
     )
-    to = Session(tree, options.get("semantics", "projected"), per=Per(options.get("per", "tree")))
+    repeating = {name: options[name] for name in ("repeat", "cooldown") if name in options}
+    to = Session(tree, options.get("semantics", "projected"), per=Per(options.get("per", "tree")), **repeating)
     for message, wanted in zip(messages, expected, strict=True):
         sent = bytes(message) if isinstance(message, list) else message
         reply = speaking.reply(json.dumps(sent) if isinstance(sent, dict) else sent, to)

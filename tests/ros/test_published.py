@@ -198,7 +198,7 @@ def test_the_commands_and_the_monitor_work_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     alone = monitor(load(ROS), **part)
-    raw = {Verdict.TRUE: "false", Verdict.FALSE: "true", Verdict.UNKNOWN: "currently_true"}
+    raw = {Verdict.TRUE: "false", Verdict.FALSE: "currently_true", Verdict.UNKNOWN: "currently_true"}
     command: dict[str, Json] = {"topic": "/command", "name": "move", "waypoint": 1, "time": 9000.5}
     with asking(tmp_path, monkeypatch, *options, more=("--vocabulary", vocabulary)) as client:
         for event in [*read(LOGS / f"{trace}.jsonl"), command]:
@@ -206,7 +206,7 @@ def test_the_commands_and_the_monitor_work_together(
             blocked = verdict is Verdict.TRUE and event["topic"] == "/command"
             assert client.receive(event) == (not blocked, raw[verdict])
             assert ("matched" in client.status["oracle_response"]) is (verdict is Verdict.TRUE)
-            assert client.status["terminal"] is verdict.final
+            assert client.status["terminal"] is (verdict is Verdict.TRUE)
             told = client.status["oracle_response"]
             assert {key: told[key] for key in event if key != "topic"} | {"topic": event["topic"]} == event
         assert bool(client.warnings) is (alone.verdict is Verdict.TRUE)

@@ -67,7 +67,7 @@ async def test_many_connections_at_once() -> None:
     async def client(url: str, number: int, ready: asyncio.Barrier) -> None:
         async with connected(url) as connection:
             await ready.wait()
-            for event, verdict in ((A, "currently_true"), (B, False) if number % 2 else (A, True)):
+            for event, verdict in ((A, "currently_true"), (B, False) if number % 2 else (A, "currently_true")):
                 (reply,) = await asked(connection, {**event, "number": number})
                 assert (reply["number"], reply["verdict"]) == (number, verdict)
 
@@ -203,6 +203,24 @@ async def test_the_options_reach_the_replies_and_an_interrupt_ends_it() -> None:
         assert (connection.close_code, running.wait(20), running.stderr.read()) == (1001, 0, "")
     detected = {"1": "currently_false", "2": "true", "3": "currently_false"}
     assert (first["verdict"], last["verdict"], last["verdicts"]) == ("currently_false", "true", detected)
+
+
+@live
+async def test_each_repeated_detection_is_said_and_that_there_can_be_no_other() -> None:
+    with serving(TREES / "gates" / "sand.rvaft", "--repeat") as (running, url):
+        async with connected(url) as connection:
+            replies = await asked(connection, *({"event": name} for name in "abcxabcb"))
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(20) == 0
+        assert running.stderr is not None
+        said = [line.removeprefix("rvaft: connection 1: ") for line in running.stderr.read().splitlines()]
+    told = [number for number, reply in enumerate(replies, 1) if reply["verdict"] != "currently_true"]
+    assert (told, [replies[number - 1]["detection"] for number in told]) == ([3, 7], [1, 2])
+    assert said[1:4] == [
+        "detected at event 3: branch 1 (detection 1)",
+        "detected at event 7: branch 1 (detection 2)",
+        "under projected nothing can be detected after event 8; consecutive and scattered go on (--semantics)",
+    ]
 
 
 @live

@@ -42,6 +42,8 @@ DEFAULT_STEPS: Final = 2_000
 """How often a tree and a trace are tried."""
 PLAIN: Final[tuple[Scalar, ...]] = (0, 1, "")
 """The literals that need no simplification, simplest first."""
+_SIMPLEST: Final = sorted(Gate, key=lambda gate: gate is Gate.PAND)
+"""The gates, simplest first."""
 
 
 class NotReproduced(RvaftError, ValueError):
@@ -218,7 +220,7 @@ class _Pair:
         parents = Counter(child for node in nodes for child in node.children)
         patterns = [*self.patterns.values(), *(pattern for pattern, _ in self.ignores)]
         guards = [when for when in (*(node.when for node in nodes), *(when for _, when in self.ignores)) if when]
-        gates = sum(1 + list(Gate).index(node.gate) + (node.threshold or 0) for node in nodes if node.gate)
+        gates = sum(1 + _SIMPLEST.index(node.gate) + (node.threshold or 0) for node in nodes if node.gate)
         notes = sum((node.kind is not None) + (node.label is not None) + len(node.attributes) for node in nodes)
         terms = 2 * len(patterns) + len(guards) + sum(map(_size, (*patterns, *guards)))
         return (
@@ -423,7 +425,7 @@ def _simpler_gates(pair: _Pair) -> Iterator[_Pair]:
     """A simpler gate for a gate, or a smaller K."""
     for name in pair.order:
         node = pair.nodes[name]
-        for gate in list(Gate)[: list(Gate).index(node.gate)] if node.gate else ():
+        for gate in _SIMPLEST[: _SIMPLEST.index(node.gate)] if node.gate else ():
             yield pair.having(replace(node, gate=gate, threshold=None))
         for threshold in range(1, node.threshold or 1):
             yield pair.having(replace(node, threshold=threshold))

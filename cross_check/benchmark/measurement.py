@@ -479,7 +479,9 @@ def walks(
     walk in four is led on purpose, somewhere on its way, to where no hope is left, if the tree has such a place: a text has to
     say that, too.
     """
-    until, start = process_time() + seconds, Engine(tree, semantics)
+    until, judge = process_time() + seconds, Engine(tree, semantics)
+    # under consecutive there is always hope: the way is led where the match goes on that was begun
+    start = Engine(tree, Semantics.PROJECTED) if semantics is Semantics.CONSECUTIVE else judge
     random = Random(f"{seed} {semantics}")  # noqa: S311 (no secret)
     values = [value for value in interesting_values(tree) if isinstance(value, _SCALARS)]
 
@@ -514,16 +516,17 @@ def walks(
 
     found: list[Walk] = []
     while events > 0 and process_time() < until:
-        doomed = semantics is not Semantics.SCATTERED and len(found) % _DOOMED == _DOOMED - 1  # there hope never ends
+        doomed = semantics.ends and len(found) % _DOOMED == _DOOMED - 1  # there hope never ends
         doom = random.randrange(len(found[-1].events)) if doomed else LONGEST
-        monitor, taken, verdicts = start.fork(), list[Json](), list[Verdict]()
+        monitor, judging, taken, verdicts = start.fork(), judge.fork(), list[Json](), list[Verdict]()
         with suppress(RvaftError):  # more partial matches than the engine follows; what there is will do
-            while len(taken) < min(events, LONGEST) and not monitor.verdict.final and process_time() < until:
+            while len(taken) < min(events, LONGEST) and not judging.verdict.final and process_time() < until:
                 event = hopeless(monitor) if len(taken) >= doom else None
                 if event is None:
                     noise = semantics is not Semantics.STRICT and random.random() < _NOISE
                     event = {_FOREIGN: len(taken)} if noise else hopeful(monitor)
-                verdicts.append(monitor.step(event))
+                verdicts.append(judging.step(event))
+                monitor = start.fork() if monitor.step(event).final else monitor
                 taken.append(event)
         if not taken:
             break

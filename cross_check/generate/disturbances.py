@@ -5,7 +5,8 @@ from enum import StrEnum
 from random import Random
 from typing import Final, NamedTuple, assert_never
 
-from cross_check.generate.traces import WILD, Manner, detecting, noise, some_event
+from cross_check.generate.times import durations, grown, in_between, timed
+from cross_check.generate.traces import WILD, Manner, detecting, is_relevant, noise, some_event
 from cross_check.generate.values import (
     COMMON,
     EventFields,
@@ -24,6 +25,8 @@ from rvaft.model.verdict import Semantics, Verdict
 
 _EXACT: Final = 2**53
 _CARELESS: Final = 0.3
+_WAYS: Final = 12
+"""How often to look for another time, or another way to write one."""
 
 
 class Disturbance(StrEnum):
@@ -40,12 +43,26 @@ class Disturbance(StrEnum):
     THROUGHOUT = "another value wherever it stands"
     FIELD = "a dropped field"
     NOISE = "an event of noise"
+    TIME = "a time at or next to a bound"
+    BACK = "a time that goes back"
+    UNREADABLE = "a time that cannot be read"
+    SPELLING = "a time written in another way"
+
+
+OF_TIMES: Final = (Disturbance.TIME, Disturbance.BACK, Disturbance.UNREADABLE, Disturbance.SPELLING)
+"""Those that need a tree that says where times stand."""
+
+
+def kinds_for(tree: RVAFT) -> list[Disturbance]:
+    """The kinds of edits that traces of a tree can have."""
+    return [kind for kind in Disturbance if tree.time is not None or kind not in OF_TIMES]
 
 
 def disturbed(random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()) -> list[Json]:
     """The trace after one edit or a few; the trace itself stays as it is. `values` are worth trying beside those of the tree."""
     for _ in range(random.choice((1, 1, 1, 2, 2, 3))):
-        kinds = random.sample(list(Disturbance), len(Disturbance))
+        known = kinds_for(tree)
+        kinds = random.sample(known, len(known))
         after = (disturbed_by(kind, random, trace, tree, values) for kind in kinds)
         trace = next((edited for edited in after if edited is not None), trace)
     return trace
@@ -61,7 +78,10 @@ def disturbed_by(
             extra = kind is Disturbance.EXTRA
             event = some_event(random, tree, interesting_values(tree)) if extra else noise(random, tree, COMMON)
             at = random.randint(0, len(trace)) if event is not None else 0
-            return None if event is None else [*trace[:at], event, *trace[at:]]
+            if event is None:
+                return None
+            there = in_between(random, tree, trace, at, event, plain=False)
+            return [*trace[:at], event if not extra and is_relevant(tree, there) else there, *trace[at:]]
         case Disturbance.MISSING:
             return [*trace[:index], *trace[index + 1 :]] if trace else None
         case Disturbance.REPEATED:
@@ -93,8 +113,41 @@ def disturbed_by(
             path, old = random.choice(scalars)
             others = [*interesting_values(tree), *values, *(value for _, value in scalars), *_next_to(old)]
             return _exchanged(random, trace, path, old, others, everywhere=kind is Disturbance.THROUGHOUT)
+        case Disturbance.TIME | Disturbance.BACK | Disturbance.UNREADABLE | Disturbance.SPELLING:
+            times = [None if tree.time is None else tree.time.read(event) for event in trace]
+            known = any(time is not None for time in times)
+            ways = (_another_time(kind, random, trace, tree, times) for _ in range(_WAYS if known else 0))
+            return next((edited for edited in ways if edited is not None), None)
         case _:
             assert_never(kind)
+
+
+def _another_time(
+    kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, times: Sequence[int | None]
+) -> list[Json] | None:
+    """The trace with another time of one event, or the same in other signs; at a bound what follows may move along."""
+    assert tree.time is not None
+    index = random.choice([index for index, time in enumerate(times) if time is not None])
+    own = times[index] or 0
+    if kind in (Disturbance.UNREADABLE, Disturbance.SPELLING):
+        new = None if kind is Disturbance.UNREADABLE else own
+        found = timed(random, tree, trace[index], new, plain=False)
+        same = repr(found) == repr(trace[index]) or tree.time.read(found) != new
+        return None if same else [*trace[:index], found, *trace[index + 1 :]]
+    earlier = [time for time in times[:index] if time is not None]
+    if not earlier:
+        return None
+    from_time = max(earlier) if kind is Disturbance.BACK else random.choice(earlier)
+    bound = random.choice(durations(tree))
+    by = random.choice((0, 1, -1))
+    new = from_time - bound - by if kind is Disturbance.BACK else from_time + bound + by
+    moved = range(index, len(trace) if new > own and random.random() < 0.5 else index + 1)
+    shifted = {place: time + new - own for place in moved if (time := times[place]) is not None}
+    result = [
+        timed(random, tree, event, shifted[place], plain=True) if place in shifted else event
+        for place, event in enumerate(trace)
+    ]
+    return result if new != own and tree.time.read(result[index]) == new else None
 
 
 def _swapped(random: Random, trace: list[Json]) -> list[Json] | None:
@@ -207,6 +260,8 @@ _EVERYDAY: Final = (
     Disturbance.REPEATED,
     Disturbance.FIELD,
     Disturbance.BOUND,
+    Disturbance.TIME,
+    Disturbance.UNREADABLE,
 )
 """What happens to logs that people believe."""
 
@@ -224,7 +279,7 @@ def near_miss(
 ) -> NearMiss:
     """A near miss; raises `NoTraceFound` where no detecting trace is found, and what the monitor raises (`TooLarge`)."""
     detected = detecting(random, tree, semantics, manner)
-    kinds = _EVERYDAY if manner.believable else tuple(Disturbance)
+    kinds = [kind for kind in kinds_for(tree) if kind in _EVERYDAY or not manner.believable]
     for kind in random.sample(kinds, len(kinds)):
         for _ in range(_TRIES):
             edited = disturbed_by(kind, random, detected, tree)
@@ -233,7 +288,7 @@ def near_miss(
             if manner.longest is not None and len(edited) > manner.longest:
                 continue
             if manner.believable:
-                edited = LogValues(random, tree).in_time(edited)
+                edited = grown(random, tree, LogValues(random, tree).in_time(edited))
             if Verdict.TRUE not in Engine(tree, semantics).run(edited):
                 return NearMiss(edited, detected, kind)
     # The tree is detected at the last event and not before.

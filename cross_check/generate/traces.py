@@ -7,8 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from random import Random
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
+from cross_check.generate.times import (
+    Schedule,
+    asks_for_time,
+    in_between,
+    timed,
+    walked,
+)
 from cross_check.generate.values import (
     LOGGED,
     Demand,
@@ -20,17 +27,21 @@ from cross_check.generate.values import (
     interesting_values,
 )
 from rvaft.analysis.normal_form import Op, body, is_impossible
-from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, edges_along, fewest_events, precedence
+from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, edges_along, fewest_events, path, precedence
+from rvaft.analysis.scenarios import event as point_of
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError
 from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Node
-from rvaft.model.patterns import Anything, Binding, Pattern, match, rigid_variables
-from rvaft.model.tree import RVAFT, find_cycle
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.patterns import Anything, Binding, Literal, Pattern, match, rigid_variables
+from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.rules.rule import listing
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
@@ -53,7 +64,7 @@ def random_trace(random: Random, tree: RVAFT, *, max_length: int = 8) -> list[Js
     """A trace of up to that many events over a handful of values, so that values repeat."""
     everything = interesting_values(tree)
     values = [random.choice(everything) for _ in range(3)]
-    return [random_event(random, tree, values) for _ in range(random.randint(0, max_length))]
+    return walked(random, tree, [random_event(random, tree, values) for _ in range(random.randint(0, max_length))])
 
 
 def some_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
@@ -103,6 +114,10 @@ _MORE_THAN_NEEDED: Final = 0.3
 """How often a choice of at least K keeps more than K children."""
 _TRIED: Final = 20
 """How many bans to try for one that leaves a scenario."""
+_SCHEDULES: Final = 6
+"""How often to draw times for the events of a scenario, with other ways to meet its conditions."""
+_ENDS: Final = 8
+"""How often to draw with which events the parts under `pand` gates end."""
 
 
 class Scenarios:
@@ -171,9 +186,25 @@ class Cyclic(Exception):
 def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
     """The occurrences of a scenario, one after the other; raises `Cyclic` where no order keeps the precedence.
 
-    Every order that keeps it can come out: points of the precedence that are no event are passed at once.
+    Every order that keeps it can come out: points of the precedence that are no event are passed at once. A leaf with
+    `times N` comes N times. With which event a part under `pand` ends is drawn.
     """
+    for _ in range(_ENDS):
+        try:
+            return _drawn_order(random, tree, kept)
+        except Cyclic as found:
+            cyclic = found
+            if not any(tree.nodes[name].gate is Gate.PAND for name in kept):
+                break
+    raise cyclic
+
+
+def _drawn_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
     graph = precedence(tree, kept)
+    for name in kept:
+        if tree.nodes[name].gate is Gate.PAND:
+            _end_in_order(random, tree, kept, name, graph)
+    left = {name: tree.nodes[name].times for name in kept}
     waits: dict[Point, int] = dict(graph.in_degree())
     ready: list[Point] = []
     silent = [point for point, number in waits.items() if number == 0]
@@ -186,6 +217,10 @@ def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
             ready[index], ready[-1] = ready[-1], ready[index]
             point = ready.pop()
             order.append(point[1])
+            left[point[1]] -= 1
+            if left[point[1]]:
+                ready.append(point)
+                continue
         del waits[point]
         for later in graph.successors(point):
             waits[later] -= 1
@@ -195,6 +230,20 @@ def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
         rest = graph.subgraph(waits)
         raise Cyclic(edges_along(rest, find_cycle(rest), closed=True))
     return order
+
+
+def _end_in_order(random: Random, tree: RVAFT, kept: Kept, gate: str, graph: "nx.DiGraph") -> None:
+    """Draw for each part under a `pand` the event with which it ends, after its others and before the end of the next part."""
+    before: Point | None = None
+    for child in kept[gate]:
+        part = [point_of(name) for name in reachable(child, kept.__getitem__) if tree.nodes[name].has_event]
+        lasts = [one for one in part if not any(path(graph, one[1], other[1]) for other in part if other != one)]
+        if not part:
+            continue
+        last = random.choice(lasts or part)
+        earlier = [one for one in part if one != last] + ([] if before is None else [before])
+        graph.add_edges_from(((one, last) for one in earlier), via=(gate, child))
+        before = last
 
 
 # -- traces that are led through a scenario -----------------------------------------------------------------------------
@@ -316,13 +365,33 @@ class _Making:
 
         guards = ((name, self.tree.nodes[name].when) for name in kept)
         demands = [demand for name, guard in guards if guard is not None for demand in guard_demands(name, guard)]
+        demands = [demand for demand in demands if demand.guard is None or not asks_for_time(demand.guard)]
         patterns = {name: self.tree.pattern(name) or Anything() for name in order}
         if self.semantics.projects and self.tree.ignores:
             demands += [
                 Demand(name, rigid_variables(pattern), partial(passes, name)) for name, pattern in patterns.items()
             ]
         binding = self._binding(demands, list(patterns.values()))
+        if self.tree.time is not None:
+            return self._timed(Schedule(self.random, self.tree, kept, order, binding, plain=self.look is not None))
         return [events[name] if name in events else self._event(patterns[name], binding, self.values) for name in order]
+
+    def _timed(self, schedule: Schedule) -> list[Json]:
+        """The events at times that meet all conditions; raises `Unmet`."""
+        tree, plain = self.tree, self.look is not None
+        for _ in range(_SCHEDULES):
+            if (times := schedule.times()) is None:
+                continue
+            binding = schedule.bound(times)
+            events = []
+            for name, time, free in zip(schedule.order, times, schedule.free, strict=True):
+                event = self._event(tree.pattern(name) or Anything(), binding, self.values)
+                events.append(timed(self.random, tree, event, time, plain=plain) if free else event)
+            if all(
+                tree.time is None or tree.time.read(e) == time for e, time in zip(events, times, strict=True)
+            ) and not (self.semantics is not Semantics.STRICT and any(is_ignored(tree, event) for event in events)):
+                return events
+        raise Unmet([Demand(name, (), lambda _: False, Literal(value=False)) for name in schedule.asking])
 
     def _binding(self, demands: list[Demand], patterns: list[Pattern]) -> dict[str, Json]:
         names = list(dict.fromkeys(name for pattern in patterns for name in rigid_variables(pattern)))
@@ -353,7 +422,10 @@ class _Making:
             for _ in range(self.random.randint(0, max(room, 0))):
                 event = self._noise()
                 if event is not None:
-                    result.insert(self.random.randint(0, len(result)), event)
+                    at = self.random.randint(0, len(result))
+                    there = in_between(self.random, self.tree, result, at, event, plain=self.look is not None)
+                    harmless = self.semantics is Semantics.SCATTERED or not is_relevant(self.tree, there)
+                    result.insert(at, there if harmless else event)
         return result if self.look is None else self.look.timed(result)
 
     def _noise(self) -> Json | None:

@@ -1,19 +1,22 @@
 """Random trees of every shape, reproducible from a seed.
 
 Shapes: all gates, shared nodes, events on gates, overlapping patterns, both causalities, variables, guards on events, gates and
-choices (wrong types among their values), `ignore`, kinds, topics. Every tree that comes out keeps the rules of `rvaft check`.
+choices (wrong types among their values), `ignore`, kinds, topics. Then some get times, windows, conditions on time, counted leaves, `pand`,
+functions of texts and numbers, and a semantics of their own. Every tree that comes out keeps the rules of `rvaft check`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 from rvaft.errors import TreeError
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
 from rvaft.model.nodes import Argument, Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
 from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.rules import require_valid
 
 P, Q = Variable("p"), Variable("q")
@@ -52,13 +55,24 @@ class Shape:
     ignores: float = 0.2
     kinds: float = 0.2
     topics: float = 0.2
+    times: float = 0.25
+    """That a tree has times, with windows and other conditions on them, and now and then `late`."""
+    counted: float = 0.06
+    """That a leaf is counted."""
+    pand: float = 0.2
+    """That a `sand` or an `and` becomes a `pand`."""
+    functions: float = 0.3
+    """That a guard on variables gets a condition with a function."""
 
 
-PLAIN: Final = Shape(sharing=0, gate_events=0, typed_events=0, variables=0, guards=0, ignores=0, kinds=0, topics=0)
+PLAIN: Final = Shape(
+    **dict.fromkeys(("sharing", "gate_events", "typed_events", "variables", "guards", "ignores", "kinds", "topics"), 0),
+    **dict.fromkeys(("times", "counted", "pand", "functions"), 0),
+)
 """Trees over default events only, without sharing."""
 
-VARIABLE_FREE: Final = Shape(variables=0)
-"""Everything but variables; guards are constant."""
+VARIABLE_FREE: Final = Shape(variables=0, times=0)
+"""Everything but variables and times; guards are constant."""
 
 
 def random_tree(random: Random, shape: Shape = Shape(), *, attempts: int = 200) -> RVAFT:
@@ -70,7 +84,7 @@ def random_tree(random: Random, shape: Shape = Shape(), *, attempts: int = 200) 
             require_valid(tree)
         except TreeError:
             continue
-        return tree
+        return _in_practice(random, tree, shape)
     return RVAFT("n0", [Node("n0", Gate.AND, ("n1",)), Node("n1")])
 
 
@@ -102,8 +116,7 @@ class _Growth:
 
     def _topics(self) -> list[Topic]:
         """Some topics, drawn apart: since nothing depends on them, what is drawn afterwards must not either."""
-        apart = Random()  # noqa: S311 (no secret)
-        apart.setstate(self.random.getstate())
+        apart = _apart(self.random)
         return apart.sample(TOPICS, apart.randint(1, len(TOPICS))) if apart.random() < self.shape.topics else []
 
     def _node(self, name: str, index: int, size: int) -> Node:
@@ -112,7 +125,7 @@ class _Growth:
         room = size - self.count
         if index == 0 or (room > 0 and r.random() < 0.5):
             children = self._children(index, max(room, 1))
-            gate = r.choice(list(Gate))
+            gate = r.choice([gate for gate in Gate if gate is not Gate.PAND])
             threshold = r.randint(1, len(children)) if gate is Gate.VOT else None
             on = self._on() if index and r.random() < self.shape.gate_events else None
             return Node(name, gate, children, threshold, on, self._guard(on), kind)
@@ -171,3 +184,122 @@ class _Growth:
         arguments = tuple(Variable(name) for name in VARIABLES[: len(event.parameters)])
         names = [argument.name for argument in arguments]
         return Ignore(On(event.name, arguments), self._comparison(names) if self.random.random() < 0.8 else None)
+
+
+# -- what real logs need, drawn apart from the tree that it is added to ---------------------------------------------------
+
+_DURATIONS: Final = (0, 1, 1_000_000, 1_000_000_000, 2_000_000_000, 5_000_000_000, 90_000_000_000)
+_FIELDS: Final = (("t",), ("t",), ("header", "stamp"), ("x",), ("@timestamp",))
+_SIMPLER: Final = 6
+"""How often to draw additions, fewer each time, before a tree stays as it was."""
+
+
+def _apart(random: Random) -> Random:
+    """A source of randomness that starts like this one and leaves it as it is."""
+    apart = Random()  # noqa: S311 (no secret)
+    apart.setstate(random.getstate())
+    return apart
+
+
+def _in_practice(random: Random, tree: RVAFT, shape: Shape) -> RVAFT:
+    """The tree with times, windows, counted leaves, `pand` and functions, as far as the rules let it have them."""
+    apart = _apart(random)
+    for attempt in range(_SIMPLER):
+        additions = _Additions(apart, tree, shape, 1 - attempt / _SIMPLER)
+        try:
+            found = additions.tree()
+            require_valid(found)
+        except TreeError:
+            continue
+        return found
+    return tree
+
+
+class _Additions:
+    """One attempt; `share` of what the shape may have."""
+
+    def __init__(self, random: Random, tree: RVAFT, shape: Shape, share: float) -> None:
+        self.random = random
+        self.old = tree
+        self.shape = shape
+        self.share = share
+        self.timed = self._so(shape.times)
+
+    def _so(self, probability: float) -> bool:
+        return self.random.random() < probability * self.share
+
+    def tree(self) -> RVAFT:
+        """The tree with all that was drawn."""
+        r, old = self.random, self.old
+        nodes = [self._node(node) for node in old.nodes.values()]
+        if not self.timed and nodes == [*old.nodes.values()]:
+            return old
+        late = r.choice(_DURATIONS) if self._so(0.3) else None
+        time = EventTime(r.choice(_FIELDS), r.choice(list(TimeFormat)), late) if self.timed else None
+        meant = r.choice(list(Semantics)) if self._so(0.1) else None
+        return RVAFT(
+            old.root,
+            nodes,
+            old.events.values(),
+            ignores=old.ignores,
+            topics=old.topics.values(),
+            causality=old.causality,
+            time=time,
+            semantics=meant,
+        )
+
+    def _node(self, node: Node) -> Node:
+        r = self.random
+        changes: dict[str, Any] = {}
+        if node.gate in (Gate.SAND, Gate.AND) and self._so(self.shape.pand):
+            changes["gate"] = Gate.PAND
+        if node.leaf and node.has_event and self._so(self.shape.counted):
+            changes["times"] = r.choice((2, 2, 3))
+        if node.gate is not None and self.timed and self._so(0.4):
+            changes["within"] = r.choice(_DURATIONS)
+        guards = [] if node.when is None else [node.when]
+        names = [] if node.on is None else [one.name for one in node.on.arguments if isinstance(one, Variable)]
+        if names and self._so(self.shape.functions):
+            guards.append(self._function(Variable(r.choice(names))))
+        if self.timed and (node.has_event or node.gate is not None) and self._so(0.25):
+            guards.append(self._condition())
+        if guards != ([] if node.when is None else [node.when]):
+            changes["when"] = guards[0] if len(guards) == 1 else Operation(r.choice(_JUNCTIONS), tuple(guards))
+        return replace(node, **changes)
+
+    def _condition(self) -> Guard:
+        """A comparison of two time points, mostly of nodes with events."""
+        r, nodes = self.random, self.old.nodes
+        left, right = (
+            TimePoint.of(r.choice(("at", "at", "start", "end") if nodes[name].has_event else ("start", "end")), name)
+            for name in (r.choice([*nodes]), r.choice([*nodes]))
+        )
+        by = Duration(r.choice(_DURATIONS))
+        shapes: list[tuple[Guard, Guard]] = [
+            (Operation(Operator.SUB, (left, right)), by),
+            (left, Operation(Operator.ADD, (right, by))),
+            (left, right),
+        ]
+        guard: Guard = Operation(r.choice(COMPARISONS), r.choice(shapes))
+        return Operation(Operator.NOT, (guard,)) if r.random() < 0.2 else guard
+
+    def _function(self, variable: Variable) -> Guard:
+        r = self.random
+        text = Literal(r.choice(("a", "A", "ab", "")))
+        number = Literal(r.choice((0, 1, 2, 1.5)))
+        listed = tuple(Literal(one) for one in r.sample(LITERALS, 2))
+        guards: list[Guard] = [
+            Operation(Operator.IN, (variable, *listed)),
+            Operation(r.choice((Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)), (variable, text)),
+            Operation(Operator.LIKE, (variable, Literal(r.choice(("a*", "?", "*a?", "*"))))),
+            Operation(r.choice((Operator.EQ, Operator.NE)), (Operation(Operator.LOWER, (variable,)), text)),
+            Operation(r.choice(COMPARISONS), (Operation(Operator.ABS, (variable,)), number)),
+            Operation(r.choice(COMPARISONS), (Operation(Operator.NUMBER, (variable,)), number)),
+            Operation(r.choice(COMPARISONS), (Operation(r.choice(_EXTREMES), (variable, Literal(1))), number)),
+        ]
+        guard = r.choice(guards)
+        return Operation(Operator.NOT, (guard,)) if r.random() < 0.2 else guard
+
+
+_JUNCTIONS: Final = (Operator.AND, Operator.AND, Operator.OR)
+_EXTREMES: Final = (Operator.MIN, Operator.MAX)

@@ -17,7 +17,7 @@ from typing import Final, TypeAlias, TypeVar, cast
 import networkx as nx
 
 from rvaft.analysis.guard_solver import bounds
-from rvaft.model.guards import ARITHMETIC, COMPARISONS, Guard, Operation, Operator, conjuncts, holds
+from rvaft.model.guards import ARITHMETIC, COMPARISONS, Duration, Guard, Operation, Operator, conjuncts, holds
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.patterns import Anything, Binding, ListPattern, Literal, ObjectPattern, Pattern, Variable, walk
@@ -43,9 +43,34 @@ def interesting_values(tree: RVAFT) -> list[Json]:
         parts += guard_walk(node.when) if node.when is not None else ()
     for ignore in tree.ignores:
         parts += guard_walk(ignore.when) if ignore.when is not None else ()
-    found: list[Json] = [part.value for part in parts if isinstance(part, Literal)]
+    found: list[Json] = [part.value for part in parts if isinstance(part, Literal) and not isinstance(part, Duration)]
+    found += [text for part in parts if isinstance(part, Operation) for text in _texts_for(part)]
     near = [value + d for value in found if is_number(value) for d in (-1, 1)]
     return [*found, *near, *COMMON]
+
+
+def _texts_for(part: Operation) -> Iterator[Json]:
+    """Texts for which a function of texts says yes, and some for which it almost does."""
+    for text in (one.value for operand in part.operands for one in guard_walk(operand) if isinstance(one, Literal)):
+        match part.operator, text:
+            case Operator.STARTSWITH | Operator.ENDSWITH | Operator.CONTAINS, str():
+                yield from (text, f"{text}~", f"~{text}", f"~{text}~", text[:-1])
+            case Operator.LIKE, str():
+                yield from (text.replace("*", stars).replace("?", "~") for stars in ("", "~", "~.~"))
+                yield text.replace("?", "").replace("*", "~")
+            case _, str() if any(inner.operator is Operator.LOWER for inner in operations(part)):
+                yield from (text.upper(), text.title(), text.swapcase())
+            case _, int() | float() if is_number(text) and any(
+                inner.operator is Operator.NUMBER for inner in operations(part)
+            ):
+                yield from (str(text), f"{text}e0", f" {text}", f"0{text}", f"{text}.0")
+            case _:
+                pass
+
+
+def operations(guard: Guard) -> Iterator[Operation]:
+    """The operations in a guard."""
+    return (part for part in guard_walk(guard) if isinstance(part, Operation))
 
 
 def built(pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Json:

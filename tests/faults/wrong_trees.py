@@ -22,7 +22,8 @@ NAMED: Final = EventType("named", ("what",), ObjectPattern((("event", Variable("
 
 def rebuilt(tree: RVAFT, nodes: Iterable[Node] | None = None, **others: Any) -> RVAFT:
     """The tree with other nodes, or another part of what it declares."""
-    kept = {"ignores": tree.ignores, "causality": tree.causality, "part_of": tree.part_of}
+    names = ("ignores", "causality", "time", "semantics", "part_of")
+    kept = {name: getattr(tree, name) for name in names}
     nodes = list(tree.nodes.values() if nodes is None else nodes)
     named = [NAMED] if any(node.on is not None and node.on.event == NAMED.name for node in nodes) else []
     return RVAFT(tree.root, nodes, [*tree.events.values(), *named], **{**kept, **others})

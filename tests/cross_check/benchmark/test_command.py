@@ -152,7 +152,7 @@ def test_latex_and_plots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 WRONG = [  # the words, with T for a folder that has a tree `t.rvaft`, an empty `file` and two others; what is said
     ("--gates xand", "unknown gate xand", "did you mean and?"),
-    ("--gates tomato", "unknown gate tomato; known: or, and, sand, sand_rl, vot"),
+    ("--gates tomato", "unknown gate tomato; known: or, and, sand, sand_rl, pand, vot"),
     ("--languages hoa", "unknown backend hoa", "did you mean automaton?"),
     ("--semantics loose", "'loose' is not `all` or some of strict, projected, scattered"),
     ("--gates ,", "nothing to compare"),

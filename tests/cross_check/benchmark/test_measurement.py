@@ -43,7 +43,7 @@ from rvaft.rules import require_valid
 from tests.cli.runs import PRUNED
 
 SUBJECTS = {subject.name: subject for subject in gate_subjects()}
-STRICT, PROJECTED, SCATTERED = Semantics
+STRICT, PROJECTED, CONSECUTIVE, SCATTERED = Semantics
 
 
 def test_every_gate_with_every_number_of_children_and_every_threshold() -> None:

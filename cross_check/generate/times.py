@@ -1,0 +1,470 @@
+"""Times of events: how an instant is written, which instants meet the conditions of a scenario, and those at and next to a bound.
+
+Conditions on time are bounds of differences (`time[a] - time[b] <= c`). What is open in one, as with which event a part ends, is chosen
+at random; instants that keep all bounds are found by lowering, as Bellman and Ford do, and then moved about between their neighbours.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime, timedelta
+from decimal import Decimal
+from itertools import pairwise
+from random import Random
+from typing import Final, TypeAlias
+
+from rvaft.model.event_time import UNITS, TimeFormat
+from rvaft.model.guards import (
+    COMPARISONS,
+    OPERATORS,
+    Guard,
+    Operation,
+    Operator,
+    TimePoint,
+    conjuncts,
+    holds,
+    substitute,
+    variables,
+    walk,
+)
+from rvaft.model.patterns import Anything, Binding, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.tree import RVAFT, reachable
+from rvaft.model.values import Json
+
+SECOND: Final = UNITS["s"]
+TODAY: Final = 1_760_000_000 * SECOND
+"""When believable logs begin."""
+_STEPS: Final = 9
+_UNDEFINED: Final = 0.06
+"""How often an event has no time that can be read, where its time does not matter."""
+_FIRST, _LAST = -20_000_000_000 * SECOND, 200_000_000_000 * SECOND  # years of four digits
+_PAIRS: Final = 30
+"""So many events of a window are compared pair by pair; of more the times grow."""
+
+Bound: TypeAlias = tuple[int, int, int]
+"""Two events by number and the most that the first may be after the second, in nanoseconds."""
+Kept: TypeAlias = Mapping[str, tuple[str, ...]]
+
+
+# -- the field with the time --------------------------------------------------------------------------------------------
+
+
+def with_time(event: Json, field: Sequence[str], value: Json) -> Json | None:
+    """The event with this value in its field, or None where something else is in the way.
+
+    >>> with_time({"event": "a"}, ("header", "stamp"), 3)
+    {'event': 'a', 'header': {'stamp': 3}}
+    """
+    if not isinstance(event, dict):
+        return None
+    inner = value if len(field) == 1 else with_time(event.get(field[0], {}), field[1:], value)
+    return None if inner is None and len(field) > 1 else {**event, field[0]: inner}
+
+
+def without_time(event: Json, field: Sequence[str]) -> Json:
+    """The event without that field."""
+    if not isinstance(event, dict) or field[0] not in event:
+        return event
+    if len(field) == 1:
+        return {name: value for name, value in event.items() if name != field[0]}
+    return {**event, field[0]: without_time(event[field[0]], field[1:])}
+
+
+def standing(pattern: Pattern, field: Sequence[str]) -> Pattern | None:
+    """What a pattern has where the time stands; None where it says nothing of it, the pattern itself where it is no object."""
+    if not field or not isinstance(pattern, ObjectPattern):
+        return pattern
+    inner = next((inner for name, inner in pattern.fields if name == field[0]), None)
+    return None if inner is None else standing(inner, field[1:])
+
+
+def written(random: Random, form: TimeFormat, instant: int, *, plain: bool) -> Json:
+    """An instant in a format; where it need not be plain, in one of all the ways that mean it. None where no calendar has it.
+
+    >>> written(Random(0), TimeFormat.ISO8601, 1_500_000_000, plain=True), written(Random(0), TimeFormat.SECONDS, 1_500_000_000, plain=True)
+    ('1970-01-01T00:00:01.5Z', 1.5)
+    """
+    if form is TimeFormat.ISO8601 and not _FIRST < instant < _LAST:
+        return None
+    ways = [*_ways(random, form, instant)]
+    return ways[0] if plain else random.choice(ways)
+
+
+def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
+    """The plain way first."""
+    match form:
+        case TimeFormat.ISO8601:
+            yield _iso(instant)
+            for offset in (
+                f"{random.choice('+-')}{random.randrange(24):02}:{random.randrange(60):02}",
+                "+02",
+                "-0330",
+                "",
+            ):
+                yield _iso(instant, offset, random.choice("Tt "), random.choice(".,"))
+            if instant % (60 * SECOND) < SECOND:
+                before = _iso(instant - SECOND)
+                yield f"{before[:17]}60{before[19:]}"
+        case TimeFormat.ROS:
+            seconds, rest = divmod(instant, SECOND)
+            for names in (("sec", "nanosec"), ("secs", "nsecs")):
+                yield dict(zip(names, (seconds, rest), strict=True))
+            yield {"sec": seconds - 1, "nanosec": rest + SECOND}
+        case _:
+            text = _decimal(instant, UNITS[form])
+            exact = Decimal(text)
+            if exact == int(exact):
+                yield int(exact)
+            if Decimal(repr(float(text))) == exact:
+                yield float(text)
+            yield text
+            yield f"{text}e0" if random.random() < 0.5 else f"{exact:e}".replace("e", random.choice("eE"))
+
+
+def _decimal(instant: int, unit: int) -> str:
+    whole, rest = divmod(abs(instant), unit)
+    digits = str(rest).zfill(len(str(unit)) - 1).rstrip("0") if rest else ""
+    return f"{'-' if instant < 0 else ''}{whole}{'.' if digits else ''}{digits}"
+
+
+def _iso(instant: int, offset: str = "Z", between: str = "T", point: str = ".") -> str:
+    digits = offset.strip("+-Z").replace(":", "").ljust(4, "0")
+    ahead = timedelta(hours=int(digits[:2]), minutes=int(digits[2:])) * (-1 if offset.startswith("-") else 1)
+    seconds, rest = divmod(instant, SECOND)
+    clock = datetime(1970, 1, 1) + timedelta(seconds=seconds) + ahead
+    part = f"{point}{rest:09}".rstrip("0") if rest else ""
+    return f"{clock:%Y-%m-%d}{between}{clock:%H:%M:%S}{part}{offset}"
+
+
+def unreadable(random: Random, form: TimeFormat) -> Json:
+    """What nobody can read as a time of this format."""
+    numbers = ("", " 1", "1 s", "0x1", "01", "+1", "NaN", "2024-05-17T09:00:00Z", True, None, [1], {"sec": 1})
+    texts = (
+        "2024-05-17",
+        "2024-02-30T00:00:00Z",
+        "2024-05-17T24:00:00Z",
+        "2024-05-17T09:00:61Z",
+        "17.5.2024 09:00",
+        1_700_000_000,
+    )
+    stamps = ({"sec": 1}, {"sec": 1, "nsecs": 2}, {"sec": 1.0, "nanosec": 0}, {"sec": True, "nanosec": 0}, 1, "1")
+    match form:
+        case TimeFormat.ISO8601:
+            return random.choice(texts)
+        case TimeFormat.ROS:
+            return random.choice(stamps)
+        case _:
+            return random.choice(numbers)
+
+
+# -- the conditions of a scenario -----------------------------------------------------------------------------------------
+
+
+def asks_for_time(guard: Guard) -> bool:
+    """Whether a guard has time points."""
+    return any(isinstance(part, TimePoint) for part in walk(guard))
+
+
+def durations(tree: RVAFT) -> list[int]:
+    """The durations at which a verdict can change, in nanoseconds, 0 first."""
+    guards = [node.when for node in tree.top_down() if node.when is not None and asks_for_time(node.when)]
+    found = [part.value for guard in guards for part in walk(guard) if isinstance(part, Literal)]
+    found += [node.within for node in tree.top_down() if node.within is not None]
+    late = [] if tree.time is None or tree.time.late is None else [tree.time.late]
+    return list(dict.fromkeys([0, *(one for one in (*found, *late) if type(one) is int)]))
+
+
+class Conditions:
+    """The conditions on time of one scenario whose events come in one order; `order` has the node of each event."""
+
+    def __init__(self, random: Random, tree: RVAFT, kept: Kept, order: Sequence[str]) -> None:
+        self.random = random
+        self.tree = tree
+        self.kept = kept
+        self.order = order
+
+    @property
+    def guards(self) -> Iterator[tuple[str, Guard]]:
+        """The conjuncts with time points, each with its node."""
+        for name in self.kept:
+            when = self.tree.nodes[name].when
+            yield from ((name, part) for part in conjuncts(when) if asks_for_time(part)) if when is not None else ()
+
+    @property
+    def windows(self) -> list[str]:
+        """The nodes that have one."""
+        return [name for name in self.kept if self.tree.nodes[name].within is not None]
+
+    def bounds(self) -> Iterator[Bound]:
+        """Bounds under which all conditions hold that are on time alone; where there is a choice, some."""
+        for _, guard in self.guards:
+            yield from self._demanded(guard, truth=True)
+        for name in self.windows:
+            within = self.tree.nodes[name].within
+            assert within is not None
+            events = self.events(TimePoint.of("start", name))
+            if len(events) > _PAIRS:
+                yield from ((a, b, 0) for a, b in pairwise(events))
+                events = [events[0], events[-1]]
+            yield from ((a, b, within) for a in events for b in events)
+        late = self.tree.time.late if self.tree.time is not None else None
+        if late is not None and len(self.order) > _PAIRS:
+            yield from ((a, b, 0) for a, b in pairwise(range(len(self.order))))
+        elif late is not None:
+            yield from ((a, b, late) for b in range(len(self.order)) for a in range(b))
+
+    def values(self, times: Sequence[int | None]) -> dict[str, Guard]:
+        """The time points that guards ask for, as they are at these times; an undefined one is a value that is not finite."""
+        found: dict[str, Guard] = {}
+        for point in {part for _, guard in self.guards for part in walk(guard) if isinstance(part, TimePoint)}:
+            every = [times[event] for event in self.events(point)]
+            known = [time for time in every if time is not None]
+            time = (
+                None if len(known) < len(every) or not known else min(known) if point.point == "start" else max(known)
+            )
+            found[point.name] = Literal(float("nan") if time is None else time)
+        return found
+
+    def events(self, point: TimePoint) -> list[int]:
+        """The events that a time point is about."""
+        part = {point.node} if point.point == "at" else set(reachable(point.node, lambda name: self.kept.get(name, ())))
+        return [number for number, name in enumerate(self.order) if name in part]
+
+    def _demanded(self, guard: Guard, *, truth: bool) -> Iterator[Bound]:
+        """Bounds under which a guard is true, or false; what is not on time alone is left to chance."""
+        match guard:
+            case Operation(Operator.NOT, (inner,)):
+                yield from self._demanded(inner, truth=not truth)
+            case Operation(Operator.AND | Operator.OR as junction, operands):
+                some = operands if (junction is Operator.AND) is truth else [self.random.choice(operands)]
+                for operand in some:
+                    yield from self._demanded(operand, truth=truth)
+            case Operation(operator, (left, right)) if operator in COMPARISONS:
+                negated = OPERATORS[operator].negated
+                yield from self._compared(operator if truth or negated is None else negated, left, right)
+            case _:
+                pass
+
+    def _compared(self, operator: Operator, left: Guard, right: Guard) -> Iterator[Bound]:
+        plus, minus, most = list[TimePoint](), list[TimePoint](), 0  # left <= right is plus - minus <= most
+        todo = [(left, 1), (right, -1)]
+        while todo:
+            part, sign = todo.pop()
+            match part:
+                case TimePoint():
+                    (plus if sign > 0 else minus).append(part)
+                case Literal(value) if type(value) is int:
+                    most -= sign * value
+                case Operation(Operator.ADD, (one, other)):
+                    todo += [(one, sign), (other, sign)]
+                case Operation(Operator.SUB, (one, other)):
+                    todo += [(one, sign), (other, -sign)]
+                case _:
+                    return
+        if len(plus) != 1 or len(minus) != 1:
+            return
+        if operator is Operator.NE:
+            operator = self.random.choice((Operator.LT, Operator.GT))
+        if operator in (Operator.LT, Operator.LE, Operator.EQ):
+            yield from self._at_most(plus[0], minus[0], most - (operator is Operator.LT))
+        if operator in (Operator.GT, Operator.GE, Operator.EQ):
+            yield from self._at_most(minus[0], plus[0], -most - (operator is Operator.GT))
+
+    def _at_most(self, one: TimePoint, other: TimePoint, most: int) -> Iterator[Bound]:
+        first, second = self.events(one), self.events(other)
+        some = [self._either(first, 0)] if one.point == "start" else first
+        others = [self._either(second, -1)] if other.point == "end" else second
+        yield from ((a, b, most) for a in some for b in others)
+
+    def _either(self, events: Sequence[int], likely: int) -> int:
+        return events[likely] if self.random.random() < 0.7 else self.random.choice(events)
+
+
+class Schedule:
+    """The times of the events of one scenario, and the values that variables get from them.
+
+    A variable that stands where the time does, and for which guards ask, keeps its value; others follow the time.
+    """
+
+    def __init__(
+        self, random: Random, tree: RVAFT, kept: Kept, order: Sequence[str], binding: Binding, *, plain: bool
+    ) -> None:
+        assert tree.time is not None
+        self.random, self.tree, self.order, self.binding, self.plain = random, tree, order, binding, plain
+        self.conditions = Conditions(random, tree, kept, order)
+        guards = [when for node in tree.top_down() if (when := node.when) is not None]
+        asked = {name for guard in guards for name in variables(guard)}
+        stands = [standing(tree.pattern(name) or Anything(), tree.time.field) for name in order]
+        self.free = [part is None or isinstance(part, Anything) for part in stands]
+        """For each event whether its pattern leaves its time open."""
+        self.following = {
+            number: part.name
+            for number, part in enumerate(stands)
+            if isinstance(part, Variable) and (part.name not in asked or part.name not in binding)
+        }
+        """The variables that follow the time, by event."""
+        self.fixed: dict[int, int | None] = {}
+        for number, part in enumerate(stands):
+            if not self.free[number] and number not in self.following:
+                value = (
+                    part.value
+                    if isinstance(part, Literal)
+                    else binding[part.name]
+                    if isinstance(part, Variable)
+                    else None
+                )
+                self.fixed[number] = tree.time.read(with_time({}, tree.time.field, value))
+        self.steps = steps_of(tree)
+
+    @property
+    def asking(self) -> list[str]:
+        """The nodes that have a condition on time, or all."""
+        found = [name for name, _ in self.conditions.guards]
+        return [*found, *self.conditions.windows] or [*self.order]
+
+    def times(self) -> list[int | None] | None:
+        """A time for each event, or None where the conditions were not met; some are undefined where that does no harm."""
+        bounds = [*self.conditions.bounds()]
+        first: dict[str, int] = {}
+        for number, name in self.following.items():
+            other = first.setdefault(name, number)
+            bounds += [(number, other, 0), (other, number, 0)]
+        fixed = {number: time for number, time in self.fixed.items() if time is not None}
+        needed = {event for bound in bounds for event in bound[:2]}
+        if not needed.isdisjoint(self.fixed.keys() - fixed.keys()):
+            return None
+        found = instants(self.random, len(self.order), bounds, fixed, self.steps, plain=self.plain)
+        if found is None:
+            return None
+        times: list[int | None] = [*found]
+        for number in range(len(times)):
+            lost = not self.plain and number not in needed and self.free[number] and self.random.random() < _UNDEFINED
+            if lost or self.fixed.get(number, 0) is None:
+                times[number] = None
+        points = self.conditions.values(times)
+        met = all(holds(substitute(guard, points), self.binding) for _, guard in self.conditions.guards)
+        return times if met else None
+
+    def bound(self, times: Sequence[int | None]) -> Binding:
+        """The values of the variables, those that follow the time among them."""
+        assert self.tree.time is not None
+        found = dict(self.binding)
+        for number, name in self.following.items():
+            time = times[number]
+            if time is not None and (number == min(n for n, other in self.following.items() if other == name)):
+                found[name] = written(self.random, self.tree.time.format, time, plain=self.plain)
+        return found
+
+
+def instants(
+    random: Random, count: int, bounds: Iterable[Bound], fixed: Mapping[int, int], steps: Sequence[int], *, plain: bool
+) -> list[int] | None:
+    """Instants for so many events that keep these bounds, or None where there are none; some may be fixed.
+
+    Plain ones grow if they can, by some seconds each unless a bound wants it otherwise; others are often at a bound, or next to it.
+    """
+    required = [*bounds]
+    step = min([_STEPS * SECOND, *(most // (2 * count) for _, _, most in required if most > 0)])
+    for event, instant in fixed.items():
+        required += [(event, count, instant), (count, event, -instant)]
+    growth = [(a, b, 0) for a, b in pairwise(range(count))]
+    for every in ([*required, *growth], required) if plain else (required,):
+        now = min(fixed.values(), default=TODAY if plain else random.choice((0, TODAY, -3 * SECOND)))
+        times = []
+        for _ in range(count):
+            times.append(now)
+            if plain:
+                now += random.randint(1, step // SECOND) * SECOND if step >= SECOND else random.randint(0, step)
+            else:
+                now += random.choice(steps) + random.choice((0, 0, 1, SECOND))
+        found = _kept([*times, 0], every)
+        if found is not None:
+            _move(random, found, every, fixed, plain=plain)
+            return found[:-1]
+    return None
+
+
+def _kept(times: list[int], bounds: Sequence[Bound]) -> list[int] | None:
+    """The times lowered until they keep all bounds; the last one, which stands for 0, stays."""
+    for _ in times:
+        changed = False
+        for a, b, most in bounds:
+            if times[a] > times[b] + most:
+                times[a], changed = times[b] + most, True
+        if not changed:
+            return [time - times[-1] for time in times]
+    return None
+
+
+def _move(random: Random, times: list[int], bounds: Sequence[Bound], fixed: Mapping[int, int], *, plain: bool) -> None:
+    """Move some events to where a bound holds just so, or almost."""
+    for event in range(len(times) - 1):
+        if event in fixed or random.random() < 0.5:
+            continue
+        most = min((times[b] + by for a, b, by in bounds if a == event), default=None)
+        least = max((times[a] - by for a, b, by in bounds if b == event), default=None)
+        if plain:
+            ends = [end for end in (least, most) if end is not None and random.random() < 0.2]
+        else:
+            ends = [end for end in (most, None if most is None else most - 1, least) if end is not None]
+        ends = [end for end in ends if (least is None or least <= end) and (most is None or end <= most)]
+        if ends:
+            times[event] = random.choice(ends)
+
+
+# -- times for a whole trace --------------------------------------------------------------------------------------------
+
+
+def steps_of(tree: RVAFT) -> list[int]:
+    """Steps between events at which a verdict can change, and next to these."""
+    return [step for duration in durations(tree) for step in (duration, duration + 1, duration - 1)]
+
+
+def timed(random: Random, tree: RVAFT, event: Json, instant: int | None, *, plain: bool) -> Json:
+    """The event at an instant, or without a time that can be read; as it is where its field cannot have one."""
+    assert tree.time is not None
+    if instant is None:
+        bare = without_time(event, tree.time.field)
+        wrong = None if random.random() < 0.5 else unreadable(random, tree.time.format)
+        return bare if wrong is None else with_time(bare, tree.time.field, wrong) or bare
+    value = written(random, tree.time.format, instant, plain=plain)
+    return event if value is None else with_time(event, tree.time.field, value) or event
+
+
+def walked(random: Random, tree: RVAFT, trace: Iterable[Json]) -> list[Json]:
+    """The events at times some steps apart, at which a verdict can change; a few go back, and a few have none."""
+    if tree.time is None:
+        return [*trace]
+    steps, now, found = steps_of(tree), random.choice((0, TODAY)), []
+    for event in trace:
+        now += random.choice(steps) * random.choice((1, 1, 1, 1, -1))
+        instant = None if random.random() < _UNDEFINED else now
+        found.append(timed(random, tree, event, instant, plain=random.random() < 0.5))
+    return found
+
+
+def in_between(random: Random, tree: RVAFT, trace: Sequence[Json], at: int, event: Json, *, plain: bool) -> Json:
+    """An event that comes in at a place, at a time between those around it: it makes none of them late."""
+    if tree.time is None:
+        return event
+    times = [tree.time.read(one) for one in trace]
+    before = next((time for time in reversed(times[:at]) if time is not None), None)
+    after = next((time for time in times[at:] if time is not None), before)
+    before = after if before is None else before
+    if before is None or after is None or (not plain and random.random() < _UNDEFINED):
+        return timed(random, tree, event, None, plain=plain) if not plain else event
+    between = before if after <= before else random.randint(before, after)
+    if plain and after > before + SECOND:
+        between = before + (between - before) // SECOND * SECOND
+    return timed(random, tree, event, between, plain=plain)
+
+
+def grown(random: Random, tree: RVAFT, trace: Sequence[Json]) -> list[Json]:
+    """The trace with no time before an earlier one."""
+    latest: int | None = None
+    found = []
+    for event in trace:
+        time = None if tree.time is None else tree.time.read(event)
+        if time is not None and latest is not None and time < latest:
+            event = timed(random, tree, event, latest, plain=True)  # noqa: PLW2901
+        latest = time if latest is None else max(latest, time or latest)
+        found.append(event)
+    return found

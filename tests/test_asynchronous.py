@@ -73,6 +73,18 @@ def test_a_callback_is_called_once() -> None:
     assert [explanation and explanation.matched for explanation in told] == [{"a": 2, "b": 3}]
 
 
+def test_a_repetition_detects_and_calls_back_again() -> None:
+    told: list[rvaft.Explanation | None] = []
+    step = rvaft.on_detection(TREE, told.append, semantics="consecutive", repeat=True)
+    found = asyncio.run(verdicts(TREE, [A, B, B, A, B, X], semantics="consecutive", repeat=True))
+    assert [step(event) for event, _ in found] == [verdict for _, verdict in found]
+    assert "".join(verdict.symbol for _, verdict in found) == "?⊤??⊤?"
+    assert [explanation and explanation.matched for explanation in told] == [{"a": 1, "b": 2}, {"a": 4, "b": 5}]
+    one = rvaft.on_detection(rvaft.monitor(rvaft.loads("top or a b;"), repeat=True), told.append)
+    assert [one(event) for event in (A, A, B)] == ["true"] * 3
+    assert len(told) == 5
+
+
 def test_a_failing_callback_is_not_hidden_and_the_verdict_stands() -> None:
     def fail(explanation: rvaft.Explanation | None) -> None:
         raise RuntimeError("no recovery")
@@ -117,7 +129,7 @@ def test_what_is_wrong_is_said_at_once(verb: Any) -> None:
         verb(TREE, semantics="weak")
     with pytest.raises(rvaft.TreeError, match="branch 7"):
         verb(TREE, branch=7)
-    for option in ({"semantics": "strict"}, {"branch": 1}, {"kind": "fault"}, {"limit": 5}):
+    for option in ({"semantics": "strict"}, {"branch": 1}, {"kind": "fault"}, {"limit": 5}, {"repeat": True}):
         with pytest.raises(rvaft.OptionError, match="options already"):
             verb(rvaft.monitor(TREE), **option)
 

@@ -40,6 +40,7 @@ _ORACLE: Final = "Who answers the monitors: rvaft serve, or the RML oracle of RO
 @options.semantics_option
 @options.choice("--action", words=ros.Action, text=_ACTION)
 @options.choice("--oracle", words=ros.Oracle, text=_ORACLE, default=ros.Oracle.RVAFT)
+@click.option("--repeat", is_flag=True, help="Let the oracles of rvaft begin afresh after each detection.")
 @click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Where the oracles are.")
 @options.number(
     "--port", most=65535, default=PORT, metavar="INTEGER RANGE", text="That of the first oracle; others follow."
@@ -65,6 +66,7 @@ def rosmonitoring_command(
     All files are written or none.
     """
     options.refuse(output in ("", "-"), f"-o names a folder, and '{output}' is none")
+    options.refuse(how["repeat"] and how["oracle"] is ros.Oracle.RML, "--repeat is for --oracle rvaft")
     loaded = options.load_tree(tree)
     wanted = ros.RosOptions(**{**how, "semantics": meant(loaded, how["semantics"])})
     if wanted.oracle is ros.Oracle.RVAFT:

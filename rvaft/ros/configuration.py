@@ -64,6 +64,7 @@ class RosOptions:
     """
 
     semantics: Semantics = Semantics.PROJECTED
+    repeat: bool = False
     action: Action | None = None
     oracle: Oracle = Oracle.RVAFT
     host: str = LOCAL
@@ -317,6 +318,8 @@ def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str
                 words += ["--origin", f"http://{options.host}:{monitor.port}"]
         if options.semantics is not (monitor.tree.semantics or Semantics.PROJECTED):
             words += ["--semantics", options.semantics.value]
+        if options.repeat:
+            words.append("--repeat")
         whole = monitor.tree.part_of
         if whole is not None and whole.branch is not None:
             words += ["--branch", str(whole.branch)]

@@ -1,8 +1,10 @@
 """Monitors that begin afresh after each detection: what the reference says of the events since, whichever way the events are read."""
 
 import pickle
+import shlex
 from collections.abc import Iterator
-from itertools import islice
+from itertools import islice, product
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -15,6 +17,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.monitor_set import MonitorSet, columns
 from rvaft.monitors import Explanation
 from rvaft.semantics import Reference
+from tests.cli.runs import jsonl, lines, written
 from tests.engine.checking import check_explanation, small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 
@@ -83,3 +86,26 @@ def test_it_says_what_the_reference_says_when_it_begins_afresh_after_each_detect
         counted = straight.detections, moved.detections, monitors.found[0].told
     assert len(set(counted)) == 1
     assert detected or semantics in ("strict", "projected")
+
+
+@pytest.mark.parametrize("options", ["", "--per kind", "--per branch --cooldown 3s"])
+def test_each_key_repeats_as_in_a_log_of_its_own(options: str, tmp_path: Path) -> None:
+    """Several fields are one key; what one key has detected silences no other; the numbers of events are those of the log."""
+    random, words = Random(options), [*shlex.split(options), "--semantics", "scattered", "--repeat"]
+    tree, log = written(tmp_path / "tree.rvaft", TIMED), tmp_path / "log.jsonl"
+    events = [{**random.choice(TIMES), "t": at // 9, "user": random.choice("uv"), "ip": at % 2} for at in range(150)]
+    events = sorted(events, key=lambda event: event["t"] + random.random())
+    written(log, lines(events))
+    told = jsonl(tree, log, *words, "--key", "user", "--key", "ip", "--detections")
+    for user, ip in product("uv", (0, 1)):
+        places = [place for place, event in enumerate(events, 1) if (event["user"], event["ip"]) == (user, ip)]
+        alone = jsonl(tree, written(tmp_path / "own", lines([events[at - 1] for at in places])), *words, "--detections")
+        for one in alone:
+            one["event"] = places[one["event"] - 1]
+            for match in (m for part in (one, *one.get("columns", {}).values()) for m in part.get("matched", ())):
+                match["event"] = places[match["event"] - 1]
+        mine = [dict(one) for one in told if one["key"] == {"user": user, "ip": ip}]
+        for one in mine:
+            del one["key"]
+        assert mine == alone
+    assert len(told) > 8

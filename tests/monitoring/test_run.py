@@ -188,8 +188,11 @@ class Told(Listener):
             self.said.append((change.watch.key, change.number, column, verdict, times))
 
 
-def plan_of(tree: RVAFT, semantics: str = "projected", per: Per = Per.TREE, **options: Any) -> MonitoringPlan:
-    monitors = MonitorSet(columns(tree, per), lambda part: monitor(part, semantics=semantics), Semantics(semantics))
+def plan_of(
+    tree: RVAFT, semantics: str = "projected", per: Per = Per.TREE, *, repeat: bool = False, **options: Any
+) -> MonitoringPlan:
+    make = lambda part: monitor(part, semantics=semantics)  # noqa: E731
+    monitors = MonitorSet(columns(tree, per), make, Semantics(semantics), repeat=repeat)
     return MonitoringPlan(monitors, TreeReads(tree), told=told_fields(tree), **options)
 
 
@@ -211,7 +214,8 @@ def outcome(plan: MonitoringPlan, data: bytes) -> Any:
         statistics = run.statistics
         assert statistics is not None
         counted = statistics.events, statistics.relevant, statistics.never_seen, statistics.near_misses
-        watched = run.watch.monitors.verdicts, run.watch.events, run.number, list(run.warnings)
+        monitors = run.watch.monitors
+        watched = monitors.verdicts, monitors.found, run.watch.events, run.number, list(run.warnings)
         found.append((told.said, watched, counted, error))
     assert found[0] == found[1]
     return found[0]
@@ -238,7 +242,8 @@ def log_of(trace: Sequence[Json], random: Random) -> bytes:
 @pytest.mark.parametrize("name", shipped.names())
 def test_shipped_trees(name: str, per: Per, semantics: Semantics) -> None:
     tree = shipped.load(name)
-    random, plan = Random(f"{name} {per} {semantics}"), plan_of(tree, semantics, per)
+    random = Random(f"{name} {per} {semantics}")
+    plan = plan_of(tree, semantics, per, repeat=random.random() < 0.5)
     stored = [events for _, events in shipped.traces(name)]
     for trace in (random.choice(stored), random_trace(random, tree, max_length=24)):
         for end in (b"", b"\n{"):

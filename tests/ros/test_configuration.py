@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from rvaft import Kind, load, monitor, translate
+from rvaft.api import meant
 from rvaft.cli import main
 from tests.cli.runs import TREES, failed, run, written
 from tests.tables import rows
@@ -71,7 +72,7 @@ BRANCHES, KINDS = [f"damaged_branch_{number}" for number in range(1, 5)], ["dama
         ),
         ("--kind attack --semantics strict", 2, [expected("damaged_attack", FILTERED)]),
         ("--branch 3 --host localhost", 2, [expected("damaged_branch_3", FILTERED, url="localhost")]),
-        ("--action log", 2, [expected("damaged", LOGGED)]),
+        ("--action log --repeat", 2, [expected("damaged", LOGGED)]),
         # the RML oracle is never asked to filter
         ("--oracle rml", 2, [expected("damaged", LOGGED, warning=2)]),
         ("--oracle rml --per kind", 2, [expected(id_, LOGGED, 8080 + n, warning=2) for n, id_ in enumerate(KINDS)]),
@@ -108,7 +109,8 @@ def test_the_configuration_the_specifications_and_the_commands(
         assert command is not None
         asked = command.make_context("serve", words[2:], parent=context).params
         assert (asked["port"], asked["host"]) == (oracle["port"], oracle["url"].strip("[]"))
-        assert (asked["branch"], asked["kind"], asked["semantics"]) == (branch, kind, semantics)
+        assert (asked["branch"], asked["kind"], meant(TREE, asked["semantics"])) == (branch, kind, semantics)
+        assert asked["repeat"] is ("--repeat" in options)
         assert load(asked["tree"]) == TREE
     assert {path.name for path in tmp_path.iterdir()} == files
 

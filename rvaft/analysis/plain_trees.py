@@ -26,6 +26,8 @@ from rvaft.model.tree import RVAFT, Whole, reachable
 
 LIMIT: Final = 5_000
 """The most trees that one tree may become."""
+MOST: Final = 10_000
+"""The most events that a leaf may count: each is a leaf of the plain tree."""
 
 
 def is_plain(tree: RVAFT) -> bool:
@@ -237,6 +239,8 @@ class _Translation:
         """A leaf with `times N` as N leaves in sequence, all with its guard unless that asks for times."""
         own = None if _points(node) else node.when
         copies = []
+        if node.times > MOST:
+            raise TooLarge(f"events that {node.name} counts, {node.times:,}", limit=MOST)
         for number in range(1, node.times + 1):
             copies.append(self._add(Node(f"{node.name}[{number}]", when=own)))
             self._observe(copies[-1], self._pattern(node.name))

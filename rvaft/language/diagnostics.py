@@ -16,6 +16,7 @@ from rvaft.errors import LanguageError
 from rvaft.language.draft import DYNAMIC_GATES
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
+from rvaft.model.guards import FUNCTIONS, Operator
 from rvaft.support.terminal import visible
 
 
@@ -266,6 +267,9 @@ def _statement_slips(at: _Situation) -> Advice:
     if at.can("K_OF_N") and bad.text[:1].isdigit():
         found = re.match(r"([0-9]+)of([0-9]+)", "".join(x.text for x in (bad, *at.after)))
         yield f"K of N is written without spaces, as in {f'{found[1]}of{found[2]}' if found else '2of3'}", bad.start
+    if starts_node and last.text == "time" and bad.text not in (*GATES, *CLAUSES, ";", "=") and not at.is_on_new_line:
+        field = f'"@{following.text}"' if bad.text == "@" else shown(bad.text)[1:-1] if bad.text else "FIELD"
+        yield f"`time` says where events have their time, as in time {field} as iso8601;", bad.start
     if starts_node and last.is_word and (known := _meant(last.text, STATEMENTS)):
         yield f"unknown statement {shown(last.text)}: did you mean {known}?", last.start
     if len(at.before) >= 2 and at.can("SEMICOLON") and not at.can("PLUS"):
@@ -332,6 +336,28 @@ _FOREIGN_SIGNS: Final = {sign: ours for ours, *signs in map(str.split, _SPELLING
 """The signs of other languages in a guard, and how they are written here."""
 
 
+_FUNCTIONS: Final = tuple(operator.value for operator in Operator if operator in FUNCTIONS)
+
+
+def _function_slips(at: _Situation) -> Advice:
+    """Membership as others write it, and functions that are not there."""
+    bad, last, following = at.bad, at.last, at.following
+    pieces = [lexeme.text for lexeme in (*at.before[-4:], bad, following)]
+    if "in" in pieces and (bad.text in ("in", "not") or "in" in pieces[-4:-2] or pieces[-5:-3] == ["in", "("]):
+        yield (
+            'membership is written `X in (1, "a")`, or `not X in (1, "a")`: of numbers, strings and constants',
+            bad.start,
+        )
+    calls = bad.text == "(" and last.is_word and at.can("COMPARISON")
+    if bad.text == "." and last.is_word and at.can("COMPARISON") and at.after[-1:] and at.after[-1].text == "(":
+        yield f"a function stands before its values: {shown(f'{following.text}({last.text}, …)')}", bad.start
+    word = last if calls else bad
+    if calls or (at.can("VARIABLE", "LPAR") and bad.is_word and following.text == "("):
+        meant = _meant(word.text, _FUNCTIONS)
+        mend = f"did you mean {meant}(…)?" if meant else f"there are {', '.join(_FUNCTIONS)}"
+        yield f"unknown function {shown(word.text)}: {mend}", word.start
+
+
 def _term_slips(at: _Situation) -> Advice:
     """Slips in guards, calls and patterns."""
     bad, last = at.bad, at.last
@@ -341,6 +367,7 @@ def _term_slips(at: _Situation) -> Advice:
         if bad.text == "=" and last.text in _COMPARISONS:
             yield "equality is written ==", last.start
         yield f"{shown(bad.text)} is written {_FOREIGN_SIGNS[bad.text]} here", bad.start
+    yield from _function_slips(at)
     if at.can("VARIABLE") and bad.text == "not":
         yield "`not` binds weaker than a comparison: put parentheses around it", bad.start
     if at.can("VARIABLE") and bad.is_word:

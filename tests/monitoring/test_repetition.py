@@ -26,7 +26,7 @@ time t as s late 2 s;
 event e(n) = { event: n };
 top or fast slow; fast sand a b within 2 s fault; slow pand c d within 3 s attack; a times 2;
 """
-TIMES = [{"event": name, "t": time} for name in "abcdx" for time in range(6)]
+TIMES: list[dict[str, Any]] = [{"event": name, "t": time} for name in "abcdx" for time in range(6)]
 
 
 def expected(tree: RVAFT, semantics: str, trace: list[dict[str, Any]]) -> Iterator[tuple[Verdict, int]]:

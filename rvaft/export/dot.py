@@ -57,7 +57,7 @@ _OUTLINES: Final[Mapping[Gate, str]] = {
     Gate.PAND: 'shape=house, orientation=270, height=0.22, style="filled,rounded"',
     Gate.VOT: "shape=hexagon, height=0.28",
 }
-"""A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, the hexagon of a vote."""
+"""A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, a round one for a PAND, the hexagon of a vote."""
 _SAMPLES: Final[Mapping[Sign | Gate, str]] = {
     Sign.FAULT: f'fillcolor="{_FILL[Kind.FAULT]}"',
     Sign.ATTACK: f'fillcolor="{_FILL[Kind.ATTACK]}"',
@@ -170,7 +170,7 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, i
     yield f"g{own} [label=<{html(gate_text(node), look.wrap)}>, {outline}{bold}, {known}];"
     yield f"n{own} -> g{own} [{stem}];"
     for place, child in enumerate(node.children):
-        turn = place + 1 if node.gate is Gate.SAND else len(node.children) - place
+        turn = len(node.children) - place if node.gate is Gate.SAND_RL else place + 1
         looks = [
             line(marked=marks is not None and marks.edge(node.name, child)),
             "minlen=2" if look.stagger and place % 2 and tree.nodes[child].leaf else "",

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 
 from rvaft.analysis.branches import branch as branch_of
 from rvaft.errors import OptionError
+from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text, on_text
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT, reachable
@@ -27,6 +28,8 @@ LONGEST: Final = 120
 """Characters of a value; what is longer is cut, and a sign says so."""
 WIDTH: Final = 14
 """Columns of text in a box: so narrow that a tree of the size that papers print is still readable in one column."""
+_LISTED: Final = 5
+"""Events of one node that are listed; of more the last one."""
 NARROWEST: Final = 4
 """Columns of text that a box has at least."""
 
@@ -62,8 +65,13 @@ class Marks:
 def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> Marks:
     """The marks of a match; of an event that is not among `events` only the number is known."""
     scenario = {name: frozenset(children) for name, children in explanation.scenario.items()}
-    kept = {**dict.fromkeys(explanation.matched, frozenset[str]()), **scenario}
     notes = {name: tuple(_note(number, events.get(number))) for name, number in explanation.matched.items()}
+    for node in (node for node in tree.top_down() if node.times > 1):
+        copies = [f"{node.name}[{number}]" for number in range(1, node.times + 1)]
+        if numbers := [explanation.matched[name] for name in copies if notes.pop(name, None)]:
+            shown = map(str, numbers if len(numbers) <= _LISTED else [*numbers[: _LISTED - 1], "…", numbers[-1]])
+            notes[node.name] = (f"events {', '.join(shown)}",)
+    kept = {**dict.fromkeys(notes, frozenset[str]()), **scenario}
     order = {name: place for place, name in enumerate(tree.variables)}
     values = sorted(explanation.variables.items(), key=lambda item: order.get(item[0], len(order)))
     title = _title(explanation.branch, explanation.kinds)
@@ -168,7 +176,7 @@ class View:
 
     @cached_property
     def numbered(self) -> frozenset[str]:
-        """The SAND gates below which something is shared: no layout can promise that their children stand in order.
+        """The SAND and PAND gates below which something is shared: no layout can promise that their children stand in order.
 
         What is below them and shared may have to stand elsewhere, as other parents want it.
         """
@@ -208,7 +216,7 @@ def view(tree: RVAFT, look: Look) -> View:
 
 
 def gate_text(node: Node) -> str:
-    """The short form of a gate, with the direction of a SAND and the k/n of a VOT; nothing for a leaf."""
+    """The short form of a gate, with the direction of an ordered one and the k/n of a VOT; nothing for a leaf."""
     if node.gate is None:
         return ""
     return _GATES[node.gate][0].replace("k/n", f"{node.threshold}/{len(node.children)}")
@@ -224,7 +232,10 @@ Role = Enum("Role", "PLAIN BOLD EVENT GUARD")
 
 
 def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
-    """The rows in the box of a node: name, label, event, guard and notes, as far as the look has them; the first tells which node it is."""
+    """The rows in the box of a node: name, label, event, number, guard, window and notes, as far as the look has them.
+
+    The first tells which node it is. The number of events and the window say how much there has to be, as gates do, and are always there.
+    """
     width = look.wrap
     code_width = width + width // 4  # events and guards do not break as well as words
     if look.names or not node.label:
@@ -233,19 +244,32 @@ def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
         yield Role.PLAIN, wrapped(node.label, width)
     if look.events and node.has_event:
         event = on_text(node.on) if node.on else f"event: {json.dumps(node.name, ensure_ascii=False)}"
-        yield Role.EVENT, wrapped_code(event, code_width)
+        yield Role.EVENT, wrapped_code(f"{event} {_number(node)}".rstrip(), code_width)
+    elif node.times > 1:
+        yield Role.EVENT, [_number(node)]
     if look.events and node.when is not None:
         yield Role.GUARD, wrapped_code(f"when {guard_text(node.when)}", code_width)
+    if node.within is not None:
+        yield Role.GUARD, [_window(node)]
     for place, part in enumerate(look.marks.notes.get(node.name, ()) if look.marks else ()):
         yield Role.PLAIN if place else Role.BOLD, wrapped(part, width)
 
 
+def _number(node: Node) -> str:
+    return f"×{node.times}" if node.times > 1 else ""
+
+
+def _window(node: Node) -> str:
+    return "" if node.within is None else f"within {duration_text(node.within)}"
+
+
 def said(node: Node, *, events: bool = True) -> str:
-    """A node in one line: its gate, kind, event, guard and label. A default event says no more than the name."""
+    """A node in one line: its gate, window, kind, event, number, guard and label. A default event says no more than the name."""
     parts = [
         gate_text(node),
+        _window(node),
         f"[{node.kind.value}]" if node.kind else "",
-        f"on {on_text(node.on)}" if node.on and events else "",
+        f"on {on_text(node.on)} {_number(node)}".rstrip() if node.on and events else _number(node),
         f"when {guard_text(node.when)}" if node.when is not None and events else "",
         json.dumps(node.label, ensure_ascii=False) if node.label else "",
     ]
@@ -261,7 +285,7 @@ class Sign(Enum):
     FOLDED = "+n", "n nodes not drawn"
     FOLDED_SHARED = "…", "nodes drawn elsewhere"
     AGAIN = "name", "drawn in full elsewhere"
-    ORDER = "1, 2", "the order under a SAND"
+    ORDER = "1, 2", "the order of children"
     MARKED = "bold", ""
 
 
@@ -292,7 +316,9 @@ def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Si
 
 _WORD: Final = re.compile(r"(\s*)(\S+)")
 _PART: Final = re.compile(r"[^/_.:,;\s-]*[/_.:,;\s-]+|[^/_.:,;\s-]+")
-_TOKEN: Final = re.compile(r"""(\s*)(?=\S)(\[?not\s+\(+|(?:"(?:[^"\\]|\\.)*"?|[^\s"(]+)?[^\s"(]*\(*)""")
+_TOKEN: Final = re.compile(
+    r"""(\s*)(?=\S)(\[?not\s+\(+|[0-9][0-9.eE+-]*\ (?:ns|us|ms|s|min|h|d)\b\)*|(?:"(?:[^"\\]|\\.)*"?|[^\s"(]+)?[^\s"(]*\(*)"""
+)
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"?')
 _COMPARISONS: Final = frozenset({"==", "!=", "<", "<=", ">", ">="})
 _INSIDE: Final = 3

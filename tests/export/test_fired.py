@@ -104,6 +104,19 @@ def check_graph(tree: RVAFT, explanation: Explanation) -> None:
     assert looks == {name: name in explanation.scenario for name in tree.order}
 
 
+def test_a_counted_leaf_has_all_its_events_and_times_stand_where_the_tree_says() -> None:
+    tree = loads("time at.s as s; top sand a b within 1 h; a times 7; b times 2;")
+    trace = [{"event": "a" if number < 7 else "b", "at": {"s": number}} for number in range(9)]
+    lines = fired_text(tree, explained(tree, trace, "scattered"), dict(enumerate(trace, 1))).splitlines()
+    assert lines[:3] == [
+        "● top SAND →  within 1 h",
+        "● ├─ a  ×7  events 1, 2, 3, 4, …, 7",
+        "● └─ b  ×2  events 8, 9",
+    ]
+    single = loads("time at.s as s; top and b;")
+    assert "b  event 1, time 7\n" in fired_text(single, explained(single, trace[7:8]), {1: trace[7]})
+
+
 def test_the_matched_nodes_alone_are_marked_without_a_scenario_and_once_in_a_deep_tree() -> None:
     explanation = Explanation(1, frozenset(), {"a": 1, "b": 2}, {})
     assert marked(fired_text(loads("top sand a b;"), explanation, {})) == {"a", "b"}

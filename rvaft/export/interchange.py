@@ -1,4 +1,4 @@
-"""A tree for other programs: all of it as JSON, and its static part in Galileo's format for fault-tree tools.
+"""A tree for other programs: all of it as JSON, and what fault-tree tools know of it in Galileo's format.
 
 The schema of the JSON is in `docs/drawing.md`.
 

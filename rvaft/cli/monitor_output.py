@@ -211,7 +211,7 @@ class _Text(Reporter):
         repeat, ended = watch.monitors.repeat, f"verdict {verdicts[0]} after {counted(watch.events)}"
         if repeat:
             last = f", the last at event {found[0].last}" if found[0].told else ""
-            final = f"; false since event {since[0]}" if since else ""
+            final = f"; false since event {since[0]}" if 0 in since else ""
             ended = f"{detection.detections(found[0].told)} in {counted(watch.events)}{last}{final}"
         self.sink.line(f"{self.where(watch)}{ended}")
         if len(self.columns) > 1:

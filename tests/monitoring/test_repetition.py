@@ -1,7 +1,9 @@
 """Monitors that begin afresh after each detection: what the reference says of the events since, whichever way the events are read."""
 
+import json
 import pickle
 import shlex
+import signal
 from collections.abc import Iterator
 from itertools import islice, product
 from pathlib import Path
@@ -17,7 +19,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.monitor_set import MonitorSet, columns
 from rvaft.monitors import Explanation
 from rvaft.semantics import Reference
-from tests.cli.runs import jsonl, lines, written
+from tests.cli.runs import SAND, jsonl, lines, run, started, written
 from tests.engine.checking import check_explanation, small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 
@@ -109,3 +111,62 @@ def test_each_key_repeats_as_in_a_log_of_its_own(options: str, tmp_path: Path) -
             del one["key"]
         assert mine == alone
     assert len(told) > 8
+
+
+ENDINGS = [
+    ("--semantics scattered", "a b c a b", "1 detection in 5 events, the last at event 3", 1),
+    ("--semantics consecutive", "a b b c", "0 detections in 4 events", 0),
+    ("", "a b c b", "1 detection in 4 events, the last at event 3; false since event 4", 1),
+    (
+        "--per branch",
+        "a b c a",
+        "1 detection in 4 events, the last at event 3\n  MONITOR  DETECTIONS  LAST  FALSE SINCE",
+        1,
+    ),
+    ("--semantics strict --backend ltlf", "a b c a b c", "2 detections in 6 events, the last at event 6", 1),
+]
+
+
+@pytest.mark.parametrize(("options", "word", "said", "status"), ENDINGS)
+def test_the_summary_counts_the_detections(options: str, word: str, said: str, status: int) -> None:
+    result = run("monitor", SAND, "--repeat", "--word", word, *options.split())
+    assert (result.exit_code, result.stderr) == (status, "")
+    assert f"{said}\n" in result.stdout
+
+
+def test_the_summary_of_many_traces_and_keys(tmp_path: Path) -> None:
+    """One process or several; where a monitor has detected nothing, and where it never can any more."""
+    tree = written(tmp_path / "tree.rvaft", "top or a s; a attack; s sand b c fault;")
+    logs = [
+        written(tmp_path / f"{n}.jsonl", lines([{"event": e, "k": e < "c"} for e in word]))
+        for n, word in enumerate(["abcax", "xc"])
+    ]
+    one, many = (run("monitor", tree, *logs, "--repeat", "--jobs", jobs) for jobs in (1, 2))
+    assert (one.exit_code, one.stdout) == (many.exit_code, many.stdout)
+    *_, head, first, second, total = (line.split() for line in one.stdout.splitlines())
+    assert head == ["TRACE", "EVENTS", "DETECTIONS", "LAST", "FALSE", "SINCE", "BRANCH", "KINDS"]
+    assert first[1:] == ["5", "3", "4", "-", "1", "attack"]
+    assert second[1:] == ["2", "0", "-", "2", "-", "-"]
+    assert total == ["detections:", "3"]
+    wide = run("monitor", tree, logs[0], "--repeat", "--key", "k", "--per", "kind", "--semantics", "scattered")
+    assert [" ".join(line.split()) for line in wide.stdout.splitlines()[-3:-1]] == [
+        "true 3 2, last 4 0 2, last 4 1 attack",
+        "false 2 0 0 0 - -",
+    ]
+
+
+def test_a_growing_log_and_commands_tell_every_detection(tmp_path: Path) -> None:
+    told, log = tmp_path / "told", written(tmp_path / "log.jsonl", lines([{"event": name} for name in "abcab"]))
+    words = ["--repeat", "--semantics", "consecutive", "--follow", "--format", "jsonl", "--detections"]
+    with started("monitor", SAND, log, *words, "--exec", f"cat >> {told}") as running:
+        assert json.loads(running.stdout.readline())["detection"] == 1
+        with log.open("a") as stream:
+            stream.write(lines([{"event": name} for name in "cxabc"]))
+        assert [json.loads(running.stdout.readline())["event"] for _ in range(2)] == [6, 10]
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(timeout=30) == 1
+    assert [(one["event"], one["detection"]) for one in map(json.loads, told.read_text().splitlines())] == [
+        (3, 1),
+        (6, 2),
+        (10, 3),
+    ]

@@ -103,14 +103,25 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             compared = GuardComparison(operator if truth or negated is None else negated, folded(left), folded(right))
             if not variables(left) and not variables(right):
                 return [()] if holds(Operation(compared.operator, compared[1:]), {}) else []
-            truths = any(isinstance(side, Operation) and side.operator not in ARITHMETIC for side in compared[1:])
+            truths = any(isinstance(side, Operation) and side.operator not in _VALUES for side in compared[1:])
             return [()] if truths else [(compared,)]
         case Variable():
             return [(GuardComparison(Operator.EQ, guard, Literal(truth)),)]
         case Literal(constant):
             return [()] if constant is truth else []
+        case Operation(Operator.IN, (operand, *listed)):
+            operator = Operator.EQ if truth else Operator.NE
+            compared_with = [_when(Operation(operator, (operand, one)), truth=True) for one in listed]
+            return _bounded(chain(*compared_with)) if truth else _all_of(compared_with)
+        case Operation(operator) if operator not in _VALUES:  # of texts
+            constant = value(guard, {}) if not variables(guard) else truth
+            return [()] if constant is truth else []
         case _:
-            return []  # arithmetic has no truth value
+            return []  # numbers and texts have no truth value
+
+
+_VALUES: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX, Operator.LOWER, Operator.NUMBER}
+"""What makes numbers or texts, and no truth values."""
 
 
 def _all_of(parts: list[list[Way]]) -> list[Way]:
@@ -182,7 +193,12 @@ class _GuardFacts:
             case Literal(constant):
                 self.constants[term] = constant
                 own.add(_sort(constant))
-            case Operation(operator, operands):
+            case Operation(Operator.NUMBER):
+                own.add(_NUMBER)
+            case Operation(Operator.LOWER, (operand,)):
+                own.add(_STRING)
+                self.sorts[_term(operand)].add(_STRING)
+            case Operation(operator, operands) if operator in _VALUES:
                 for number in (term, *map(_term, operands)):
                     self.sorts[number].add(_NUMBER)
                 if operator is Operator.ADD and isinstance(operands[0], Literal):
@@ -192,7 +208,7 @@ class _GuardFacts:
                         shift = whole if operator is Operator.ADD else -whole
                         row = self.sums.setdefault(_term(base), {0: _term(base)})
                         self._compare(Operator.EQ, row.setdefault(shift, term), term)
-            case Variable():
+            case _:
                 pass
 
     def _difference(self, operator: Operator, side: Guard, limit: Guard) -> None:

@@ -5,6 +5,7 @@ without variables is false and no event has to come before itself (semantics, se
 """
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Set
+from dataclasses import replace
 from functools import cached_property
 from heapq import heapify, heappop, heappush
 from itertools import chain, combinations, pairwise
@@ -13,8 +14,8 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias, TypeVar
 
 from rvaft.analysis.normal_form import Op, body, is_impossible
 from rvaft.errors import TooLarge
-from rvaft.model.nodes import Causality, Node
-from rvaft.model.tree import RVAFT, find_cycle
+from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.support.bits import bits, in_at_least, union
 from rvaft.support.budget import DEFAULT_LIMIT, Budget
 
@@ -46,8 +47,11 @@ def event(name: str) -> Point:
     return ("event", name, "")
 
 
-def precedence(tree: RVAFT, kept: Kept) -> "nx.DiGraph":
-    """The precedence among the events of the kept nodes; each edge has as `via` the tree edge that it needs, or None."""
+def precedence(tree: RVAFT, kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
+    """The precedence among the events of the kept nodes; each edge has as `via` the tree edge that it needs, or None.
+
+    Of the order of ends under `pand` nothing is in it, or, with `ends`, more than is asked: the parts in sequence.
+    """
     import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
 
     graph = nx.DiGraph()
@@ -65,7 +69,8 @@ def precedence(tree: RVAFT, kept: Kept) -> "nx.DiGraph":
                 graph.add_edge(own, ("start", child, ""), via=via)
             elif node.has_event:
                 graph.add_edge(("end", child, ""), own, via=via)
-        in_time = [child for child in below.children if child in children] if below.op is Op.SEQUENCE else []
+        in_sequence = below.op is Op.SEQUENCE or (ends and node.gate is Gate.PAND)
+        in_time = [child for child in below.children if child in children] if in_sequence else []
         for earlier, later in pairwise(in_time):
             done: Point = ("done", name, earlier)
             graph.add_edge(("end", earlier, ""), done, via=(name, earlier))
@@ -95,6 +100,89 @@ def edges_along(graph: "nx.DiGraph", points: list[Point], *, closed: bool = Fals
     steps = pairwise([*points, points[0]] if closed else points)
     needed = (graph.edges[step]["via"] for step in steps)
     return list(dict.fromkeys(edge for edge in needed if edge is not None))
+
+
+# The order of ends under `pand`, of which each scenario has a union of partial orders.
+#
+# That a part ends before the next one does says, read backwards: each event of the part waits for *some* event of the next. So one looks
+# for an order from its end: a point is free as soon as all that follows it is, and where it waits for some event, one of these.
+# Where points are left that wait for each other, there is no order.
+
+
+def in_sequence(tree: RVAFT) -> RVAFT:
+    """The tree with `sand` for each `pand` between whose children no scenario has more than one event each: that is the same.
+
+    >>> from rvaft import loads
+    >>> in_sequence(loads("top pand a b;")).nodes["top"].gate
+    <Gate.SAND: 'sand'>
+    """
+    if not any(node.gate is Gate.PAND for node in tree.top_down()):
+        return tree
+    most: dict[str, int] = {}  # events in the part of a node, in no scenario more; two stand for many
+    changed = {}
+    for node in tree.bottom_up():
+        below = [most[child] for child in node.children]
+        inside = max(below, default=0) if body(node).op is Op.ONE else sum(below)
+        most[node.name] = min(2, inside + node.times * node.has_event)
+        if node.gate is Gate.PAND and max(below) < 2:
+            changed[node.name] = replace(node, gate=Gate.SAND)
+    stated = {"ignores": tree.ignores, "topics": tree.topics.values(), "causality": tree.causality}
+    times = {"time": tree.time, "semantics": tree.semantics, "part_of": tree.part_of}
+    nodes = [changed.get(name, node) for name, node in tree.nodes.items()]
+    return RVAFT(tree.root, nodes, tree.events.values(), **stated, **times) if changed else tree  # type: ignore[arg-type]
+
+
+class Standstill(NamedTuple):
+    """Why the events of a scenario have no order: it needs all `edges`, and none of `lacking`, to be so."""
+
+    edges: list[Edge]
+    lacking: list[Edge]
+
+
+def standstill(tree: RVAFT, kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
+    """Why no order of the events keeps this precedence, that of the kept nodes and perhaps more, and the ends of each `pand`; or None."""
+    bearing: set[str] = set()
+    above: dict[str, list[str]] = {}
+    for name in [name for name in reversed(tree.order) if name in kept]:
+        if tree.nodes[name].has_event or not bearing.isdisjoint(kept[name]):
+            bearing.add(name)
+        for child in kept[name]:
+            above.setdefault(child, []).append(name)
+    awaited: dict[Point, list[Point]] = {}  # the ends that wait for some event of a part, which is named by its `start`
+    for name, children in kept.items():
+        if tree.nodes[name].gate is Gate.PAND:
+            for one, other in pairwise(child for child in children if child in bearing):
+                awaited.setdefault(("start", other, ""), []).append(("end", one, ""))
+    waiting = {point: graph.out_degree(point) for point in graph}
+    for ends in awaited.values():
+        for end in ends:
+            waiting[end] += 1
+    free = [point for point, count in waiting.items() if count == 0]
+    begun: set[str] = set()  # nodes of whose part some event is free
+    for point in free:
+        ready = [*graph.predecessors(point)]
+        parts = [point[1]] if point[0] == "event" else []
+        while parts:
+            if (part := parts.pop()) not in begun:
+                begun.add(part)
+                parts += above.get(part, ())
+                ready += awaited.get(("start", part, ""), ())
+        for earlier in ready:
+            waiting[earlier] -= 1
+            if waiting[earlier] == 0:
+                free.append(earlier)
+    stuck = {point for point, count in waiting.items() if count}
+    if not any(kind == "event" for kind, _, _ in stuck):
+        return None
+    edges = [via for one, other, via in graph.edges(data="via") if via is not None and one in stuck and other in stuck]
+    lacking: list[Edge] = []
+    for (_, part, _), ends in awaited.items():
+        if part not in begun and any(end in stuck for end in ends):
+            inside = [*reachable(part, kept.__getitem__)]
+            edges += [(name, child) for name in (*above[part], *inside) for child in kept[name]]
+            votes = [name for name in inside if body(tree.nodes[name]).op is Op.AT_LEAST]
+            lacking += [(name, c) for name in votes for c in tree.nodes[name].children if c not in kept[name]]
+    return Standstill([*dict.fromkeys(edges)], [*dict.fromkeys(lacking)])
 
 
 # What is in some scenario, in every one.
@@ -227,7 +315,7 @@ class ScenarioSpace:
     """The feasible scenarios of a tree; `limit` is what each question that is hard in general may cost.
 
     A scenario whose precedence is cyclic shows a cycle, a cycle needs some tree edges, and every feasible scenario lacks one
-    of them: so the search bans tree edges until nothing is cyclic.
+    of them: so the search bans tree edges until nothing is cyclic. Where the ends of a `pand` have no order, it may help as well to keep more.
 
     >>> from rvaft import loads
     >>> ScenarioSpace(loads("top or a b; a when 2 < 1; b;")).feasible(Budget())
@@ -235,7 +323,7 @@ class ScenarioSpace:
     """
 
     def __init__(self, tree: RVAFT, limit: int = DEFAULT_LIMIT) -> None:
-        self.tree = tree
+        self.tree = in_sequence(tree)
         self.limit = limit
 
     def budget(self) -> Budget:
@@ -253,16 +341,20 @@ class ScenarioSpace:
         return Resolutions(self.tree, self.dead)
 
     @cached_property
+    def ends(self) -> bool:
+        """Whether a `pand` orders the ends of its parts, and no more."""
+        return any(node.gate is Gate.PAND for node in self.tree.top_down())
+
+    @cached_property
     def order(self) -> "nx.DiGraph":
-        """The precedence over all nodes that are not dead; it contains that of every scenario."""
-        return precedence(self.tree, self.resolutions.union)
+        """The precedence over all nodes that are not dead, parts under `pand` in sequence; it contains that of every scenario."""
+        return precedence(self.tree, self.resolutions.union, ends=True)
 
     @cached_property
     def acyclic(self) -> bool:
         """Whether surely no precedence is cyclic; only a shared node can be in a sequence twice."""
-        if not self.tree.shared or not any(body(node).op is Op.SEQUENCE for node in self.tree.top_down()):
-            return True
-        return not find_cycle(self.order)
+        ordered = any(body(node).op is Op.SEQUENCE for node in self.tree.top_down())
+        return not (self.tree.shared and (ordered or self.ends)) or not find_cycle(self.order)
 
     @cached_property
     def is_empty(self) -> bool:
@@ -274,36 +366,69 @@ class ScenarioSpace:
         budget: Budget,
         nodes: Iterable[str] = (),
         *,
+        edges: Iterable[Edge] = (),
         without: frozenset[str] = frozenset(),
         apart: tuple[str, str] | None = None,
+        silent: str | None = None,
     ) -> Kept | None:
-        """A feasible scenario with some nodes and without others, or None where there is none.
+        """A feasible scenario with some nodes and tree edges and without other nodes, or None where there is none.
 
-        With `apart`, one that contains both and orders neither before the other. Raises `Undecided` beyond the budget.
+        With `apart`, one that contains both and orders neither before the other; with `silent`, one that contains that node and no event of
+        its part. Raises `Undecided` beyond the budget.
         """
-        wanted = [*nodes, *(apart or ())]
+        wanted, needed = [*nodes, *(apart or ()), *([] if silent is None else [silent])], [*edges]
 
-        def attempt(bans: frozenset[Edge]) -> tuple[Kept | None, list[Edge]]:
+        def attempt(bans: frozenset[Edge], more: frozenset[Edge]) -> tuple[Kept | None, Standstill]:
             if bans or without:
                 budget.spend(_RESOLUTIONS * len(self.tree.order))
             space = Resolutions(self.tree, self.dead | without, bans) if bans or without else self.resolutions
-            kept = space.scenario(wanted, (), budget)
-            if kept is None or (self.acyclic and apart is None):
-                return kept, []
+            kept = space.scenario(wanted, [*needed, *more], budget)
+            if kept is None:
+                return None, Standstill([], [])
+            if silent is not None and (way := _to_event(self.tree, kept, silent)):
+                return None, Standstill(way, [])
+            if self.acyclic and apart is None:
+                return kept, Standstill([], [])
             budget.spend(_PRECEDENCE * len(kept))
-            graph = precedence(self.tree, kept)
-            points = [] if self.acyclic else find_cycle(graph)
-            edges = edges_along(graph, points, closed=True) if points else []
-            if not points and apart is not None:
-                edges = edges_along(graph, path(graph, *apart) or path(graph, *apart[::-1]))
-            return (None, edges) if edges else (kept, [])
+            why = self._disorder(kept, apart)
+            return (kept, Standstill([], [])) if why is None else (None, why)
 
         return _first_without(attempt)
+
+    def _disorder(self, kept: Kept, apart: tuple[str, str] | None) -> Standstill | None:
+        """Why the events of a scenario have no order, or two of them only one."""
+        graph = precedence(self.tree, kept)
+        points = [] if self.acyclic else find_cycle(graph)
+        edges = edges_along(graph, points, closed=True) if points else []
+        if not points and apart is not None:
+            edges = edges_along(graph, path(graph, *apart) or path(graph, *apart[::-1]))
+        if edges or not self.ends:
+            return Standstill(edges, []) if edges else None
+        if apart is None:
+            return standstill(self.tree, kept, graph)
+        for one, other in (apart, apart[::-1]):
+            further = precedence(self.tree, kept)
+            further.add_edge(_first(self.tree, further, one), _first(self.tree, further, other), via=None)
+            if why := standstill(self.tree, kept, further):
+                return why
+        return None
+
+    def endless(self, budget: Budget) -> tuple[Kept, str] | None:
+        """A scenario without dead nodes whose precedence is not cyclic, and a `pand` of it whose parts cannot end in its order."""
+        if not self.ends or self.acyclic:
+            return None
+        for kept in resolutions(self.tree, limit=self.limit):
+            budget.spend((_RESOLUTIONS + _PRECEDENCE) * len(self.tree.order))
+            graph = precedence(self.tree, kept)
+            why = None if find_cycle(graph) else standstill(self.tree, kept, graph)
+            if why is not None:
+                return kept, next(name for name, _ in why.edges if self.tree.nodes[name].gate is Gate.PAND)
+        return None
 
     def cyclic(self, budget: Budget, knot: Set[Point]) -> tuple[Kept, tuple[str, ...]] | None:
         """A scenario without dead nodes whose precedence has a cycle among these points, and the nodes of the cycle."""
 
-        def attempt(bans: frozenset[Edge]) -> tuple[tuple[Kept, tuple[str, ...]] | None, list[Edge]]:
+        def attempt(bans: frozenset[Edge], _: object) -> tuple[tuple[Kept, tuple[str, ...]] | None, Standstill]:
             budget.spend((_RESOLUTIONS + _PRECEDENCE) * len(self.tree.order))
             space = Resolutions(self.tree, self.dead, bans)
             graph = precedence(self.tree, space.union)
@@ -311,22 +436,53 @@ class ScenarioSpace:
             edges = edges_along(graph, points, closed=True) if points else []
             kept = space.scenario((), edges, budget) if points else None
             if kept is None:
-                return None, edges
-            return (kept, tuple(dict.fromkeys(name for kind, name, _ in points if kind == "event"))), []
+                return None, Standstill(edges, [])
+            return (kept, tuple(dict.fromkeys(name for kind, name, _ in points if kind == "event"))), Standstill([], [])
 
         return _first_without(attempt)
 
 
-def _first_without(attempt: Callable[[frozenset[Edge]], tuple[T | None, list[Edge]]]) -> T | None:
-    """What an attempt with some tree edges banned finds, first with none; a failed one says of which edges one more is banned."""
-    todo: list[frozenset[Edge]] = [frozenset()]
+def _to_event(tree: RVAFT, kept: Kept, name: str) -> list[Edge]:
+    """The tree edges of a way from a kept node to an event of its part, or none."""
+    way: dict[str, list[Edge]] = {name: []}
+    for one in (queue := [name]):
+        for child in kept[one]:
+            if child not in way:
+                way[child] = [*way[one], (one, child)]
+                queue.append(child)
+                if tree.nodes[child].has_event:
+                    return way[child]
+    return []
+
+
+def _first(tree: RVAFT, graph: "nx.DiGraph", name: str) -> Point:
+    """The point of the first event of a node, made for one that has several."""
+    own, first = event(name), event(f"{name}[1]")
+    if tree.nodes[name].times == 1:
+        return own
+    for before in [*graph.predecessors(own)]:
+        if before != first:
+            graph.add_edge(before, first, **graph.edges[before, own])
+            graph.remove_edge(before, own)
+    graph.add_edge(first, own, via=None)
+    return first
+
+
+Attempt: TypeAlias = Callable[[frozenset[Edge], frozenset[Edge]], tuple[T | None, Standstill]]
+
+
+def _first_without(attempt: Attempt[T]) -> T | None:
+    """What an attempt with some tree edges banned and others kept finds, first with none; a failed one says which of these are one more."""
+    todo: list[tuple[frozenset[Edge], frozenset[Edge]]] = [(frozenset(), frozenset())]
     seen = set(todo)
     while todo:
-        bans = todo.pop()
-        found, edges = attempt(bans)
+        bans, more = todo.pop()
+        found, why = attempt(bans, more)
         if found is not None:
             return found
-        new = [more for edge in edges if (more := bans | {edge}) not in seen]
+        new = [(bans | {edge}, more) for edge in why.edges if edge not in more]
+        new += [(bans, more | {edge}) for edge in why.lacking if edge not in bans]
+        new = [state for state in dict.fromkeys(new) if state not in seen]
         seen.update(new)
         todo.extend(reversed(new))
     return None

@@ -265,6 +265,11 @@ def variables(guard: Guard) -> tuple[str, ...]:
     return tuple(dict.fromkeys(part.name for part in walk(guard) if isinstance(part, Variable)))
 
 
+def time_points(guard: Guard) -> tuple[TimePoint, ...]:
+    """The time points of a guard, each once, in order of first occurrence."""
+    return tuple(dict.fromkeys(part for part in walk(guard) if isinstance(part, TimePoint)))
+
+
 def walk(guard: Guard) -> Iterator[Guard]:
     """The guard and all its parts, outermost first, in order."""
     todo = [guard]
@@ -304,8 +309,7 @@ def renamed(guard: Guard, names: Mapping[str, str]) -> Guard:
 
 def repointed(guard: Guard, ending: str) -> Guard:
     """The guard with this ending added to the names of the nodes that its time points are of."""
-    points = [part for part in walk(guard) if isinstance(part, TimePoint)]
-    return substitute(guard, {one.name: TimePoint.of(one.point, one.node + ending) for one in points})
+    return substitute(guard, {one.name: TimePoint.of(one.point, one.node + ending) for one in time_points(guard)})
 
 
 def folded(guard: Guard) -> Guard:

@@ -17,7 +17,7 @@ from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.errors import RvaftError, TreeError
 from rvaft.language.draft import Draft
 from rvaft.model.tree import RVAFT
-from rvaft.rules import scenarios, structure
+from rvaft.rules import scenarios, structure, times
 from rvaft.rules.rule import Finding, Rule, Severity
 from rvaft.support.budget import DEFAULT_LIMIT, Undecided
 
@@ -28,6 +28,9 @@ DRAFT_RULES: Final = (
     Rule("threshold", Severity.ERROR, structure.threshold),
     # In a text a child that is not declared becomes a leaf, so only trees built in code break this.
     Rule("unknown-child", Severity.ERROR, lambda _: ()),
+    Rule("times", Severity.ERROR, structure.times),
+    Rule("within", Severity.ERROR, structure.within),
+    Rule("unbound-time", Severity.ERROR, structure.unknown_time),
     Rule("no-root", Severity.ERROR, structure.no_root),
     Rule("cycle", Severity.ERROR, structure.cycle),
     Rule("prune", Severity.ERROR, structure.prune),
@@ -49,10 +52,14 @@ TREE_RULES: Final = (
     Rule("silent-scenario", Severity.ERROR, scenarios.silent_scenario),
     Rule("infeasible-scenario", Severity.WARNING, scenarios.infeasible_scenario),
     Rule("unbound-variable", Severity.ERROR, scenarios.unbound_variable),
+    Rule("no-time", Severity.ERROR, times.no_time),
+    Rule("unbound-time", Severity.ERROR, times.unbound_time),
     Rule("variable-once", Severity.WARNING, structure.variable_once),
     Rule("ambiguous-event", Severity.WARNING, scenarios.ambiguous_event),
     Rule("shared-under-order", Severity.WARNING, scenarios.shared_under_order),
     Rule("contradictory-guards", Severity.WARNING, scenarios.contradictory_guards),
+    Rule("contradictory-guards", Severity.WARNING, times.contradictory_times),
+    Rule("unstated-semantics", Severity.WARNING, times.unstated_semantics),
     Rule("undeclared", Severity.WARNING, structure.undeclared),
     Rule("unreachable", Severity.WARNING, structure.unreachable),
     Rule("unused-event", Severity.WARNING, structure.unused_event),

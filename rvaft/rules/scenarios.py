@@ -10,7 +10,7 @@ from rvaft.analysis.guard_solver import contradictory, contradictory_over_reals,
 from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import Kept, ScenarioSpace, inevitable, path
 from rvaft.analysis.unification import Overlaps
-from rvaft.model.guards import Guard, variables
+from rvaft.model.guards import Guard, Operation, Operator, conjuncts, time_points, variables
 from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, Pattern, Variable, rigid_variables, substitute, walk
 from rvaft.model.tree import RVAFT, knots
@@ -72,6 +72,11 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
             mend = "let no event be part of two children of one ordered gate"
             message = f"{listing(nodes)} would have to come {where}; {mend}"
             yield RuleReport(tree.nodes[nodes[0]].place(), message, nodes)
+    if (unending := space.endless(budget)) is not None:
+        kept, gate = unending
+        where = f"cannot end one after the other in {branch_of(tree, kept)}, so that scenario is dropped"
+        mend = "let no two of them end with the same event"
+        yield RuleReport(tree.nodes[gate].place("gate"), f"the parts of {gate} {where}; {mend}", (gate,))
 
 
 # Rules about events that two occurrences want, and nodes that two parents want.
@@ -96,7 +101,7 @@ def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
 def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
     """Whether some feasible scenario contains both nodes and orders neither before the other."""
     # What orders two nodes of a tree without shared nodes orders them in every scenario.
-    apart = bool(space.tree.shared)
+    apart = bool(space.tree.shared) or space.ends
     if apart:
         budget.spend(5 * len(space.tree.order))
         apart = bool(path(space.order, one, other) or path(space.order, other, one))
@@ -192,7 +197,7 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
         for parent in tree.parents(name):
             if name in kept.get(parent, ()):
                 sides[parent] = slots[parent]
-                if body(tree.nodes[parent]).op is Op.SEQUENCE:
+                if (gate := tree.nodes[parent].gate) is not None and gate.ordered:
                     sides[parent] |= 1 << len(owners)
                     owners.append(parent)
         slots[name] = union(sides.values())
@@ -229,7 +234,9 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
     asked: list[tuple[Node, str]] = []  # a guard with a variable that its node's own event does not bind
     for node in tree.top_down():
         bound_here = rigid_variables(tree.pattern(node.name) or Anything())
-        names = variables(node.when) if node.when is not None else ()
+        names = () if node.when is None else variables(node.when)
+        points = () if node.when is None else tuple(one.name for one in time_points(node.when))
+        names = tuple(name for name in names if name not in points)
         asked += ((node, name) for name in names if name not in bound_here)
     wanted = list(dict.fromkeys(name for _, name in asked)) if space.resolutions else []
     lacking: set[tuple[str, str]] = set()
@@ -313,7 +320,8 @@ def _groups(space: ScenarioSpace) -> Iterable[Group]:
             leader[name] = name = leader[leader[name]]
         return name
 
-    guarded = [(node.name, node.when) for node in space.tree.top_down() if node.when and node.name in space.resolutions]
+    own = ((node.name, _without_times(node.when)) for node in space.tree.top_down() if node.name in space.resolutions)
+    guarded = [(name, guard) for name, guard in own if guard is not None]
     for _, guard in guarded:
         for one, other in pairwise(variables(guard)):
             leader[find(one)] = find(other)
@@ -322,6 +330,12 @@ def _groups(space: ScenarioSpace) -> Iterable[Group]:
         for variable in variables(guard)[:1]:
             groups.setdefault(find(variable), {})[name] = guard
     return groups.values()
+
+
+def _without_times(guard: Guard | None) -> Guard | None:
+    """What a guard says of values; conditions on time are looked at elsewhere."""
+    kept = [] if guard is None else [part for part in conjuncts(guard) if not time_points(part)]
+    return Operation(Operator.AND, tuple(kept)) if len(kept) > 1 else kept[0] if kept else None
 
 
 def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[tuple[Core, Kept]]:

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 
 from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.language.draft import Draft, DraftTopic, GateUse, PruneFault, Said
-from rvaft.model.expressions import name_text
+from rvaft.model.expressions import guard_text, name_text
+from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import EventType, On, Place, absolute, topic_of, wrong_name, wrong_type
 from rvaft.model.patterns import Literal, Variable
@@ -68,6 +69,37 @@ def threshold(draft: Draft) -> Iterator[RuleReport]:
         elif not 1 <= k <= count:
             message = f"{name} asks for {k} of {count} children; K must be between 1 and {count}"
             yield RuleReport(place, message, (name,))
+
+
+def times(draft: Draft) -> Iterator[RuleReport]:
+    """Only the events of a leaf are counted."""
+    for node in draft.nodes.values():
+        for count, place in node.counts:
+            if count > 1 and node.gates:
+                mend = "give `times` to the leaf whose events are meant"
+                yield RuleReport(place, f"{node.name} is a gate, whose part happens once; {mend}", (node.name,))
+            elif count > 1 and node.whens and not node.ons:
+                message = f"{node.name} observes no event, so there is nothing to count; give it an event with `on`"
+                yield RuleReport(place, message, (node.name,))
+
+
+def within(draft: Draft) -> Iterator[RuleReport]:
+    """Only the part of a gate lasts."""
+    for node in draft.nodes.values():
+        for said in () if node.gates else node.withins:
+            message = f"{node.name} is a leaf, and only the part of a gate lasts; put `within` at a gate above it"
+            yield RuleReport(said.place, message, (node.name,))
+
+
+def unknown_time(draft: Draft) -> Iterator[RuleReport]:
+    """Every time point is of a node of the tree."""
+    known = set(draft.nodes) | {child.value for child in draft.undeclared()}
+    for node in draft.nodes.values():
+        for guard, place in node.whens:
+            for one in time_points(guard):
+                if one.node not in known:
+                    said = f"the guard of {node.name} asks for {guard_text(one)}, and there is no node {one.node}"
+                    yield RuleReport(place, f"{said}{did_you_mean(one.node, known)}", (node.name,))
 
 
 def no_root(draft: Draft) -> Iterator[RuleReport]:

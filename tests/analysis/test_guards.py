@@ -12,6 +12,7 @@ from rvaft.language.parser import parse_guard
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import (
     COMPARISONS,
+    FUNCTIONS,
     OPERATORS,
     UNDEFINED,
     Guard,
@@ -88,6 +89,10 @@ def test_negated_and_mirrored_comparisons() -> None:
 def test_signs_are_those_of_the_language() -> None:
     for operator, facts in OPERATORS.items():
         text = f"{facts.sign}X" if facts.arity == 1 else f"X {facts.sign} Y"
+        if operator in FUNCTIONS:
+            text = f"{facts.sign}({', '.join(['X', '"Y"'][: facts.arity])})"
+        elif operator is Operator.IN:
+            text = 'X in (1, "a", null)'
         guard = parse_guard(text)
         assert isinstance(guard, Operation)
         assert guard.operator is operator

@@ -15,9 +15,11 @@ from rvaft.analysis.scenarios import (
     path,
     precedence,
     resolutions,
+    standstill,
 )
 from rvaft.errors import TooLarge
 from rvaft.model.guards import holds, variables
+from rvaft.model.nodes import Gate
 from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.semantics import Scenario, feasible_scenarios, scenarios
 from rvaft.support.budget import Budget, Undecided
@@ -41,10 +43,12 @@ def test_precedence(sample: Sample) -> None:
     for _, tree, every in sample:
         for scenario in every[:15]:
             graph = precedence(tree, scenario.kept)
-            before = scenario.before
-            assert bool(find_cycle(graph)) == any(name in earlier for name, earlier in before.items())
+            before, ends = scenario.before, any(node.gate is Gate.PAND for node in scenario.nodes)
+            cyclic = any(name in earlier for name, earlier in before.items())
+            assert bool(find_cycle(graph)) == cyclic or ends
+            assert (standstill(tree, scenario.kept, graph) is None) == bool(scenario.orders)
             for one, other in product(scenario.occurrences, repeat=2):
-                assert one == other or bool(path(graph, one, other)) == (one in before[other])
+                assert one == other or bool(path(graph, one, other)) == (one in before[other]) or ends
 
 
 def test_one_by_one(sample: Sample) -> None:
@@ -88,13 +92,18 @@ def test_feasible_scenarios(sample: Sample) -> None:
         assert space.is_empty == (not every)
         for one, other in islice(combinations(tree.occurrences, 2), 8):
             both = [s for s in every if {one, other} <= s.occurrences]
-            apart = [s.kept for s in both if one not in s.before[other] and other not in s.before[one]]
+            ways = [(one, other), (other, one)]
+            apart = [s.kept for s in both if all(any(a not in order[b] for order in s.orders) for a, b in ways)]
             kept = space.feasible(space.budget(), apart=(one, other))
             assert kept is None if not apart else kept in apart
             without = frozenset(random.sample(tree.order, 1))
             lacking = [s.kept for s in every if one in s.kept and not without & s.kept.keys()]
             kept = space.feasible(space.budget(), (one,), without=without)
             assert kept is None if not lacking else kept in lacking
+            part = random.choice([name for name in tree.order if not tree.nodes[name].has_event] or [one])
+            quiet = [s.kept for s in every if one in s.kept and part in s.kept and not s.events(part)]
+            kept = None if part == one else space.feasible(space.budget(), (one,), silent=part)
+            assert kept is None if not quiet else kept in quiet
 
 
 def test_what_every_scenario_has(sample: Sample) -> None:

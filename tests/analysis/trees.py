@@ -1,10 +1,12 @@
 """Small trees: random ones of every shape that the rules look at, and all there are of a few nodes."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import permutations, product
 from random import Random
 
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.guards import POINTS, Duration, Guard, Operation, Operator, TimePoint
 from rvaft.model.nodes import Argument, Causality, EventType, Gate, Node, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
 from rvaft.model.tree import RVAFT
@@ -65,6 +67,25 @@ def _guard(random: Random, constants: float) -> Guard:
             return Operation(Operator.OR, (comparison, _guard(random, 0)))
         case _:
             return comparison
+
+
+def with_times(random: Random, tree: RVAFT) -> RVAFT:
+    """The tree with counted leaves, windows, and guards on times, some of nodes without events."""
+
+    def point() -> Guard:
+        return TimePoint.of(random.choice(POINTS), random.choice(tree.order))
+
+    nodes = []
+    for node in tree.nodes.values():
+        times = 2 if node.leaf and node.has_event and random.random() < 0.2 else 1
+        within = random.randint(0, 3) if not node.leaf and random.random() < 0.3 else None
+        later = Operation(Operator.ADD, (point(), Duration(random.randint(0, 3))))
+        asked = Operation(random.choice(_SIGNS), (point(), random.choice((point(), later))))
+        when = asked if node.has_event and random.random() < 0.2 else node.when
+        on = node.on or (On("four", ()) if node.has_event else None)
+        nodes.append(replace(node, times=times, within=within, on=on, when=when))
+    time = EventTime(("t",), TimeFormat.NANOSECONDS)
+    return RVAFT(tree.root, nodes, tree.events.values(), causality=tree.causality, time=time)
 
 
 _E = EventType("e", ("n",), ObjectPattern((("event", Variable("n")),)))

@@ -1,6 +1,7 @@
 """The rules about scenarios: against enumeration, on hundreds of small random trees, and on large and deep ones."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from itertools import product
 from random import Random
@@ -10,7 +11,8 @@ import pytest
 
 from rvaft.analysis.scenarios import inevitable
 from rvaft.analysis.unification import overlaps
-from rvaft.model.guards import Operation, Operator, holds
+from rvaft.model.expressions import guard_text
+from rvaft.model.guards import Operation, Operator, holds, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
@@ -18,7 +20,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.rules import check_tree
 from rvaft.rules.rule import Finding
 from rvaft.semantics import Scenario, feasible_scenarios, scenarios
-from tests.analysis.trees import random_tree
+from tests.analysis.trees import random_tree, with_times
 
 Sample: TypeAlias = list[tuple[RVAFT, list[Finding], list[Scenario]]]
 """Trees, each with the findings on it and its feasible scenarios."""
@@ -49,10 +51,10 @@ def test_feasibility_rules_agree_with_enumeration(checked: Sample) -> None:
         if feasible:
             reported = {f.nodes[0] for f in infeasible if "never holds" in f.message}
             assert reported == set().union(*(_dead(kept) for kept in everything))
-            cyclic = any(name in before for k in everything if not _dead(k) for name, before in k.before.items())
-            assert any("before itself" in f.message for f in infeasible) == cyclic
+            disordered = any(not kept.orders for kept in everything if not _dead(kept))
+            assert any("scenario is dropped" in f.message for f in infeasible) == disordered
         else:
-            assert not any("before itself" in f.message for f in infeasible)  # that nothing is left is the error
+            assert not any("scenario is dropped" in f.message for f in infeasible)  # that nothing is left is the error
 
 
 def test_unbound_variables_agree_with_enumeration(checked: Sample) -> None:
@@ -70,13 +72,55 @@ def test_ambiguous_events_agree_with_enumeration(checked: Sample) -> None:
         expected = set()
         for kept in feasible:
             for one, other in product(kept.occurrences, repeat=2):
-                unordered = one not in kept.before[other] and other not in kept.before[one]
+                unordered = all(any(a not in o[b] for o in kept.orders) for a, b in ((one, other), (other, one)))
                 if unordered and tree.order.index(one) < tree.order.index(other):
                     left, right = tree.pattern(one), tree.pattern(other)
                     assert left is not None
                     assert right is not None
                     expected |= {(one, other)} if overlaps(left, right) else set()
         assert {finding.nodes for finding in _of(findings, "ambiguous-event")} == expected
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_conditions_on_time_agree_with_enumeration(seed: int) -> None:
+    random, told = Random(seed), Counter[str]()
+    for tree in [with_times(random, random_tree(random, guards=0.1)) for _ in range(150)]:
+        findings, feasible = check_tree(tree), feasible_scenarios(tree)
+        lacking = set()
+        for kept in feasible:
+            for node in kept.nodes:
+                asked = {one.name for one in time_points(node.when)} if node.when is not None else set()
+                asked |= set() if node.within is None else {f"end({node.name})"}
+                lacking |= {node.name for one in asked if not kept.points[one]}
+        assert {finding.nodes[0] for finding in _of(findings, "unbound-time")} == lacking
+        contradictions = [f.nodes for f in _of(findings, "contradictory-guards") if "times are" in f.message]
+        told.update({"lacking": bool(lacking), "contradictions": bool(contradictions)})
+        if not lacking:
+            small = [kept for kept in feasible if len(kept.occurrences) <= 3]
+            hopeless = [set(kept.kept) for kept in small if not _timely(kept)]
+            for nodes in contradictions:
+                having = [kept for kept in feasible if set(nodes) <= set(kept.kept)]
+                assert any(kept not in small or not _timely(kept) for kept in having)
+            guards = [node.when for node in tree.top_down() if node.when is not None]
+            unequal = any("!=" in guard_text(guard) for guard in guards)
+            if not unequal and all(one.point == "at" for guard in guards for one in time_points(guard)):
+                assert all(any(set(nodes) <= kept for nodes in contradictions) for kept in hopeless)
+    assert min(told.values()) > 3, told
+
+
+def _timely(kept: Scenario) -> bool:
+    """Whether some times of its events keep all conditions on time that a scenario has."""
+    names = sorted(kept.occurrences)
+    guards = [node.when for node in kept.nodes if node.when is not None and time_points(node.when)]
+    windows = [(kept.events(node.name), node.within) for node in kept.nodes if node.within is not None]
+    for row in product(range(4 * len(names)), repeat=len(names)):
+        time = dict(zip(names, row, strict=True))
+        ends = {one: [time[event] for event in events] for one, events in kept.points.items()}
+        points = {one: min(found) if one.startswith("start") else max(found) for one, found in ends.items() if found}
+        short = all(max(at) - min(at) <= d for events, d in windows if (at := [time[event] for event in events]))
+        if short and all(holds(guard, points) for guard in guards):
+            return True
+    return False
 
 
 _GRID = (1, 2, "a", "one", 1.25, 1.75, 3, 4, 0, -1, 1.5, "aa", "b", "p", "q", "", "A", True, False, None)

@@ -1,0 +1,273 @@
+"""Rules about time: whether a tree says where its events have one, what time points are of, and whether conditions on time can hold together."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from operator import itemgetter
+from typing import NamedTuple, TypeAlias
+
+from rvaft.analysis.normal_form import body
+from rvaft.analysis.scenarios import Edge, Kept, ScenarioSpace, inevitable
+from rvaft.model.expressions import guard_text
+from rvaft.model.guards import (
+    COMPARISONS,
+    OPERATORS,
+    Guard,
+    Operation,
+    Operator,
+    TimePoint,
+    conjuncts,
+    holds,
+    time_points,
+)
+from rvaft.model.nodes import Node
+from rvaft.model.patterns import Anything, Literal, rigid_variables
+from rvaft.rules.rule import RuleReport, branch_of, listing
+from rvaft.support.bits import in_at_least
+from rvaft.support.budget import Budget, Undecided
+
+
+def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """A tree with conditions on time says where an event has its time."""
+    if space.tree.time is not None:
+        return
+    for node in space.tree.top_down():
+        for part, who in _asking(node):
+            message = f"{who} asks for times, and the tree does not say where an event has its time"
+            yield RuleReport(node.place(part), f"{message}; write it, as in `time timestamp as iso8601;`", (node.name,))
+
+
+def _asking(node: Node) -> Iterator[tuple[str, str]]:
+    """The parts of a node that are conditions on time, and what they are called."""
+    if node.when is not None and time_points(node.when):
+        yield "when", f"the guard of {node.name}"
+    if node.within is not None:
+        yield "within", f"the window of {node.name}"
+
+
+def _asked(node: Node) -> list[tuple[str, TimePoint]]:
+    """The time points of the conditions of a node, each with the part that asks for it."""
+    asked = [("when", one) for one in time_points(node.when)] if node.when is not None else []
+    return asked if node.within is None else [*asked, ("within", TimePoint.of("end", node.name))]
+
+
+_AT_ONCE = 4096
+"""So many nodes are looked at together: each node has a bit for each."""
+
+
+def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """Every time point is of a node with events in every feasible scenario that contains the guard, `at` of one with one event."""
+    tree = space.tree
+    asked = [
+        (node, part, one) for node in tree.top_down() if node.name in space.resolutions for part, one in _asked(node)
+    ]
+    wanted = list(dict.fromkeys(one.node for _, _, one in asked))
+    surely: dict[str, bool] = {}  # whether the part of a node has an event in every scenario
+    for node in tree.bottom_up() if asked else ():
+        missable = len(node.children) - body(node).need + 1
+        below = in_at_least(missable, [int(surely[child]) for child in node.children])
+        surely[node.name] = node.name in space.dead or node.has_event or bool(below)
+    there: set[tuple[str, str]] = set()  # the nodes with others that are in all of their scenarios
+    for start in range(0, len(wanted), _AT_ONCE):
+        bit = {name: 1 << index for index, name in enumerate(wanted[start : start + _AT_ONCE])}
+        everything = (1 << len(bit) + 1) - 1
+        found = inevitable(tree, bit | dict.fromkeys(space.dead, everything), everything)
+        there.update((node.name, one.node) for node, _, one in asked if found[node.name] & bit.get(one.node, 0))
+    budget, late = space.budget(), None
+    for node, part, one in asked:
+        try:
+            report = _unbound(space, budget, node, one, is_there=(node.name, one.node) in there, surely=surely)
+        except Undecided as undecided:
+            late = undecided
+            continue
+        if report is not None:
+            yield RuleReport(node.place(part), report, (node.name,))
+    if late is not None:
+        raise late
+
+
+def _unbound(
+    space: ScenarioSpace, budget: Budget, node: Node, one: TimePoint, *, is_there: bool, surely: dict[str, bool]
+) -> str | None:
+    """What is wrong with a time point that a node asks for."""
+    text, other = guard_text(one), space.tree.nodes.get(one.node)
+    if one.point == "at" and other is not None and (other.times > 1 or not other.has_event):
+        has = "has no event of its own" if other.times == 1 else f"has {other.times} events"
+        if space.feasible(budget, [node.name]) is None:
+            return None
+        mend = f"write start({text[3:-1]}) or end({text[3:-1]})"
+        mend = "give it one with `on`" if other.leaf and other.times == 1 else mend
+        return f"{text} in the guard of {node.name} is the time of one event, and {one.node} {has}; {mend}"
+    if not is_there:
+        kept = space.feasible(budget, [node.name], without=frozenset([one.node]))
+        if kept is not None:
+            where = f"{one.node} is not in {branch_of(space.tree, kept)}"
+            mend = f"ask for the time of a node that is there whenever {node.name} is"
+            return f"{text} in the guard of {node.name} has no event: {where}; {mend}"
+    if one.point != "at" and other is not None and not surely.get(one.node, False):
+        kept = space.feasible(budget, [node.name], silent=one.node)
+        if kept is not None:
+            asks = (
+                f"the window of {node.name}"
+                if one not in time_points(node.when or Literal(None))
+                else f"{text} in the guard of {node.name}"
+            )
+            mend = "let a node of that part observe an event with `on`"
+            return f"{asks} has no time: the part of {one.node} has no event in {branch_of(space.tree, kept)}; {mend}"
+    return None
+
+
+# Conditions on time that cannot hold together: differences of times (x - y <= c) that add up to less than nothing.
+
+Need: TypeAlias = str | Edge
+"""What a bound on times needs a scenario to have: a node, or a child kept by its parent."""
+
+
+class TimeBound(NamedTuple):
+    """One time is at most another one and so many nanoseconds, in every scenario that has what it needs."""
+
+    time: tuple[str, str]
+    other: tuple[str, str]
+    more: int
+    need: Need
+
+
+def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """Some branch has conditions on time that no times satisfy together."""
+    tree = space.tree
+    bounds = [bound for node in tree.top_down() if node.name in space.resolutions for bound in _conditions(node)]
+    if not bounds:
+        return
+    asking = {bound.need for bound in bounds}
+    bounds += _containments(space)
+    budget, told = space.budget(), set[frozenset[Need]]()
+    todo: list[frozenset[Need]] = [frozenset()]
+    seen = set(todo)
+    while todo:
+        without = todo.pop()
+        budget.spend(len(bounds))
+        needs = _contradiction([bound for bound in bounds if bound.need not in without])
+        if not needs:
+            continue
+        core = tuple(need for need in needs if isinstance(need, str) and need in asking)
+        nodes, edges = ([need for need in needs if isinstance(need, kind)] for kind in (str, tuple))
+        kept = space.feasible(budget, nodes, edges=edges)  # type: ignore[arg-type]
+        if kept is not None and frozenset(core) not in told:
+            told.add(frozenset(core))
+            yield _impossible(space, core, kept)
+        new = [without | {need} for need in (needs if kept is None else core[-1:])]
+        todo += [more for more in dict.fromkeys(new) if more not in seen]
+        seen.update(new)
+
+
+def _impossible(space: ScenarioSpace, core: tuple[str, ...], kept: Kept) -> RuleReport:
+    found = [(part, name) for name in core for part, _ in _asking(space.tree.nodes[name])]
+    kinds = [("guard", "when"), ("window", "within")]
+    named = [(word, [name for own, name in found if own == part]) for word, part in kinds]
+    told = " and ".join(f"the {word}{'s' * (len(names) > 1)} of {listing(names)}" for word, names in named if names)
+    together = " together" * (len(found) > 1)
+    message = f"{told} cannot hold{together} in {branch_of(space.tree, kept)}, whatever the times are; mend one"
+    return RuleReport(space.tree.nodes[core[0]].place(found[0][0]), message, core)
+
+
+def _conditions(node: Node) -> Iterator[TimeBound]:
+    """The bounds that a node's guard and its window ask for."""
+    if node.within is not None:
+        yield TimeBound(("end", node.name), ("start", node.name), node.within, node.name)
+    for guard in conjuncts(node.when) if node.when is not None else ():
+        match guard:
+            case Operation(Operator.NOT, (Operation(operator, operands),)) if operator in COMPARISONS:
+                negated = OPERATORS[operator].negated
+                assert negated is not None
+                yield from _bounds(node.name, negated, operands)
+            case Operation(operator, operands) if operator in COMPARISONS:
+                yield from _bounds(node.name, operator, operands)
+
+
+def _bounds(name: str, operator: Operator, operands: tuple[Guard, ...]) -> Iterator[TimeBound]:
+    """The bounds that a true comparison of times says."""
+    found: dict[tuple[str, str], int] = {}
+    if not all(_is_sum(operand) for operand in operands):
+        return
+    constant = sum(_add(operand, sign, found) for operand, sign in zip(operands, (1, -1), strict=True))
+    points = [(point, sign) for point, sign in found.items() if sign]
+    if found and not points and not holds(Operation(operator, (Literal(constant), Literal(0))), {}):
+        yield TimeBound(some := next(iter(found)), some, -1, name)  # a time compared with itself
+    if sorted(sign for _, sign in points) != [-1, 1]:
+        return
+    (low, _), (high, _) = sorted(points, key=itemgetter(1))
+    strictly = operator in (Operator.LT, Operator.GT)
+    if operator in (Operator.LE, Operator.LT, Operator.EQ):
+        yield TimeBound(high, low, -constant - strictly, name)
+    if operator in (Operator.GE, Operator.GT, Operator.EQ):
+        yield TimeBound(low, high, constant - strictly, name)
+
+
+def _is_sum(guard: Guard) -> bool:
+    """Whether a guard is made of time points and durations, added and subtracted."""
+    match guard:
+        case Operation(Operator.ADD | Operator.SUB, operands):
+            return all(map(_is_sum, operands))
+        case _:
+            return isinstance(guard, TimePoint) or (isinstance(guard, Literal) and type(guard.value) is int)
+
+
+def _add(guard: Guard, sign: int, found: dict[tuple[str, str], int]) -> int:
+    """Count the time points of a sum with their signs, and return the durations in it."""
+    match guard:
+        case TimePoint(point=point, node=node):
+            found[point, node] = found.get((point, node), 0) + sign
+            return 0
+        case Operation(operator, (left, right)):
+            return _add(left, sign, found) + _add(right, sign if operator is Operator.ADD else -sign, found)
+        case _:
+            assert isinstance(guard, Literal)
+            assert isinstance(guard.value, int)
+            return sign * guard.value
+
+
+def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
+    """What is so in every scenario: an event lies between the start and the end of its part, and a part within that of its parent."""
+    for name, children in space.resolutions.union.items():
+        node = space.tree.nodes[name]
+        at, start, end = ((point, name) for point in ("at", "start", "end"))
+        if node.has_event:
+            yield from (TimeBound(start, at, 0, name), TimeBound(at, end, 0, name))
+            if node.leaf and node.times == 1:
+                yield from (TimeBound(at, start, 0, name), TimeBound(end, at, 0, name))
+        for child in children:
+            yield from (
+                TimeBound(start, ("start", child), 0, (name, child)),
+                TimeBound(("end", child), end, 0, (name, child)),
+            )
+
+
+def _contradiction(bounds: list[TimeBound]) -> list[Need]:
+    """What bounds need that contradict each other, each once; none where some times keep them all."""
+    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+
+    graph = nx.DiGraph()
+    for time, other, more, need in bounds:
+        if time == other and more < 0:
+            return [need]
+        if time != other and more < graph.get_edge_data(other, time, {"weight": more + 1})["weight"]:
+            graph.add_edge(other, time, weight=more, need=need)
+    graph.add_edges_from((("", ""), point, {"weight": 0}) for point in list(graph))
+    try:
+        circle = nx.find_negative_cycle(graph, ("", ""))
+    except nx.NetworkXError:
+        return []
+    return list(dict.fromkeys(graph.edges[step]["need"] for step in pairwise(circle)))
+
+
+def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """A tree that waits for several events of one kind says whether others of that kind may come between and after them."""
+    tree = space.tree
+    if tree.semantics is not None:
+        return
+    for node in tree.top_down():
+        alone = tree.occurrences == (node.name,) and not rigid_variables(tree.pattern(node.name) or Anything())
+        if node.times > 1 and not alone:
+            said = f"{node.name} waits for {node.times} events, and the tree states no semantics"
+            so = "under `projected`, which then is meant, one more of them, or one with other values, ends the match"
+            mend = "write `semantics scattered;`, or the one that you mean"
+            yield RuleReport(node.place("times"), f"{said}: {so}; {mend}", (node.name,))

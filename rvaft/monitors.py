@@ -8,6 +8,7 @@ from typing import Final, Self
 
 from rvaft.errors import TraceError
 from rvaft.model.nodes import Kind
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 
@@ -31,6 +32,20 @@ class Explanation:
     matched: Mapping[str, int]
     variables: Mapping[str, Json]
     scenario: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def observed(self, tree: RVAFT) -> dict[str, list[int]]:
+        """The events of each node of a tree, several where a leaf counts them.
+
+        >>> import rvaft
+        >>> watching = rvaft.monitor(tree := rvaft.loads("top sand a b; a times 2;"))
+        >>> [*watching.run([{"event": name} for name in "aab"])][-1].symbol, watching.explanation.observed(tree)
+        ('⊤', {'a': [1, 2], 'b': [3]})
+        """
+        found: dict[str, list[int]] = {}
+        for name, number in self.matched.items():
+            leaf = name if name in tree.nodes else name.rpartition("[")[0] or name
+            found.setdefault(leaf, []).append(number)
+        return found
 
 
 @dataclass(frozen=True, slots=True)

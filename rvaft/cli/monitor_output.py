@@ -270,16 +270,17 @@ class _Text(Reporter):
         if head := title + ": ".join(part for part in (branch, kinds) if part):
             yield head
         tree = self.settings.tree
-        for node, number in explanation.matched.items():
-            label = tree.nodes[node].label if node in tree.nodes else None
+        for node, numbers in explanation.observed(tree).items():
+            label, number = tree.nodes[node].label if node in tree.nodes else None, numbers[-1]
             place = " (no longer known)"
             if number in events:
-                known = detection.places(events[number])
+                known = detection.places(events[number], tree)
                 said = [f" {word} {_short(known[it])}" for word, it in (("at", "time"), ("on", "topic")) if it in known]
                 others = detection.other_fields(node, events[number], tree, self.fields)
                 more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())
                 place = "".join(said) + (f" with {more}" if more else "")
-            yield f"event {number}{place} is {node}{f' ({label})' if label else ''}"
+            earlier = f"events {', '.join(map(str, numbers[:-1]))} and " if numbers[:-1] else "event "
+            yield f"{earlier}{number}{place} {'are' if numbers[:-1] else 'is'} {node}{f' ({label})' if label else ''}"
         for variable, value in detection.variables(explanation, tree).items():
             yield f"{variable} = {_json(value)}"
 

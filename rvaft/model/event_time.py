@@ -55,18 +55,26 @@ class EventTime:
     late: int | None = None
     place: Place = part(default=Place(), compare=False, repr=False)
 
-    def read(self, event: Json) -> int | None:
-        """The time of an event in nanoseconds, or None where it is undefined.
+    def written(self, event: Json) -> Json:
+        """The time as it stands in an event, None where it is absent.
 
-        >>> EventTime(("ts",), TimeFormat.MILLISECONDS).read({"ts": "1.5"})
-        1500000
+        >>> EventTime(("header", "stamp"), TimeFormat.SECONDS).written({"header": {"stamp": "12.5"}})
+        '12.5'
         """
         value = event
         for name in self.field:
             if not isinstance(value, Mapping) or name not in value:
                 return None
             value = value[name]
-        return _READERS[self.format](value)
+        return value
+
+    def read(self, event: Json) -> int | None:
+        """The time of an event in nanoseconds, or None where it is undefined.
+
+        >>> EventTime(("ts",), TimeFormat.MILLISECONDS).read({"ts": "1.5"})
+        1500000
+        """
+        return _READERS[self.format](self.written(event))
 
 
 def duration_text(nanoseconds: int) -> str:

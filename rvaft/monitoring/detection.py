@@ -63,11 +63,26 @@ def told_fields(tree: RVAFT) -> tuple[str, ...]:
     >>> told_fields(rvaft.loads('event e(x) = { kind: "k", x: x }; top and a; a on e(1);'))
     ('time', 'topic', 'kind')
     """
-    return tuple(dict.fromkeys((*PLACES, *TreeReads(tree).discriminators.fields)))
+    return tuple(dict.fromkeys((*PLACES, *_time_field(tree), *TreeReads(tree).discriminators.fields)))
 
 
-def places(event: Json, fields: Sequence[str] = PLACES) -> dict[str, Json]:
-    """What an event has in the fields that tell it from others. A number that is none in JSON, as infinity, says nothing."""
+def _time_field(tree: RVAFT) -> tuple[str, ...]:
+    return () if tree.time is None else tree.time.field[:1]
+
+
+def places(event: Json, tree: RVAFT) -> dict[str, Json]:
+    """The time of an event, as it stands where the tree says that times stand, and its topic.
+
+    >>> import rvaft
+    >>> places({"t": 7, "topic": "/x"}, rvaft.loads("time t as s; top and a b;"))
+    {'time': 7, 'topic': '/x'}
+    """
+    written = None if tree.time is None else tree.time.written(event)
+    return {**kept({"time": written} if written is not None else event, PLACES[:1]), **kept(event, PLACES[1:])}
+
+
+def kept(event: Json, fields: Sequence[str]) -> dict[str, Json]:
+    """What an event has in some fields. A number that is none in JSON, as infinity, says nothing."""
     found = {name: event[name] for name in fields if name in event} if isinstance(event, Mapping) else {}
     return {name: value for name, value in found.items() if not isinstance(value, float) or math.isfinite(value)}
 
@@ -76,7 +91,7 @@ def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> 
     """What tells the event of a node from others beside time and topic; a default event is named by its node alone."""
     if node in tree.nodes and tree.nodes[node].on is None:
         return {}
-    found = places(event, [name for name in fields if name not in PLACES])
+    found = kept(event, [name for name in fields if name not in (*PLACES, *_time_field(tree))])
     return {name: value for name, value in found.items() if not isinstance(value, (Mapping, list))}
 
 
@@ -93,7 +108,7 @@ def explained(
     for node, number in explanation.matched.items():
         event = events.get(number)
         others = other_fields(node, event, tree, fields)
-        matched.append({"node": node, "event": number, **places(event), **({"fields": others} if others else {})})
+        matched.append({"node": node, "event": number, **places(event, tree), **({"fields": others} if others else {})})
     return {
         "branch": explanation.branch,
         "kinds": sorted(kind.value for kind in explanation.kinds),

@@ -22,7 +22,7 @@ from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.detection import explained, matched_events, places, told_fields
+from rvaft.monitoring.detection import explained, kept, matched_events, told_fields
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per, columns
 from rvaft.monitoring.reader import BOM, decode
 from rvaft.monitoring.run import EventBuffer
@@ -109,7 +109,7 @@ class Session:
                     self.failures[label] = str(error)
                 else:
                     if label == _WHOLE and monitors.serves:
-                        self.buffer.remember(self.events, places(came, self.fields))
+                        self.buffer.remember(self.events, kept(came, self.fields))
 
     def begin_again(self) -> None:
         """Let the monitors that repeat and have detected with the last event begin afresh."""

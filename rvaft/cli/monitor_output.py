@@ -36,6 +36,8 @@ WAITING: Final = 10
 """Branches of which it is said what they waited for."""
 SHOWN: Final = 40
 """Characters of a value that stands beside other things."""
+LISTED: Final = 20
+"""Events of a counted leaf that are named one by one."""
 
 
 class Sink:
@@ -279,8 +281,9 @@ class _Text(Reporter):
                 others = detection.other_fields(node, events[number], tree, self.fields)
                 more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())
                 place = "".join(said) + (f" with {more}" if more else "")
-            earlier = f"events {', '.join(map(str, numbers[:-1]))} and " if numbers[:-1] else "event "
-            yield f"{earlier}{number}{place} {'are' if numbers[:-1] else 'is'} {node}{f' ({label})' if label else ''}"
+            shown = [*map(str, numbers[:LISTED]), *["…"] * (len(numbers) > LISTED + 1)][: len(numbers) - 1]
+            earlier = f"events {', '.join(shown)} and " if shown else "event "
+            yield f"{earlier}{number}{place} {'are' if shown else 'is'} {node}{f' ({label})' if label else ''}"
         for variable, value in detection.variables(explanation, tree).items():
             yield f"{variable} = {_json(value)}"
 

@@ -22,6 +22,7 @@ _WHY: Final = {
     "wsp": "a warm spare may fail before it is used",
     "hsp": "a hot spare may fail before it is used",
 }
+_IDLE: Final = "it is nobody's child, and other orders are detected, too"
 _SPARES: Final = ("csp", "wsp", "hsp", "spare")
 
 
@@ -34,9 +35,12 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
         raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused, as the reading is strict", place)
     _check_spares(uses)
     dependencies = [(node, said) for node, said in uses if said.value.is_dependency and len(node.gates) == 1]
+    below = {child.value for node in draft.nodes.values() for child in node.children()} if uses else set()
+    below.update(toplevel.value for toplevel in draft.toplevels)
     for node, (use, place) in uses:
         if not use.is_dependency:
-            draft.dynamic_gates.append(_static(draft, node, Said(use, place)))
+            idle = use.dynamic == "seq" and node.name not in below
+            draft.dynamic_gates.append(_static(draft, node, Said(use, place), "; " + _IDLE if idle else ""))
     if dependencies:
         _read_dependencies(draft, dependencies)
 
@@ -45,7 +49,7 @@ def _error(message: str, place: Place) -> LanguageError:
     return LanguageError(message, file=place.file, line=place.line, column=place.column)
 
 
-def _static(draft: Draft, node: DraftNode, said: Said[GateUse]) -> DynamicGate:
+def _static(draft: Draft, node: DraftNode, said: Said[GateUse], note: str) -> DynamicGate:
     """Read a gate that stays one gate."""
     use, place = said
     kind = use.dynamic
@@ -54,11 +58,8 @@ def _static(draft: Draft, node: DraftNode, said: Said[GateUse]) -> DynamicGate:
         kind = "csp" if cold else "wsp"
         use = use._replace(gate=DYNAMIC_GATES["csp" if cold else "wsp"])
         node.gates = [Said(use, other.place) if other == said else other for other in node.gates]
-    parents = (child.value for other in draft.nodes.values() for child in other.children())
-    loose = kind == "seq" and node.name not in {*parents, *(toplevel.value for toplevel in draft.toplevels)}
-    idle = "; it is nobody's child, and other orders are detected, too" if loose else ""
     how = "is read so" if use.dynamic == use.gate else f"is read as `{use.gate}`"
-    return DynamicGate(place, f"`{use.dynamic}` of {node.name} {how}: {_WHY[kind]}{idle}", (node.name,))
+    return DynamicGate(place, f"`{use.dynamic}` of {node.name} {how}: {_WHY[kind]}{note}", (node.name,))
 
 
 def _is_cold(draft: Draft, name: str) -> bool:

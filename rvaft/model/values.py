@@ -4,6 +4,7 @@ Python's own `==` will not do: it makes `True == 1`. Values are what a JSON deco
 `int`, `float`, `bool`, `None`). Nothing here recurses: a value may be nested arbitrarily deep.
 """
 
+import json
 from collections.abc import Hashable, Mapping
 from typing import Any, Final, TypeAlias
 
@@ -14,6 +15,33 @@ Scalar: TypeAlias = str | int | float | bool | None
 def is_number(value: Json) -> bool:
     """Whether a value is a JSON number; a boolean is none."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def is_finite(value: Json) -> bool:
+    """Whether no number in a value is NaN or an infinity.
+
+    >>> is_finite({"a": [1.5]}), is_finite([float("nan")])
+    (True, False)
+    """
+    todo = [value]
+    while todo:
+        part = todo.pop()
+        if isinstance(part, Mapping):
+            todo.extend(part.values())
+        elif isinstance(part, (list, tuple)):
+            todo.extend(part)
+        elif isinstance(part, float) and part - part != 0:
+            return False
+    return True
+
+
+def finite(value: Json) -> Json:
+    """The value, with null in place of numbers that are not finite.
+
+    >>> finite({"a": [float("inf"), 1]})
+    {'a': [None, 1]}
+    """
+    return value if is_finite(value) else json.loads(json.dumps(value), parse_constant=lambda _: None)
 
 
 def equal(left: Json, right: Json) -> bool:

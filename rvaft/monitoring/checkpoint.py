@@ -30,13 +30,15 @@ import rvaft
 from rvaft.engine.configuration import Configuration, Snapshot
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
-from rvaft.model.nodes import Kind
+from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.nodes import Kind, Place
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.follow import FollowedFile
 from rvaft.monitoring.monitor_set import DetectionCount
 from rvaft.monitoring.near_misses import NearMissCount, Statistics
-from rvaft.monitoring.reader import MAX_DEPTH, RepeatingObject, failures_of, unreadable
+from rvaft.monitoring.oversights import Oversight, Oversights, Reason
+from rvaft.monitoring.reader import MAX_DEPTH, NonFiniteEvent, RepeatingObject, failures_of, unreadable
 from rvaft.monitoring.run import Backwards, Field, Ordering
 from rvaft.monitors import Awaited, Ended, Explanation, Pending
 from rvaft.support.files import SUFFIXES, opened
@@ -59,14 +61,20 @@ _OURS: Final = (
     Configuration,
     DetectionCount,
     Ended,
+    EventTime,
     Explanation,
     Field,
     Kind,
     NearMissCount,
+    NonFiniteEvent,
     Ordering,
+    Oversight,
+    Oversights,
     Pending,
+    Place,
+    Reason,
 )
-_MORE: Final = (RepeatingObject, Semantics, Snapshot, Statistics, Verdict)
+_MORE: Final = (RepeatingObject, Semantics, Snapshot, Statistics, TimeFormat, Verdict)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in (*_BUILT_IN, *_OURS, *_MORE)}
 """The classes of which a checkpoint consists. None of them runs commands, writes files or listens, and none must: a pickle can set the
 attributes of a class that it can name."""

@@ -83,8 +83,16 @@ class FastReader:
     Of events it decodes only these `fields`. The values of one discriminating field stand as they are, those of several as a tuple.
     """
 
-    def __init__(self, reads: TreeReads, possible: Callable[[Iterable[Hashable]], bool], fields: Sequence[str]) -> None:
+    def __init__(
+        self,
+        reads: TreeReads,
+        possible: Callable[[Iterable[Hashable]], bool],
+        fields: Sequence[str],
+        *,
+        strict: bool = False,
+    ) -> None:
         self._reads = reads
+        self._strict = strict
         self._possible = possible
         self._asked = reads.discriminators.fields
         event: Any = TypedDict("event", dict.fromkeys(fields, Scalar), total=False)  # type: ignore[misc] # the names come with the tree
@@ -111,7 +119,12 @@ class FastReader:
 
     @classmethod
     def of(
-        cls, reads: TreeReads, possible: Callable[[Iterable[Hashable]], bool], also: Iterable[str] = ()
+        cls,
+        reads: TreeReads,
+        possible: Callable[[Iterable[Hashable]], bool],
+        also: Iterable[str] = (),
+        *,
+        strict: bool = False,
     ) -> Self | None:
         """A reader of the logs of a tree, or None for a tree that is left to `rvaft.monitoring.reader`; `also` are fields to keep.
 
@@ -123,7 +136,7 @@ class FastReader:
             return None
         fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))
         plain = all(name.isascii() and name.isprintable() and not set(name) & set('"\\/') for name in fields)
-        return cls(reads, possible, fields) if plain else None
+        return cls(reads, possible, fields, strict=strict) if plain else None
 
     def read(self, stream: BufferedIOBase, file: str) -> Iterator[Batch]:
         """All events of a stream in batches; raises `TraceError` after the events before it."""
@@ -153,7 +166,7 @@ class FastReader:
                         event = heads[place] if dense else _decoded(self._event, line)
                 if event is None:
                     try:
-                        event = event_on(line, file, first + place, self._reads)
+                        event = event_on(line, file, first + place, self._reads, strict=self._strict)
                     except TraceError:
                         yield Batch(place - blank, events)
                         raise

@@ -27,29 +27,31 @@ class Sight:
     """What events of one shape are: the types they have, the entries of the alphabet and the ignored letters that they fit.
 
     All such events are relevant of the `constant` types unless they are ignored, or, where that is None, this has to be asked of each; with `plain`
-    whatever else they hold. `noted` are the statistics that know these types as seen, `monitored` is what the shape says to each monitor.
+    whatever else they hold. `noted` are the statistics that know these types as seen, `monitored` is what the shape says to each monitor, `looked_at`
+    the letters of which oversights ask something.
     """
 
-    __slots__ = ("_entries", "constant", "decided", "ignored", "monitored", "noted", "plain", "types")
+    __slots__ = ("constant", "decided", "entries", "ignored", "looked_at", "monitored", "noted", "plain", "types")
 
     def __init__(self, decided: Decided, letters: Sequence[tuple[str, str, Reader]]) -> None:
         self.decided = decided
         self.types = frozenset(name for kind, name, _ in letters if kind == "type")
-        self._entries = tuple((name, one) for kind, name, one in letters if kind == "entry")
+        self.entries = tuple((name, one) for kind, name, one in letters if kind == "entry")
         self.ignored: tuple[Predicate, ...] = tuple(
             one.holds if one.plain and one.holds is not None else one.admits
             for kind, _, one in letters
             if kind == "ignored"
         )
-        asked = any(one.holds is not None for _, one in self._entries)
-        self.constant = None if asked else tuple(dict.fromkeys(name for name, _ in self._entries))
+        asked = any(one.holds is not None for _, one in self.entries)
+        self.constant = None if asked else tuple(dict.fromkeys(name for name, _ in self.entries))
         self.plain = bool(self.constant) and not self.ignored and not decided.open
         self.noted: object = None
         self.monitored: tuple[Any, ...] | None = None
+        self.looked_at: tuple[int, ...] = (-1,)  # until they have looked, or where the shape does not decide it
 
     def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
         """The types of which an event that is not ignored is relevant."""
-        return tuple(dict.fromkeys(name for name, one in self._entries if one.admits(event)))
+        return tuple(dict.fromkeys(name for name, one in self.entries if one.admits(event)))
 
 
 class EventTypeIndex:
@@ -60,7 +62,7 @@ class EventTypeIndex:
     """
 
     def __init__(self, tree: RVAFT, also: Iterable[Pattern] = ()) -> None:
-        tree = tree if tree.part_of is None else tree.part_of.tree
+        self.tree = tree = tree if tree.part_of is None else tree.part_of.tree
         types: dict[str, Pattern] = {}
         entries: dict[tuple[str, Letter], None] = {}
         for relevant in tree.alphabet:
@@ -73,7 +75,8 @@ class EventTypeIndex:
         letters += [("entry", name, letter) for name, letter in entries]
         letters += [("ignored", "", Letter(tree.instantiate(one.on), one.when)) for one in tree.ignores]
         letters += [("monitor", "", Letter(pattern)) for pattern in dict.fromkeys(also)]
-        self._letters = [(kind, name, reader(number, one)) for number, (kind, name, one) in enumerate(letters)]
+        self.letters = [(kind, name, reader(number, one)) for number, (kind, name, one) in enumerate(letters)]
+        self.guards = {number: one.when for number, (_, _, one) in enumerate(letters)}
         self.of = PatternIndex((letter.pattern for _, _, letter in letters), self._sight).of
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
@@ -96,11 +99,11 @@ class EventTypeIndex:
     def decided(self, sight: Sight, event: Mapping[str, Json]) -> Sight:
         """What the event itself decides beside its shape. Here only patterns count: guards are asked afterwards."""
         fits, open_ = sight.decided
-        found = (number for number in open_ if match(self._letters[number][2].pattern, event, {}) is not None)
+        found = (number for number in open_ if match(self.letters[number][2].pattern, event, {}) is not None)
         return self._sight(Decided((*fits, *found), ()))
 
     def _sight(self, decided: Decided) -> Sight:
-        return Sight(decided, [self._letters[number] for number in decided.fits])
+        return Sight(decided, [self.letters[number] for number in decided.fits])
 
 
 @dataclass(slots=True)

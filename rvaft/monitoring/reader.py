@@ -1,9 +1,10 @@
 """Reading traces: JSON Lines, one object per line by RFC 8259, line by line as they come.
 
 A byte order mark, CRLF, blank lines, a missing last newline and an empty trace are fine. Everything else that is not one
-object raises `TraceError` with file and line: what a lenient decoder would let pass (NaN, lone surrogates) and what would exhaust
-the machine (deep nesting, endless lines and numbers) too. A message never repeats the line. A key repeated in one object and a number
-that overflows are malformed where they are read; elsewhere such a number is taken for null.
+object raises `TraceError` with file and line: what a lenient decoder would let pass (lone surrogates) and what would exhaust
+the machine (deep nesting, endless lines and numbers) too. A message never repeats the line. A key repeated in one object is malformed
+where it is read. NaN, infinities and numbers that overflow are not, though JSON has none: where one is read it is an undefined value and the
+event says so (`NonFiniteEvent`), elsewhere it is taken for null. `strict` refuses them: the words anywhere, other numbers where they are read.
 """
 
 import errno
@@ -40,13 +41,16 @@ _HINT: Final = "a trace has one JSON object per line"
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
+_PERHAPS_WORD: Final = re.compile(r"NaN|Infinity")
 _PERHAPS_HUGE: Final = re.compile(r"[0-9][eE]\+?0*[1-9][0-9][0-9]|[0-9]{200}")
 _HUGE: Final = "a number beyond the range of a double"
+_SHOWN: Final = 40
+"""Characters of a value in a message."""
 _WILD: Final = frozenset("*?[")
 
 
 def read(
-    source: Source, *, name: str | None = None, reads: Scope | None = None, line: int = 1
+    source: Source, *, name: str | None = None, reads: Scope | None = None, line: int = 1, strict: bool = False
 ) -> Iterator[dict[str, Json]]:
     """The events of a trace in turn; raises `TraceError`, and `OSError` for a file that cannot be opened.
 
@@ -61,7 +65,7 @@ def read(
     """
     if isinstance(source, (str, os.PathLike)):
         with opened(Path(source)) as stream:
-            yield from read(stream, name=name or os.fspath(source), reads=reads, line=line)
+            yield from read(stream, name=name or os.fspath(source), reads=reads, line=line, strict=strict)
         return
     file = name or "<trace>"
     failures = failures_of(file)
@@ -73,7 +77,7 @@ def read(
         if not text:
             return
         text = text.removesuffix(b"\n")
-        event = event_on(text.removeprefix(BOM) if number == 1 else text, file, number, reads)
+        event = event_on(text.removeprefix(BOM) if number == 1 else text, file, number, reads, strict=strict)
         if event is not None:
             yield event
 
@@ -88,20 +92,28 @@ def unreadable(error: Exception, file: str, line: int) -> TraceError:
     return TraceError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file, line=line)
 
 
-def event_on(line: bytes, file: str, number: int, reads: Scope | None) -> dict[str, Json] | None:
+def event_on(
+    line: bytes, file: str, number: int, reads: Scope | None, *, strict: bool = False
+) -> dict[str, Json] | None:
     """The event on a line of a file, or None where it is blank; raises `TraceError`."""
     if len(line) <= MAX_LINE and not line.strip(BLANK):
         return None
     try:
-        return decode(line, reads=reads)
+        return decode(line, reads=reads, strict=strict)
     except ValueError as error:
         raise TraceError(str(error), file=file, line=number) from None
 
 
-def decode(line: bytes, *, reads: Scope | None = None, finite: bool = False) -> dict[str, Json]:
+def decode(
+    line: bytes, *, reads: Scope | None = None, strict: bool = False, passed_on: bool = False
+) -> dict[str, Json]:
     """The event on one line; raises `ValueError` with a message that does not repeat the line.
 
-    With `finite` a number that overflows is malformed wherever it stands: what is passed on has to be JSON.
+    What is `passed_on` keeps all numbers as they came, or, if `strict`, has to be JSON.
+
+    >>> event = decode(b'{"v": NaN}')
+    >>> event, event.field, event.number
+    ({'v': nan}, 'v', 'NaN')
     """
     if len(line) > MAX_LINE:
         raise ValueError(f"the line is longer than {MAX_LINE // 1024**2} MiB")
@@ -111,7 +123,7 @@ def decode(line: bytes, *, reads: Scope | None = None, finite: bool = False) -> 
         raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line); {_HINT}") from None
     _check_depth(text)
     try:
-        event = _DECODER.decode(text)
+        event = (_STRICT if strict else _DECODER).decode(text)
     except json.JSONDecodeError as error:  # its messages never quote the input
         reason = (error.msg[:1].lower() + error.msg[1:]).removesuffix(" at").removesuffix(" starting")
         raise ValueError(f"not JSON: {reason} (column {error.colno}); {_HINT}") from None
@@ -122,9 +134,17 @@ def decode(line: bytes, *, reads: Scope | None = None, finite: bool = False) -> 
     if not isinstance(event, dict):
         raise ValueError(f"not a JSON object but {_KINDS[type(event)]}; {_HINT}")  # noqa: TRY004 (the text is wrong)
     _check_read(event, Reads(whole=True) if reads is None else reads.of(event))
-    if _PERHAPS_HUGE.search(text):
-        _replace_infinite(event, refused=finite)
+    if _PERHAPS_WORD.search(text) or _PERHAPS_HUGE.search(text):
+        return _finite(event, Reads(whole=True) if reads is None else reads.of(event), strict=strict, kept=passed_on)
     return event
+
+
+class NonFiniteEvent(dict[str, Json]):
+    """An event with a number that is not finite in a `field` that is read, the first such; `number` is how JSON's readers write it."""
+
+    __slots__ = ("field", "number")
+    field: str
+    number: str
 
 
 class RepeatingObject(dict[str, Json]):
@@ -153,7 +173,21 @@ def _integer(digits: str) -> int:
     return int(digits)
 
 
-_DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer)
+_STRICT: Final = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer)
+_DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_int=_integer)
+
+
+def described(value: Json) -> str:
+    """A value with what it is, not too long.
+
+    >>> described("yesterday"), described(None)
+    ('a string ("yesterday")', 'null')
+    """
+    text = json.dumps(value, ensure_ascii=False)
+    kind = "an object" if isinstance(value, dict) else _KINDS[type(value)]
+    return kind if value is None else f"{kind} ({text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'})"
+
+
 _NAMES: Final = {list: "a list", str: "a string", int: "a number", float: "a number", bool: "a boolean"}
 _KINDS: Final[Mapping[type, str]] = {**_NAMES, type(None): "null"}
 
@@ -185,22 +219,36 @@ def _check_read(event: dict[str, Json], reads: Reads) -> None:
             items = here if here.whole else here.items
             if items is not None:
                 agenda.extend((item, items) for item in value)
-        elif isinstance(value, float) and math.isinf(value):
-            raise ValueError(_HUGE)
 
 
-def _replace_infinite(event: dict[str, Json], *, refused: bool) -> None:
-    """Put null in place of numbers that overflow: nobody reads them, and JSON could not say them."""
-    agenda: list[Json] = [event]
+def _finite(event: dict[str, Json], reads: Reads, *, strict: bool, kept: bool) -> dict[str, Json]:
+    """The event with null in place of numbers that are not finite and not read, unless they are `kept`, and marked where one is read."""
+    first: tuple[str, float] | None = None
+    agenda: list[tuple[Json, Reads | None, str]] = [(event, reads, "")]
     while agenda:
-        value = agenda.pop()
+        value, here, path = agenda.pop()
         for place, part in value.items() if isinstance(value, dict) else enumerate(value):
+            inner = here if here is None or here.whole else _below(here, place)
+            name = f"{path}.{place}" if path else str(place)
             if isinstance(part, (dict, list)):
-                agenda.append(part)
-            elif isinstance(part, float) and math.isinf(part):
-                if refused:
+                agenda.append((part, inner, name))
+            elif isinstance(part, float) and not math.isfinite(part):
+                if strict and (kept or inner is not None):
                     raise ValueError(_HUGE)
-                value[place] = None
+                if inner is not None:
+                    first = first or (name, part)
+                elif not kept:
+                    value[place] = None
+    if first is None:
+        return event
+    marked = NonFiniteEvent(event)
+    marked.field, marked.number = first[0], json.dumps(first[1])
+    return marked
+
+
+def _below(reads: Reads, place: str | int) -> Reads | None:
+    """What is read of a field of an object, or an item of a list, or None where nothing is."""
+    return reads.fields.get(place) if isinstance(place, str) else reads.items
 
 
 def expanded(name: str) -> list[str]:

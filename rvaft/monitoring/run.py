@@ -14,15 +14,17 @@ from typing import Any, BinaryIO, Final, Self, cast
 
 from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.errors import OptionError, RvaftError, TooLarge
+from rvaft.model.event_time import EventTime
 from rvaft.model.nodes import Kind
-from rvaft.model.values import Json, is_number
+from rvaft.model.values import Json, is_finite, is_number
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.detection import PLACES, counted, detections, matched_events, unlike
 from rvaft.monitoring.fast_reader import Batch, FastReader
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
 from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.reader import BLANK, BOM, decode, failures_of, read
+from rvaft.monitoring.oversights import Oversights
+from rvaft.monitoring.reader import BLANK, BOM, NonFiniteEvent, decode, failures_of, read
 from rvaft.monitors import Explanation
 from rvaft.support.files import opened
 
@@ -71,9 +73,9 @@ class Field:
         return (event,)
 
     def number(self, event: Json) -> int | float | None:
-        """The number that an event has there; a boolean or a string is none."""
+        """The number that an event has there; a boolean or a string is none, nor is what is not finite."""
         found = self.of(event)
-        return found[0] if found is not None and is_number(found[0]) else None
+        return found[0] if found is not None and is_number(found[0]) and found[0] - found[0] == 0 else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,15 +110,17 @@ class Ordering:
 
     The order is right wherever no event stands more than `window` places behind its own. An event that comes later than that
     is given at once, and counted as `late`. An event without a number keeps its place behind the one before it, and is counted in `without`.
-    Can be pickled with the events that it holds. Raises `OptionError` for what is no field.
+    Where the tree says how the `time` in that field is read, that is the number. Can be pickled with the events that it holds. Raises
+    `OptionError` for what is no field.
 
     >>> ordering = Ordering("time", window=1)
     >>> [ordering.add({"time": time}) for time in (2, 1, 3)]
     [None, {'time': 1}, {'time': 2}]
     """
 
-    def __init__(self, field: str, *, window: int = DEFAULT_WINDOW) -> None:
+    def __init__(self, field: str, *, window: int = DEFAULT_WINDOW, time: EventTime | None = None) -> None:
         self.field = Field.parse(field)
+        self._time = time if time is not None and time.field == self.field.path else None
         self.window = window
         self.late = self.without = 0
         self.first_late = self.first_without = 0
@@ -130,7 +134,7 @@ class Ordering:
     def add(self, event: dict[str, Json]) -> dict[str, Json] | None:
         """Take the next event of the trace; the event whose turn it is then, if the window is full."""
         self._came += 1
-        place = self.field.number(event)
+        place: int | float | None = self.field.number(event) if self._time is None else self._time.read(event)
         if place is None:
             place = self._before
             self.without += 1
@@ -155,16 +159,17 @@ class Ordering:
 
 
 class Backwards:
-    """Counts how often a number is smaller than the one before, and at which event first; can be pickled."""
+    """Counts how often a number, or a `time`, is smaller than the one before, and at which event first; can be pickled."""
 
-    def __init__(self, field: str) -> None:
+    def __init__(self, field: str, time: EventTime | None = None) -> None:
         self.field = Field.parse(field)
+        self.time = time
         self.count = self.first = 0
         self._last: int | float = -inf
 
     def see(self, number: int, event: Json) -> None:
         """Look at the next event; one without a number in the field is passed over."""
-        place = self.field.number(event)
+        place = self.field.number(event) if self.time is None else self.time.read(event)
         if place is not None:
             if place < self._last:
                 self.count += 1
@@ -304,6 +309,12 @@ class MonitoringPlan:
     order_by: str | None = None
     window: int = DEFAULT_WINDOW
     told: tuple[str, ...] = PLACES
+    strict_json: bool = False
+
+    @property
+    def time(self) -> EventTime | None:
+        """Where the tree says that events have their time."""
+        return self.monitors.types.tree.time
 
     @property
     def plain(self) -> bool:
@@ -315,11 +326,10 @@ class MonitoringPlan:
         """What reads files quickly, or None where every event has to be seen as it stands."""
         if not self.plain or not self.monitors.engines or not isinstance(self.reads, TreeReads):
             return None
-        if self.monitors.may_be_late:
-            return None  # the time of each event counts
-        declared = self.monitors.time
-        kept = (TIME, *self.told, *(() if declared is None else declared.field[:1]))
-        return FastReader.of(self.reads, self.monitors.types.possible, kept)
+        also = (TIME, *self.told, *([self.time.field[0]] if self.time else []))
+        every = self.monitors.may_be_late  # then the time of each event counts
+        possible = (lambda _: True) if every else self.monitors.types.possible
+        return FastReader.of(self.reads, possible, also, strict=self.strict_json)
 
 
 class TraceRun:
@@ -337,14 +347,18 @@ class TraceRun:
         *,
         buffer: EventBuffer,
         statistics: Statistics | None = None,
+        oversights: Oversights | None = None,
         prefix: str = "",
     ) -> None:
         self.plan = plan
         self.listeners = tuple(listeners)
         self.statistics = statistics
+        self.oversights = oversights or Oversights(plan.monitors.types)
         self.prefix = prefix
-        self.ordering = None if plan.order_by is None else Ordering(plan.order_by, window=plan.window)
-        self.clock = Backwards(TIME) if plan.order_by is None else None
+        self.ordering = None if plan.order_by is None else Ordering(plan.order_by, window=plan.window, time=plan.time)
+        time, ordered = plan.time, plan.order_by is not None
+        name = TIME if time is None else ".".join(time.field)
+        self.clock = None if ordered or plan.monitors.may_be_late else Backwards(name, time)
         self.number = self.detected = 0
         self.begun = self.ended = False
         self.watch = MonitoredTrace(trace, plan.monitors.fork(), buffer=buffer)
@@ -374,11 +388,13 @@ class TraceRun:
         """
         plan, prefix, semantics = self.plan, self.prefix, self.plan.monitors.semantics
         every = tuple(listener for listener in self.listeners if listener.every)
-        # What is not relevant changes nothing, but for the time after which others are late.
-        skips = semantics.projects and bool(plan.monitors.engines) and not plan.monitors.may_be_late
+        skips = semantics.projects and bool(plan.monitors.engines)  # what is not relevant changes nothing
+        may_be_late = plan.monitors.may_be_late and bool(plan.monitors.engines)
         strict, key, look_up = semantics is Semantics.STRICT, plan.key, plan.monitors.types.of
+        oversights = self.oversights
         for batch in self._batches(source, name, line, by_blocks=by_blocks):
-            before, statistics, clock, watch = self.number, self.statistics, self.clock, self.watch
+            before, statistics, clock = self.number, self.statistics, self.clock
+            watch: MonitoredTrace | None = self.watch
             # From here on every call counts: this is done for each event of a log.
             for place, event in batch.events:
                 number = before + place + 1
@@ -386,18 +402,22 @@ class TraceRun:
                     self._fill(number)
                 self.number = number
                 sight = look_up(event)
+                if key is not None:
+                    watch = self._watch_of(key, event, number)
+                late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
                 relevant = True
+                if late:
+                    oversights.note_late(event, number, prefix)
+                elif sight.looked_at or type(event) is not dict:
+                    oversights.see(event, number, prefix, sight)
                 if statistics is not None:
-                    if sight.plain and sight.noted is statistics:
+                    if late or (sight.plain and sight.noted is statistics):
                         statistics.events += 1
-                        statistics.tally[sight.constant] += 1  # type: ignore[index] # plain says so
+                        statistics.tally[() if late else sight.constant] += 1  # type: ignore[index] # plain says so
                     else:
                         relevant = statistics.add(event, number, prefix, sight)
-                if key is not None:
-                    found = self._watch_of(key, event, number)
-                    if found is None:
-                        continue
-                    watch = found
+                if watch is None:
+                    continue
                 watch.events += 1
                 if relevant or not skips:
                     monitors = watch.monitors
@@ -411,14 +431,8 @@ class TraceRun:
                         continue
                 for listener in every:
                     listener.event(watch, number, event)
-            passed = batch.total - len(batch.events)
-            if passed:
-                if strict:
-                    self._fill(before + batch.total + 1)
-                if statistics is not None:
-                    statistics.events += passed
-                self.number = before + batch.total
-                self.watch.events += passed
+            if batch.total > len(batch.events):
+                self._pass(before, batch)
             yield batch is not _END
 
     def _batches(self, source: BinaryIO | Iterable[Json], name: str, line: int, *, by_blocks: bool) -> Iterator[Batch]:
@@ -429,7 +443,8 @@ class TraceRun:
                 yield from self.plan.fast_reader.read(cast("BufferedIOBase", source), name)
                 yield _END
                 return
-            found = read(cast("BinaryIO", source), name=name, reads=self.plan.reads, line=line)
+            plan = self.plan
+            found = read(cast("BinaryIO", source), name=name, reads=plan.reads, line=line, strict=plan.strict_json)
         ordering, failure = self.ordering, None
         try:
             for event in found:
@@ -445,6 +460,16 @@ class TraceRun:
             yield Batch(1, ((0, event),))
         if failure is not None:
             raise failure
+
+    def _pass(self, before: int, batch: Batch) -> None:
+        """Count the events of a batch that concern nothing."""
+        passed = batch.total - len(batch.events)
+        if self.plan.monitors.semantics is Semantics.STRICT:
+            self._fill(before + batch.total + 1)
+        if self.statistics is not None:
+            self.statistics.events += passed
+        self.number = before + batch.total
+        self.watch.events += passed
 
     def _tell(self, change: VerdictChange) -> None:
         monitors = change.watch.monitors
@@ -467,7 +492,9 @@ class TraceRun:
     def _watch_of(self, key: Key, event: Json, number: int) -> MonitoredTrace | None:
         """The watch that an event is for, None for one that lacks the key; raises `TooLarge` beyond as many keys as are told apart."""
         found = key.of(event)
-        if found is None:
+        if found is None or (
+            isinstance(event, NonFiniteEvent) and not is_finite(found)
+        ):  # such a value equals no other
             self._without_key += 1
             self._first_without_key = self._first_without_key or number
             return None
@@ -490,11 +517,12 @@ class TraceRun:
         """What `restore` needs to go on from here, in classes that hold data only."""
         watches = [(watch.key, watch.monitors.snapshot, watch.events) for watch in self.watches]
         without = self._without_key, self._first_without_key
-        return watches, without, self.watch.buffer.known, self.clock, self.ordering, self.statistics
+        return watches, without, self.watch.buffer.known, self.clock, self.ordering, self.statistics, self.oversights
 
     def restore(self, state: Any, number: int) -> None:
         """Go on from a state after the event of that number."""
-        watches, without, known, self.clock, self.ordering, statistics = state
+        watches, without, known, self.clock, self.ordering, statistics, self.oversights = state
+        self.oversights.attach(self.plan.monitors.types)
         self.number = number
         self._without_key, self._first_without_key = without
         if statistics is not None:
@@ -538,10 +566,11 @@ class TraceRun:
             lacking = f"{counted(self._without_key)} without the field {' or '.join(one.text for one in self.plan.key.fields)}"
             yield f"{lacking}, given to no monitor (first: event {self._first_without_key})"
         if self.clock is not None and self.clock.count:
-            goes = f"the field {TIME} goes back at {counted(self.clock.count)} (first: event {self.clock.first})"
-            yield f"{goes}; put them in order with --order-by {TIME}"
+            name = self.clock.field.text
+            goes = f"the field {name} goes back at {counted(self.clock.count)} (first: event {self.clock.first})"
+            yield f"{goes}; put them in order with --order-by {name}"
         if self.ordering is not None:
-            name, ordering = self.plan.order_by, self.ordering
+            name, ordering = self.ordering.field.text, self.ordering
             if ordering.late:
                 more = f"too late for a window of {self.plan.window}: they stay where they stand"
                 yield f"{counted(ordering.late)} by the field {name} {more} (first: event {ordering.first_late} as read)"

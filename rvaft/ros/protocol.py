@@ -145,7 +145,9 @@ class Protocol:
         vocabulary: Vocabulary = Vocabulary.RML,
         longest: int = MAX_MESSAGE,
         definitive: bool = False,
+        strict_json: bool = False,
     ) -> None:
+        self.strict_json = strict_json
         self.tree = tree
         self.definitive = definitive
         self.polarity = polarity
@@ -184,7 +186,7 @@ class Protocol:
             raise ValueError(f"a message of {len(line)} bytes; the longest that is read has {self.longest}")
         if line.startswith(BOM):
             raise ValueError("a byte order mark before the event; send the event alone")
-        return decode(line, reads=self._reads, finite=True)
+        return decode(line, reads=self._reads, strict=self.strict_json, passed_on=True)
 
     def _word(self, verdict: Verdict | None, session: Session) -> str | bool:
         if verdict is None:

@@ -1,0 +1,253 @@
+"""What could have been part of a match and was not, for a reason that its author may not have meant: counts, each with the first example.
+
+Such are guards that are undefined, times that cannot be read, events that come too late, and numbers that are not finite.
+
+Whether a guard is undefined is asked of events, not of partial matches, so it does not matter how these are followed: of every event that binds
+a variable of a comparison, together with the values that other events gave to the other variables last.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from itertools import product
+from typing import Any, Final
+
+from rvaft.analysis.pattern_index import Reader
+from rvaft.model.event_time import duration_text
+from rvaft.model.expressions import guard_text
+from rvaft.model.guards import Guard, Operation, Operator, TimePoint, value, variables, walk
+from rvaft.model.patterns import match, rigid
+from rvaft.model.patterns import variables as pattern_variables
+from rvaft.model.values import Json
+from rvaft.monitoring.detection import counted
+from rvaft.monitoring.near_misses import EventTypeIndex, Sight
+from rvaft.monitoring.reader import NonFiniteEvent, described
+
+MOST: Final = 20
+"""Guards that are told one by one."""
+_ANY: Final = (1, "a", True)
+"""Values that stand for one that is not known: where none makes a comparison defined, nothing does."""
+_JUNCTIONS: Final = (Operator.AND, Operator.OR, Operator.NOT)
+_BY_VALUE: Final = frozenset({Operator.DIV, Operator.MUL, Operator.NUMBER})
+"""What is undefined not for the types of its operands alone."""
+
+
+class Reason(StrEnum):
+    """Why something was no part of a match."""
+
+    GUARD = "undefined guard"
+    TIME = "unreadable time"
+    LATE = "late event"
+    NUMBER = "number that is not finite"
+
+
+@dataclass(slots=True)
+class Oversight:
+    """So many events, the first of them, and what was wrong with that; `about` is the guard, if it is one."""
+
+    reason: Reason
+    about: str
+    first: str
+    example: str
+    count: int = 0
+
+    def line(self, late: int | None) -> str:
+        """It as a sentence; `late` is how late events may be, in nanoseconds."""
+        events, first = counted(self.count), f"{self.example} (first: {self.first})"
+        match self.reason:
+            case Reason.GUARD:
+                return f"undefined guard in {events}: {self.about}, where {first}"
+            case Reason.TIME:
+                return f"no readable time in {events}: {first}"
+            case Reason.LATE:
+                return f"{events} later than {duration_text(late or 0)}, which no match uses: {first}"
+            case Reason.NUMBER:
+                return f"undefined number in {events}: {first}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A comparison in a guard, or what else is true or false there; `text` says which guard."""
+
+    guard: Guard
+    part: Guard
+    names: tuple[str, ...]
+    text: str
+    timed: bool
+
+    def is_undefined(self, known: Mapping[str, Json]) -> bool:
+        """Whether it is undefined under these values, whatever the others are, and the guard with it."""
+        open_ = [name for name in self.names if name not in known]
+        for chosen in product(_ANY, repeat=len(open_)):
+            found = value(self.part, {**known, **dict(zip(open_, chosen, strict=True))})
+            if isinstance(found, bool):
+                return False
+        return (
+            self.timed
+            or not known.keys() >= set(variables(self.guard))
+            or not isinstance(value(self.guard, known), bool)
+        )
+
+
+@dataclass(slots=True)
+class _Asked:
+    """What is asked of events of one letter, and the types of values of which the answer is known to be good."""
+
+    reader: Reader
+    parts: tuple[_Part, ...]
+    names: frozenset[str]
+    by_type: bool
+    good: set[tuple[type, ...]] = field(default_factory=set)
+    version: int = -1
+
+    def values(self, event: Mapping[str, Json]) -> Mapping[str, Json] | None:
+        """The values of the variables in an event that fits the pattern."""
+        if self.reader.plain:
+            return self.reader.values(event)
+        found = match(self.reader.pattern, event, {})
+        return None if found is None else rigid(found)
+
+
+class Oversights:
+    """Counts over the events of one trace or several; can be pickled, and added to those of other traces of the same tree."""
+
+    def __init__(self, types: EventTypeIndex) -> None:
+        self.found: dict[tuple[Reason, str], Oversight] = {}
+        self._last: dict[str, Json] = {}
+        self._version = 0
+        self.attach(types)
+
+    def attach(self, types: EventTypeIndex) -> None:
+        """Know the tree again, after a pickle."""
+        self._types = types
+        self._time = types.tree.time
+        self._asked = _asked(types)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The counts, without what the tree says."""
+        return {"found": self.found, "_last": self._last, "_version": self._version}
+
+    def see(self, event: Mapping[str, Json], number: int, prefix: str, sight: Sight) -> None:
+        """Look at an event of which something is asked, or that is a `NonFiniteEvent`."""
+        if sight.decided.open:
+            sight = self._types.decided(sight, event)
+        place = prefix, number
+        letters = self._looked_at(sight)
+        asked = [self._asked[number] for number in letters]
+        if isinstance(event, NonFiniteEvent):
+            if letters or self._time is None or event.field.split(".")[0] != self._time.field[0]:
+                self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
+            return
+        for one in asked:
+            if (values := one.values(event)) is not None:
+                self._ask(one, values, place)
+        timed = self._time is not None and sight.entries and not any(admits(event) for admits in sight.ignored)
+        if timed and self._time is not None and self._time.read(event) is None:
+            self.note(Reason.TIME, "", place, self.time_of(event))
+
+    def note(self, reason: Reason, about: str, place: tuple[str, int], example: str) -> None:
+        """Count one event."""
+        known = self.found.get((reason, about))
+        if known is None:
+            prefix, number = place
+            known = self.found[reason, about] = Oversight(reason, about, f"{prefix}event {number}", example)
+        known.count += 1
+
+    def note_late(self, event: Json, number: int, prefix: str) -> None:
+        """Count an event that is late."""
+        self.note(Reason.LATE, "", (prefix, number), self.time_of(event).partition(", not")[0])
+
+    def time_of(self, event: Json) -> str:
+        """What an event has in the field of its time."""
+        assert self._time is not None, "asked of trees with times only"
+        found = event
+        for name in self._time.field:
+            if not isinstance(found, Mapping) or name not in found:
+                return f"the field {'.'.join(self._time.field)} is missing"
+            found = found[name]
+        return f"{'.'.join(self._time.field)} is {described(found)}, not {self._time.format}"
+
+    def merge(self, other: "Oversights") -> None:
+        """Add the counts of a later trace."""
+        for name, one in other.found.items():
+            known = self.found.get(name, replace(one, count=0))
+            self.found[name] = replace(known, count=known.count + one.count)
+
+    @property
+    def lines(self) -> Iterator[str]:
+        """Each as a sentence, one for each guard; of very many guards the first."""
+        late = None if self._time is None else self._time.late
+        yield from (one.line(late) for one in list(self.found.values())[:MOST])
+        if len(self.found) > MOST:
+            yield f"{len(self.found) - MOST} other guards were undefined"
+
+    def _looked_at(self, sight: Sight) -> tuple[int, ...]:
+        """The letters of events of a shape of which something is asked; none of most events."""
+        if not sight.decided.open:
+            sight.looked_at = tuple(number for number in sight.decided.fits if number in self._asked)
+        return () if sight.decided.open else sight.looked_at
+
+    def _ask(self, asked: _Asked, values: Mapping[str, Json], place: tuple[str, int]) -> None:
+        types = tuple(map(type, values.values()))
+        if asked.version == self._version and types in asked.good:
+            return
+        known, good = {**self._last, **values}, True
+        for part in asked.parts:
+            if part.is_undefined(known):
+                good = False
+                said = ", ".join(f"{name} is {described(known[name])}" for name in part.names if name in known)
+                self.note(Reason.GUARD, part.text, place, said)
+        if not good:
+            return
+        for name in asked.names & values.keys():
+            if type(self._last.get(name, self)) is not type(values[name]):
+                self._version += 1
+            self._last[name] = values[name]
+        if asked.version != self._version:
+            asked.version = self._version
+            asked.good.clear()
+        if asked.by_type:
+            asked.good.add(types)
+
+
+def _asked(types: EventTypeIndex) -> dict[int, _Asked]:
+    """What is asked of events, by the numbers of their letters."""
+    tree = types.tree
+    guards = [(node.when, f"of {node.name}") for node in tree.top_down() if node.when is not None]
+    parts = [part for guard, whose in guards for part in _parts(guard, whose)]
+    found: dict[int, _Asked] = {}
+    for number, (kind, _, reader) in enumerate(types.letters):
+        names = set(pattern_variables(reader.pattern))
+        own = [one for one in parts if not names.isdisjoint(one.names)] if kind == "entry" else []
+        if kind == "ignored" and (when := types.guards[number]) is not None:
+            own = [*_parts(when, "of an ignore")]
+        if own or (kind == "entry" and tree.time is not None):
+            operators = {one.operator for part in own for one in walk(part.part) if isinstance(one, Operation)}
+            told = frozenset(name for part in own for name in part.names)
+            found[number] = _Asked(reader, tuple(own), told, not operators & _BY_VALUE)
+    return found
+
+
+def _parts(guard: Guard, whose: str) -> Iterator[_Part]:
+    """The comparisons of a guard that some value makes undefined, but for those of times."""
+    timed = any(isinstance(part, TimePoint) for part in walk(guard))
+    agenda = [guard]
+    while agenda:
+        part = agenda.pop()
+        if isinstance(part, Operation) and part.operator in _JUNCTIONS:
+            agenda.extend(reversed(part.operands))
+            continue
+        names = variables(part)
+        points = any(isinstance(one, TimePoint) for one in walk(part))
+        if names and not points and len(names) <= 4 and not _is_equality(part):
+            yield _Part(guard, part, names, f"{guard_text(guard)} {whose}", timed)
+
+
+def _is_equality(part: Guard) -> bool:
+    """Whether every value that is finite makes it defined."""
+    plain = (Operator.EQ, Operator.NE, Operator.IN)
+    return (
+        isinstance(part, Operation)
+        and part.operator in plain
+        and not any(isinstance(one, Operation) for one in part.operands)
+    )

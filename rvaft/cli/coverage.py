@@ -35,8 +35,11 @@ _NARROWEST: Final = 60
     default=DEFAULT_LIMIT,
     text="Partial matches that are followed in each branch.",
 )
+@options.strict_json
 @options.output_format("text", "json")
-def coverage_command(*, tree: str, logs: tuple[str, ...], fail_under: float | None, form: str, **chosen: Any) -> int:
+def coverage_command(
+    *, tree: str, logs: tuple[str, ...], fail_under: float | None, strict_json: bool, form: str, **chosen: Any
+) -> int:
     """Say which branches of a tree some LOG detects, and how far the logs came in the others.
 
     A LOG is as for `monitor`: JSON Lines, compressed or not; - is standard input, and a pattern such as 'runs/*.jsonl' stands for the
@@ -49,7 +52,8 @@ def coverage_command(*, tree: str, logs: tuple[str, ...], fail_under: float | No
         name = "<stdin>" if log == "-" else click.format_filename(log)
         with failures.reported():
             source = options.standard_input("LOG") if log == "-" else log
-            coverage.add(name, read(source, name=name if log == "-" else None, reads=TreeReads(whole)))
+            named = name if log == "-" else None
+            coverage.add(name, read(source, name=named, reads=TreeReads(whole), strict=strict_json))
     found = coverage.report()
     # A terminal has so many columns; what is piped keeps whole lines.
     width = max(shutil.get_terminal_size((80, 24)).columns, _NARROWEST) if sys.stdout.isatty() else None

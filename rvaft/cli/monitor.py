@@ -73,6 +73,7 @@ _KEY: Final = "Monitor each value of this field by itself; several are one key."
 @click.option("--order-by", metavar="FIELD", help="Put events in the order of this number first.")
 @options.number("--window", text=f"Events held back by --order-by.  [default: {DEFAULT_WINDOW}]")
 @click.option("--follow", is_flag=True, help="Go on as the file grows, until Ctrl-C.")
+@options.strict_json
 @options.number("--jobs", default=1, text="Processes.")
 @click.option("--exec", "execute", metavar="CMD", help="Run this command on detection.")
 @click.option("--exec-fault", metavar="CMD", help="Run it on detection of a fault.")
@@ -142,7 +143,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     reads = TreeReads(whole, [field.path for field in (*(key.fields if key else ()), *([order] if order else []))])
     order_by, window, max_keys = given["order_by"], given["window"] or DEFAULT_WINDOW, given["max_keys"] or MAX_KEYS
     settings = MonitorSettings(
-        MonitoringPlan(monitors, reads, key, max_keys, order_by, window, told_fields(whole)),
+        MonitoringPlan(monitors, reads, key, max_keys, order_by, window, told_fields(whole), given["strict_json"]),
         whole,
         name=click.format_filename(tree),
         per=given["per"],

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TextIO
 
@@ -160,6 +160,11 @@ class Reporter(Listener):
     def finish(self, rows: Sequence[SummaryRow], statistics: Statistics) -> None:
         """All traces have been read, at least one of them to its end."""
 
+    def doubt(self, lines: Iterable[str]) -> None:
+        """Say after that what could have been missed."""
+        for line in lines:
+            self.sink.warn(line)
+
 
 class _JsonLines(Reporter):
     """One JSON object per event, and nothing else; with `detections` only for those that detect something."""
@@ -230,6 +235,10 @@ class _Text(Reporter):
     def finish(self, rows: Sequence[SummaryRow], statistics: Statistics) -> None:
         for line in (*_held(statistics), *(_summary(self.settings, rows) if self.settings.summed else ())):
             self.sink.line(line)
+
+    def doubt(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            self.sink.line(f"warning: {line}")
 
     def where(self, watch: MonitoredTrace) -> str:
         """The trace and the key that a line is about, where there are several."""
@@ -320,6 +329,9 @@ class _Table(_Text):
 
     def finish(self, rows: Sequence[SummaryRow], statistics: Statistics) -> None:
         """Nothing more is printed."""
+
+    def doubt(self, lines: Iterable[str]) -> None:
+        Reporter.doubt(self, lines)
 
     def _note_left_out(self) -> None:
         if self._left_out:

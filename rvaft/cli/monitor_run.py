@@ -19,6 +19,7 @@ from rvaft.monitoring.checkpoint import CheckpointFile, LinesRead, open_at
 from rvaft.monitoring.detection import detection
 from rvaft.monitoring.follow import FollowedFile, stopping
 from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.oversights import Oversights
 from rvaft.monitoring.reader import open_log
 from rvaft.monitoring.run import EventBuffer, Listener, TraceRun, VerdictChange
 from rvaft.support.files import deliver
@@ -136,6 +137,7 @@ class _Run:
         self.sink = sink
         self.progress = progress
         self.statistics = Statistics(settings.plan.monitors.types)
+        self.oversights = Oversights(settings.plan.monitors.types)
         self.reporter = REPORTERS[settings.form](settings, sink)
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
@@ -151,7 +153,15 @@ class _Run:
         prefix = f"{trace.name}: " if settings.several else ""
         kept = settings.form == "text" or settings.checkpoints is not None  # what is told now, or when the run goes on
         counts = self.statistics if kept else None
-        run = TraceRun(settings.plan, trace.name, self.listeners, buffer=buffer, statistics=counts, prefix=prefix)
+        run = TraceRun(
+            settings.plan,
+            trace.name,
+            self.listeners,
+            buffer=buffer,
+            statistics=counts,
+            oversights=self.oversights,
+            prefix=prefix,
+        )
         before, failed = reaction.count, False
         try:
             self._read(run, trace)
@@ -167,7 +177,7 @@ class _Run:
             self.sink.report(error)
         for said in run.warnings:
             self.sink.warn(f"{prefix}{said}")
-        self.statistics = run.statistics or self.statistics
+        self.statistics, self.oversights = run.statistics or self.statistics, run.oversights
         rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if settings.summed else []
         status = FAILED if failed else FOUND if run.found else 0
         key = settings.plan.key
@@ -256,6 +266,7 @@ def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> 
         rows = [row for one in outcomes for row in one.rows]
         if any(outcome.read for outcome in outcomes):
             alone.reporter.finish(rows, alone.statistics)
+            alone.reporter.doubt(alone.oversights.lines)
         if (names := "".join({one.keyless for one in outcomes})) and not rows:
             sink.report(OptionError(f"no event has what --key names ({names}), so nothing was monitored"))
             return FAILED
@@ -278,10 +289,10 @@ def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iter
     sink = alone.sink
     with TemporaryDirectory(prefix="rvaft-") as folder:
 
-        def work(number: int) -> tuple[TraceOutcome, Statistics, list[str]]:
+        def work(number: int) -> tuple[TraceOutcome, Statistics, Oversights, list[str]]:
             with (Path(folder) / str(number)).open("w", encoding="utf-8", errors="backslashreplace") as file:
                 own = _Run(alone.settings, Sink(file), None, deliver=False)
-                return own.watch(traces[number]), own.statistics, own.sink.errors
+                return own.watch(traces[number]), own.statistics, own.oversights, own.sink.errors
 
         with closing(in_processes(work, range(len(traces)), jobs=min(jobs, len(traces)))) as running:
             for number, result in running:
@@ -298,9 +309,10 @@ def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iter
                     sink.report(click.ClickException(killed))
                     yield TraceOutcome(FAILED)
                     continue
-                outcome, statistics, errors = result
+                outcome, statistics, oversights, errors = result
                 sink.errors += errors
                 sink.pass_on()
                 alone.statistics.merge(statistics)
+                alone.oversights.merge(oversights)
                 alone.reaction.take(outcome)
                 yield outcome

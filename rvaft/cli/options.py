@@ -81,6 +81,9 @@ def tree_argument(function: F) -> F:
     return click.argument("tree", metavar="TREE")(strict_galileo(function))
 
 
+strict_json: Final = click.option(
+    "--strict-json", is_flag=True, help="Refuse NaN, infinities and numbers that overflow, which JSON does not have."
+)
 output_option = click.option("-o", "--output", metavar="FILE", help="Write to this file instead of standard output.")
 semantics_option: Final = choice(
     "--semantics",

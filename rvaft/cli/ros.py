@@ -118,6 +118,7 @@ _MEBIBYTE: Final = 1024 * 1024
     default=Vocabulary.RML,
 )
 @click.option("--definitive", is_flag=True, help=_DEFINITIVE)
+@options.strict_json
 @options.number("--max-connections", most=100_000, default=CONNECTIONS, text="Connections at once.")
 @click.option("--quiet", is_flag=True, help="Say nothing of connections, refused messages and detections.")
 @options.number(
@@ -133,7 +134,7 @@ def serve_command(
     address = Address(how["host"], how["port"], tuple(map(origin, how["origin"])), how["max_connections"])
     part = narrowed(options.load_tree(tree), branch, kind)
     options.require_time(part, how["cooldown"], tree)
-    words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive")}
+    words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive", "strict_json")}
     speaking = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
     first = Session(part, how["semantics"], per=per, repeat=how["repeat"], cooldown=how["cooldown"])
 

@@ -28,6 +28,8 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.near_misses import EventTypeIndex
+from rvaft.monitoring.oversights import Oversight, Oversights
 from rvaft.monitors import Awaited
 from rvaft.rules import require_valid
 from rvaft.support.bits import bits
@@ -283,7 +285,8 @@ class CoverageReport:
     """What the logs covered.
 
     `infeasible` are the numbers of branches without a feasible scenario, which nothing can detect and which do not count. `nodes` is the number of nodes
-    with a runtime event in the branches that do, `unseen` are those whose event no event of any log was.
+    with a runtime event in the branches that do, `unseen` are those whose event no event of any log was. `oversights` are what could have been
+    part of a match and was not, `warnings` the same as sentences.
     """
 
     semantics: Semantics
@@ -292,6 +295,8 @@ class CoverageReport:
     infeasible: tuple[int, ...]
     nodes: int
     unseen: tuple[Awaited, ...]
+    oversights: tuple[Oversight, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def exercised(self) -> int:
@@ -335,6 +340,8 @@ class Coverage:
         self._best: list[BranchCoverage] = []
         self._infeasible: list[int] = []
         self._logs = 0
+        self._types = EventTypeIndex(tree)
+        self._oversights = Oversights(self._types)
         self._may_be_late = tree.time is not None and tree.time.late is not None
         self._seen: set[int] = set()
         carrier = tree if is_plain(tree) else without_conditions(tree)
@@ -366,10 +373,15 @@ class Coverage:
         """Read a whole log. Raises what reading its events raises, and `TooLarge`; a log that raises does not count."""
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
         live, seen, number = followers, set[int](), 0
+        oversights, prefix, look_up = Oversights(self._types), f"{log}: ", self._types.of
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         try:
             for number, event in enumerate(events, 1):
                 late = self._may_be_late and followers[0][0].is_late(event)
+                if late:
+                    oversights.note_late(event, number, prefix)
+                elif (sight := look_up(event)).looked_at or type(event) is not dict:
+                    oversights.see(event, number, prefix, sight)
                 reading = NOTHING if late else self._letters.read(event)
                 counts = reading.relevant or not self.semantics.projects
                 hit = {node for hit in reading.hits for node in hit.nodes} if counts else set[int]()
@@ -387,6 +399,7 @@ class Coverage:
             raise
         self._logs += 1
         self._seen |= seen
+        self._oversights.merge(oversights)
         for place, ((follower, _), reach) in enumerate(zip(followers, reached, strict=True)):
             known = self._best[place]
             best = replace(known, detected=known.detected + (follower.verdict is Verdict.TRUE))
@@ -400,4 +413,5 @@ class Coverage:
         kept = {node for _, nodes in self._branches for node in nodes if self._compiled.own[node]}
         unseen = awaited(self.tree, (self._compiled.names[node] for node in kept - self._seen))
         counts = tuple(self._best), tuple(self._infeasible), len(kept)
-        return CoverageReport(self.semantics, self._logs, *counts, unseen)
+        missed = tuple(replace(one) for one in self._oversights.found.values())
+        return CoverageReport(self.semantics, self._logs, *counts, unseen, missed, tuple(self._oversights.lines))

@@ -7,11 +7,13 @@ Schema, version 1 (fields are only ever added)::
                    "log": NAME | null, "event": NUMBER | null, "waits_for": [{"node": NAME, "event": TEXT}]}],
      "infeasible": [NUMBER],
      "unseen": [{"node": NAME, "event": TEXT}],
+     "oversights": [{"reason": TEXT, "about": GUARD or "", "count": NUMBER, "first": TEXT, "example": TEXT}],
      "totals": {"branches": 4, "exercised": 1, "nodes": 7, "seen": 5}}
 """
 
 import io
 import json
+from dataclasses import asdict
 from typing import Final
 
 from rvaft.coverage.measure import BranchCoverage, CoverageReport
@@ -49,6 +51,7 @@ def json_text(report: CoverageReport) -> str:
         "branches": branches,
         "infeasible": list(report.infeasible),
         "unseen": nodes(report.unseen),
+        "oversights": [asdict(one) for one in report.oversights],
         "totals": totals,
     }
     return json.dumps(value, indent=2) + "\n"
@@ -81,6 +84,7 @@ def table_text(report: CoverageReport, *, width: int | None = None) -> str:
     if report.unseen:
         names, others = ", ".join(one.node for one in report.unseen[:_LISTED]), len(report.unseen) - _LISTED
         below.append(f"nodes never seen: {names}{f' and {others} others' if others > 0 else ''}")
+    below += [f"warning: {line}" for line in report.warnings]
     percent = 100 * report.exercised // len(report.branches)  # 100 only where it is all
     exercised = f"branches exercised {report.exercised} of {len(report.branches)} ({percent}%)"
     below.append(f"{exercised}; nodes seen {report.seen} of {report.nodes}")

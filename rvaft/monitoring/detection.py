@@ -18,7 +18,7 @@ from typing import Final
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
+from rvaft.model.values import Json, finite
 from rvaft.monitors import Explanation, Pending
 
 PLACES: Final = ("time", "topic")
@@ -113,7 +113,7 @@ def explained(
         "branch": explanation.branch,
         "kinds": sorted(kind.value for kind in explanation.kinds),
         "matched": matched,
-        "variables": variables(explanation, tree),
+        "variables": finite(variables(explanation, tree)),
     }
 
 
@@ -123,7 +123,7 @@ def expected(pending: Sequence[Pending]) -> list[Json]:
         {
             "branch": record.branch,
             "awaited": [{"node": awaited.node, "event": awaited.event} for awaited in record.awaited],
-            "variables": dict(record.variables),
+            "variables": finite(dict(record.variables)),
         }
         for record in pending
     ]
@@ -168,7 +168,7 @@ def detection(
         **({"again": True} if again else {}),
         **(count or {}),
         **told,
-        "events": {str(number): events[number] for number in sorted(numbers) if number in events},
+        "events": {str(number): finite(events[number]) for number in sorted(numbers) if number in events},
     }
 
 

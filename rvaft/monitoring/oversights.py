@@ -191,13 +191,13 @@ class Oversights:
         types = tuple(map(type, values.values()))
         if asked.version == self._version and types in asked.good:
             return
-        known, good = {**self._last, **values}, True
+        known, undefined = {**self._last, **values}, set[str]()
         for part in asked.parts:
-            if part.is_undefined(known):
-                good = False
+            if part.text not in undefined and part.is_undefined(known):
+                undefined.add(part.text)
                 said = ", ".join(f"{name} is {described(known[name])}" for name in part.names if name in known)
                 self.note(Reason.GUARD, part.text, place, said)
-        if not good:
+        if undefined:
             return
         for name in asked.names & values.keys():
             if type(self._last.get(name, self)) is not type(values[name]):

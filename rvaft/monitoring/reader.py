@@ -135,7 +135,7 @@ def decode(
         raise ValueError(f"not a JSON object but {_KINDS[type(event)]}; {_HINT}")  # noqa: TRY004 (the text is wrong)
     _check_read(event, Reads(whole=True) if reads is None else reads.of(event))
     if _PERHAPS_WORD.search(text) or _PERHAPS_HUGE.search(text):
-        return _finite(event, Reads(whole=True) if reads is None else reads.of(event), strict=strict, kept=passed_on)
+        return marked(event, reads, strict=strict, kept=passed_on)
     return event
 
 
@@ -221,10 +221,11 @@ def _check_read(event: dict[str, Json], reads: Reads) -> None:
                 agenda.extend((item, items) for item in value)
 
 
-def _finite(event: dict[str, Json], reads: Reads, *, strict: bool, kept: bool) -> dict[str, Json]:
+def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False, kept: bool = True) -> dict[str, Json]:
     """The event with null in place of numbers that are not finite and not read, unless they are `kept`, and marked where one is read."""
     first: tuple[str, float] | None = None
-    agenda: list[tuple[Json, Reads | None, str]] = [(event, reads, "")]
+    read = Reads(whole=True) if reads is None else reads.of(event)
+    agenda: list[tuple[Json, Reads | None, str]] = [(event, read, "")]
     while agenda:
         value, here, path = agenda.pop()
         for place, part in value.items() if isinstance(value, dict) else enumerate(value):
@@ -241,9 +242,9 @@ def _finite(event: dict[str, Json], reads: Reads, *, strict: bool, kept: bool) -
                     value[place] = None
     if first is None:
         return event
-    marked = NonFiniteEvent(event)
-    marked.field, marked.number = first[0], json.dumps(first[1])
-    return marked
+    found = NonFiniteEvent(event)
+    found.field, found.number = first[0], json.dumps(first[1])
+    return found
 
 
 def _below(reads: Reads, place: str | int) -> Reads | None:

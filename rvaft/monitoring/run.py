@@ -312,11 +312,6 @@ class MonitoringPlan:
     strict_json: bool = False
 
     @property
-    def time(self) -> EventTime | None:
-        """Where the tree says that events have their time."""
-        return self.monitors.types.tree.time
-
-    @property
     def plain(self) -> bool:
         """Whether every event goes to the same monitors, in the order in which it stands."""
         return self.key is None and self.order_by is None
@@ -326,7 +321,7 @@ class MonitoringPlan:
         """What reads files quickly, or None where every event has to be seen as it stands."""
         if not self.plain or not self.monitors.engines or not isinstance(self.reads, TreeReads):
             return None
-        also = (TIME, *self.told, *([self.time.field[0]] if self.time else []))
+        also = (TIME, *self.told, *(self.monitors.time.field[:1] if self.monitors.time else ()))
         every = self.monitors.may_be_late  # then the time of each event counts
         possible = (lambda _: True) if every else self.monitors.types.possible
         return FastReader.of(self.reads, possible, also, strict=self.strict_json)
@@ -355,8 +350,10 @@ class TraceRun:
         self.statistics = statistics
         self.oversights = oversights or Oversights(plan.monitors.types)
         self.prefix = prefix
-        self.ordering = None if plan.order_by is None else Ordering(plan.order_by, window=plan.window, time=plan.time)
-        time, ordered = plan.time, plan.order_by is not None
+        self.ordering = (
+            None if plan.order_by is None else Ordering(plan.order_by, window=plan.window, time=plan.monitors.time)
+        )
+        time, ordered = plan.monitors.time, plan.order_by is not None
         name = TIME if time is None else ".".join(time.field)
         self.clock = None if ordered or plan.monitors.may_be_late else Backwards(name, time)
         self.number = self.detected = 0

@@ -24,7 +24,8 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.detection import explained, kept, matched_events, told_fields
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per, columns
-from rvaft.monitoring.reader import BOM, decode
+from rvaft.monitoring.oversights import Oversights
+from rvaft.monitoring.reader import BOM, decode, marked
 from rvaft.monitoring.run import EventBuffer
 
 MAX_MESSAGE: Final = 1024 * 1024
@@ -63,7 +64,8 @@ class Session:
     """What one connection has read: `monitors` of the tree, or the part of one, and of its branches or kinds, by number or name.
 
     A monitor gives up beyond `limit` partial matches; `failures` then say why. `buffer` has when and where the events came that an
-    explanation may name: of each event no more, and of events, of which so many were read, a bounded number. `repeat` and `cooldown` (in nanoseconds)
+    explanation may name: of each event no more, and of events, of which so many were read, a bounded number. `oversights` are what could have been
+    part of a match and was not. `repeat` and `cooldown` (in nanoseconds)
     are as of a `MonitorSet`. Raises what `rvaft.monitoring.monitor_set.columns` raises.
     """
 
@@ -87,6 +89,7 @@ class Session:
         self.failures: dict[str, str] = {}
         self.fields = told_fields(tree)
         self.buffer = EventBuffer()
+        self.oversights = Oversights(self.monitors[_WHOLE].types)
         self.events = 0
 
     def fork(self) -> Self:
@@ -96,6 +99,8 @@ class Session:
         twin.failures = dict(self.failures)
         twin.buffer = EventBuffer()
         twin.buffer.known.update(self.buffer.known)
+        twin.oversights = Oversights(self.monitors[_WHOLE].types)
+        twin.oversights.merge(self.oversights)
         return twin
 
     def read(self, event: Json, came: Json) -> None:
@@ -110,6 +115,10 @@ class Session:
                 else:
                     if label == _WHOLE and monitors.serves:
                         self.buffer.remember(self.events, kept(came, self.fields))
+                    if label == _WHOLE and monitors.late:
+                        self.oversights.note_late(event, self.events, "")
+                    elif label == _WHOLE:
+                        self.oversights.see(event, self.events, "", monitors.types.of(event))
 
     def begin_again(self) -> None:
         """Let the monitors that repeat and have detected with the last event begin afresh."""
@@ -129,6 +138,7 @@ class Session:
 class Protocol:
     """How messages are read and answered for a tree, or the part of one; a message of more than `longest` bytes is an error.
 
+    So is, with `strict_json`, one with a number that is not finite; else the reply has it as it came, since who sends it can read it.
     With `definitive` it is told so that the property holds for good.
 
     >>> import rvaft
@@ -197,7 +207,7 @@ class Protocol:
         word = _WORDS[self.polarity][Verdict.UNKNOWN if holds and not self.definitive else verdict]
         return _DEFINITIVE.get(word, word) if self.vocabulary is Vocabulary.RML else word
 
-    def _as_spelled(self, event: Mapping[str, Json]) -> Mapping[str, Json]:
+    def _as_spelled(self, event: dict[str, Json]) -> dict[str, Json]:
         """The event with its names as the tree spells them; one that the tree spells both ways, or not at all, stays as it is.
 
         ROS takes `/command` and `command` for one name (at the root namespace), and the versions of ROSMonitoring write it either way.
@@ -210,4 +220,4 @@ class Protocol:
                 other = name[1:] if name.startswith("/") else f"/{name}"
                 if other in known:
                     renamed[field] = other
-        return {**event, **renamed} if renamed else event
+        return marked({**event, **renamed}, self._reads) if renamed else event

@@ -169,6 +169,7 @@ class _Server:
         try:
             async for message in connection:
                 events, detected, verdict = session.events, session.count.told, session.verdict()
+                doubts = len(session.oversights.found)
                 reply = self.protocol.reply(message, session)
                 if session.events == events:
                     refused += 1
@@ -183,6 +184,8 @@ class _Server:
                 elif session.verdict() is Verdict.FALSE is not verdict:
                     why = f"under {session.semantics} nothing can be detected after event {session.events}"
                     self.say(f"{name}: {why}; consecutive and scattered go on (--semantics)")
+                for line in list(session.oversights.lines)[doubts:]:
+                    self.say(f"{name}: {line}")
                 read += session.events - events
                 await connection.send(json.dumps(reply))
         except _library().exceptions.ConnectionClosed:
@@ -192,7 +195,8 @@ class _Server:
             raise
         finally:
             self.present.discard(connection)
-            self.say(f"{name} closed after {counted(read)}")
+            doubtful = "".join(f"; {line}" for line in session.oversights.lines)
+            self.say(f"{name} closed after {counted(read)}{doubtful}")
 
     def failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Say once, until one gets in, that there is no room for another connection; anything else as `asyncio` does."""

@@ -9,7 +9,7 @@ import pytest
 
 from rvaft.cli import main
 from tests.cli.runs import PRUNED, SAND, failed, process, run, words, written
-from tests.monitoring.test_reader import BAD
+from tests.monitoring.test_reader import BAD, STRICT
 from tests.tables import rows
 
 READERS = {"check": "", "show": "", "branches": "", "emit": "--to rml", "monitor": "--word a"}
@@ -63,11 +63,14 @@ def test_a_path_that_is_no_tree(command: str, tmp_path: Path) -> None:
         failed(run(command, tree, *more), str(tree), "Permission denied")
 
 
-@pytest.mark.parametrize("case", [case for case in BAD if not case.startswith("for a tree")])
+@pytest.mark.parametrize("case", [case for case in (*BAD, *STRICT) if not case.startswith("for a tree")])
 def test_a_malformed_line_of_a_trace(case: str, tmp_path: Path) -> None:
     log = tmp_path / "log.jsonl"
-    log.write_bytes(b'{"event": "a"}\n' + BAD[case].split(b"\n")[0] + b"\n")
-    result = run("monitor", SAND, log, "--format", "jsonl")
+    log.write_bytes(b'{"event": "a"}\n' + (BAD | STRICT)[case].split(b"\n")[0] + b"\n")
+    strictly = ["--strict-json"] if case in STRICT else []
+    if strictly:
+        failed(run("coverage", SAND, log, *strictly), f"{log}:2: ")
+    result = run("monitor", SAND, log, "--format", "jsonl", *strictly)
     failed(result, f"{log}:2: ")
     assert result.stdout == '{"event": 1, "verdict": "unknown"}\n'
 

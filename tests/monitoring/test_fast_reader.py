@@ -3,6 +3,7 @@
 import gzip
 import io
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from io import BufferedIOBase
@@ -40,8 +41,8 @@ TREES = {
 Event = dict[str, Any]
 
 
-def fast(tree: RVAFT, *, dense: bool = False) -> FastReader:
-    found = FastReader.of(TreeReads(tree), EventTypeIndex(tree).possible)
+def fast(tree: RVAFT, *, dense: bool = False, strict: bool = False) -> FastReader:
+    found = FastReader.of(TreeReads(tree), EventTypeIndex(tree).possible, strict=strict)
     assert found is not None
     found._dense = dense
     return found
@@ -70,11 +71,14 @@ def held(tree: RVAFT, events: Iterable[Event | None]) -> tuple[list[Event | None
     return found, None
 
 
-def both(tree: RVAFT, stream: Callable[[], BufferedIOBase], name: str = "log") -> tuple[list[Event | None], str | None]:
+def both(
+    tree: RVAFT, stream: Callable[[], BufferedIOBase], name: str = "log", *, strict: bool = False
+) -> tuple[list[Event | None], str | None]:
     """What a stream holds, which is the same however it is read."""
-    expected = held(tree, read(cast("BinaryIO", stream()), name=name, reads=TreeReads(tree)))
+    expected = held(tree, read(cast("BinaryIO", stream()), name=name, reads=TreeReads(tree), strict=strict))
     for dense in (False, True):
-        assert repr(held(tree, one_by_one(fast(tree, dense=dense).read(stream(), name)))) == repr(expected)
+        reader = fast(tree, dense=dense, strict=strict)
+        assert repr(held(tree, one_by_one(reader.read(stream(), name)))) == repr(expected)
     return expected
 
 
@@ -87,16 +91,18 @@ def small(size: int) -> Iterator[None]:
         yield
 
 
-def same(tree: RVAFT, data: bytes, *, size: int = 1 << 16) -> tuple[list[Event | None], str | None]:
+def same(
+    tree: RVAFT, data: bytes, *, size: int = 1 << 16, strict: bool = False
+) -> tuple[list[Event | None], str | None]:
     with small(size):
-        return both(tree, lambda: io.BytesIO(data))
+        return both(tree, lambda: io.BytesIO(data), strict=strict)
 
 
 values = st.one_of(
     st.none(),
     st.booleans(),
     st.integers(-3, 3),
-    st.sampled_from([1.0, -0.0, 0.5, 1e300, 10**400, 2**53 + 1, 2**64, 1e-320]),
+    st.sampled_from([1.0, -0.0, 0.5, 1e300, 10**400, 2**53 + 1, 2**64, 1e-320, math.nan, -math.inf]),
     st.sampled_from(["t", "u", "k", "n", "", "x\u00e9", "\U0001f600", '"topic"', "a\nb", "\\"]),
 )
 fields = st.sampled_from(
@@ -109,7 +115,7 @@ objects = st.one_of(
     st.dictionaries(fields, deep, max_size=5),
     st.builds(
         lambda topic, rest: {"topic": topic, **rest},
-        st.sampled_from(["t", "u", "w"]),
+        st.sampled_from(["t", "u", "w", "T", "/t/ ", "u" + " " * LONGEST]),
         st.dictionaries(fields.filter(lambda name: name != "topic"), deep, max_size=4),
     ),
     st.builds(lambda value: {"topic": "t", "value": value, "x": 1}, st.integers(0, 50)),
@@ -165,8 +171,11 @@ def test_one_line_among_many(row: list[Any]) -> None:
     lines = len([one for one in line.removeprefix(b"\xef\xbb\xbf").split(b"\n") if one.strip(b" \t\r")])
     marked = line.startswith(b"\xef\xbb\xbf")  # which is for the start of a file
     for before in (0, 1, 90) if not marked else (0,) if kind == "good" else (1, 90):
-        events, error = same(TREES["one"], b"\n".join([GOOD] * before + [line] + [GOOD] * 90), size=1024)
-        if kind != "bad":
+        text = b"\n".join([GOOD] * before + [line] + [GOOD] * 90)
+        if kind == "strict":
+            assert same(TREES["one"], text, size=1024)[1] is None
+        events, error = same(TREES["one"], text, size=1024, strict=True)
+        if kind not in ("bad", "strict"):
             assert (error, len(events)) == (None, before + 90 + lines)
         elif error is None:
             assert name.startswith("beyond")  # a number where the tree does not read
@@ -180,6 +189,7 @@ def test_one_line_among_many(row: list[Any]) -> None:
 def test_statistics_are_the_same(name: str, some: list[dict[str, Any]]) -> None:
     tree = TREES[name]
     data = b"".join(json.dumps(event).encode() + b"\n" for event in some)
+    some = list(read(io.BytesIO(data), reads=TreeReads(tree)))
     types = EventTypeIndex(tree)
     slow, quick = Statistics(types), Statistics(types)
     for number, event in enumerate(some, 1):
@@ -208,7 +218,7 @@ def test_trees_that_are_left_to_the_other_way() -> None:
 @pytest.mark.parametrize("row", rows(__file__, "skeletons.txt"))
 def test_the_skeleton_of_a_good_line(row: list[Any]) -> None:
     known, odd = map(spelled, row)
-    events, error = same(TREES["one"], b"\n".join([*[known] * 40, odd, known]), size=200)
+    events, error = same(TREES["one"], b"\n".join([*[known] * 40, odd, known]), size=200, strict=True)
     assert len(events) == 40
     assert str(error).startswith("log:41: ")
 

@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,15 @@ from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError, loads
 from rvaft.analysis.pattern_index import Reads, Scope, TreeReads
 from rvaft.errors import ToolMissing
 from rvaft.model.patterns import Anything, ObjectPattern, Variable
+from rvaft.model.values import finite
 from rvaft.monitoring import reader
 from rvaft.monitoring.reader import MAX_DEPTH, MAX_LINE, decode, read
 from tests.cli.runs import TREES, failed, run
 from tests.tables import rows, spelled
 
 
-def events(data: bytes, reads: Scope | None = None) -> list[dict[str, Any]]:
-    return list(read(io.BytesIO(data), name="log.jsonl", reads=reads))
+def events(data: bytes, reads: Scope | None = None, *, strict: bool = False) -> list[dict[str, Any]]:
+    return list(read(io.BytesIO(data), name="log.jsonl", reads=reads, strict=strict))
 
 
 def nested(levels: int) -> bytes:
@@ -34,7 +36,9 @@ def nested(levels: int) -> bytes:
 
 
 LINES = rows(__file__, "lines.txt")
-GOOD, BAD = ({name: spelled(text) for one, name, text in LINES if one == kind} for kind in ("good", "bad"))
+GOOD, BAD, STRICT = (
+    {name: spelled(text) for one, name, text in LINES if one == kind} for kind in ("good", "bad", "strict")
+)
 
 
 @pytest.mark.parametrize("case", GOOD)
@@ -43,11 +47,11 @@ def test_what_is_a_trace(case: str) -> None:
     assert events(GOOD[case]) == [json.loads(line) for line in lines if line.strip()]
 
 
-@pytest.mark.parametrize("case", BAD)
+@pytest.mark.parametrize("case", [*BAD, *STRICT])
 @pytest.mark.parametrize("ends", [b"", b"\n", b"\r\n"])
 def test_what_is_malformed(case: str, ends: bytes) -> None:
-    stream = io.BytesIO(b'{"a":1}\n\n' + BAD[case].split(b"\n")[0] + ends)
-    given = read(stream, name="log.jsonl")
+    stream = io.BytesIO(b'{"a":1}\n\n' + (BAD | STRICT)[case].split(b"\n")[0] + ends)
+    given = read(stream, name="log.jsonl", strict=case in STRICT)
     assert next(given) == {"a": 1}
     with pytest.raises(TraceError) as caught:
         next(given)
@@ -67,23 +71,36 @@ def test_a_key_is_not_repeated_where_the_tree_reads(row: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    ("text", "expected", "field"),
     [
-        (b'{"topic":"t","value":1e999}', None),
-        (b'{"topic":"t","value":[{"deep":-1e999}]}', None),
-        (b'{"topic":1e999}', None),
-        (b'{"topic":"t","other":1e999}', {"topic": "t", "other": None}),
-        (b'{"topic":"another","value":-1E+0999}', {"topic": "another", "value": None}),
-        (b'{"x":[1,{"y":%b.5}]}' % (b"1" * 400), {"x": [1, {"y": None}]}),
-        (b'{"x":[1e308,1e-999,"1e999"]}', {"x": [1e308, 0.0, "1e999"]}),
+        (b'{"topic":"t","value":1e999}', {"topic": "t", "value": inf}, "value"),
+        (b'{"topic":"t","value":[{"deep":-1e999}]}', {"topic": "t", "value": [{"deep": -inf}]}, "value.0.deep"),
+        (b'{"topic":-Infinity,"x":NaN}', {"topic": -inf, "x": None}, "topic"),
+        (b'{"topic":"t","other":1e999}', {"topic": "t", "other": None}, None),
+        (
+            b'{"topic":"another","value":-1E+0999,"x":[Infinity]}',
+            {"topic": "another", "value": None, "x": [None]},
+            None,
+        ),
+        (b'{"x":[1,{"y":%b.5}]}' % (b"1" * 400), {"x": [1, {"y": None}]}, None),
+        (b'{"x":[1e308,1e-999,"1e999","NaN"]}', {"x": [1e308, 0.0, "1e999", "NaN"]}, None),
     ],
 )
-def test_a_number_that_overflows_is_malformed_where_the_tree_reads(text: bytes, expected: object) -> None:
+def test_a_number_that_is_not_finite_is_undefined_where_the_tree_reads(
+    text: bytes, expected: object, field: str | None
+) -> None:
     reads = TreeReads(loads('event e(v) = { topic: "t", value: v }; toplevel a; a on e(V);'))
-    with pytest.raises(TraceError, match="range of a double") if expected is None else nullcontext():
-        assert events(text, reads) == [expected]
-    with pytest.raises(ValueError, match="range of a double") if b"-999" not in text else nullcontext():
-        decode(text, reads=reads, finite=True)
+    [event] = events(text, reads)
+    assert (event, getattr(event, "field", None)) == (expected, field)
+    passed = decode(text, reads=reads, passed_on=True)
+    assert (finite(passed), getattr(passed, "field", None)) == (finite(event), field)
+    words, huge = (
+        any(one in text for one in some) for some in ((b":NaN", b"Infinity"), (b":1e999", b"-1", b"1" * 400))
+    )
+    with pytest.raises(TraceError) if words or field else nullcontext():
+        assert events(text, reads, strict=True) == [expected]
+    with pytest.raises(ValueError, match=r"no JSON number|range of a double") if words or huge else nullcontext():
+        decode(text, reads=reads, strict=True, passed_on=True)
 
 
 def test_a_default_event_and_an_ignore_are_read_too() -> None:

@@ -214,8 +214,8 @@ def outcome(plan: MonitoringPlan, data: bytes) -> Any:
         statistics = run.statistics
         assert statistics is not None
         counted = statistics.events, statistics.relevant, statistics.never_seen, statistics.near_misses
-        monitors = run.watch.monitors
-        watched = monitors.verdicts, monitors.found, run.watch.events, run.number, list(run.warnings)
+        monitors, missed = run.watch.monitors, run.oversights.found
+        watched = monitors.verdicts, monitors.found, missed, run.watch.events, run.number, list(run.warnings)
         found.append((told.said, watched, counted, error))
     assert found[0] == found[1]
     return found[0]

@@ -14,13 +14,13 @@ from rvaft.monitoring.monitor_set import Per
 from rvaft.monitoring.reader import decode
 from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from tests.cli.runs import LOGS, PRUNED
-from tests.monitoring.test_reader import BAD
+from tests.monitoring.test_reader import BAD, STRICT
 from tests.tables import rows
 
 SEQUENCE: Final = loads("top sand a b; a attack; b fault;")
 A, B = '{"event": "a"}', '{"event": "b"}'
 BROKEN: Final[tuple[str | bytes, ...]] = (
-    *("", " ", "null", '{"event": NaN}', '{"event": "a", "event": "b"}', "[" * 900_000, '{"x": ' + "9" * 900_000 + "}"),
+    *("", " ", "null", '{"event": "a", "event": "b"}', "[" * 900_000, '{"x": ' + "9" * 900_000 + "}"),
     *(line for name, line in BAD.items() if not name.startswith("for a tree")),
 )
 """Messages that are no events."""
@@ -64,10 +64,25 @@ def test_a_fork_remembers_for_itself_when_and_where_events_came() -> None:
     assert (len(to.buffer.known), len(first.buffer.known), first.verdict()) == (2, 1, Verdict.UNKNOWN)
 
 
-@pytest.mark.parametrize("message", BROKEN)
+def test_what_could_be_missed_is_counted_and_a_number_that_is_not_finite_comes_back() -> None:
+    text = 'event e(x) = {topic: "/c", p: x}; time t as s late 1 s; top sand a b; a on e(X) when X > 1; b on e(2);'
+    speaking, to = Protocol(tree := loads(text)), Session(tree)
+    said = '{"topic": "c", "p": NaN, "t": 5}', '{"topic": "c", "p": "x"}', '{"topic": "c", "p": 2, "t": 3}'
+    assert json.dumps(speaking.reply(said[0], to)) == '{"topic": "c", "p": NaN, "t": 5, "verdict": "currently_true"}'
+    answers(speaking, to, *said[1:])
+    assert list(to.fork().oversights.lines) == [
+        "undefined number in 1 event: p is NaN (first: event 1)",
+        'undefined guard in 1 event: X > 1 of a, where X is a string ("x") (first: event 2)',
+        "no readable time in 1 event: the field t is missing (first: event 2)",
+        "1 event later than 1 s, which no match uses: t is a number (3) (first: event 3)",
+    ]
+
+
+@pytest.mark.parametrize("message", [*BROKEN, '{"x": 1e999}', *STRICT.values()])
 def test_what_is_no_event_gets_an_error_with_the_verdict_so_far(message: str | bytes) -> None:
     """Without `verdict` ROSMonitoring would take the reply for a definitive `true` and stop."""
-    first, a, again, b, end = answers(Protocol(SEQUENCE), Session(SEQUENCE), message, A, message, B, message)
+    speaking = Protocol(SEQUENCE, strict_json=message not in BROKEN)
+    first, a, again, b, end = answers(speaking, Session(SEQUENCE), message, A, message, B, message)
     for reply in (first, again, end):
         assert set(reply) == {"error", "verdict"}
         assert "\n" not in reply["error"]

@@ -28,7 +28,6 @@ LONGEST: Final = 120
 """Characters of a value; what is longer is cut, and a sign says so."""
 WIDTH: Final = 14
 """Columns of text in a box: so narrow that a tree of the size that papers print is still readable in one column."""
-_ABSENT: Final = object()
 _LISTED: Final = 5
 """Events of one node that are listed; of more the last one."""
 NARROWEST: Final = 4
@@ -66,13 +65,11 @@ class Marks:
 def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> Marks:
     """The marks of a match; of an event that is not among `events` only the number is known."""
     scenario = {name: frozenset(children) for name, children in explanation.scenario.items()}
-    time = tree.time.field if tree.time is not None else ("time",)
-    notes = {name: tuple(_note(number, events.get(number), time)) for name, number in explanation.matched.items()}
-    for node in (node for node in tree.top_down() if node.times > 1):
-        copies = [f"{node.name}[{number}]" for number in range(1, node.times + 1)]
-        if numbers := [explanation.matched[name] for name in copies if notes.pop(name, None)]:
-            shown = map(str, numbers if len(numbers) <= _LISTED else [*numbers[: _LISTED - 1], "…", numbers[-1]])
-            notes[node.name] = (f"events {', '.join(shown)}",)
+    notes: dict[str, tuple[str, ...]] = {}
+    for name, numbers in explanation.observed(tree).items():
+        shown = map(str, numbers if len(numbers) <= _LISTED else [*numbers[: _LISTED - 1], "…", numbers[-1]])
+        several = (f"events {', '.join(shown)}",)
+        notes[name] = several if len(numbers) > 1 else tuple(_note(numbers[0], events.get(numbers[0]), tree))
     kept = {**dict.fromkeys(notes, frozenset[str]()), **scenario}
     order = {name: place for place, name in enumerate(tree.variables)}
     values = sorted(explanation.variables.items(), key=lambda item: order.get(item[0], len(order)))
@@ -88,15 +85,14 @@ def branch_marks(tree: RVAFT, number: int) -> Marks:
     return Marks(kept, {}, (_title(number, found.kinds),), f"branch {number}")
 
 
-def _note(number: int, event: Json, time: Sequence[str]) -> Iterator[str]:
-    """What is shown of an event: its number, and its time (what stands in that field) and topic where it has them."""
+def _note(number: int, event: Json, tree: RVAFT) -> Iterator[str]:
+    """What is shown of an event: its number, its time as it stands where the tree says or in the field `time`, and its topic."""
     yield f"event {number}"
-    for what, field in (("time", time), ("topic", ("topic",))):
-        value = event
-        for name in field:
-            value = value.get(name, _ABSENT) if isinstance(value, Mapping) else _ABSENT
-        if value is not _ABSENT:
-            yield f"{what} {_cut(value) if isinstance(value, str) else _written(value)}"
+    told = {field: event[field] for field in ("time", "topic") if isinstance(event, Mapping) and field in event}
+    if tree.time is not None and (written := tree.time.written(event)) is not None:
+        told = {**told, "time": written}
+    for field, value in sorted(told.items()):
+        yield f"{field} {_cut(value) if isinstance(value, str) else _written(value)}"
 
 
 def _title(number: int | None, kinds: Collection[Kind]) -> str:

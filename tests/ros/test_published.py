@@ -229,6 +229,20 @@ def test_a_passive_monitor_stops_at_a_detection_and_not_at_an_error(
         assert len(client.shutdowns) == 1
 
 
+def test_a_passive_monitor_goes_on_after_each_repeated_detection_and_when_there_can_be_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    events = [*read(ROW1)]
+    for semantics in ("consecutive", "projected"):
+        with asking(
+            tmp_path / semantics, monkeypatch, "--action", "log", "--repeat", "--semantics", semantics
+        ) as client:
+            told = [client.receive(event)[1] for event in [*events, *events, events[-1], events[0]]]
+            assert told.count("currently_false") == len(client.warnings) == 2
+            assert set(told) == {"currently_true", "currently_false"}
+            assert client.shutdowns == []
+
+
 @pytest.mark.skipif(shutil.which("swipl") is None, reason="needs SWI-Prolog")
 @pytest.mark.parametrize("branch", [None, 3])
 def test_the_rml_oracle_can_be_asked_instead(

@@ -23,7 +23,7 @@ from rvaft.export.property_text import (
 )
 from rvaft.language.parser import parse, parse_guard
 from rvaft.model.expressions import guard_text
-from rvaft.model.guards import Operation, Operator
+from rvaft.model.guards import Duration, Operation, Operator, TimePoint
 from rvaft.model.nodes import Argument, EventType, Gate, Node, On
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 from rvaft.model.tree import RVAFT
@@ -107,6 +107,9 @@ def test_shared_nodes_multiply_and_there_is_a_limit() -> None:
 WILD = st.text(st.characters(exclude_categories=["Cs"]) | st.sampled_from("\\%$#&_{}~^\"'`<>|-\n\t @*()[]"), min_size=1)
 
 
+DURATIONS = st.sampled_from([0, 1, 1_000, 5_000_000_000, 90_000_000_000, 10**20 + 1])
+
+
 @st.composite
 def wild_trees(draw: st.DrawFn) -> RVAFT:
     """A random tree in which names and strings are any text."""
@@ -115,7 +118,9 @@ def wild_trees(draw: st.DrawFn) -> RVAFT:
     new = dict(zip(tree.nodes, names, strict=True))
     event = EventType(draw(WILD), ("p", "q"), ObjectPattern((("k", Variable("p")), ("l", Variable("q")))))
     arguments: tuple[Argument, ...] = (Literal(draw(WILD)), Anything())
-    guard = Operation(Operator.NE, (Literal(draw(WILD)), Literal(-1)))
+    points = [TimePoint.of(point, draw(st.sampled_from(names))) for point in ("at", "end")]
+    late = Operation(Operator.LE, (Operation(Operator.SUB, (points[0], points[1])), Duration(draw(DURATIONS))))
+    guard = draw(st.sampled_from([Operation(Operator.NE, (Literal(draw(WILD)), Literal(-1))), late]))
     nodes = []
     for node in tree.nodes.values():
         leaf = node.gate is None
@@ -123,7 +128,9 @@ def wild_trees(draw: st.DrawFn) -> RVAFT:
         children = tuple(new[child] for child in node.children)
         threshold = node.threshold if node.gate is Gate.VOT else None
         when = guard if draw(st.booleans()) else None
-        nodes.append(Node(new[node.name], node.gate, children, threshold, on, when))
+        times = draw(st.integers(1, 30)) if leaf and (on or not when) else 1
+        within = None if leaf else draw(st.none() | DURATIONS)
+        nodes.append(Node(new[node.name], node.gate, children, threshold, on, when, times=times, within=within))
     return RVAFT(new[tree.root], nodes, [event], causality=tree.causality)
 
 

@@ -53,9 +53,9 @@ def plain_trees(tree: RVAFT, *, limit: int = LIMIT) -> tuple[RVAFT, ...]:
     >>> found.nodes["a"].children
     ('a[1]', 'a[2]')
     """
-    if is_plain(tree):
-        return (tree,)
     part_of = tree.part_of or Whole(tree)
+    if is_plain(tree) and (part_of.kind is None or is_plain(part_of.tree)):
+        return (tree,)
     if part_of.kind is None:  # which of its branches a match of a kind belongs to is asked of the whole
         try:
             return (_Translation(tree, part_of).tree,)

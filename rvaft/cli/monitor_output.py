@@ -10,6 +10,7 @@ import click
 
 from rvaft.cli import described
 from rvaft.export import fired_text
+from rvaft.model.event_time import UNITS
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
@@ -286,6 +287,8 @@ class _Text(Reporter):
             place = " (no longer known)"
             if number in events:
                 known = detection.places(events[number], tree)
+                if isinstance(known.get("time"), Mapping) and tree.time and (time := tree.time.read(events[number])):
+                    known["time"] = f"{time // UNITS['s']}.{time % UNITS['s']:09}"  # a stamp of ROS
                 said = [f" {word} {_short(known[it])}" for word, it in (("at", "time"), ("on", "topic")) if it in known]
                 others = detection.other_fields(node, events[number], tree, self.fields)
                 more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())

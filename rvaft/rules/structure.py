@@ -224,14 +224,14 @@ def _arguments(on: On | None) -> list[str]:
 
 
 def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A variable written once says nothing; it is often misspelt."""
+    """A variable written once says nothing, but at a leaf that counts, where all events share it; it is often misspelt."""
     tree = space.tree
     uses: Counter[str] = Counter()
     where: dict[str, tuple[Place, str, tuple[str, ...]]] = {}
     for node in tree.top_down():
         for name in _arguments(node.on):
             where.setdefault(name, (node.place("on"), name, (node.name,)))
-        uses.update(_arguments(node.on))
+        uses.update(_arguments(node.on) * min(node.times, 2))
         uses.update(guard_variables(node.when) if node.when is not None else ())
     once = [found for name, found in where.items() if uses[name] == 1]
     for ignore in tree.ignores:

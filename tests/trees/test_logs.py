@@ -5,7 +5,7 @@ from typing import Final
 import pytest
 
 import rvaft
-from rvaft.model.verdict import Semantics
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.semantics import Reference
 from tests.trees import logs, shipped
 
@@ -17,6 +17,13 @@ def test_the_logs_are_what_the_script_writes(name: str) -> None:
     assert str(dict(shipped.traces(name))) == str(
         dict(sorted(logs.STORIES[name]()))
     )  # NaN equals nothing, itself neither
+
+
+@pytest.mark.parametrize(("kind", "waypoints"), [("fault", logs.FAULTS), ("attack", logs.ATTACKS)])
+def test_every_fault_and_attack_of_the_mission_is_found_and_no_other(kind: str, waypoints: tuple[int, ...]) -> None:
+    monitor = rvaft.monitor(shipped.load("remote_inspection/mission"), kind=kind, repeat=True)
+    found = [monitor.explanation for verdict in monitor.run(logs.mission()) if verdict is Verdict.TRUE]
+    assert [one.variables["Waypoint"] for one in found if one is not None and one.kinds == {kind}] == [*waypoints]
 
 
 FEW: Final = 4

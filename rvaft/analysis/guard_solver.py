@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 from rvaft.model.guards import (
     ARITHMETIC,
     COMPARISONS,
+    FUNCTIONS,
     OPERATORS,
     ORDERINGS,
     UNDEFINED,
@@ -115,7 +116,8 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             return _bounded(chain(*compared_with)) if truth else _all_of(compared_with)
         case Operation(operator) if operator not in _VALUES:  # of texts
             constant = value(guard, {}) if not variables(guard) else truth
-            return [()] if constant is truth else []
+            lowered = [Operation(Operator.LOWER, (operand,)) for operand in guard.operands]  # which says: it is a text
+            return [tuple(GuardComparison(Operator.EQ, one, one) for one in lowered)] if constant is truth else []
         case _:
             return []  # numbers and texts have no truth value
 
@@ -469,6 +471,23 @@ def _near(guards: list[Guard], name: str, binding: Binding) -> Iterator[Json]:
         sides = (side for part in _comparisons(guard) for side in part.operands)
         yield from (known for side in sides if (known := _known(side, binding)) is not UNDEFINED)
         yield from bounds(guard, name, binding)
+    yield from _texts(guards, binding)
+
+
+def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
+    """Texts that begin, go on and end as guards ask, and what globs stand for at the least."""
+    found: dict[Operator, list[str]] = {}
+    for part in chain(*map(walk, guards)):
+        if isinstance(part, Operation) and part.operator in FUNCTIONS and part.operator not in _VALUES:
+            asked = _known(part.operands[1], binding)
+            if isinstance(asked, str):
+                found.setdefault(part.operator, []).append(asked)
+    globs = [glob.replace("*", "").replace("?", "a") for glob in found.get(Operator.LIKE, ())]
+    yield from globs
+    first, inner, last = (found.get(o, []) for o in (Operator.STARTSWITH, Operator.CONTAINS, Operator.ENDSWITH))
+    if found:
+        yield "".join([*sorted(first, key=len)[-1:], *inner, *sorted(last, key=len)[-1:]])
+        yield "".join(["-", *inner, *globs, *sorted(last, key=len)[-1:]])
 
 
 def bounds(guard: Guard, name: str, binding: Binding) -> Iterator[Json]:
@@ -494,6 +513,10 @@ def _solved(side: Guard, name: str, goal: Json, binding: Binding) -> Iterator[Js
         operator, operands = side.operator, side.operands
         if operator is Operator.NEGATE:
             side, goal = operands[0], value(Operation(operator, (Literal(goal),)), {})
+        elif operator is Operator.LOWER and isinstance(goal, str):
+            side, goal = operands[0], goal.upper()
+        elif operator is Operator.NUMBER and is_number(goal):
+            side, goal = operands[0], str(goal)
         elif operator not in _INVERSE:
             return
         elif (other := _known(operands[1], binding)) is not UNDEFINED:

@@ -48,7 +48,7 @@ def _settings(tree: RVAFT) -> Iterator[str]:
         yield f"semantics {tree.semantics};"
     if tree.time is not None:
         late = "" if tree.time.late is None else f" late {duration_text(tree.time.late)}"
-        yield f"time {'.'.join(map(word_text, tree.time.field))} as {tree.time.format}{late};"
+        yield f"time {'.'.join(map(name_text, tree.time.field))} as {tree.time.format}{late};"
 
 
 def _stated(tree: RVAFT) -> Iterator[Node]:

@@ -187,7 +187,7 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
             listed = ", ".join(text for text, _ in parts[1:])
             return f"{least(level + 1, parts[0])} {sign} {style.listed[0]}{listed}{style.listed[1]}", level
         case _ if operator in FUNCTIONS:
-            return f"{sign}({', '.join(text for text, _ in parts)})", _ATOM
+            return f"{sign}({', '.join(least(SUM_LEVEL, part) for part in parts)})", _ATOM
         case Operator.DIV if style.fraction and (stacked := style.fraction(parts[0][0], parts[1][0])) is not None:
             return stacked, SIGNED_LEVEL
         case _:  # arithmetic is read from the left, comparisons are not chained

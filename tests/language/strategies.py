@@ -4,15 +4,52 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.guards import (
+    COMPARISONS,
+    JUNCTIONS,
+    OPERATORS,
+    POINTS,
+    Duration,
+    Guard,
+    Operation,
+    Operator,
+    TimePoint,
+    substitute,
+    time_points,
+)
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 
 WORDS = [
     "",
     "a b",
-    *["a", "b", "on", "or", "vot2", "spare", "event", "topic", "type", "_", "_x", "A1", "true", "lambda", "2of3", "é"],
+    *[
+        "a",
+        "b",
+        "on",
+        "or",
+        "vot2",
+        "spare",
+        "times",
+        "within",
+        "time",
+        "as",
+        "at",
+        "pand",
+        "event",
+        "topic",
+        "type",
+        "_",
+        "_x",
+        "A1",
+        "true",
+        "lambda",
+        "2of3",
+        "é",
+    ],
     'q"',
 ]
 texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=6)
@@ -34,14 +71,42 @@ def patterns(leaves: st.SearchStrategy[Any]) -> st.SearchStrategy[Pattern]:
 
 
 def _operations(inner: st.SearchStrategy[Guard]) -> st.SearchStrategy[Guard]:
-    unary = st.builds(Operation, st.sampled_from([Operator.NOT, Operator.NEGATE]), st.tuples(inner))
-    two = [o for o in Operator if o not in (Operator.NOT, Operator.NEGATE, Operator.AND, Operator.OR)]
-    binary = st.builds(Operation, st.sampled_from(two), st.tuples(inner, inner))
-    operands = st.lists(inner, min_size=2, max_size=4).map(tuple)
-    return unary | binary | st.builds(Operation, st.sampled_from([Operator.AND, Operator.OR]), operands)
+    made = []
+    for operator, facts in OPERATORS.items():
+        operands = [inner] * (facts.arity or 2)
+        if operator is Operator.IN:
+            operands = [inner, literals, literals]
+        elif operator is Operator.LIKE:
+            operands = [inner, texts.map(Literal)]
+        several = st.lists(operands[-1], max_size=2) if facts.arity is None else st.just([])
+        parts = st.tuples(st.tuples(*operands), several).map(lambda parts: (*parts[0], *parts[1]))
+        made.append(st.builds(Operation, st.just(operator), parts))
+    return st.one_of(made)
 
 
-guards: st.SearchStrategy[Guard] = st.recursive(literals | variables, _operations, max_leaves=12)
+values: st.SearchStrategy[Guard] = st.recursive(literals | variables, _operations, max_leaves=12)
+durations = st.integers(0, 10**20).map(Duration)
+points = st.builds(TimePoint.of, st.sampled_from(POINTS), names)
+_sums = (
+    points
+    | st.builds(Operation, st.sampled_from([Operator.ADD, Operator.SUB]), st.tuples(points, durations))
+    | st.builds(Operation, st.just(Operator.ADD), st.tuples(durations, points))
+)
+_spans = st.builds(Operation, st.just(Operator.SUB), st.tuples(_sums, _sums))
+times: st.SearchStrategy[Guard] = st.builds(
+    Operation,
+    st.sampled_from(sorted(COMPARISONS)),
+    st.tuples(_sums, _sums) | st.tuples(_spans, durations) | st.tuples(durations, _spans),
+)
+"""Conditions on time."""
+_junctions = st.builds(Operation, st.sampled_from(sorted(JUNCTIONS)), st.tuples(times | values, times | values))
+guards = values | times | _junctions | st.builds(Operation, st.just(Operator.NOT), st.tuples(_junctions))
+event_times = st.builds(
+    EventTime,
+    st.lists(names, min_size=1, max_size=3).map(tuple),
+    st.sampled_from(TimeFormat),
+    st.none() | durations.map(lambda one: one.value),
+)
 
 
 @st.composite
@@ -74,26 +139,45 @@ def trees(draw: st.DrawFn) -> RVAFT:
         arguments = [draw(literals | variables | st.just(Anything())) for _ in event.parameters]
         return On(event.name, tuple(arguments))
 
+    def guard() -> Guard | None:
+        """A guard that asks for times of nodes that are there."""
+        made: Guard | None = draw(st.none() | guards)
+        points = () if made is None else time_points(made)
+        there = {one.name: TimePoint.of(one.point, draw(st.sampled_from(own))) for one in points}
+        return None if made is None else substitute(made, there)
+
     nodes = []
     for index, name in enumerate(own):
         later = own[index + 1 :]
         children = tuple(draw(st.lists(st.sampled_from(later), max_size=4, unique=True))) if later else ()
         gate = draw(st.sampled_from(list(Gate))) if children else None
+        on = call() if events and bool(draw(st.booleans())) else None
+        when = guard()
+        counted = gate is None and (on is not None or when is None) and bool(draw(st.booleans()))
         nodes.append(
             Node(
                 name,
                 gate,
                 children,
                 draw(st.integers(1, len(children))) if gate is Gate.VOT else None,
-                call() if events and bool(draw(st.booleans())) else None,
-                draw(st.none() | guards),
+                on,
+                when,
                 draw(st.none() | st.sampled_from(Kind)),
                 draw(st.none() | texts),
                 tuple(draw(st.lists(st.tuples(names, texts | st.sampled_from(["0.1", "a//b", "x;y"])), max_size=2))),
+                draw(st.integers(1, 10**6)) if counted else 1,
+                None if gate is None else draw(st.none() | st.integers(0, 10**20)),
                 declared=draw(st.booleans()),
             )
         )
-    ignores = [Ignore(call(), draw(st.none() | guards)) for _ in range(draw(st.integers(0, 2)))] if events else []
+    ignores = [Ignore(call(), draw(st.none() | values)) for _ in range(draw(st.integers(0, 2)))] if events else []
     return RVAFT(
-        own[0], nodes, events, ignores=ignores, topics=draw(topics), causality=draw(st.sampled_from(Causality))
+        own[0],
+        nodes,
+        events,
+        ignores=ignores,
+        topics=draw(topics),
+        causality=draw(st.sampled_from(Causality)),
+        time=draw(st.none() | event_times),
+        semantics=draw(st.none() | st.sampled_from(Semantics)),
     )

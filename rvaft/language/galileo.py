@@ -23,6 +23,10 @@ _WHY: Final = {
     "hsp": "a hot spare may fail before it is used",
 }
 _IDLE: Final = "it is nobody's child, and other orders are detected, too"
+_SHOWN: Final = 3
+"""Triggers in the name of what stands for a node that depends on them."""
+_MOST: Final = 1_000_000
+"""Pairs of a node and what brings it about."""
 _SPARES: Final = ("csp", "wsp", "hsp", "spare")
 
 
@@ -105,11 +109,17 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[Ga
     new: dict[str, str] = {}
     taken = {*draft.nodes, *used}
     made: list[DraftNode] = []
+    size = 0
     for dependent in [name for name in triggers if name in used]:
         causes = {name: said for name, said in _all_triggers(dependent, triggers) if name != dependent}
         if not causes:
             continue
-        name = " or ".join([dependent, *causes])
+        size += len(causes)
+        if size > _MOST:
+            place = triggers[dependent][next(iter(triggers[dependent]))].place
+            raise _error(f"the dependencies follow from each other in more than {_MOST:,} ways; leave some out", place)
+        shown = [*causes] if len(causes) <= _SHOWN else [next(iter(causes)), f"{len(causes) - 1} more"]
+        name = " or ".join([dependent, *shown])
         while name in taken:
             name += "'"
         taken.add(name)

@@ -197,6 +197,7 @@ def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, mon
         ({"settings": {}}, "of a run with --key robot, not without --key"),
         ({"settings": {"--key": "id"}}, "of a run with --key robot, not with --key id"),
         ({"settings": {"--key": "robot", "--order-by": "t"}}, "of a run without --order-by, not with --order-by t"),
+        ({"settings": {"--key": "robot", "--repeat": ""}}, "of a run without --repeat, not with --repeat:"),
     ],
 )
 def test_a_checkpoint_of_another_run_is_refused(

@@ -312,6 +312,8 @@ class _Translation:
         if not node.has_event or self._old.causality is Causality.TOP_DOWN or _silent_below(self._old, name):
             return name
         pattern, changed = self._pattern(name), self._nodes[name]  # the event after all that is below becomes a leaf
+        if body(changed).chooses:  # branches are told by the choices of gates that the tree has
+            raise _Open
         inner = self._add(Node(f"{name}[below]", changed.gate, changed.children, changed.threshold))
         own = self._add(Node(f"{name}[event]"))
         self._observe(own, pattern)

@@ -49,6 +49,11 @@ class Alternatives:
             return Verdict.TRUE
         return Verdict.UNKNOWN if Verdict.UNKNOWN in self.verdicts else Verdict.FALSE
 
+    def forget(self, floor: int) -> None:
+        """No event with an earlier time than this will count any more."""
+        for _, strategy in self.parts:
+            strategy.forget(floor)
+
     def fork(self) -> Self:
         """An independent copy."""
         twin = copy(self)

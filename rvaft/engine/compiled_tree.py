@@ -64,6 +64,8 @@ class CompiledTree:
         needs = [() if node.when is None else guard_variables(node.when) for node in nodes]
         mentioned = Counter(name for both in zip(bound, needs, strict=True) for name in {*both[0], *both[1]})
         clocks = {None if pattern is None else time_variable(pattern) for pattern in patterns}
+        self.times = frozenset(name for name in clocks if name is not None)
+        """The variables that the times of events bind."""
         private = [{name for name in names if mentioned[name] == 1 and name not in clocks} for names in bound]
         filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
         self.filters = tuple(node.when if only else None for node, only in zip(nodes, filters, strict=True))

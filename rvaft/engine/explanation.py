@@ -223,10 +223,15 @@ def explain(tree: RVAFT, strategy: Following | Earliest) -> Explanation:
     return Explanation(
         branch=number or None,
         kinds=frozenset(kind for kind in kinds if kind is not None),
-        matched={step.node: step.position for step in found.steps},
+        matched={_occurrence(tree, step.node): step.position for step in found.steps},
         variables={name: value for name, value in variables.items() if name in tree.variables},
         scenario={name: tuple(c for c in tree.nodes[name].children if c in chosen) for name, chosen in kept.items()},
     )
+
+
+def _occurrence(tree: RVAFT, name: str) -> str:
+    """The occurrence that an event serves: the event of a gate may have become a leaf beside what is below it."""
+    return name if name in tree.nodes else name.removesuffix("[event]")
 
 
 def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:

@@ -37,7 +37,7 @@ class Engine(Monitor):
         self.tree = tree
         self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
         self._position = 0
-        self._latest: int | None = None  # the greatest time of an event, in nanoseconds, where that says which are late
+        self._latest: int | None = None
         self._explanation: Explanation | None = None
         self._ended: Ended | None = None
         self._limit = limit
@@ -60,6 +60,7 @@ class Engine(Monitor):
         """Go on from a snapshot of a monitor of the same tree; this one has read nothing."""
         vars(self).update({**snapshot, "tree": self.tree, "_plain": self._plain, "_strategy": self._strategy})
         self._strategy.restore(snapshot["_strategy"])
+        self.pass_time(self._latest)
 
     def __getstate__(self) -> dict[str, Any]:
         """The tree and what the events so far have left; what is compiled from the tree is compiled again."""
@@ -114,7 +115,8 @@ class Engine(Monitor):
     def go_on_after(self, earlier: Self) -> None:
         """Go on in the trace after the events that another engine of the same tree has read; this one has read none."""
         super().go_on_after(earlier)
-        self._position, self._latest = earlier._position, earlier._latest
+        self._position = earlier._position
+        self.pass_time(earlier._latest)
 
     def is_late(self, event: Json) -> bool:
         """Whether an event is late (semantics, section 1.1), which no match may use; asked once of each event, in their order.
@@ -125,8 +127,20 @@ class Engine(Monitor):
         if declared is None or declared.late is None or (time := declared.read(event)) is None:
             return False
         before = self._latest
-        self._latest = time if before is None else max(before, time)
+        if before is None or time > before:
+            self.pass_time(time)
         return before is not None and before - time > declared.late
+
+    @property
+    def latest(self) -> int | None:
+        """The greatest time of an event so far, in nanoseconds, where that says which are late."""
+        return self._latest
+
+    def pass_time(self, latest: int | None) -> None:
+        """Know the greatest time of an event, and forget what no event that is not late can complete any more."""
+        self._latest = latest
+        if latest is not None and self.tree.time is not None and self.tree.time.late is not None:
+            self._strategy.forget(latest - self.tree.time.late)
 
     def _advance(self, event: Json) -> Verdict:
         self._position += 1

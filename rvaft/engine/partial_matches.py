@@ -8,19 +8,31 @@ from typing import Self
 from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
 from rvaft.engine.shared_nodes import SharedNodes
+from rvaft.engine.time_differences import Difference, differences
 from rvaft.errors import TooLarge
+from rvaft.model.guards import conjuncts, variables
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.bits import bits, union
 
 
 class Matching:
-    """The partial matches of a tree, whatever the semantics; `limit` bounds one search through shared nodes."""
+    """The partial matches of a tree, whatever the semantics; `limit` bounds one search through shared nodes.
 
-    def __init__(self, compiled: CompiledTree, *, limit: int) -> None:
+    If `early`, guards over times are taken for failed as soon as they cannot hold any more: for semantics without ⊥.
+    """
+
+    def __init__(self, compiled: CompiledTree, *, limit: int, early: bool = False) -> None:
         self.compiled = compiled
         self.progress = PartProgress(compiled)
         self.shared = SharedNodes(compiled, self.progress, limit=limit)
+        self.asked: dict[int, tuple[Difference, ...]] = {}
+        """For the nodes with guards over times what these guards ask for, as far as that is known before all times are."""
+        for node, guard in enumerate(compiled.guards if early else ()):
+            parts = () if guard is None else conjuncts(guard)
+            over_times = (part for part in parts if compiled.times.issuperset(variables(part)))
+            if found := tuple(one for part in over_times for one in differences(part) or ()):
+                self.asked[node] = found
 
     def start(self) -> Configuration:
         """The configuration before any event."""
@@ -70,6 +82,11 @@ class Matching:
                     new.dead |= 1 << waiting
                 if waiting not in compiled.members and not self.progress.refresh(new, waiting):
                     return None
+            for waiting in self.narrowed(new, names):
+                if not (self.may_hold(waiting, new.binding) if judged is None else judged.get(waiting, True)):
+                    settled.update(name for name in compiled.needs[waiting] if name in new.binding)
+                    if not self.fail(new, waiting):
+                        return None
             for name in settled:  # forget the variables that nothing to come mentions
                 if not compiled.mentions[name] & ~new.taken and all(
                     new.closed >> waiting & 1 for waiting in compiled.guarded_by.get(name, ())
@@ -116,6 +133,25 @@ class Matching:
             if not configuration.closed >> node & 1 and all(name in configuration.binding for name in needs[node]):
                 yield node
 
+    def narrowed(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
+        """The nodes whose guard waits for more than these variables, which are bound now, and may have become hopeless."""
+        if self.asked:
+            binding = configuration.binding
+            for node in dict.fromkeys(node for name in names for node in self.compiled.guarded_by.get(name, ())):
+                waits = node in self.asked and not configuration.closed >> node & 1
+                if waits and any(name not in binding for name in self.compiled.needs[node]):
+                    yield node
+
+    def may_hold(self, node: int, binding: Mapping[str, Json]) -> bool:
+        """Whether a guard over times may hold, as far as they are known."""
+        return all(one.holds(binding) for one in self.asked[node])
+
+    def fail(self, configuration: Configuration, node: int) -> bool:
+        """Take the guard of a node for failed; False where something in use is then ruled out."""
+        configuration.closed |= 1 << node
+        configuration.dead |= 1 << node
+        return node in self.compiled.members or self.progress.refresh(configuration, node)
+
 
 class Following(ABC):
     """A strategy that follows the set of all partial matches that the events so far leave.
@@ -123,10 +159,10 @@ class Following(ABC):
     Raises `TooLarge` beyond `limit` of them.
     """
 
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int) -> None:
+    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int, early: bool = False) -> None:
         self.compiled = compiled
         self.limit = limit
-        self.matching = Matching(compiled, limit=limit)
+        self.matching = Matching(compiled, limit=limit, early=early)
         self.letters = letters
         self.noted = True
         """Whether the last event may be part of a partial match that is followed."""
@@ -138,6 +174,9 @@ class Following(ABC):
     def _begin(self) -> None:
         start = self.matching.start()
         self.follow([start] if self.matching.standing(start)[1] else [])
+
+    def forget(self, floor: int) -> None:  # noqa: B027 (most need not)
+        """No event with an earlier time than this will count any more."""
 
     @abstractmethod
     def follow(self, configurations: Iterable[Configuration]) -> None:
@@ -194,7 +233,7 @@ class Contiguous(Following):
     """Under `strict` and `projected` all partial matches have used up the same events, under `consecutive` those since each began."""
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
-        super().__init__(compiled, letters, limit=limit)
+        super().__init__(compiled, letters, limit=limit, early=semantics is Semantics.CONSECUTIVE)
         self._projected = semantics is not Semantics.STRICT
         self._begins = semantics is Semantics.CONSECUTIVE
         self._begin()
@@ -215,7 +254,7 @@ class Contiguous(Following):
         if self._projected and not relevant:
             return Verdict.UNKNOWN if before or self._begins else Verdict.FALSE
         steps = [(node, hit.values) for hit in hits for node in hit.nodes]
-        reuse = len(steps) == 1 and not self._begins
+        reuse = len(steps) == 1
         found: dict[Hashable, Configuration] = {}
         for configuration in before:
             for node, values in steps:

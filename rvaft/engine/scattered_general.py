@@ -10,17 +10,32 @@ before. Where an event may do something, the partial matches that it concerns ar
 must repeat. A partial match is dropped where another can do all that it can (see `subsumption`).
 """
 
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice, product
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.partial_matches import Following, Matching
-from rvaft.engine.subsumption import at_least, commits, directions, scale
-from rvaft.model.guards import Predicate
-from rvaft.model.values import Json, exact, key
+from rvaft.engine.stage_group import Bound, Member, StageGroup, in_order
+from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
+from rvaft.engine.time_differences import Difference, Extreme, differences
+from rvaft.model.guards import (
+    ORDERINGS,
+    UNDEFINED,
+    Guard,
+    Operation,
+    Operator,
+    Predicate,
+    conjuncts,
+    predicate,
+    value,
+    variables,
+)
+from rvaft.model.patterns import Literal, Variable
+from rvaft.model.values import Json, exact
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, mask_of
 
@@ -30,7 +45,6 @@ QUIET: Final = 20_000
 """How many values are remembered that change nothing."""
 _MANY: Final = 4
 """Guards of which all outcomes are looked at."""
-_PLAIN: Final = (str, int, float)
 _UNKNOWN: Final = Verdict.UNKNOWN
 
 
@@ -42,13 +56,49 @@ class Stage:
     is_match: bool
     names: tuple[str, ...]
     """The variables that partial matches here remember."""
-    directions: Mapping[str, int]
-    """Of these the ones of which a greater (1) or smaller (-1) value can do more."""
+    ranking: Ranking
+    """Which of their values can do more than others."""
+    deadlines: tuple[Difference, ...]
+    """What has to hold between times for a partial match here to come to anything."""
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
 
-    def key(self, binding: Mapping[str, Json]) -> Hashable:
-        """Equal for bindings of its variables that nothing can tell apart."""
-        return tuple([exact(binding[name]) for name in self.names])
+
+class Scan(NamedTuple):
+    """How the partial matches are found that an event may extend: all others could not hold the guards that have to hold."""
+
+    names: tuple[str, ...]
+    """The variables remembered whose values must equal those of `terms`, which are over the values of the event."""
+    terms: tuple[Guard, ...]
+    orders: tuple["Order", ...]
+    """What orders them; where there are several, any will do."""
+
+
+class Order(NamedTuple):
+    """An order of partial matches, what an event asks of it, and when those that follow can do no more than one that was found."""
+
+    term: Term
+    bounds: tuple[Bound, ...]
+    last_first: bool
+    """Whether the last in this order make the best partial matches."""
+    enough: tuple[Term, ...] | None
+    """What, once it is what the event alone makes it, cannot be better; None where all have to be looked at."""
+
+    @classmethod
+    def of(cls, term: Term, bounds: Iterable[Bound], target: Stage | None, told: Collection[str]) -> "Order":
+        """The order by a term; `target` is where all that move come to, `told` are the variables that are the same for all."""
+        if target is None or not {*told}.issuperset((*target.ranking.exact, *target.ranking.excluded)):
+            return cls(term, tuple(bounds), False, None)
+        last_first, ordered, others = True, False, list[Term]()
+        for one in target.ranking.terms:
+            sign, (operator, names) = one
+            far = {name for name in names if name not in told}
+            if not ordered and far == {*term.extreme.names} and (len(far) == 1 or operator is term.extreme.operator):
+                last_first, ordered = sign > 0, True
+            elif far and (far.issuperset(names) or (operator is Operator.MIN) is not (sign > 0)):
+                return cls(term, tuple(bounds), False, None)
+            elif far:
+                others.append(one)
+        return cls(term, tuple(bounds), last_first, tuple(others))
 
 
 @dataclass(slots=True, eq=False)
@@ -63,6 +113,7 @@ class StageMove:
     """The set of guards that are decided by the values of the event."""
     joint: dict[int, Predicate]
     """The guards that are decided by those and the values remembered."""
+    scan: Scan | None = None
     outcomes: dict[tuple[int, tuple[bool, ...]], tuple[Stage, bool] | None] = field(default_factory=dict)
     """Where it leads, and whether the one that took it need not be followed any more; None where it leads nowhere."""
 
@@ -84,9 +135,15 @@ class Stages:
             sample = configuration.copy()
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
             is_match, _ = self.matching.standing(sample)
-            ways = directions(self.matching.compiled, sample)
-            found = self._known[place] = Stage(sample, is_match, tuple(sorted(sample.binding)), ways)
+            names, ranks = tuple(sorted(sample.binding)), ranking(self.matching.compiled, sample)
+            open_nodes = [node for node in self.matching.asked if not sample.closed >> node & 1]
+            asked = [one for node in open_nodes if self._has_to_hold(sample, node) for one in self.matching.asked[node]]
+            found = self._known[place] = Stage(sample, is_match, names, ranks, tuple(asked))
         return found
+
+    def _has_to_hold(self, sample: Configuration, node: int) -> bool:
+        trial = sample.copy()
+        return not (self.matching.fail(trial, node) and any(self.matching.standing(trial)))
 
     def move(self, stage: Stage, node: int) -> StageMove | None:
         """A node's event from a stage on; None where it cannot come there."""
@@ -102,6 +159,9 @@ class Stages:
                 alone = mask_of(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
                 decided = ((guard, compiled.predicates[guard]) for guard in closing if not alone >> guard & 1)
                 joint = {guard: holds for guard, holds in decided if holds is not None}
+                for guard in self.matching.narrowed(bound, names):
+                    if not remembered.keys().isdisjoint(compiled.needs[guard]):
+                        joint[guard] = partial(self.matching.may_hold, guard)
                 found = StageMove(stage, node, tuple(name for name in names if name in remembered), alone, joint)
             stage.moves[node] = found
         return stage.moves[node]
@@ -120,6 +180,42 @@ class Stages:
             move.outcomes[place] = found
         return move.outcomes[place]
 
+    def scan(self, move: StageMove) -> Scan:
+        """How the partial matches are found that a move may extend."""
+        if move.scan is None:
+            compiled, own, joined = (
+                self.matching.compiled,
+                self.matching.compiled.exported[move.node],
+                dict[str, Guard](),
+            )
+            orders: dict[Term, list[Bound]] = {}
+            joint = [*move.joint]
+            needed = [
+                one for one in joint if not self.outcome(move, move.alone, tuple(other != one for other in joint))
+            ]
+            far = set(move.stage.names).difference(own)
+            for part in (part for one in needed for part in conjuncts(compiled.guards[one] or Literal(value=True))):
+                if compiled.times.issuperset(variables(part)):
+                    for one_difference in differences(part) or ():
+                        for term, bound in _time_bounds(one_difference, far, own):
+                            orders.setdefault(term, []).append(bound)
+                    continue
+                distant = [name for name in variables(part) if name in far]
+                if len(distant) == 1 and {*own, *distant}.issuperset(variables(part)):
+                    name = distant[0]
+                    if (other := repeats(part, name)) is not None and name not in joined:
+                        joined[name] = other
+                    elif isinstance(part, Operation) and part.operator in ORDERINGS and (sign := tendency(part, name)):
+                        bound = Bound(sign > 0, partial(_holds_with, predicate(part), name))
+                        orders.setdefault(Term(1, Extreme(Operator.MAX, (name,))), []).append(bound)
+            found = self.outcome(move, move.alone, (True,) * len(joint))
+            target = found[0] if found and len(needed) == len(joint) else None
+            terms = (*map(Variable, move.compared), *joined.values())
+            told = {*own, *joined}
+            ranged = tuple(Order.of(term, bounds, target, told) for term, bounds in orders.items())
+            move.scan = Scan((*move.compared, *joined), terms, ranged)
+        return move.scan
+
     def is_hopeful(self, move: StageMove, held: int) -> bool:
         """Whether a move may lead anywhere if, of the guards that its event decides, these hold."""
         if len(move.joint) > _MANY:
@@ -127,75 +223,27 @@ class Stages:
         return any(self.outcome(move, held, outcomes) for outcomes in product((True, False), repeat=len(move.joint)))
 
 
-class Member(NamedTuple):
-    """A partial match that is followed, and its number: an earlier one has a lower number."""
+def _time_bounds(asked: Difference, far: Collection[str], own: Collection[str]) -> Iterator[tuple[Term, Bound]]:
+    """What a difference of times asks of the times remembered (`far`) when the event has these."""
+    plus, minus = asked.plus, asked.minus
+    for rising, ours, theirs in ((True, plus, minus), (False, minus, plus)):
+        mine, distant = ours.among(own), theirs.among(far)
+        some_ours, some_theirs = (Operator.MAX, Operator.MIN) if rising else (Operator.MIN, Operator.MAX)
+        told = ours.operator is some_ours or len(mine.names) == len(ours.names)
+        told &= theirs.operator is some_theirs or len(distant.names) == len(theirs.names)
+        if told and mine.names and distant.names:
+            operator = distant.operator if len(distant.names) > 1 else Operator.MAX
+            holds = partial(_keeps, mine, asked.most, 1 if rising else -1)
+            yield Term(1, Extreme(operator, distant.names)), Bound(rising, holds)
 
-    number: int
-    configuration: Configuration
+
+def _keeps(mine: Extreme, most: int, sign: int, value: Json, event: Mapping[str, Json]) -> bool:
+    time = mine.of(event)
+    return time is not None and bool(sign * (time - value) <= most)
 
 
-_Index: TypeAlias = dict[Hashable, dict[int, Member]]
-
-
-class StageGroup:
-    """The partial matches of one stage, found by the values they remember."""
-
-    def __init__(self, stage: Stage) -> None:
-        self.stage = stage
-        self.members: dict[Hashable, Member] = {}
-        """By their keys."""
-        self._by_values: dict[tuple[str, ...] | None, _Index] = {}
-
-    def fitting(self, names: tuple[str, ...] | None, values: Mapping[str, Json]) -> Iterable[Member]:
-        """The members to which these variables have values equal to these.
-
-        With None those that differ from them at most in values that have a direction and are on one scale.
-        """
-        if names is not None and not names:
-            return self.members.values()
-        index = self._by_values.get(names)
-        if index is None:
-            index = self._by_values[names] = {}
-            for member in self.members.values():
-                index.setdefault(self._place(names, member.configuration.binding), {})[member.number] = member
-        return index.get(self._place(names, values), {}).values()
-
-    def excels(self, binding: Mapping[str, Json]) -> bool:
-        """Whether some member can do all that one with this binding could."""
-        ways = self.stage.directions
-        return bool(ways) and any(
-            at_least(rival.configuration.binding, binding, ways) for rival in self.fitting(None, binding)
-        )
-
-    def add(self, member: Member) -> None:
-        """Take a member in, in place of those that can do no more."""
-        binding, ways = member.configuration.binding, self.stage.directions
-        rivals = self.fitting(None, binding) if ways else ()
-        for rival in [rival for rival in rivals if at_least(binding, rival.configuration.binding, ways)]:
-            self.remove(rival)
-        self.members[self.stage.key(binding)] = member
-        for names, index in self._by_values.items():
-            index.setdefault(self._place(names, binding), {})[member.number] = member
-
-    def remove(self, member: Member) -> None:
-        """Leave a member out, if it is still here."""
-        binding = member.configuration.binding
-        name = self.stage.key(binding)
-        if self.members.get(name) is member:
-            del self.members[name]
-            for names, index in self._by_values.items():
-                place = self._place(names, binding)
-                del index[place][member.number]
-                if not index[place]:
-                    del index[place]
-
-    def _place(self, names: tuple[str, ...] | None, binding: Mapping[str, Json]) -> Hashable:
-        if names is not None:
-            values = [binding[name] for name in names]
-            return tuple([v if type(v) in _PLAIN and v == v else key(v) for v in values])  # noqa: PLR0124 (NaN is not)
-        ways = self.stage.directions
-        kinds = ((scale(binding[name]) if name in ways else None, binding[name]) for name in self.stage.names)
-        return tuple([exact(value) if kind is None else kind for kind, value in kinds])
+def _holds_with(holds: Predicate, name: str, value: Json, event: Mapping[str, Json]) -> bool:
+    return holds({**event, name: value})
 
 
 @dataclass(slots=True)
@@ -232,6 +280,7 @@ class NewMatch(NamedTuple):
     values: Mapping[str, Json]
     stage: Stage
     binding: dict[str, Json]
+    rank: Rank
 
 
 _QUIET: Final = Reading(relevant=False, hits=(None,))
@@ -242,8 +291,9 @@ class ScatteredMatches(Following):
     """The partial matches by their stages; none changes once it is there."""
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int) -> None:
-        super().__init__(compiled, letters, limit=limit)
+        super().__init__(compiled, letters, limit=limit, early=True)
         self._stages = Stages(self.matching)
+        self._floor: int | None = None
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
@@ -304,9 +354,9 @@ class ScatteredMatches(Following):
                         alone[1 << guard] = holds
             exported = dict.fromkeys(name for node in nodes for name in compiled.exported[node])
             watch = self._watches[letter] = LetterWatch(tuple(alone.items()), tuple(exported))
-        for group in islice(self._groups.values(), watch.groups, None):
+        for stage, group in islice(self._groups.items(), watch.groups, None):
             for place, node in enumerate(nodes):
-                move = self._stages.move(group.stage, node)
+                move = self._stages.move(stage, node)
                 if move is not None:
                     watch.moves.append((group, move, place))
                     watch.hopeful.clear()
@@ -322,18 +372,24 @@ class ScatteredMatches(Following):
         ended: dict[int, tuple[StageGroup, Member]] = {}
         for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
-                for member in group.fitting(move.compared, values):
-                    before = member.configuration
-                    bound = {**values, **before.binding} if before.binding else values
-                    outcomes = tuple([holds(bound) for holds in move.joint.values()])
-                    outcome = self._stages.outcome(move, held, outcomes)
-                    if outcome is not None:
-                        stage, commits_to_it = outcome
-                        if commits_to_it:
-                            ended[member.number] = group, member
-                        binding = {name: bound[name] for name in stage.names}
-                        new = NewMatch((member.number, order, place), before, move.node, values, stage, binding)
-                        self._note(new, found, len(ended))
+                for members, enough in self._concerned(group, move, values):
+                    for member in members:
+                        before = member.configuration
+                        bound = {**values, **before.binding} if before.binding else values
+                        outcomes = tuple([holds(bound) for holds in move.joint.values()])
+                        outcome = self._stages.outcome(move, held, outcomes)
+                        if outcome is not None:
+                            stage, commits_to_it = outcome
+                            if commits_to_it:
+                                ended[member.number] = group, member
+                            binding = {name: bound[name] for name in stage.names}
+                            at = (member.number, order, place)
+                            rank = stage.ranking.of(binding)
+                            self._note(NewMatch(at, before, move.node, values, stage, binding, rank), found, len(ended))
+                            if enough is not None and all(
+                                one.value(binding) == one.extreme.of(values) for one in enough
+                            ):
+                                break
         self.noted = bool(found or ended)
         if self.noted or len(self._quiet) > QUIET:
             self._quiet.clear()
@@ -342,14 +398,31 @@ class ScatteredMatches(Following):
         self._quiet.update(name for _, _, _, name in reading.hits)
         return _UNKNOWN
 
+    def _concerned(
+        self, group: StageGroup, move: StageMove, values: Mapping[str, Json]
+    ) -> Iterator[tuple[Iterable[Member], tuple[Term, ...] | None]]:
+        """The members of a group that may make a move, in parts; each perhaps with what shows that the rest of it makes nothing better."""
+        scan = move.scan or self._stages.scan(move)
+        asked = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
+        if UNDEFINED in asked:
+            return
+        if not scan.orders:
+            yield group.alike(scan.names, asked), None
+            return
+        ways = [(one, group.between(scan.names, asked, one.term, one.bounds, values)) for one in scan.orders]
+        order, lanes = (
+            ways[0] if len(ways) == 1 else min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
+        )
+        for lane, start, end in lanes:
+            yield in_order(lane, start, end, last_first=order.last_first), order.enough
+
     def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], ended: int) -> None:
         """Keep what is not there yet; of two that are alike the first."""
-        name = new.stage.key(new.binding)
         group = self._groups.get(new.stage)
-        if group is None or not (name in group.members or group.excels(new.binding)):
-            other = found.get((new.stage, name))
+        if group is None or not group.excels(new.rank):
+            other = found.get((new.stage, new.rank))
             if other is None or new.order < other.order:
-                found[new.stage, name] = new
+                found[new.stage, new.rank] = new
                 self._bound(sum(len(group.members) for group in self._groups.values()) + len(found) - ended)
 
     def _change(self, found: Iterable[NewMatch], ended: Iterable[tuple[StageGroup, Member]], position: int) -> Verdict:
@@ -357,11 +430,11 @@ class ScatteredMatches(Following):
         self.matches = []
         for new in sorted(found, key=lambda new: new.order):
             group = self._groups.get(new.stage)
-            if group is None or not group.excels(new.binding):
+            if group is None or not group.excels(new.rank):
                 sample, witness = new.stage.sample, Witness(new.before.witness, new.node, position, new.values)
                 fields = sample.inversions, sample.flags, sample.tallies
                 made = Configuration(sample.dead, sample.closed, sample.taken, new.binding, *fields, witness)
-                self._add(new.stage, made)
+                self._add(new.stage, made, new.rank)
                 if new.stage.is_match:
                     self.matches.append(made)
         if self.matches:
@@ -369,16 +442,27 @@ class ScatteredMatches(Following):
             return Verdict.TRUE
         for group, member in ended:
             group.remove(member)
-        for stage in [stage for stage, group in self._groups.items() if not group.members]:
-            del self._groups[stage]
-            self._watches.clear()
+        self._drop_empty()
         if self._stages.size > MEMORY:
             self.follow(self.partial)
         return _UNKNOWN
 
-    def _add(self, stage: Stage, configuration: Configuration) -> None:
+    def forget(self, floor: int) -> None:
+        """No event with an earlier time than this will count any more."""
+        self._floor = floor
+        for group in self._groups.values():
+            group.forget(floor)
+        self._drop_empty()
+
+    def _drop_empty(self) -> None:
+        for stage in [stage for stage, group in self._groups.items() if not group.members]:
+            del self._groups[stage]
+            self._watches.clear()
+
+    def _add(self, stage: Stage, configuration: Configuration, rank: Rank | None = None) -> None:
         group = self._groups.get(stage)
         if group is None:
-            group = self._groups[stage] = StageGroup(stage)
-        group.add(Member(self._added, configuration))
+            group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
+            group.floor = self._floor
+        group.add(Member(self._added, configuration, rank or stage.ranking.of(configuration.binding)))
         self._added += 1

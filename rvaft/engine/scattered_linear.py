@@ -296,6 +296,9 @@ class Earliest:
         self.useful = UsefulEvents(compiled, starts) if Op.ONE in compiled.ops else None
         """Where no branch chooses, no event matters but to those that listen."""
 
+    def forget(self, floor: int) -> None:
+        """No event with an earlier time than this will count any more, which changes nothing here."""
+
     def fork(self) -> Self:
         """An independent copy."""
         twin = copy(self)

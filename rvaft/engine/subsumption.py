@@ -34,16 +34,18 @@ Anything else is left alone: equality, products, a variable on both sides. What 
 if nothing can tell the values apart (`fingerprint`).
 """
 
-from collections.abc import Mapping
-from typing import Final, assert_never
+from collections.abc import Hashable, Mapping, Sequence
+from operator import ge
+from typing import Any, Final, NamedTuple, assert_never
 
 from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
-from rvaft.model.guards import Guard, Operation, Operator, variables
+from rvaft.engine.time_differences import Extreme, differences
+from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables
 from rvaft.model.patterns import Literal, Variable
-from rvaft.model.values import Json, is_number
+from rvaft.model.values import Json, exact, is_number, key
 
 
 def commits(matching: Matching, before: Configuration, after: Configuration, node: int) -> bool:
@@ -94,17 +96,162 @@ _FIRST_GREATER: Final = (Operator.GT, Operator.GE)
 _COMPARISONS: Final = (*_FIRST_GREATER, Operator.LT, Operator.LE)
 
 
-def directions(compiled: CompiledTree, configuration: Configuration) -> dict[str, int]:
-    """The variables that a configuration binds of which a greater (1) or a smaller (-1) value can do more."""
-    found = {}
-    for name in configuration.binding:
-        if not compiled.mentions[name] & ~configuration.taken:
-            waiting = (node for node in compiled.guarded_by.get(name, ()) if not configuration.closed >> node & 1)
-            guards = [guard for node in waiting if (guard := compiled.guards[node]) is not None]
-            signs = {tendency(guard, name) for guard in guards}
-            if signs in ({1}, {-1}):
-                found[name] = 1 if 1 in signs else -1
-    return found
+class Term(NamedTuple):
+    """A number or text that a binding gives, and whether a greater (1) or a smaller (-1) one can do more."""
+
+    sign: int
+    extreme: Extreme
+
+    def value(self, binding: Mapping[str, Json]) -> Json:
+        """Its value."""
+        names = self.extreme.names
+        return binding[names[0]] if len(names) == 1 else self.extreme.of(binding)
+
+
+class Rank(NamedTuple):
+    """Where a partial match stands among those of its stage: only in one `place` can one make another superfluous."""
+
+    place: Hashable
+    values: tuple[Any, ...]
+    """Of each the greater can do more."""
+    told_apart: tuple[Hashable, ...]
+    """Values that others, yet to come, must differ from."""
+
+
+class _Backwards(str):
+    """A text in the opposite order."""
+
+    __slots__ = ()
+    __lt__, __le__, __gt__, __ge__ = str.__gt__, str.__ge__, str.__lt__, str.__le__
+
+
+class Ranking(NamedTuple):
+    """How bindings of partial matches that have come equally far compare."""
+
+    exact: tuple[str, ...] = ()
+    """The variables whose values must be the same."""
+    terms: tuple[Term, ...] = ()
+    excluded: tuple[str, ...] = ()
+    """The variables whose values matter only in that others differ from them."""
+    differing: tuple[tuple[int, ...], ...] = ()
+    """For each value yet to come: of which of these, by their places in the tuple, it must differ."""
+    floored: bool = False
+    """Whether of the second of two terms, a greatest time, only matters how far it is above the times that are still to come."""
+
+    def of(self, binding: Mapping[str, Json]) -> Rank:
+        """The rank of a binding."""
+        place: list[Hashable] = [exact(binding[name]) for name in self.exact]
+        if not self.terms and not self.excluded:
+            return Rank(tuple(place), (), ())
+        values: list[Any] = []
+        for sign, extreme in self.terms:
+            value = binding[extreme.names[0]] if len(extreme.names) == 1 else extreme.of(binding)
+            kind = scale(value)
+            place.append(tuple([exact(binding[name]) for name in extreme.names]) if kind is None else kind)
+            values.append(0 if kind is None else value if sign > 0 else _Backwards(value) if kind is str else -value)
+        told_apart = [key(binding[name]) for name in self.excluded]
+        place.extend(type(one) is object for one in told_apart)  # what equals nothing has no equal in what it can do
+        return Rank(tuple(place), tuple(values), tuple(told_apart))
+
+    def covers(self, rivals: Sequence[Rank], rank: Rank) -> bool:
+        """Whether, of rivals in its place, some can do all that one with this rank can, whatever comes."""
+        able = [rival for rival in rivals if all(map(ge, rival.values, rank.values))]
+        return bool(able) and not self._tells(rank.told_apart, [rival.told_apart for rival in able], 0, {})
+
+    def _tells(
+        self,
+        one: tuple[Hashable, ...],
+        rivals: Sequence[tuple[Hashable, ...]],
+        number: int,
+        values: Mapping[int, Hashable],
+    ) -> bool:
+        """Whether the values to come, some of which are these, can exclude all the rivals from a number on and not the one."""
+        while number < len(rivals) and any(
+            rivals[number][place] == value for group, value in values.items() for place in self.differing[group]
+        ):
+            number += 1
+        if number == len(rivals):
+            return True
+        for group, places in enumerate(self.differing):
+            if group not in values:
+                for value in dict.fromkeys(rivals[number][place] for place in places):
+                    free = all(one[place] != value for place in places)
+                    if free and self._tells(one, rivals, number + 1, {**values, group: value}):
+                        return True
+        return False
+
+
+MOST_EXCLUDED: Final = 9
+"""Variables times values that they must differ from, up to which representatives are looked for."""
+
+
+def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
+    """How the bindings of configurations that have come as far as this one compare."""
+    binding = configuration.binding
+    fixed = {name for name in binding if compiled.mentions[name] & ~configuration.taken}
+    terms: dict[Term, None] = {}
+    differing: dict[Guard, list[str]] = {}
+    floored = True
+    waiting = {node for name in binding for node in compiled.guarded_by.get(name, ())}
+    guards = [compiled.guards[node] for node in sorted(waiting) if not configuration.closed >> node & 1]
+    for part in (part for guard in guards if guard is not None for part in conjuncts(guard)):
+        bound = [name for name in variables(part) if name in binding]
+        if bound and compiled.times.issuperset(variables(part)):
+            asked = differences(part)
+            if asked is None:
+                fixed.update(bound)
+            for one in asked or ():
+                if plus := one.plus.among(binding).names:
+                    floored &= one.plus.operator is Operator.MAX and len(plus) < len(one.plus.names)
+                sides = Term(-1, one.plus.among(binding)), Term(1, one.minus.among(binding))
+                terms.update((term, None) for term in sides if term.extreme.names)
+            continue
+        for name in bound:
+            other, sign = _differs(part, name), tendency(part, name)
+            if other is not None:
+                differing.setdefault(other, []).append(name)
+            elif sign:
+                terms[Term(sign, Extreme(Operator.MAX, (name,)))] = None
+            else:
+                fixed.add(name)
+    for sign, extreme in [*terms]:
+        if extreme.names[0] not in compiled.times and Term(-sign, extreme) in terms:
+            fixed.update(extreme.names)
+    groups = [names for names in differing.values() if not fixed.issuperset(names)]
+    excluded = sorted({name for names in groups for name in names} - fixed)
+    if len(excluded) * len(groups) > MOST_EXCLUDED:
+        fixed.update(excluded)
+        excluded, groups = [], []
+    told = [tuple(place for place, name in enumerate(excluded) if name in names) for names in groups]
+    rising = sorted((term for term in terms if not fixed.issuperset(term.extreme.names)), key=lambda term: -term.sign)
+    floored &= [term.sign for term in rising] == [1, -1] and rising[1].extreme.names[0] in compiled.times
+    return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(told), floored)
+
+
+def _differs(guard: Guard, name: str) -> Guard | None:
+    """What a guard asks the value of a variable to differ from, if it asks only that."""
+    match guard:
+        case Operation(Operator.NE, sides) | Operation(Operator.NOT, (Operation(Operator.EQ, sides),)):
+            return _beside(sides, name)
+        case _:
+            return None
+
+
+def repeats(guard: Guard, name: str) -> Guard | None:
+    """What a guard asks the value of a variable to equal, if it asks only that."""
+    match guard:
+        case Operation(Operator.EQ, sides) | Operation(Operator.NOT, (Operation(Operator.NE, sides),)):
+            return _beside(sides, name)
+        case _:
+            return None
+
+
+def _beside(sides: Sequence[Guard], name: str) -> Guard | None:
+    """Of two terms the one that is not this variable; None where it is neither, or in both."""
+    for one, other in (sides, sides[::-1]):
+        if isinstance(one, Variable) and one.name == name and name not in variables(other):
+            return other
+    return None
 
 
 def tendency(guard: Guard, name: str) -> int | None:
@@ -176,8 +323,3 @@ def scale(value: Json) -> type | None:
     if type(value) is str or (type(value) in (int, float) and _moderate(value)):
         return type(value)
     return None
-
-
-def at_least(left: Mapping[str, Json], right: Mapping[str, Json], directions: Mapping[str, int]) -> bool:
-    """Whether one binding can do all that the other can; where there are directions, they are on one scale."""
-    return all(left[n] >= right[n] if sign > 0 else left[n] <= right[n] for n, sign in directions.items())

@@ -212,6 +212,9 @@ class MonitorSet:
             return self._changed(number, event)
         if self.may_be_late:
             self.late = engines[0].is_late(event)
+            for column in self._live:
+                if engines[column].latest != engines[0].latest:
+                    engines[column].pass_time(engines[0].latest)
             if self.late:
                 self.concerned = False
                 if not self._strict:

@@ -10,7 +10,7 @@ import pytest
 import rvaft
 from rvaft.engine import Engine, scattered_general
 from rvaft.engine.scattered_general import ScatteredMatches
-from rvaft.engine.subsumption import scale, tendency
+from rvaft.engine.subsumption import Ranking, scale, tendency
 from rvaft.errors import TreeError
 from rvaft.language.parser import parse_guard
 from rvaft.model.guards import Guard, Operation, Operator, holds, variables
@@ -136,7 +136,7 @@ def test_nothing_is_lost(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
         trace = [random_event(random, values) for _ in range(10)]
         lean, full = compare(tree, trace, "scattered"), Engine(tree, "scattered")
         with monkeypatch.context() as patch:
-            patch.setattr(scattered_general, "directions", lambda *_: {})
+            patch.setattr(scattered_general, "ranking", lambda _, sample: Ranking(tuple(sorted(sample.binding))))
             list(full.run(trace))
         assert lean is not None
         dropped += lean.state != full.state
@@ -155,7 +155,11 @@ def test_of_ever_later_or_earlier_times_one_is_kept(times: Sequence[int], matche
     assert set(monitor.run({"n": "a", "v": value} for value in times)) == {Verdict.UNKNOWN}
     assert isinstance(monitor._strategy, ScatteredMatches)
     for group in monitor._strategy._groups.values():  # what was dropped is found nowhere
-        assert all(sum(map(len, index.values())) <= len(group.members) == 1 for index in group._by_values.values())
+        assert len(group.members) == 1
+        assert sum(map(len, group._fronts.values())) == 1
+        assert all(sum(map(len, index.values())) <= 1 for index in group._alike.values())
+        lanes = [lane for index in group._ordered.values() for place in index.values() for lane in place.values()]
+        assert sum(map(len, lanes)) <= 1
     verdicts = [monitor.step({"n": "b", "v": time + late}) for late in (9, 10)]
     assert verdicts == [Verdict.UNKNOWN, Verdict.TRUE]
     assert monitor.explanation is not None

@@ -1,0 +1,258 @@
+"""The partial matches that have come equally far, so kept that an event looks only at those that it can concern.
+
+They are found by the values that an event must repeat, and among those by the order of a value that the event bounds. Where some can do
+all that another one can, it is not kept (see `subsumption`): of those in one place the first that nothing surpasses.
+"""
+
+from bisect import bisect_left, bisect_right, insort
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from heapq import heappop, heappush
+from operator import ge
+from typing import Final, NamedTuple, TypeAlias
+
+from rvaft.engine.configuration import Configuration
+from rvaft.engine.subsumption import Rank, Ranking, Term, scale
+from rvaft.engine.time_differences import Difference
+from rvaft.model.values import Json, exact, is_number, key
+
+_PLAIN: Final = (str, int, float)
+
+
+class Member(NamedTuple):
+    """A partial match that is followed, and its number: an earlier one has a lower number."""
+
+    number: int
+    configuration: Configuration
+    rank: Rank
+
+
+class Bound(NamedTuple):
+    """What an event asks of a value that partial matches remember: from some value on (`rising`), or up to some."""
+
+    rising: bool
+    holds: Callable[[Json, Mapping[str, Json]], bool]
+
+
+class Entry(NamedTuple):
+    """A member in the order of a value."""
+
+    value: Json
+    number: int
+    member: Member
+
+
+LOOSE: Final = "loose"
+"""Numbers so large that sums with them need not keep their order."""
+_Place: TypeAlias = Hashable
+_Lanes: TypeAlias = dict[tuple[Hashable, ...], list[Entry]]
+"""The members with equal values, apart where something can tell these apart, and by the type of the value that orders them."""
+
+
+def place_of(values: Iterable[Json]) -> _Place:
+    """Equal for equal values."""
+    return tuple([v if type(v) in _PLAIN and v == v else key(v) for v in values])  # noqa: PLR0124 (NaN is not)
+
+
+class StageGroup:
+    """The partial matches of one stage, found by the values they remember."""
+
+    def __init__(self, ranking: Ranking, deadlines: Sequence[Difference] = ()) -> None:
+        self.ranking = ranking
+        self.members: dict[int, Member] = {}
+        self.floor: int | None = None
+        """The least time that events to come may have, where that is known."""
+        self._deadlines = deadlines
+        self._ending: list[tuple[int, int]] = []
+        """A heap of the floors up to which members may still come to something, with their numbers."""
+        self._fronts: dict[_Place, list[Member]] = {}
+        self._alike: dict[tuple[str, ...], dict[_Place, dict[int, Member]]] = {}
+        self._ordered: dict[tuple[tuple[str, ...], Term], dict[_Place, _Lanes]] = {}
+
+    # What has no place among them.
+
+    def excels(self, rank: Rank) -> bool:
+        """Whether some members can do all that one of this rank could."""
+        front = self._fronts.get(rank.place)
+        if front is None:
+            return False
+        if rank.told_apart:
+            return self.ranking.covers([member.rank for member in front], rank)
+        if len(rank.values) < 2:
+            return not rank.values or bool(front[0].rank.values[0] >= rank.values[0])
+        if len(rank.values) == 2:
+            at = bisect_left(front, rank.values[0], key=_first)
+            return at < len(front) and bool(front[at].rank.values[1] >= rank.values[1])
+        return any(all(map(ge, member.rank.values, rank.values)) for member in front)
+
+    def add(self, member: Member) -> None:
+        """Take a member in, in place of those that can do no more."""
+        rank = member.rank
+        front, surpassed = self._fronts.get(rank.place, []), list[Member]()
+        if rank.told_apart:
+            rivals = [*front, member]
+            for one in front if rank.values else ():
+                if self.ranking.covers([other.rank for other in rivals if other is not one], one.rank):
+                    rivals.remove(one)
+                    surpassed.append(one)
+        elif len(rank.values) == 2:  # the better the first, the worse the second
+            if self.ranking.floored and self.floor is not None:
+                count = 1
+                while count < len(front) and front[count].rank.values[1] >= -self.floor:
+                    count += 1
+                surpassed = front[: count - 1]
+            until = bisect_right(front, rank.values[0], key=_first)
+            start = until
+            while start > len(surpassed) and front[start - 1].rank.values[1] <= rank.values[1]:
+                start -= 1
+            surpassed += front[start:until]
+        else:
+            surpassed = [one for one in front if all(map(ge, rank.values, one.rank.values))]
+        for one in surpassed:
+            self.remove(one)
+        front = self._fronts.setdefault(rank.place, [])
+        at = (
+            bisect_left(front, rank.values[0], key=_first)
+            if len(rank.values) == 2 and not rank.told_apart
+            else len(front)
+        )
+        front.insert(at, member)
+        self.members[member.number] = member
+        for names, alike in self._alike.items():
+            self._put_alike(names, alike, member)
+        for (names, term), ordered in self._ordered.items():
+            self._put_ordered(names, term, ordered, member)
+        if self._deadlines:
+            ends = [one.deadline(member.configuration.binding) for one in self._deadlines]
+            known = [end for end in ends if end is not None]
+            if known:
+                heappush(self._ending, (min(known), member.number))
+
+    def remove(self, member: Member) -> None:
+        """Leave a member out, if it is still here."""
+        if self.members.pop(member.number, None) is None:
+            return
+        binding, rank = member.configuration.binding, member.rank
+        front = self._fronts[rank.place]
+        if len(rank.values) == 2 and not rank.told_apart:
+            del front[bisect_left(front, rank.values[0], key=_first)]
+        else:
+            del front[next(at for at, one in enumerate(front) if one is member)]
+        if not front:
+            del self._fronts[rank.place]
+        for names, alike in self._alike.items():
+            place = place_of([binding[name] for name in names])
+            if member.number in alike.get(place, ()):
+                del alike[place][member.number]
+                if not alike[place]:
+                    del alike[place]
+        for (names, term), ordered in self._ordered.items():
+            self._take_ordered(names, term, ordered, member)
+
+    def forget(self, floor: int) -> None:
+        """Leave out what comes to nothing where no event to come has an earlier time than this."""
+        self.floor = floor
+        while self._ending and self._ending[0][0] < floor:
+            member = self.members.get(heappop(self._ending)[1])
+            if member is not None:
+                self.remove(member)
+
+    # What an event may concern.
+
+    def alike(self, names: tuple[str, ...], values: Sequence[Json]) -> Iterable[Member]:
+        """The members to which these variables have values equal to these."""
+        if not names:
+            return self.members.values()
+        found = self._alike.get(names)
+        if found is None:
+            found = self._alike[names] = {}
+            for member in self.members.values():
+                self._put_alike(names, found, member)
+        return found.get(place_of(values), {}).values()
+
+    def between(
+        self,
+        names: tuple[str, ...],
+        values: Sequence[Json],
+        term: Term,
+        bounds: Sequence[Bound],
+        event: Mapping[str, Json],
+    ) -> list[tuple[list[Entry], int, int]]:
+        """Those of the members alike whose term keeps all bounds: parts of lists, each in the order of the term."""
+        ordered = self._ordered.get((names, term))
+        if ordered is None:
+            ordered = self._ordered[names, term] = {}
+            for member in self.members.values():
+                self._put_ordered(names, term, ordered, member)
+        found = []
+        for (kind, *_), lane in ordered.get(place_of(values), {}).items():
+            start, end = 0, len(lane)
+            for bound in bounds:
+                if kind == LOOSE:
+                    continue
+                if bound.rising:
+                    start = max(start, _turn(lane, bound.holds, event, wanted=True))
+                else:
+                    end = min(end, _turn(lane, bound.holds, event, wanted=False))
+            if start < end:
+                found.append((lane, start, end))
+        return found
+
+    def _put_alike(self, names: tuple[str, ...], alike: dict[_Place, dict[int, Member]], member: Member) -> None:
+        binding = member.configuration.binding
+        alike.setdefault(place_of([binding[name] for name in names]), {})[member.number] = member
+
+    def _put_ordered(self, names: tuple[str, ...], term: Term, ordered: dict[_Place, _Lanes], member: Member) -> None:
+        found = _lane(names, term, member)
+        if found is not None:
+            place, kind, value = found
+            insort(ordered.setdefault(place, {}).setdefault(kind, []), Entry(value, member.number, member))
+
+    def _take_ordered(self, names: tuple[str, ...], term: Term, ordered: dict[_Place, _Lanes], member: Member) -> None:
+        found = _lane(names, term, member)
+        if found is not None and (lanes := ordered.get(found[0])) is not None:
+            place, kind, value = found
+            lane = lanes[kind]
+            del lane[bisect_left(lane, (value, member.number))]
+            if not lane:
+                del lanes[kind]
+                if not lanes:
+                    del ordered[place]
+
+
+def _first(member: Member) -> Json:
+    return member.rank.values[0]
+
+
+def _lane(names: tuple[str, ...], term: Term, member: Member) -> tuple[_Place, tuple[Hashable, ...], Json] | None:
+    """Where a member stands in an order; None where its value compares with nothing."""
+    binding = member.configuration.binding
+    value = term.value(binding)
+    kind = scale(value) or (LOOSE if is_number(value) and value - value == 0 else None)
+    values = [binding[name] for name in names]
+    return None if kind is None else (place_of(values), (kind, *map(exact, values)), value)
+
+
+def _turn(
+    lane: Sequence[Entry], holds: Callable[[Json, Mapping[str, Json]], bool], event: Mapping[str, Json], *, wanted: bool
+) -> int:
+    """The first place from which on it holds as wanted; looked for from the end, where the latest values mostly are."""
+    step, end = 1, len(lane)
+    start = end - 1
+    while start >= 0 and holds(lane[start].value, event) is wanted:
+        end = start
+        start -= step
+        step *= 2
+    start = max(start, -1)
+    while start + 1 < end:
+        middle = (start + end) // 2
+        if holds(lane[middle].value, event) is wanted:
+            end = middle
+        else:
+            start = middle
+    return end
+
+
+def in_order(entries: Sequence[Entry], start: int, end: int, *, last_first: bool) -> Iterator[Member]:
+    """The members of a part of a list."""
+    places = range(end - 1, start - 1, -1) if last_first else range(start, end)
+    return (entries[place].member for place in places)

@@ -13,11 +13,12 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from lark import Token, Transformer
 
-from rvaft.language.diagnostics import shown
+from rvaft.language.diagnostics import WHOLE_NUMBER, shown
 from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Said
-from rvaft.model.event_time import UNITS, EventTime, TimeFormat, scaled
+from rvaft.model.event_time import EventTime, TimeFormat, scaled
 from rvaft.model.guards import (
     COMPARISONS,
+    JUNCTIONS,
     MAX_DEPTH,
     MAX_GLOB,
     OPERATORS,
@@ -25,11 +26,11 @@ from rvaft.model.guards import (
     Operation,
     Operator,
     TimePoint,
-    walk,
+    time_points,
 )
 from rvaft.model.nodes import Causality, EventType, Ignore, Kind, On, Place
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.values import Scalar
+from rvaft.model.values import Scalar, is_number
 from rvaft.model.verdict import Semantics
 
 # ruff: noqa: D102 - what a method is about is the rule of its name in the grammar
@@ -169,9 +170,21 @@ def _sort_of(operands: Sequence[Term], token: Token) -> str:
         return "value"
     if len(sorts) == 2 and (sort := _SUMS.get((sorts[0], str(token), sorts[1]))):
         return sort
-    if "duration" not in sorts and any(isinstance(operand.value, Literal) for operand in operands):
+    if token in ("not", *JUNCTIONS):
+        raise Slip(_ALONE, token)
+    numbers = any(
+        isinstance(one.value, Literal) and is_number(one.value.value) for one in operands if one.sort == "value"
+    )
+    if numbers and "duration" not in sorts and token in (*COMPARISONS, "+", "-"):
         raise Slip("a duration has a unit, as in 10 s", token)
+    if not {"point", "span"} & {*sorts} and "value" in sorts:
+        raise Slip(
+            "a duration is compared with a difference of times, at(b) - at(a) > 5 s; a value with a number", token
+        )
     raise Slip("times are compared with times (at(a) <= at(b) + 5 s), and their difference with a duration", token)
+
+
+_ALONE: Final = "a time alone is no condition: compare it"
 
 
 def _gate(token: Token, children: Sequence[Word]) -> Clause:
@@ -209,7 +222,7 @@ class Build(Transformer[Token, Any]):
     def _condition(self, term: Term, token: Token | None) -> Any:
         """A guard that says something true or false."""
         if term.sort != "value":
-            raise Slip("a time alone is no condition: compare it", token or Token("START", "", 0))
+            raise Slip(_ALONE, token or Token("START", "", 0))
         return term.value
 
     # -- statements -------------------------------------------------------------------------------------------------
@@ -258,7 +271,7 @@ class Build(Transformer[Token, Any]):
     def ignore(self, items: Items) -> Statement:
         _, (name, on), token, guard, _ = items
         when = None if guard is None else self._condition(guard, token)
-        if when is not None and any(isinstance(part, TimePoint) for part in walk(when)):
+        if when is not None and time_points(when):
             raise Slip("an `ignore` looks at one event, and has no nodes whose times it could ask for", token)
         return lambda page: page.draft.ignores.append(Ignore(on, when, page.said(name, on).place))
 
@@ -327,7 +340,7 @@ class Build(Transformer[Token, Any]):
         token, number = items
         count = number_of(number)
         if type(count) is not int or count < 1:
-            raise Slip("`times` counts events: a whole number from 1", number)
+            raise Slip(WHOLE_NUMBER, number)
         return Clause("counts", token, count)
 
     def within(self, items: Items) -> Clause:
@@ -415,9 +428,11 @@ class Build(Transformer[Token, Any]):
     def duration(self, items: Items) -> Term:
         token = items[0]
         number = token.rstrip("abcdefghijklmnopqrstuvwxyz")
-        unit, length = token[len(number) :], scaled(number.strip(), token[len(number) :])
-        if length is None or length < 0 or unit not in UNITS:
-            raise Slip(f"{shown(token)} is no duration: it is not negative, and no clock counts that far", token)
+        length = scaled(number.strip(), token[len(number) :])
+        if length is not None and length < 0:
+            raise Slip("a duration is not negative; a difference is turned round: at(a) - at(b)", token)
+        if length is None:
+            raise Slip(f"{shown(token)} is no duration: no clock counts that far", token)
         return Term(Duration(length), sort="duration")
 
     def time_point(self, items: Items) -> Term:

@@ -14,9 +14,10 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedTok
 
 from rvaft.errors import LanguageError
 from rvaft.language.draft import DYNAMIC_GATES
-from rvaft.model.event_time import UNITS
+from rvaft.model.event_time import UNITS, TimeFormat
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
-from rvaft.model.guards import FUNCTIONS, Operator
+from rvaft.model.guards import FUNCTIONS, POINTS, Operator
+from rvaft.model.verdict import Semantics
 from rvaft.support.terminal import visible
 
 
@@ -43,6 +44,7 @@ _GROUPS: Final = (
     ("an argument (a Variable, _, a literal)", "ANY", f"VARIABLE {_LITERALS}"),
     ("a value", "VARIABLE", f"LPAR DURATION POINT FUNCTION {_LITERALS}"),
     ("a duration (10 s, 1.5 h)", "DURATION", ""),
+    ("a literal", "STRING NUMBER TRUE", "MINUS FALSE NULL"),
     ("a number", "NUMBER", ""),
     ("a word", "WORD", ""),
     ("a string in quotes", "STRING", ""),
@@ -153,7 +155,9 @@ def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
             position = len(text)
     parser = getattr(error, "interactive_parser", None)
     at = _situation(text, position, frozenset(parser.accepts()) if parser is not None else frozenset())
-    slips = chain.from_iterable(find(at) for find in (_lexical_slips, _topic_slips, _statement_slips, _term_slips))
+    slips = chain.from_iterable(
+        find(at) for find in (_lexical_slips, _topic_slips, _time_slips, _statement_slips, _term_slips)
+    )
     expected = expectation(at.possible)
     unexpected = f"unexpected {shown(at.bad.text)}: expected {expected}", at.bad.start
     early = f"the text ends too early: expected {expected}", at.last.end
@@ -252,6 +256,71 @@ def _topic_slips(at: _Situation) -> Advice:
         yield _NAME_IN_QUOTES.format(visible(bad.text + following.text)), bad.start
 
 
+WHOLE_NUMBER: Final = "`times` counts events: a whole number from 1, as in times 20"
+_UNIT_NAMES: Final = {
+    **dict.fromkeys(("sec", "secs", "second", "seconds", "S"), "s"),
+    **dict.fromkeys(("m", "mins", "minute", "minutes", "M"), "min"),
+    **dict.fromkeys(("hour", "hours", "hr", "hrs", "H"), "h"),
+    **dict.fromkeys(("day", "days", "D"), "d"),
+    **dict.fromkeys(("msec", "millis", "milliseconds"), "ms"),
+    **dict.fromkeys(("usec", "micros", "microseconds", "µs"), "us"),
+    **dict.fromkeys(("nsec", "nanos", "nanoseconds"), "ns"),
+}
+"""Units as others write them."""
+_MEASURE: Final = re.compile(r"(0|[1-9][0-9]*)(\w*)")
+
+
+def _time_slips(at: _Situation) -> Advice:
+    """Slips in `time`, `semantics`, `times`, and in durations."""
+    bad, last, following = at.bad, at.last, at.following
+    starts = len(at.before) == 1 and at.can("K_OF_N") and not at.is_on_new_line
+    goes_on = bad.is_gate or bad.text in (*CLAUSES, *DYNAMIC, ";", "") or following.text == "="
+    if (
+        starts
+        and not goes_on
+        and last.text != "time"
+        and _meant(last.text, ("time",))
+        and following.text in ("as", ".")
+    ):
+        yield f"unknown statement {shown(last.text)}: did you mean time?", last.start
+    if starts and not goes_on and last.text == "time":
+        at_sign = f'"@{following.text}"' if bad.text == "@" else "FIELD"
+        field = shown(bad.text)[1:-1] if (bad.is_word or bad.is_string) and bad.text not in ("as", "in") else at_sign
+        yield f"`time` says where events have their time, as in time {field} as iso8601;", bad.start
+    if (
+        starts
+        and not goes_on
+        and _meant(last.text, ("semantics",))
+        and (bad.text in tuple(Semantics) or last.text == "semantics")
+    ):
+        if last.text != "semantics":
+            yield f"unknown statement {shown(last.text)}: did you mean semantics?", last.start
+        yield f"`semantics` is followed by one word, {', '.join(Semantics)}, and `;`", bad.start
+    if at.possible == {"WORD"} and last.text == "as":
+        yield f"the format of times is one of {', '.join(TimeFormat)}, without quotes", bad.start
+    if at.can("LATE") and bad.is_word and _meant(bad.text, ("late",)):
+        yield f"unknown word {shown(bad.text)}: did you mean late?", bad.start
+    if at.can("NUMBER") and last.text == "times":
+        yield WHOLE_NUMBER, bad.start if bad.text else last.end
+    if at.can("ON") and bad.text.isdigit() and following.text == "times":
+        yield f"`times` stands before its number: times {shown(bad.text)[1:-1]}", bad.start
+    if (
+        bad.is_word
+        and following.text[:1].isdigit()
+        and (known := _meant(bad.text, ("times", "within")))
+        and at.can(known.upper())
+    ):
+        yield f"unknown word {shown(bad.text)}: did you mean {known}?", bad.start
+    unit_alone = bad.text in _UNIT_NAMES and last.text[:1].isdigit() and at.can("PLUS")
+    number = last if unit_alone else bad
+    if unit_alone or (at.can("DURATION") and not at.can("NUMBER") and bad.text not in ("-", ".")):
+        found = _MEASURE.fullmatch(number.text) if len(number.text) < 20 and following.text != "." else None
+        named = (bad.text if unit_alone else found[2] or following.text) if found else ""
+        unit = named if named in UNITS else _UNIT_NAMES.get(named, "s")
+        example = f"{found[1]} {unit}" if found and (not found[2] or found[2] in _UNIT_NAMES) else "10 s"
+        yield f"a duration is a number and a unit, one of {', '.join(UNITS)}, as in {example}", number.start
+
+
 def _statement_slips(at: _Situation) -> Advice:
     """Slips in the words of a statement: its first word, its gate, its clauses, its end."""
     bad, last, following = at.bad, at.last, at.following
@@ -267,9 +336,6 @@ def _statement_slips(at: _Situation) -> Advice:
     if at.can("K_OF_N") and bad.text[:1].isdigit():
         found = re.match(r"([0-9]+)of([0-9]+)", "".join(x.text for x in (bad, *at.after)))
         yield f"K of N is written without spaces, as in {f'{found[1]}of{found[2]}' if found else '2of3'}", bad.start
-    if starts_node and last.text == "time" and bad.text not in (*GATES, *CLAUSES, ";", "=") and not at.is_on_new_line:
-        field = f'"@{following.text}"' if bad.text == "@" else shown(bad.text)[1:-1] if bad.text else "FIELD"
-        yield f"`time` says where events have their time, as in time {field} as iso8601;", bad.start
     if starts_node and last.is_word and (known := _meant(last.text, STATEMENTS)):
         yield f"unknown statement {shown(last.text)}: did you mean {known}?", last.start
     if len(at.before) >= 2 and at.can("SEMICOLON") and not at.can("PLUS"):
@@ -351,10 +417,23 @@ def _function_slips(at: _Situation) -> Advice:
     calls = bad.text == "(" and last.is_word and at.can("COMPARISON")
     if bad.text == "." and last.is_word and at.can("COMPARISON") and at.after[-1:] and at.after[-1].text == "(":
         yield f"a function stands before its values: {shown(f'{following.text}({last.text}, …)')}", bad.start
+    if bad.text in _FUNCTIONS and at.can("COMPARISON") and last.is_word:
+        yield f"a function stands before its values: {bad.text}({shown(last.text)[1:-1]}, …)", bad.start
+    if bad.text == "IN" and at.can("IN"):
+        yield "`IN` is written in", bad.start
+    if at.possible == {"LPAR"} and last.text in _FUNCTIONS:
+        yield f"a function has parentheses: {last.text}(…)", last.end
+    if at.possible == {"LPAR"} and last.text in POINTS and "when" in {lexeme.text for lexeme in at.before}:
+        yield f"a time is that of a node: {last.text}(NODE)", last.end
+    if bad.text == "*" and len(at.before) > 3 and [one.text for one in at.before[-4:-2]] == ["like", "("]:
+        yield 'the pattern of like stands in quotes: "*"', bad.start
+    if at.can("COMMA", "RPAR", "PLUS") and (bad.is_word or bad.is_string or bad.text[:1].isdigit()):
+        yield "the values of a function are separated by commas", bad.start
     word = last if calls else bad
     if calls or (at.can("VARIABLE", "LPAR") and bad.is_word and following.text == "("):
         meant = _meant(word.text, _FUNCTIONS)
-        mend = f"did you mean {meant}(…)?" if meant else f"there are {', '.join(_FUNCTIONS)}"
+        known = f"there are {', '.join(_FUNCTIONS)}, and the times {', '.join(POINTS)} of nodes"
+        mend = f"did you mean {meant}(…)?" if meant else known
         yield f"unknown function {shown(word.text)}: {mend}", word.start
 
 
@@ -375,8 +454,6 @@ def _term_slips(at: _Situation) -> Advice:
         mend = f": {bare[:1].upper()}{bare[1:]}" if bare[:1].isalpha() else ""
         message = f'{shown(bad.text)} is no variable, which starts with a capital{mend}; for text write "{bad.text}"'
         yield message if len(bad.text) <= 40 else "a variable starts with a capital", bad.start
-    if at.can("DURATION") and not at.can("NUMBER") and bad.text[:1].isdigit():
-        yield f"a duration has a unit, one of {', '.join(UNITS)}, as in {shown(bad.text)[1:-1]} s", bad.start
     if at.can("NUMBER") and (bad.text[:1].isdigit() or bad.text in (".", "+")):
         yield "a number is written as in JSON: 10, -0.5, 1e-3", bad.start
     if at.possible == {"LPAR"} and at.before:

@@ -18,6 +18,9 @@ SLIPS = [
     (f"a on e(-{'1' * 400});", 1, 9, "too large for a double"),
     (f"a when X > {'1' * 5000};", 1, 12, "a number of 5000 digits is too long"),
     (f"a when X > {'1' * 5000}.5;", 1, 12, "too large for a double"),
+    (f'a when like(X, "{"*" * 10_000}");', 1, 8, "a string in quotes, of at most 1000 characters"),
+    (f"a times {'1' * 5000};", 1, 9, "a number of 5000 digits is too long"),
+    (f"a or b within {'1' * 5000} s;", 1, 15, "no clock counts that far"),
     (f"a {'1' * 5000}of3 b c d;", 1, 3, "a number of 5000 digits is too long"),
 ]
 
@@ -97,13 +100,15 @@ def test_nesting_has_a_limit(step: str) -> None:
 TOKENS = [
     *sorted(RESERVED), "true", "false", "null", "a", "b", "X", "_", "_x", "2of3", "0of0", "vot2", "1", "-1", "1.5e3", "007",
     '"s"', '"a b"', '"', "'", ";", ";", ";", ",", ":", "=", "(", ")", "{", "}", "[", "]", "+", "-", "*", "/", "==", "<", "!=",
+    "time", "as", "s", "late", "5 s", "semantics", "strict", "in", "at(", "end", "like", "min", ".",
     "//", "#", "/*", "*/", "\n", "\t", "\\", "&&", "||", "!", "é", "“", "lambda=0.1", "\0", "\ufeff", "\x85", "\u2028", "\r", "$",
 ]  # fmt: skip
 EXAMPLE = """\
 event move(wp, t) = { topic: "/command", name: "move", waypoint: wp, time: [t, _, -1.5] };
 causality bottom_up; param x; prune d; ignore move(V, "x") when not V < 250 and (V == 1 or true);
 toplevel a; a 2of3 b c "d e" on move(Way, _) when -Way + 3 * 2 >= 1 fault label "text"; // comment
-b sand d f; /* more */ c or f g lambda=0.1 dorm=x;
+b sand d f within 1.5 h; /* more */ c or f g lambda=0.1 dorm=x; f times 3; semantics scattered;
+time "@t".x as iso8601 late 5 s; d when at(a) - end("d e") <= 5 min and like(lower(V), "*.exe") and not V in (1, "a");
 """
 
 

@@ -72,7 +72,7 @@ def without_conditions(tree: RVAFT) -> RVAFT:
             gate=Gate.AND if node.gate is Gate.PAND else node.gate,
             times=1,
             within=None,
-            when=None if _points(node) else node.when,
+            when=Literal(value=True) if _points(node) else node.when,  # a leaf with only a guard observes nothing
             on=node.on or (On(f"{node.name}()", ()) if node.has_event else None),
         )
         for node in tree.nodes.values()

@@ -14,6 +14,8 @@ from cross_check.traces import Effort
 from rvaft.analysis.branches import branches, restrict
 from rvaft.api import loads
 from rvaft.errors import TreeError
+from rvaft.model.guards import FUNCTIONS, Operation, Operator, TimePoint
+from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.tree import RVAFT
 from rvaft.rules import require_valid
@@ -86,7 +88,7 @@ def catalogue() -> Iterator[Entry]:
     yield _entry("1of2 with two to follow", "r sand v y z; v 1of2 a b;")
     for (name, guard), gate in product(GUARDS.items(), (Gate.SAND, Gate.AND)):
         yield _entry(f"{gate}, a guard with {name}", f"r {gate} a b; a on at(P, S); b on at(Q, T) when {guard};")
-    for name, text in _WRITTEN_LATE.items():
+    for name, text in (_WRITTEN_LATE | _IN_PRACTICE).items():
         yield _entry(name, text)
     for outer, inner in product(Gate, repeat=2):
         above, upper = ("2of3", "a g d") if outer is Gate.VOT else (outer, "g a")
@@ -115,6 +117,61 @@ _WRITTEN_LATE: Final = {
     # more orders than anybody writes out one by one
     "2of4 over sequences": "r sand v z; v 2of4 ab cd ef g; ab sand a b; cd sand c d; ef sand e f;",
 }
+
+_IN_PRACTICE: Final = {
+    # counted leaves
+    "times 3 in a sequence": "r sand a b c; b times 3;",
+    "times 2 beside others": "r and a b c; a times 2;",
+    "times 2 with a variable": "r sand a b; a on read(V) times 2; b on seen(V);",
+    "times 2 with a guard": "r sand a b; a on read(V) when V > 2 times 2;",
+    # ends
+    "pand over counted leaves": "r pand p q; p and a b; q and c d; a times 2;",
+    "pand over sequences": "r pand p q; p sand a b; q sand c d;",
+    "pand over parts that begin with each other's events": "r pand p q; p and a s; q and s b;",
+    # windows
+    "within, a sequence": "time t as s; r sand a b c within 5 s;",
+    "within 0 s": "time t as ns; r and a b within 0 s;",
+    "within, a vote": "time t as ms; r sand v d; v 2of3 a b c within 5 s;",
+    "within, two over a shared node": "time t as s; r and p q; p and a s within 5 s; q and s b within 3 s;",
+    "within, a counted leaf": "time t as us; r sand b d; b sand a c within 1 s; a times 3;",
+    "within, a choice": "time t as s; r and a o within 5 s; o or b c;",
+    # time points, in every format
+    "at, seconds": "time t as s; r sand a b c g; g when at(c) - at(b) >= 2 s;",
+    "at, strictly, ISO 8601": "time t as iso8601; r and a b g; g when at(b) - at(a) > 2 s;",
+    "at, two that are equal, ROS": "time header.stamp as ros; r and a b g; g when at(a) == at(b);",
+    "at, a negation, milliseconds": "time t as ms; r sand a b g; g when not at(b) <= at(a) + 1500 ms;",
+    "start and end, microseconds": "time t as us; r and p q g; p and a b; q and c d; g when end(p) <= start(q) + 1 s;",
+    "start of a later part, nanoseconds": "time t as ns; r and p q g; p and a b; q and c d; g when start(q) > start(p);",
+    "end of a counted leaf": "time t as s; r sand a b g; a times 3; g when end(a) - start(a) <= 2 s;",
+    # late events
+    "late 2 s": "time t as s late 2 s; r sand a b c;",
+    "late 0 s, and a window": "time t as iso8601 late 0 s; r and a b within 4 s;",
+    # functions
+    "a guard with in": 'r sand a b; a on read(V) when V in (1, "x", true); b on read(W) when not W in (1, 2);',
+    "a guard with startswith": 'r sand a b; a on read(V) when startswith(V, "ab"); b;',
+    "guards with endswith and contains": 'r sand a b; a on read(V) when endswith(V, "b"); b on read(W) when contains(W, "b");',
+    "a guard with like": 'r sand a b; a on read(V) when like(V, "a*b?"); b;',
+    "guards with lower and number": 'r sand a b; a on read(V) when lower(V) == "ab"; b on read(W) when number(W) >= 2;',
+    "guards with abs, min and max": "r sand a b; a on read(V) when abs(V) < 2; b on at(P, S) when max(S, 1) > min(3, S);",
+}
+"""What real logs need. Where times matter, and where several values or texts do, it is tested."""
+
+
+def parts_of_language(tree: RVAFT) -> Iterator[str]:
+    """What of the parts that not every language has is in a tree, by its word."""
+    nodes = [*tree.top_down()]
+    guards = [part for node in nodes if node.when is not None for part in guard_walk(node.when)]
+    if any(node.gate is Gate.PAND for node in nodes):
+        yield "pand"
+    if any(node.times > 1 for node in nodes):
+        yield "times"
+    if any(node.within is not None for node in nodes):
+        yield "within"
+    yield from dict.fromkeys("at, start, end" for part in guards if isinstance(part, TimePoint))
+    if tree.time is not None and tree.time.late is not None:
+        yield "late"
+    if any(isinstance(part, Operation) and part.operator in FUNCTIONS | {Operator.IN} for part in guards):
+        yield "functions"
 
 
 def _entry(name: str, text: str) -> Entry:

@@ -12,7 +12,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Final, TypeAlias, TypeVar
 
-from cross_check.letters import VARIABLES
+from cross_check.letters import TIMES, VARIABLES
 from cross_check.participants import (
     ENGINE,
     MONA,
@@ -26,6 +26,7 @@ from cross_check.participants import (
     engine_of,
     faithful_backends,
     handwritten,
+    is_finite,
     reference_of,
     translated,
 )
@@ -163,6 +164,11 @@ class _Row:
             self.fail(error)
         return None
 
+    @property
+    def json_alone(self) -> bool:
+        """Whether it is not asked about numbers that are not finite, as programs of others are not."""
+        return self.participant is None or self.participant.json_alone
+
     def said(self, trace: Trace) -> tuple[Verdict, ...]:
         """What it says after every prefix."""
         assert self.participant is not None
@@ -268,6 +274,9 @@ class Comparison:
             except TooLarge as error:
                 gaps = [f"no letters: {_reason(error)}"] * len(present)
         for row, gap in zip(present, gaps, strict=True):
+            if self.effort.states and row.participant is not None and row.participant.timed:
+                row.why = TIMES
+                continue
             row.why = gap or gaps[0]  # whatever the others are, there is nothing to prove where the first has a gap
         able = [row for row in present if not row.why]
         if len(able) > 1:
@@ -317,9 +326,13 @@ class Comparison:
                 row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
         for row in rest:
             if traces:
-                answers = row.answers(traces)
+                asked = [
+                    place for place, trace in enumerate(traces) if not row.json_alone or all(map(is_finite, trace))
+                ]
+                some, wanted = [traces[place] for place in asked], [expected[place] for place in asked]
+                answers = row.answers(some)
                 if answers is not None:
-                    row.judge(traces, expected, answers)
+                    row.judge(some, wanted, answers)
                 if row.participant is not None:
                     row.shorten(baseline)
             elif row.status is None:

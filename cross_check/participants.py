@@ -1,5 +1,6 @@
 """Who takes part in a comparison: the reference, the engine, and the text of each backend run by its own reader."""
 
+import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -18,11 +19,11 @@ from rvaft.backend import Observed, Specification, all_backends, backend, speaki
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed
 from rvaft.language.printer import dumps
-from rvaft.model.guards import Guard
+from rvaft.model.guards import Guard, TimePoint
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Kind
-from rvaft.model.patterns import Literal, Pattern, rigid_variables, walk
+from rvaft.model.patterns import Anything, Literal, Pattern, rigid_variables, walk
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -41,8 +42,9 @@ T = TypeVar("T")
 class Participant:
     """Somebody who gives verdicts; `start` makes a fresh monitor.
 
-    `observed` is all that it asks of events, None where nobody knows; `specification` is there for a text, `tree` for the meaning of
-    another tree than the one that is compared.
+    `observed` is all that it asks of events but their times, None where nobody knows; `timed` says that it asks for these, too.
+    With `json_alone` it is not asked about numbers that are not finite.
+    `specification` is there for a text, `tree` for the meaning of another tree than the one that is compared.
     """
 
     name: str
@@ -50,6 +52,8 @@ class Participant:
     specification: Specification | None = None
     observed: tuple[Observed, ...] | None = None
     tree: RVAFT | None = None
+    timed: bool = False
+    json_alone: bool = False
 
     @property
     def ties(self) -> bool:
@@ -122,13 +126,38 @@ def faithful_backends() -> tuple[str, ...]:
     return tuple(filter(is_compared, all_backends()))
 
 
-def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
-    """What the meaning of a tree asks of events: its runtime events, its alphabet, and what it ignores.
+def times_matter(tree: RVAFT) -> bool:
+    """Whether a verdict can depend on the times of events: then they tie events together."""
+    asks = any(
+        node.within is not None
+        or (node.when is not None and any(isinstance(part, TimePoint) for part in guard_walk(node.when)))
+        for node in tree.top_down()
+    )
+    return tree.time is not None and (asks or tree.time.late is not None)
 
-    A variable that only one runtime event has ties nothing, if every guard that looks at it looks at that event alone.
+
+def is_finite(value: Json) -> bool:
+    """Whether all numbers in a value are finite: JSON has no others.
+
+    >>> is_finite({"v": [1.5]}), is_finite({"v": [float("nan")]})
+    (True, False)
     """
+    if isinstance(value, (dict, list)):
+        return all(map(is_finite, value.values() if isinstance(value, dict) else value))
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
+    """What the meaning of a tree asks of events but their times: its runtime events, its alphabet, and what it ignores.
+
+    A variable that only one runtime event has ties nothing, if that is not counted and every guard that looks at the variable looks at
+    that event alone.
+    """
+    counts = {name: tree.nodes[name].times for name in tree.occurrences}
     patterns = [pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None]
-    uses = Counter(name for pattern in patterns for name in rigid_variables(pattern))
+    uses = Counter[str]()
+    for name, count in counts.items():
+        uses.update(dict.fromkeys(rigid_variables(tree.pattern(name) or Anything()), count))
     guards: dict[str, list[Guard]] = {}
     for guard in (node.when for node in tree.top_down() if node.when is not None):
         for name in guard_variables(guard):
@@ -156,7 +185,7 @@ def literals(question: Observed) -> Iterator[Json]:
 @absent_on_error
 def engine_of(part: RVAFT, semantics: Semantics) -> Participant:
     """The monitor that people run."""
-    return Participant(ENGINE, Engine(part, semantics).fork, observed=observed_by(part))
+    return Participant(ENGINE, Engine(part, semantics).fork, observed=observed_by(part), timed=times_matter(part))
 
 
 @absent_on_error
@@ -168,7 +197,8 @@ def reference_of(
     if scenarios > SCENARIOS:
         raise TooLarge(f"about {scenarios:.0e} scenarios to try one by one", limit=SCENARIOS)
     first = Reference(tree, semantics, branch=branch, kind=kind)
-    return Participant(name, first.fork, observed=observed_by(restrict(tree, branch=branch, kind=kind)))
+    part = restrict(tree, branch=branch, kind=kind)
+    return Participant(name, first.fork, observed=observed_by(part), timed=times_matter(part))
 
 
 @absent_on_error
@@ -182,7 +212,9 @@ def translated(
     specification = language.translate(part, semantics, limit=limit)
     first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
     called = name if tool is None else f"{name}-{tool}"
-    return Participant(called, first.fork, specification, language.observed(specification.text))
+    observed = language.observed(specification.text)
+    asks = times_matter(part), language.json_alone
+    return Participant(called, first.fork, specification, observed, None, *asks)
 
 
 def verdicts_of(participant: Enlisted, trace: Sequence[Json]) -> tuple[Verdict, ...] | RvaftError:
@@ -225,7 +257,8 @@ class Handwritten:
         atoms = _NodeEvents((name, pattern) for name, pattern in patterns if pattern is not None)
         atoms.path = self.path
         first = reader.read(self.text, atoms=atoms)
-        return Participant(self.path, first.fork, observed=reader.observed(self.text, atoms=atoms))
+        observed = reader.observed(self.text, atoms=atoms)
+        return Participant(self.path, first.fork, observed=observed, json_alone=reader.json_alone)
 
 
 class _NodeEvents(dict[str, Pattern]):

@@ -11,7 +11,7 @@ state after either, wherever it is, has forgotten which value it was, and whatev
 from collections.abc import Hashable, Sequence
 
 from cross_check.letters import Letters
-from cross_check.participants import Participant
+from cross_check.participants import Participant, is_finite
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
@@ -25,6 +25,8 @@ class _Machine:
 
     def __init__(self, participant: Participant, letters: Sequence[Json]) -> None:
         self.ties = participant.ties
+        self.asked = [not participant.json_alone or is_finite(letter) for letter in letters]
+        """Of which letters it is asked."""
         self.verdicts: list[Verdict] = []
         self._letters = letters
         self._numbers: dict[Hashable, int] = {}
@@ -98,7 +100,11 @@ class Exploration:
         twin = self._letters.twins[letter] if self._letters.twins else letter
         for number, (machine, state) in enumerate(zip(self._machines, states, strict=True)):
             after = GONE
-            if state != GONE and not (number in self.differ or number in self.failed or number in self.tied):
+            if (
+                state != GONE
+                and machine.asked[letter]
+                and not (number in self.differ or number in self.failed or number in self.tied)
+            ):
                 try:
                     after = machine.step(state, letter)
                     if twin < letter and machine.ties and machine.step(state, twin) != after:

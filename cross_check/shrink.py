@@ -16,11 +16,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
 from itertools import chain, count, islice
+from random import Random
 from typing import Any, Final, TypeAlias
 
+from cross_check.generate.times import with_time, without_time, written
 from rvaft.errors import OptionError, RvaftError, TreeError
-from rvaft.model.event_time import EventTime
-from rvaft.model.guards import JUNCTIONS, Guard, Operation
+from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.guards import ARITHMETIC, JUNCTIONS, Duration, Guard, Operation, TimePoint
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Node, On
 from rvaft.model.patterns import (
     Anything,
@@ -222,6 +224,11 @@ class _Pair:
         guards = [when for when in (*(node.when for node in nodes), *(when for _, when in self.ignores)) if when]
         gates = sum(1 + _SIMPLEST.index(node.gate) + (node.threshold or 0) for node in nodes if node.gate)
         notes = sum((node.kind is not None) + (node.label is not None) + len(node.attributes) for node in nodes)
+        notes += sum(node.times - 1 + _length(node.within) for node in nodes) + (self.semantics is not None)
+        if self.time is not None:
+            notes += (
+                2 + list(TimeFormat).index(self.time.format) + len("".join(self.time.field)) + _length(self.time.late)
+            )
         terms = 2 * len(patterns) + len(guards) + sum(map(_size, (*patterns, *guards)))
         return (
             len(self.nodes) + 2 * sum(number - 1 for number in parents.values()),
@@ -233,7 +240,16 @@ class _Pair:
     @cached_property
     def key(self) -> bytes:
         """Equal for pairs that are written the same way (so 1 and 1.0 differ)."""
-        parts = (self.root, self.nodes, self.patterns, self.ignores, self.causality, self.trace)
+        parts = (
+            self.root,
+            self.nodes,
+            self.patterns,
+            self.ignores,
+            self.causality,
+            self.trace,
+            self.time,
+            self.semantics,
+        )
         return blake2b(repr(parts).encode("utf-8", "backslashreplace"), digest_size=16).digest()
 
     @property
@@ -288,9 +304,16 @@ def _opened(whole: Any) -> tuple[list[tuple[Any, Any]], Callable[[Iterable[tuple
             return [], lambda _: whole
 
 
+def _length(duration: int | None) -> int:
+    """How long a duration is, more or less; without one nothing."""
+    return 0 if duration is None else 2 + duration.bit_length()
+
+
 def _size(term: Any) -> int:
     """Fields, items and operands count too, so a term is larger than any part of it."""
     parts, _ = _opened(term)
+    if isinstance(term, Duration) and isinstance(term.value, int):
+        return _length(term.value)
     return _WEIGHTS.get(type(term), 1 + len(parts)) + sum(_size(part) for _, part in parts)
 
 
@@ -310,9 +333,18 @@ def _smaller_patterns(pattern: Pattern) -> Iterator[Pattern]:
 
 
 def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
-    """No guard, `true` or `false`, an operand for an operation, a conjunction or disjunction without one operand."""
+    """No guard, `true` or `false`, an operand for an operation, a conjunction or disjunction without one operand, half a duration."""
 
     def simpler(part: Guard) -> list[Guard]:
+        match part:
+            case Duration(int() as value):
+                return [Duration(0), Duration(value // 2)]
+            case TimePoint():
+                return []
+            case Operation(operator, operands) if operator in ARITHMETIC and any(
+                isinstance(one, TimePoint) for one in operands
+            ):  # the difference of two points is compared with a duration, a point with a point
+                return [operands[0]] if isinstance(operands[1], Duration) else []
         return [Literal(True), Literal(False), *(part.operands if isinstance(part, Operation) else ())]
 
     return iter(()) if guard is None else chain([None], simpler(guard), _smaller(guard, simpler))
@@ -383,7 +415,7 @@ def _fewer_nodes(pair: _Pair) -> Iterator[_Pair]:
     for name in pair.order:
         node = pair.nodes[name]
         if node.gate is not None:
-            yield from _followed(pair, pair.having(replace(node, gate=None, children=(), threshold=None)))
+            yield from _followed(pair, pair.having(replace(node, gate=None, children=(), threshold=None, within=None)))
             for child in reversed(node.children):
                 fewer = _instead(node, child)
                 for less in range(2 if node.threshold else 1):
@@ -398,11 +430,12 @@ def _instead(parent: Node, name: str, *children: str) -> Node:
 
 
 def _fewer_notes(pair: _Pair) -> Iterator[_Pair]:
-    """No label, attributes and kind, at all or at one node; causality as it is by default."""
+    """No label, attributes and kind, at all or at one node; causality and semantics as they are by default."""
     bare = [replace(node, kind=None, label=None, attributes=()) for node in pair.nodes.values()]
     yield pair.having(*bare)
     yield from map(pair.having, bare)
     yield replace(pair, causality=Causality.TOP_DOWN, whole=None)
+    yield replace(pair, semantics=None, whole=None)
 
 
 def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
@@ -431,6 +464,37 @@ def _simpler_gates(pair: _Pair) -> Iterator[_Pair]:
             yield pair.having(replace(node, threshold=threshold))
 
 
+def _simpler_times(pair: _Pair) -> Iterator[_Pair]:
+    """Fewer events of a counted leaf, no window or one of half its length, no `late` or less; times that start at 0, in seconds in the field `t`."""
+    for name in pair.order:
+        node = pair.nodes[name]
+        for times in sorted({1, node.times - 1}) if node.times > 1 else ():
+            yield pair.having(replace(node, times=times))
+        for within in (None, 0, node.within // 2) if node.within is not None else ():
+            yield pair.having(replace(node, within=within))
+    if pair.time is None:
+        return
+    yield replace(pair, time=None, whole=None)
+    for late in (None, 0, pair.time.late // 2) if pair.time.late is not None else ():
+        yield replace(pair, time=replace(pair.time, late=late), whole=None)
+    old = pair.time
+    known = [instant for event in pair.trace if (instant := old.read(event)) is not None]
+    for form, field in ((TimeFormat.SECONDS, ("t",)), (TimeFormat.NANOSECONDS, ("t",)), (old.format, old.field)):
+        new = replace(old, format=form, field=field)
+        for begin in (min(known, default=0), 0):
+            trace = tuple(_retimed(event, old, new, begin) for event in pair.trace)
+            yield replace(pair, time=new, trace=trace, whole=None)
+
+
+def _retimed(event: Json, old: EventTime, new: EventTime, begin: int) -> Json:
+    """The event with its time elsewhere, counted from another beginning."""
+    instant = old.read(event)
+    if instant is None:
+        return event
+    value = written(Random(0), new.format, instant - begin, plain=True)  # noqa: S311 (plain: nothing is drawn)
+    return with_time(without_time(event, old.field), new.field, value) or event
+
+
 def _smaller_events(pair: _Pair) -> Iterator[_Pair]:
     """An event without a field or item, or with a simpler value."""
     for index, event in enumerate(pair.trace):
@@ -444,6 +508,7 @@ _REDUCTIONS: Final[tuple[Reduction, ...]] = (
     _fewer_notes,
     _smaller_terms,
     _simpler_gates,
+    _simpler_times,
     _smaller_events,
 )
 """All of them, those first that take most away."""

@@ -1,5 +1,6 @@
 """The traces of a comparison: words over the letters, and random traces that are led through a scenario and then disturbed."""
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -8,9 +9,11 @@ from random import Random
 from typing import Final, TypeAlias
 
 from cross_check.generate import WILD, NoTraceFound, disturbed, guided, with_constant
+from cross_check.generate.times import walked
 from cross_check.generate.traces import random_trace
+from cross_check.generate.values import places, put
 from cross_check.letters import Letters, letters, with_twins
-from cross_check.participants import Participant, literals
+from cross_check.participants import Participant, literals, times_matter
 from cross_check.results import Job
 from rvaft.analysis.scenarios import fewest_events
 from rvaft.backend import Observed
@@ -25,6 +28,8 @@ SHORTEST: Final = 8
 """Traces are at least so long, unless a length is asked for."""
 LONGEST: Final = 500
 """And at most so long."""
+_UNDEFINED: Final = 16
+"""One in so many traces has a number that is not finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +68,9 @@ def trials(
     All words up to some length over the letters, if they are wanted, and random traces.
     """
     longest = effort.length or max(SHORTEST, min(fewest_events(part.bottom_up())[part.root].events + 2, LONGEST))
-    if words:
-        yield from _words(participants, effort.words, longest)
+    clock = Random(f"{job.title} {job.semantics}".encode(errors="surrogateescape"))  # noqa: S311 (no secret)
+    for word in _words(participants, effort.words, longest) if words else ():
+        yield walked(clock, part, word) if times_matter(part) else word
     random = Random(f"{effort.seed} {job.title} {job.semantics}".encode(errors="surrogateescape"))  # noqa: S311 (no secret)
     trees = [part, *(participant.tree for participant in participants if participant.tree is not None)]
     questions = [question for participant in participants for question in participant.observed or ()]
@@ -80,12 +86,17 @@ def trials(
         except NoTraceFound:
             trace = None
         if trace is None:
-            yield random_trace(random, tree, max_length=min(longest, SHORTEST))
-        elif number % 4 == 1:
-            yield trace
-        else:
+            trace = random_trace(random, tree, max_length=min(longest, SHORTEST))
+        elif number % 4 != 1:
             edited = None if number % 4 == 2 else with_constant(random, trace, constants)
-            yield edited or disturbed(random, trace, tree, values)
+            trace = edited or disturbed(random, trace, tree, values)
+        yield _undefined(clock, trace) if number % _UNDEFINED == _UNDEFINED - 1 else trace
+
+
+def _undefined(random: Random, trace: Sequence[Json]) -> Trace:
+    """The trace with a number that is not finite somewhere in it."""
+    inside = [path for path, value in places(list(trace)) if len(path) > 1 and not isinstance(value, (dict, list))]
+    return put(list(trace), random.choice(inside), math.nan) if inside else trace
 
 
 def _words(participants: Iterable[Participant], events: int, longest: int) -> Iterator[Trace]:

@@ -105,6 +105,8 @@ class Backend(ABC):
     """The backend whose texts these are in another form, if any; left out of comparisons unless named, as they say nothing new."""
     readable: ClassVar[bool] = True
     """Whether `read` runs its texts; a language that is only emitted here is left out of comparisons."""
+    json_alone: ClassVar[bool] = False
+    """Whether its texts speak of JSON's values alone, and leave open what a number that is not finite is; no comparison asks them of one."""
     tools: ClassVar[tuple[str, ...]] = ()
     """Programs of others by which `read_with` can run a text as well."""
     highlighting: ClassVar[Highlighting | None] = None

@@ -51,6 +51,7 @@ class RmlBackend(Backend):
     suffix: ClassVar[str] = ".rml"
     highlighting: ClassVar[Highlighting] = HIGHLIGHTING
     default_limit: ClassVar[int] = 20_000
+    json_alone: ClassVar[bool] = True  # `not matches` takes whatever is not matched
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as an RML text; raises `NotExpressible` and `TooLarge`."""

@@ -100,6 +100,8 @@ def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
                 "",
             ):
                 yield _iso(instant, offset, random.choice("Tt "), random.choice(".,"))
+            if instant % 2 == 0:  # half a nanosecond more rounds to this even one
+                yield f"{_iso(instant - instant % SECOND)[:-1]}.{instant % SECOND:09}5"
             if instant % (60 * SECOND) < SECOND:
                 before = _iso(instant - SECOND)
                 yield f"{before[:17]}60{before[19:]}"
@@ -116,6 +118,8 @@ def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
             if Decimal(repr(float(text))) == exact:
                 yield float(text)
             yield text
+            if instant % 2 == 0 and instant > 0:  # half a nanosecond more rounds to this even one
+                yield f"{text}{'' if '.' in text else '.'}{'0' * (len(str(UNITS[form])) - 1 - len(text.partition('.')[2]))}5"
             yield f"{text}e0" if random.random() < 0.5 else f"{exact:e}".replace("e", random.choice("eE"))
 
 

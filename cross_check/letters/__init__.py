@@ -21,11 +21,12 @@ from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Literal, Pattern, Variable, match, rigid_variables, substitute, variables, walk
 from rvaft.model.values import Json, Scalar, is_number, key
 
-__all__ = ["UNBOUND", "VARIABLES", "Answers", "Letters", "answers", "letters", "ties", "untied", "with_twins"]
+__all__ = ["TIMES", "UNBOUND", "VARIABLES", "Answers", "Letters", "answers", "letters", "ties", "untied", "with_twins"]
 
 Answers: TypeAlias = tuple[bool, ...]
 
 VARIABLES: Final = "variables may tie events together"
+TIMES: Final = "times tie events together"
 UNBOUND: Final = "a guard has a variable that its pattern does not have"
 
 _SETS: Final = 8

@@ -2,6 +2,7 @@
 
 import math
 import struct
+import sys
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, count, pairwise, product
@@ -37,6 +38,7 @@ from rvaft.model.values import Json, Scalar, is_number, key
 SEVERAL: Final = "a guard calculates with several values"
 BEYOND: Final = "a guard calculates in a way that has no known bounds"
 
+_CALCULATING: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX}
 _MODERATE: Final = 2**64
 _BITS: Final = 64
 _DOUBLE_BITS: Final = 1024 + _BITS
@@ -50,6 +52,7 @@ class Asked:
         self.constants: dict[str, dict[Literal, None]] = {}
         self.pairs: set[tuple[str, str]] = set()
         self.ordered = False
+        self.equated = False
         self.calculated = False
         self.gap = ""
         self._condition(guard)
@@ -69,9 +72,18 @@ class Asked:
                 left, right = map(_folded, operands)
                 if left is not None and right is not None:  # else it is undefined whatever the variables are
                     self.ordered |= operator in ORDERINGS
+                    self.equated |= operator not in ORDERINGS
                     self._comparison(left, right)
+            case Operation(Operator.IN, (one, *listed)):
+                for literal in listed:
+                    self._condition(Operation(Operator.EQ, (one, literal)))
+            case Operation(Operator.STARTSWITH, (Variable(name), Literal(str() as text))):
+                self.ordered = True
+                self._constant(name, text, *_behind(text))
             case Operation() if variables(guard):
                 self.gap = BEYOND
+                for name, text in product(variables(guard), _examples(guard)):
+                    self._constant(name, text)
             case _:
                 pass
 
@@ -84,9 +96,9 @@ class Asked:
                 self._constant(name, constant)
             case _:
                 operators = [side.operator for side in (left, right) if isinstance(side, Operation)]
-                if any(operator in ARITHMETIC for operator in operators):
+                if any(operator in _CALCULATING for operator in operators):
                     self._calculation(left, right)
-                if any(operator not in ARITHMETIC for operator in operators):  # the other side is a truth value then
+                if any(operator not in _CALCULATING for operator in operators):  # the other side is a truth value then
                     self._condition(left)
                     self._condition(right)
 
@@ -114,6 +126,23 @@ class Asked:
         self._constant(name, *_changes(side, int, last), *_changes(side, _double, _LAST_DOUBLE))
 
 
+def _behind(text: str) -> Iterator[str]:
+    """The first text after all that begin with this one, if there is one: those that do are what lies between the two."""
+    rest = text.rstrip(chr(sys.maxunicode))
+    if rest:
+        yield rest[:-1] + chr(ord(rest[-1]) + 1)
+
+
+def _examples(guard: Guard) -> Iterator[str]:
+    """Texts worth trying where a guard asks for more of a text than where it stands in the order."""
+    for literal in (part.value for part in walk(guard) if isinstance(part, Literal)):
+        if isinstance(literal, str):
+            plain = literal.replace("*", "").replace("?", "x")
+            yield from dict.fromkeys((plain, f"x{plain}", f"{plain}x", literal.upper()))
+        elif is_number(literal):
+            yield from (f"{literal}", f"{literal}e0", f"0{literal}")
+
+
 def _folded(guard: Guard) -> Guard | None:
     """An operand without variables as its value; None where that is undefined."""
     if isinstance(guard, Operation) and not variables(guard):
@@ -128,9 +157,11 @@ def _is_monotone(guard: Guard) -> bool:
         operands = [_folded(operand) for operand in guard.operands]
         constants = [one.value for one in operands if isinstance(one, Literal)]
         others = [one for one in operands if one is not None and not isinstance(one, Literal)]
-        if guard.operator not in ARITHMETIC or len(others) != 1 or len(constants) != len(operands) - 1:
+        if guard.operator not in _CALCULATING or len(others) != 1 or len(constants) != len(operands) - 1:
             return False
         if guard.operator is Operator.DIV and isinstance(operands[0], Literal):
+            return False
+        if guard.operator is Operator.ABS and not isinstance(others[0], Variable):  # on either half of the line alone
             return False
         sizes = [abs(one) for one in constants if isinstance(one, (int, float)) and one]
         if not all(1 / _MODERATE <= size <= _MODERATE for size in sizes):
@@ -301,6 +332,8 @@ class Choices:
         self._literals = {key(one) for _, one in literals}
         self._regions = [tuple(fresh.opaque(number) for number in range(self._many))]
         self._points: tuple[Scalar, ...] = ()
+        # what is not finite equals nothing, itself neither, and is the one value for which `V != 1` is undefined
+        self._undefined = [math.nan] if any(one.asked.equated for one in guarded) else []
         if any(one.asked.ordered for one in guarded):  # else they ask for equality alone
             constants = [one.value for about in guarded for some in about.asked.constants.values() for one in some]
             if any(one.asked.pairs for one in guarded):
@@ -342,7 +375,7 @@ class Choices:
             slot = mine.stop
             # values of every region, not those of other groups where there are enough; then the constants between regions
             parts = (region if len(region) < self._many else region[mine] for region in self._regions)
-            some = [*chain.from_iterable(parts), *self._points]
+            some = [*chain.from_iterable(parts), *self._points, *self._undefined]
             values = {place: some if place in free else self._forms(demands.literal(place)) for place in group}
             within = [one for one in placed if not set(group).isdisjoint(one[1].values())]
             yield self._shown(within, known, {place: some for place, some in values.items() if some})

@@ -173,8 +173,7 @@ Ends = Mapping[tuple[str, str], str]
 def _ways_to_end(tree: RVAFT) -> Iterator[Ends]:
     """The ways to end the parts of the `pand` gates of a tree without choices."""
     gates = [node for node in tree.top_down() if node.gate is Gate.PAND]
-    parts = {(gate.name, child): _last(tree, child) for gate in gates for child in gate.children}
-    parts = {place: lasts for place, lasts in parts.items() if lasts}
+    parts = {(g.name, child): _last(tree, child) for g in gates for child in g.children if not _silent(tree, child)}
     return (dict(zip(parts, lasts, strict=True)) for lasts in product(*parts.values()))
 
 
@@ -290,6 +289,9 @@ class _Translation:
         ended, more = [], list[str]()
         for child in parts:
             lasts = [child] if _single(self._old, child) else _last(self._old, child)
+            if not lasts:  # each event of the part comes before another: no scenario has it
+                ended, more = [child] * 2, []
+                break
             if len(lasts) > 1 and self._ends is None:
                 raise _Open
             last = lasts[0] if self._ends is None or len(lasts) == 1 else self._ends[node.name, child]

@@ -574,7 +574,7 @@ def fewest_events(
         rest = sorted((child for child in able if child not in forced), key=lambda child: found[child].events)
         chosen = {*must, *rest[: max(below.need - len(must), 0)]}
         kept = tuple(child for child in node.children if child in chosen)
-        own = node.has_event and node.name not in taken
+        own = node.times if node.has_event and node.name not in taken else 0
         found[node.name] = Fewest(own + sum(found[child].events for child in kept), kept)
     return found
 

@@ -19,15 +19,18 @@ from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices
 Trace = Sequence[dict[str, Any]]
 
 
+_ORDERS, _EVENTS = 12, 10
+
+
 def small_and_valid(tree: RVAFT, most: int = 80) -> bool:
     """Whether the reference takes the tree, and quickly."""
     if len(list(islice(resolutions(tree, scenario_choices), most + 1))) > most:
         return False
     try:
-        Reference(tree)
+        scenarios = Reference(tree).scenarios
     except TreeError:
         return False
-    return True
+    return all(len(one.orders) <= _ORDERS and len(one.occurrences) <= _EVENTS for one in scenarios)
 
 
 def small_valid_trees(make: Callable[[], RVAFT]) -> Iterator[RVAFT]:

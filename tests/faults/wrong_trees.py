@@ -1,18 +1,24 @@
 """Mistakes of a translation that are the same as having been given another tree: the table `MISTAKES` of functions from tree to tree.
 
-A function returns a tree that is equal to the one it got where the mistake has nothing to work on.
+A function returns a tree that is equal to the one it got where the mistake has nothing to work on. `MISREADINGS` are those of a monitor that
+reads other events than there are.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise, product
+from math import isfinite
 from typing import Any, Final, TypeAlias
 
+from cross_check.generate.times import with_time
 from rvaft import RVAFT, Causality, EventType, Gate, Node, On
 from rvaft.analysis.branches import restrict
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.guards import Guard, Operation, Operator, TimePoint, substitute, walk
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 from rvaft.model.tree import Whole
+from rvaft.model.values import Json
 
 Mistake: TypeAlias = Callable[[RVAFT], RVAFT]
 
@@ -203,6 +209,125 @@ def another_branch(tree: RVAFT) -> RVAFT:
     return restrict(tree.part_of.tree, branch=2 if tree.part_of.branch == 1 else 1)
 
 
+def counted_beside(tree: RVAFT) -> RVAFT:
+    """What follows a counted leaf in a sequence follows one of its events, and not all."""
+    nodes: list[Node] = []
+    for node in tree.nodes.values():
+        counted = [child for child in node.children if tree.nodes[child].times > 1]
+        if node.gate is not Gate.SAND or not counted or node.on is not None:
+            nodes.append(replace(node, times=1) if any(node.name in other.children for other in nodes[:0]) else node)
+            continue
+        more = []
+        for child in counted:
+            leaf = tree.nodes[child]
+            on = leaf.on or On(NAMED.name, (Literal(child),))
+            more.append(replace(leaf, name=f"{child}'", on=on, times=leaf.times - 1))
+        inner = replace(node, name=f"{node.name}'", within=None)
+        nodes += [*more, inner, replace(node, gate=Gate.AND, children=(inner.name, *(one.name for one in more)))]
+    once = {f"{name}'" for name in tree.nodes} & {node.name for node in nodes}
+    return rebuilt(tree, [replace(n, times=1) if f"{n.name}'" in once and n.leaf else n for n in nodes])
+
+
+def beginnings_in_order(tree: RVAFT) -> RVAFT:
+    """A `pand` that orders the first events of its parts, not the last."""
+    nodes = dict(tree.nodes)
+
+    def leaves(name: str) -> list[str]:
+        node = tree.nodes[name]
+        return [name] if node.leaf else [leaf for child in node.children for leaf in leaves(child)]
+
+    for gate in tree.nodes.values():
+        if gate.gate is not Gate.PAND or all(tree.nodes[child].leaf for child in gate.children):
+            continue
+        ways = []
+        for number, firsts in enumerate(product(*map(leaves, gate.children))):
+            pairs = [(one, leaf) for child, one in zip(gate.children, firsts, strict=True) for leaf in leaves(child)]
+            pairs = [pair for pair in (*pairs, *pairwise(firsts)) if pair[0] != pair[1]]
+            orders = [Node(f"{gate.name}'{number}'{place}", Gate.SAND, pair) for place, pair in enumerate(pairs)]
+            children = (*gate.children, *(one.name for one in orders))
+            ways.append(Node(f"{gate.name}'{number}", Gate.AND, children))
+            nodes.update((one.name, one) for one in (*orders, ways[-1]))
+        nodes[gate.name] = replace(gate, gate=Gate.OR, children=tuple(way.name for way in ways))
+    return rebuilt(tree, nodes.values())
+
+
+def windows(change: Callable[[int], int | None]) -> Mistake:
+    """The mistake that windows are others."""
+
+    def changed(node: Node) -> Mapping[str, Any] | None:
+        wrong = None if node.within is None else change(node.within)
+        return {"within": wrong} if wrong is None or wrong >= 0 else None
+
+    return each(changed)
+
+
+def points(change: Callable[[TimePoint, RVAFT], TimePoint]) -> Mistake:
+    """The mistake that guards ask for other times."""
+
+    def wrong(tree: RVAFT) -> RVAFT:
+        def changed(node: Node) -> Mapping[str, Any] | None:
+            asked = [] if node.when is None else [part for part in walk(node.when) if isinstance(part, TimePoint)]
+            by = {point.name: change(point, tree) for point in asked}
+            return {"when": substitute(node.when, by)} if node.when is not None and asked else None
+
+        return each(changed)(tree)
+
+    return wrong
+
+
+def another_leaf(point: TimePoint, tree: RVAFT) -> TimePoint:
+    """The same of the leaf before, or of the one after the first."""
+    every = [name for name in tree.occurrences if tree.nodes[name].times == 1]
+    place = every.index(point.node) if point.node in every else 0
+    return TimePoint.of(point.point, every[place - 1 if place else 1]) if len(every) > 1 else point
+
+
+def clocks(**changes: Callable[[EventTime], Any]) -> Mistake:
+    """The mistake that the time of events is declared otherwise."""
+
+    def wrong(tree: RVAFT) -> RVAFT:
+        if tree.time is None:
+            return tree
+        return rebuilt(tree, time=replace(tree.time, **{name: change(tree.time) for name, change in changes.items()}))
+
+    return wrong
+
+
+def lateness(by: int | None) -> Mistake:
+    """The mistake that events may be later, or less late; for None that none is late."""
+
+    def changed(time: EventTime) -> int | None:
+        return None if time.late is None or by is None else max(time.late + by, 0)
+
+    return clocks(late=changed)
+
+
+def finer(time: EventTime) -> TimeFormat:
+    """The next smaller unit."""
+    units = [TimeFormat.SECONDS, TimeFormat.MILLISECONDS, TimeFormat.MICROSECONDS, TimeFormat.NANOSECONDS]
+    return units[min(units.index(time.format) + 1, 3)] if time.format in units else time.format
+
+
+def rewritten(change: Callable[[Operation], Guard]) -> Mistake:
+    """The mistake that the operations of guards are others."""
+
+    def changed(guard: Guard) -> Guard:
+        if not isinstance(guard, Operation):
+            return guard
+        return change(Operation(guard.operator, tuple(map(changed, guard.operands))))
+
+    return each(lambda node: {"when": changed(node.when)} if node.when is not None else None)
+
+
+def anchored_before_alone(guard: Operation) -> Guard:
+    """A glob that may stop before the end of the text."""
+    match guard:
+        case Operation(Operator.LIKE, (text, Literal(str() as glob))):
+            return Operation(Operator.LIKE, (text, Literal(f"{glob}*")))
+        case _:
+            return guard
+
+
 MISTAKES: Final[Mapping[str, Mistake]] = {
     # gates
     "a sand reversed": regated(Gate.SAND, Gate.SAND_RL),
@@ -252,6 +377,37 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     "arguments in the other order": arguments(lambda given: given[::-1]),
     "a variable not shared": unshared,
     "two variables taken for one": unified,
+    # ends and counts
+    "a pand as an and": regated(Gate.PAND, Gate.AND),
+    "a pand as a sand": regated(Gate.PAND, Gate.SAND),
+    "a pand that orders beginnings": beginnings_in_order,
+    "N-1 for N": each(lambda node: {"times": node.times - 1} if node.times > 1 else None),
+    "N+1 for N": each(lambda node: {"times": node.times + 1} if node.times > 1 else None),
+    "what follows a counted leaf follows its first event": counted_beside,
+    # times
+    "a window a nanosecond too long": windows(lambda within: within + 1),
+    "`<` for `<=` in a window": windows(lambda within: within - 1),
+    "a window in thousandths": windows(lambda within: within // 1000),
+    "no windows": windows(lambda _: None),
+    "the end for the start": points(lambda one, _: TimePoint.of("end", one.node) if one.point == "start" else one),
+    "the start for the end": points(lambda one, _: TimePoint.of("start", one.node) if one.point == "end" else one),
+    "the time of another node": points(another_leaf),
+    "the finer unit of a time": clocks(format=finer),
+    "a nanosecond more for late events": lateness(+1),
+    "a nanosecond less for late events": lateness(-1),
+    "late events used": lateness(None),
+    # functions
+    "`in` as the first literal alone": rewritten(
+        lambda guard: replace(guard, operands=guard.operands[:2]) if guard.operator is Operator.IN else guard
+    ),
+    "`like` without the end of the text": rewritten(anchored_before_alone),
+    "`lower` forgotten": operators({Operator.LOWER: None}),
+    "`number` forgotten": operators({Operator.NUMBER: None}),
+    "`abs` forgotten": operators({Operator.ABS: None}),
+    "`contains` for `startswith`": operators({Operator.STARTSWITH: Operator.CONTAINS}),
+    "`contains` for `endswith`": operators({Operator.ENDSWITH: Operator.CONTAINS}),
+    "`startswith` for `contains`": operators({Operator.CONTAINS: Operator.STARTSWITH}),
+    "`min` for `max`": operators({Operator.MAX: Operator.MIN}),
     # parts and relevance
     "another branch": another_branch,
     "`ignore` forgotten": lambda tree: rebuilt(tree, ignores=()),
@@ -261,4 +417,48 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     "the events of one branch alone relevant": lambda tree: rebuilt(tree, part_of=None),
     "an event relevant whatever its guard says": relevance(unguarded(lambda _: True)),
     "the events of gates not relevant": relevance(fields(lambda node: node.children, on=None)),
+}
+
+
+# -- events that are read otherwise than they are -------------------------------------------------------------------------
+
+Misreading: TypeAlias = Callable[[RVAFT, Json], Json]
+
+
+def values(change: Callable[[Json], Json]) -> Misreading:
+    """The mistake that the values in events are others."""
+
+    def changed(value: Json) -> Json:
+        if isinstance(value, dict):
+            return {name: changed(inner) for name, inner in value.items()}
+        return [changed(inner) for inner in value] if isinstance(value, list) else change(value)
+
+    return lambda _, event: changed(event)
+
+
+def times(change: Callable[[str], str]) -> Misreading:
+    """The mistake that times that are texts are others."""
+
+    def changed(tree: RVAFT, event: Json) -> Json:
+        if tree.time is None or tree.time.read(event) is None:
+            return event
+        value = event
+        for name in tree.time.field:
+            value = value[name]
+        return with_time(event, tree.time.field, change(value)) if isinstance(value, str) else event
+
+    return changed
+
+
+def _undefined(value: Json) -> bool:
+    return isinstance(value, float) and not isfinite(value)
+
+
+MISREADINGS: Final[Mapping[str, Misreading]] = {
+    "NaN equals itself": values(lambda value: "NaN" if _undefined(value) else value),
+    "NaN is a number": values(lambda value: 0 if _undefined(value) else value),
+    "the offset of a zone ignored": times(lambda text: re.sub(r"(?<=:\d\d)(.*?)[-+]\d\d(:?\d\d)?$", r"\1", text)),
+    "half a nanosecond rounded up": times(lambda text: re.sub(r"^(\d+[.]\d*|.*[.,]\d{9})5(?=Z?$)", r"\g<1>6", text)),
+    "second 60 as the last of its minute": times(lambda text: re.sub(r":60(?=\D|$)", ":59", text)),
+    "a fraction of a second forgotten": times(lambda text: re.sub(r"(?<=:\d\d:\d\d)[.,]\d+", "", text)),
 }

@@ -3,7 +3,8 @@
 A checkpoint belongs to one tree, semantics and set of columns and settings, to one version of rvaft, and to a trace that begins with
 what was read of it; it is refused for any other. After a crash the events since the last checkpoint are read again: what they detect is told
 again, and marked so, and the verdicts are those of a run that never stopped. That a detection is told is noted before it is told: so none is
-told twice without a mark, and one that was only about to be told when the run was killed has the mark too.
+told twice without a mark, and one that was only about to be told when the run was killed has the mark too. (A machine that loses power may
+lose the latest notes: they are not waited for.)
 
 The file: a line that says what it is, a line with the digest of all that follows, a line of JSON, and a pickle. A pickle can
 be made to run code when it is read: only classes that hold data are let in, by their names, yet a checkpoint is as trustworthy as whoever

@@ -155,6 +155,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         hooks=Hooks(given["execute"], {kind: command for kind, command in named.items() if command is not None}),
         checkpoints=checkpoints,
         follow=given["follow"],
+        unchosen=given["semantics"] is None and whole.semantics is None and backend is None,
     )
     status = run(settings, traces, given["jobs"])
     return FAILED if missing.met else status

@@ -90,6 +90,7 @@ class Sink:
 class MonitorSettings:
     """How every trace is run and what is told of it: `name` is that of the tree, with `several` traces are named.
 
+    `unchosen` says that neither the tree nor the command line says a semantics.
     With `detections` only these are told, with `drawn` as drawings among the text; `drawing` is the file to draw one to.
     """
 
@@ -105,6 +106,7 @@ class MonitorSettings:
     hooks: Hooks
     checkpoints: CheckpointFile | None
     follow: bool
+    unchosen: bool = False
 
     @property
     def summed(self) -> bool:

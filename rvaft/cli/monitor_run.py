@@ -18,6 +18,7 @@ from rvaft.model.values import Json
 from rvaft.monitoring.checkpoint import CheckpointFile, LinesRead, open_at
 from rvaft.monitoring.detection import detection
 from rvaft.monitoring.follow import FollowedFile, stopping
+from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights
 from rvaft.monitoring.reader import open_log
@@ -55,6 +56,16 @@ class TraceOutcome(NamedTuple):
     detections: int = 0
     undrawn: bool = False
     keyless: str = ""
+
+
+class _Result(NamedTuple):
+    """What another process found out about a trace, and what it wrote to standard error."""
+
+    outcome: TraceOutcome
+    statistics: Statistics
+    oversights: Oversights
+    hindsight: Hindsight | None
+    errors: Sequence[str]
 
 
 class _OnDetection(Listener):
@@ -138,6 +149,9 @@ class _Run:
         self.progress = progress
         self.statistics = Statistics(settings.plan.monitors.types)
         self.oversights = Oversights(settings.plan.monitors.types)
+        asked = settings.unchosen and settings.form == "text"
+        tree, tried = settings.plan.monitors.columns[0].part, settings.checkpoints is None
+        self.hindsight = Hindsight(tree, tried=tried) if asked else None
         self.reporter = REPORTERS[settings.form](settings, sink)
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
@@ -160,6 +174,7 @@ class _Run:
             buffer=buffer,
             statistics=counts,
             oversights=self.oversights,
+            hindsight=self.hindsight,
             prefix=prefix,
         )
         before, failed = reaction.count, False
@@ -267,6 +282,8 @@ def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> 
         if any(outcome.read for outcome in outcomes):
             alone.reporter.finish(rows, alone.statistics)
             alone.reporter.doubt(alone.oversights.lines)
+            if alone.hindsight is not None and (line := alone.hindsight.line) is not None:
+                sink.line(f"note: {line}")
         if (names := "".join({one.keyless for one in outcomes})) and not rows:
             sink.report(OptionError(f"no event has what --key names ({names}), so nothing was monitored"))
             return FAILED
@@ -289,10 +306,12 @@ def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iter
     sink = alone.sink
     with TemporaryDirectory(prefix="rvaft-") as folder:
 
-        def work(number: int) -> tuple[TraceOutcome, Statistics, Oversights, list[str]]:
+        def work(number: int) -> _Result:
             with (Path(folder) / str(number)).open("w", encoding="utf-8", errors="backslashreplace") as file:
                 own = _Run(alone.settings, Sink(file), None, deliver=False)
-                return own.watch(traces[number]), own.statistics, own.oversights, own.sink.errors
+                return _Result(
+                    own.watch(traces[number]), own.statistics, own.oversights, own.hindsight, own.sink.errors
+                )
 
         with closing(in_processes(work, range(len(traces)), jobs=min(jobs, len(traces)))) as running:
             for number, result in running:
@@ -309,10 +328,12 @@ def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iter
                     sink.report(click.ClickException(killed))
                     yield TraceOutcome(FAILED)
                     continue
-                outcome, statistics, oversights, errors = result
+                outcome, statistics, oversights, hindsight, errors = result
                 sink.errors += errors
                 sink.pass_on()
                 alone.statistics.merge(statistics)
                 alone.oversights.merge(oversights)
+                if alone.hindsight is not None and hindsight is not None:
+                    alone.hindsight.merge(hindsight)
                 alone.reaction.take(outcome)
                 yield outcome

@@ -20,6 +20,9 @@ MOST: Final = 10_000
 _SHOWN: Final = 40
 """Characters of a value in a warning."""
 
+UNSEEN: Final[tuple[int, ...]] = (-1,)
+"""In place of letters where oversights did not look yet, or where the shape does not say which there are."""
+
 Path = tuple[str, ...]
 
 
@@ -47,7 +50,7 @@ class Sight:
         self.plain = bool(self.constant) and not self.ignored and not decided.open
         self.noted: object = None
         self.monitored: tuple[Any, ...] | None = None
-        self.looked_at: tuple[int, ...] = (-1,)  # until they have looked, or where the shape does not decide it
+        self.looked_at = UNSEEN
 
     def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
         """The types of which an event that is not ignored is relevant."""

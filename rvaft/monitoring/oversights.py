@@ -6,13 +6,14 @@ Whether a guard is undefined is asked of events, not of partial matches, so it d
 a variable of a comparison, together with the values that other events gave to the other variables last.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import product
+from operator import itemgetter
 from typing import Any, Final
 
-from rvaft.analysis.pattern_index import Reader
+from rvaft.analysis.pattern_index import Reader, flat
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, value, variables, walk
@@ -20,7 +21,7 @@ from rvaft.model.patterns import match, rigid
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.values import Json
 from rvaft.monitoring.detection import counted
-from rvaft.monitoring.near_misses import EventTypeIndex, Sight
+from rvaft.monitoring.near_misses import UNSEEN, EventTypeIndex, Sight
 from rvaft.monitoring.reader import NonFiniteEvent, described
 
 MOST: Final = 20
@@ -97,7 +98,9 @@ class _Asked:
     parts: tuple[_Part, ...]
     names: frozenset[str]
     by_type: bool
-    good: set[tuple[type, ...]] = field(default_factory=set)
+    types: Callable[[Mapping[str, Json]], Hashable]
+    """The types of the values that variables of these names get from an event; None where the shape does not say where they are."""
+    good: set[Hashable] = field(default_factory=set)
     version: int = -1
 
     def values(self, event: Mapping[str, Json]) -> Mapping[str, Json] | None:
@@ -131,18 +134,26 @@ class Oversights:
         """Look at an event of which something is asked, or that is a `NonFiniteEvent`."""
         if sight.decided.open:
             sight = self._types.decided(sight, event)
-        place = prefix, number
-        letters = self._looked_at(sight)
-        asked = [self._asked[number] for number in letters]
+        elif sight.looked_at == UNSEEN:
+            sight.looked_at = tuple(number for number in sight.decided.fits if number in self._asked)
+        letters = sight.looked_at
+        if letters == UNSEEN:  # of this event alone
+            letters = tuple(number for number in sight.decided.fits if number in self._asked)
+        place, version = (prefix, number), self._version
         if isinstance(event, NonFiniteEvent):
             if letters or self._time is None or event.field.split(".")[0] != self._time.field[0]:
                 self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
             return
-        for one in asked:
-            if (values := one.values(event)) is not None:
-                self._ask(one, values, place)
-        timed = self._time is not None and sight.entries and not any(admits(event) for admits in sight.ignored)
-        if timed and self._time is not None and self._time.read(event) is None:
+        for letter in letters:
+            one = self._asked[letter]
+            types = one.types(event)
+            known_good = types is not None and one.version == version and types in one.good
+            if not known_good and (values := one.values(event)) is not None:
+                self._ask(one, values, types, place)
+        if self._time is None:
+            return
+        timed = sight.entries and not any(admits(event) for admits in sight.ignored)
+        if timed and self._time.read(event) is None:
             self.note(Reason.TIME, "", place, self.time_of(event))
 
     def note(self, reason: Reason, about: str, place: tuple[str, int], example: str) -> None:
@@ -181,16 +192,7 @@ class Oversights:
         if len(self.found) > MOST:
             yield f"{len(self.found) - MOST} other guards were undefined"
 
-    def _looked_at(self, sight: Sight) -> tuple[int, ...]:
-        """The letters of events of a shape of which something is asked; none of most events."""
-        if not sight.decided.open:
-            sight.looked_at = tuple(number for number in sight.decided.fits if number in self._asked)
-        return () if sight.decided.open else sight.looked_at
-
-    def _ask(self, asked: _Asked, values: Mapping[str, Json], place: tuple[str, int]) -> None:
-        types = tuple(map(type, values.values()))
-        if asked.version == self._version and types in asked.good:
-            return
+    def _ask(self, asked: _Asked, values: Mapping[str, Json], types: Hashable, place: tuple[str, int]) -> None:
         known, undefined = {**self._last, **values}, set[str]()
         for part in asked.parts:
             if part.text not in undefined and part.is_undefined(known):
@@ -206,7 +208,7 @@ class Oversights:
         if asked.version != self._version:
             asked.version = self._version
             asked.good.clear()
-        if asked.by_type:
+        if asked.by_type and types is not None:
             asked.good.add(types)
 
 
@@ -224,8 +226,21 @@ def _asked(types: EventTypeIndex) -> dict[int, _Asked]:
         if own or (kind == "entry" and tree.time is not None):
             operators = {one.operator for part in own for one in walk(part.part) if isinstance(one, Operation)}
             told = frozenset(name for part in own for name in part.names)
-            found[number] = _Asked(reader, tuple(own), told, not operators & _BY_VALUE)
+            found[number] = _Asked(reader, tuple(own), told, not operators & _BY_VALUE, _types(reader, told))
     return found
+
+
+def _types(reader: Reader, names: Collection[str]) -> Callable[[Mapping[str, Json]], Hashable]:
+    """The types of the values that variables of these names get from an event that fits a letter."""
+    plain = flat(reader.pattern)
+    fields = [] if plain is None else [field for field, name in plain.variables.items() if name in names]
+    if plain is None:
+        return lambda _: None
+    if len(fields) == 1:
+        [only] = fields
+        return lambda event: (type(event[only]),)
+    get = itemgetter(*fields) if fields else lambda _: ()
+    return lambda event: tuple(map(type, get(event)))
 
 
 def _parts(guard: Guard, whose: str) -> Iterator[_Part]:

@@ -21,6 +21,7 @@ from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.detection import PLACES, counted, detections, matched_events, unlike
 from rvaft.monitoring.fast_reader import Batch, FastReader
+from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights
@@ -343,12 +344,16 @@ class TraceRun:
         buffer: EventBuffer,
         statistics: Statistics | None = None,
         oversights: Oversights | None = None,
+        hindsight: Hindsight | None = None,
         prefix: str = "",
     ) -> None:
         self.plan = plan
         self.listeners = tuple(listeners)
         self.statistics = statistics
         self.oversights = oversights or Oversights(plan.monitors.types)
+        self.hindsight = hindsight
+        if hindsight is not None:
+            hindsight.forget()
         self.prefix = prefix
         self.ordering = (
             None if plan.order_by is None else Ordering(plan.order_by, window=plan.window, time=plan.monitors.time)
@@ -388,7 +393,7 @@ class TraceRun:
         skips = semantics.projects and bool(plan.monitors.engines)  # what is not relevant changes nothing
         may_be_late = plan.monitors.may_be_late and bool(plan.monitors.engines)
         strict, key, look_up = semantics is Semantics.STRICT, plan.key, plan.monitors.types.of
-        oversights = self.oversights
+        oversights, hindsight = self.oversights, self.hindsight
         for batch in self._batches(source, name, line, by_blocks=by_blocks):
             before, statistics, clock = self.number, self.statistics, self.clock
             watch: MonitoredTrace | None = self.watch
@@ -416,6 +421,8 @@ class TraceRun:
                 if watch is None:
                     continue
                 watch.events += 1
+                if hindsight is not None and not late and (sight.entries or sight.decided.open):
+                    hindsight.keep(id(watch), number, event)
                 if relevant or not skips:
                     monitors = watch.monitors
                     changed = monitors.step(event, number, sight)
@@ -539,6 +546,8 @@ class TraceRun:
         for watch in self.watches:
             for listener in self.listeners:
                 listener.end(watch)
+            if self.hindsight is not None and watch.monitors.verdicts[0] is Verdict.FALSE:
+                self.hindsight.look(id(watch), self.prefix)
 
     def stop(self) -> None:
         """The trace cannot be read further; where it never began, nobody is told."""

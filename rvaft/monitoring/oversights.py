@@ -78,16 +78,15 @@ class _Part:
 
     def is_undefined(self, known: Mapping[str, Json]) -> bool:
         """Whether it is undefined under these values, whatever the others are, and the guard with it."""
-        open_ = [name for name in self.names if name not in known]
-        for chosen in product(_ANY, repeat=len(open_)):
-            found = value(self.part, {**known, **dict(zip(open_, chosen, strict=True))})
-            if isinstance(found, bool):
-                return False
-        return (
-            self.timed
-            or not known.keys() >= set(variables(self.guard))
-            or not isinstance(value(self.guard, known), bool)
-        )
+        return not _can_be_decided(self.part, known) and (self.timed or not _can_be_decided(self.guard, known))
+
+
+def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
+    """Whether some values of the other variables make it true or false; of very many of them that is taken for granted."""
+    others = [name for name in variables(guard) if name not in known]
+    chosen = product((*_ANY, *(known[name] for name in variables(guard) if name in known)), repeat=len(others))
+    bindings = ({**known, **dict(zip(others, some, strict=True))} for some in chosen)
+    return len(others) > 3 or any(isinstance(value(guard, binding), bool) for binding in bindings)
 
 
 @dataclass(slots=True)

@@ -180,7 +180,7 @@ _PAGE: Final = """# What `rvaft check` looks for
 
 Every finding ends with the code of its rule, as in `robot.rvaft:7:6: error: unknown event type radiaton; did you mean
 radiation? [unknown-event]`. `rvaft explain CODE` prints what is written here. An error makes a tree unusable, a warning does not, and an information says how something was understood.
-The rules about scenarios are asked only where the structure has no error. None of them enumerates branches.
+The rules about scenarios are asked only where the structure has no error. None of them enumerates branches, save where the parts of a `pand` share nodes (`infeasible-scenario`).
 
 | code | severity | finding |
 | --- | --- | --- |

@@ -93,11 +93,12 @@ def within(draft: Draft) -> Iterator[RuleReport]:
 
 def unknown_time(draft: Draft) -> Iterator[RuleReport]:
     """Every time point is of a node of the tree."""
-    known = set(draft.nodes) | {child.value for child in draft.undeclared()}
+    known = [*draft.nodes, *(child.value for child in draft.undeclared())]
+    there = set(known)
     for node in draft.nodes.values():
         for guard, place in node.whens:
             for one in time_points(guard):
-                if one.node not in known:
+                if one.node not in there:
                     said = f"the guard of {node.name} asks for {guard_text(one)}, and there is no node {one.node}"
                     yield RuleReport(place, f"{said}{did_you_mean(one.node, known)}", (node.name,))
 

@@ -148,7 +148,7 @@ def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
         needs = _contradiction([bound for bound in bounds if bound.need not in without])
         if not needs:
             continue
-        core = tuple(need for need in needs if isinstance(need, str) and need in asking)
+        core = tuple(name for name in tree.order if name in asking and name in needs)
         nodes, edges = ([need for need in needs if isinstance(need, kind)] for kind in (str, tuple))
         kept = space.feasible(budget, nodes, edges=edges)  # type: ignore[arg-type]
         if kept is not None and frozenset(core) not in told:

@@ -11,8 +11,9 @@ is missing, `ToolMissing` goes through to the caller.
 """
 
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.resources import files
 from itertools import islice, product, zip_longest
@@ -20,11 +21,11 @@ from random import Random
 from typing import Final, TypeAlias
 
 from rvaft.analysis.branches import restrict
-from rvaft.api import loads
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
+from rvaft.language.parser import parse
 from rvaft.model.expressions import GATES
-from rvaft.model.guards import ORDERINGS, Operation, holds, walk
+from rvaft.model.guards import FUNCTIONS, ORDERINGS, Operation, Operator, holds, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Literal, Variable, match, variables
 from rvaft.model.tree import RVAFT
@@ -69,6 +70,9 @@ DETERMINATE = {
 
 VALUES: tuple[Json, ...] = tuple({name: value} for name in "xyk" for value in range(name != "x", 4))
 PAIRS: tuple[Json, ...] = tuple({"x": x, "y": y} for x, y in ((1, 1), (1, 2), (2, 1)))
+
+TIMES: Final = (0, "1.0", 2.5)
+TEXTS: Final = ("ab", "Ab", "b", "1e0", "01", 1, -1.5, 2, None, [1])
 
 AT_A: Final = "r sand a b; b on py(_); a on "
 DECISIVE: dict[str, tuple[str, Json]] = {
@@ -121,6 +125,15 @@ def examples() -> Iterator[Example]:
         yield Example(name, _tree(text), tuple(events), name in DETERMINATE)
     for name, (event, value) in DECISIVE.items():
         yield Example(name, _tree(f"{AT_A}{event};"), ({"x": value}, {"y": 1}, {"x": 0}), determinate=True)
+    for name, text in (GROUPS["counted"] | GROUPS["ending"]).items():
+        one = _default(name, text)
+        yield replace(one, events=(*one.events, *(event for event in VALUES if "k" not in event and "px" in text)))
+    for name, text in GROUPS["timed"].items():
+        one = _default(name, text)
+        times: list[Json] = [*({"t": time} for time in TIMES), {}]
+        yield replace(one, events=tuple({**event, **time} for event, time in product(one.events, times)))
+    for name, text in GROUPS["text"].items():
+        yield Example(name, _tree(text), tuple({field: value} for field in "xy" for value in TEXTS), determinate=True)
     whole = _default("the whole", "r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
     for number in (1, 2, 3):
         yield Example(f"branch {number}", restrict(whole.tree, branch=number), whole.events)
@@ -129,7 +142,7 @@ def examples() -> Iterator[Example]:
 
 
 def _tree(text: str) -> RVAFT:
-    return loads(f"{EVENTS} toplevel {'t' if ' t sand r z' in text else 'r'}; {text}")
+    return parse(f"{EVENTS} toplevel {'t' if ' t sand r z' in text else 'r'}; {text}").build()
 
 
 def _default(name: str, text: str) -> Example:
@@ -153,35 +166,41 @@ VARIANTS: Final = 48
 """So many events are held against what a backend says it observes."""
 
 
+OF_STRINGS: Final = FUNCTIONS - {Operator.ABS, Operator.MIN, Operator.MAX}
+
+
 def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
-    """Every tree under every semantics must be expressible."""
-    return True
+    """Every tree under every semantics must be expressible, but where events may be late, of which no text knows."""
+    return example.tree.time is None or example.tree.time.late is None
 
 
 def without_variables(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
-    """Every tree without variables must be."""
-    return not example.tree.variables
+    """Every tree without variables and times must be."""
+    return not example.tree.variables and example.tree.time is None
 
 
 def without_variables_or_determinate(example: Example, semantics: Semantics) -> bool:
     """Also trees with variables that never have two assignments to follow, where no event is skipped at will.
 
-    Except, with variables or without, where the order of strings has to be asked (`strings_ordered`).
+    Except, with variables or without, where something about strings has to be asked (`asks_of_strings`), or times.
     """
-    if strings_ordered(example.tree, semantics):
+    if asks_of_strings(example.tree, semantics) or example.tree.time is not None:
         return False
-    return not example.tree.variables or (example.determinate and semantics is not Semantics.SCATTERED)
+    anywhere = semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
+    return not example.tree.variables or (example.determinate and not anywhere)
 
 
-def strings_ordered(tree: RVAFT, semantics: Semantics) -> bool:
-    """Whether a guard orders what an event has against a string.
+def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
+    """Whether a guard orders what an event has against a string, or asks what is in one.
 
-    That may be a guard of a node or, under `projected`, one that relevance depends on: of `ignore`, or of a node of the whole tree.
+    That may be a guard of a node or, under `projected` and `consecutive`, one that relevance depends on: of `ignore`, or of a node of the whole tree.
     """
     asked = [node.when for node in tree.top_down()]
-    if semantics is Semantics.PROJECTED:
+    if semantics.relative:
         asked += [entry.when for entry in tree.alphabet] + [ignore.when for ignore in tree.ignores]
     parts = [part for guard in asked if guard is not None for part in walk(guard)]
+    if any(isinstance(part, Operation) and part.operator in OF_STRINGS for part in parts):
+        return True
     ordering = [part for part in parts if isinstance(part, Operation) and part.operator in ORDERINGS]
     kinds = ([type(one.value) if isinstance(one, Literal) else type(one) for one in part.operands] for part in ordering)
     return any(Variable in some and str in some for some in kinds)
@@ -204,14 +223,14 @@ class ConformanceFailure:
 
 @dataclass(slots=True)
 class Report:
-    """What a run has found; `refusals` and `too_large` name the example and the semantics."""
+    """What a run has found; `refusals` and `too_large` name the example and the semantics, refusals the reason too."""
 
     backend: str
     readable: bool = True
     translations: int = 0
     verdicts: int = 0
     failures: list[ConformanceFailure] = field(default_factory=list)
-    refusals: list[tuple[str, Semantics]] = field(default_factory=list)
+    refusals: list[tuple[str, Semantics, str]] = field(default_factory=list)
     too_large: list[tuple[str, Semantics]] = field(default_factory=list)
 
     @property
@@ -224,7 +243,9 @@ class Report:
             f"{self.backend}: {self.translations} translations, {self.verdicts} verdicts compared, {len(self.failures)} "
             f"failures, {len(self.refusals)} refusals, {len(self.too_large)} too large"
         )
-        return "\n".join([summary, *map(str, self.failures[:10])])
+        reasons = Counter(reason for _, _, reason in self.refusals)
+        refused = [f"not expressible, {count} times: {reason}" for reason, count in reasons.most_common()]
+        return "\n".join([summary, *refused, *map(str, self.failures[:10])])
 
 
 def run(
@@ -244,7 +265,7 @@ def run(
     >>> from rvaft import monitor
     >>> from rvaft.backend import backend
     >>> print(run(backend("rml"), lambda tree, semantics: monitor(tree, semantics=semantics), trees=[*examples()][:2], words=2))
-    rml: 6 translations, 66 verdicts compared, 0 failures, 0 refusals, 0 too large
+    rml: 8 translations, 88 verdicts compared, 0 failures, 0 refusals, 0 too large
     """
     report = Report(backend.name, readable=backend.readable)
     for example, semantics in product(examples() if trees is None else trees, Semantics):
@@ -252,7 +273,7 @@ def run(
         try:
             specification = backend.translate(example.tree, semantics, limit=limit)
         except NotExpressible as refusal:
-            report.refusals.append((example.name, semantics))
+            report.refusals.append((example.name, semantics, refusal.reason))
             if required(example, semantics):
                 found.append(("required", f"refused: {refusal.reason}", ()))
         except TooLarge as error:

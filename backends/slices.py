@@ -13,7 +13,7 @@ from typing import Final, TypeAlias
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Guard, holds, variables
 from rvaft.model.patterns import Binding
-from rvaft.model.values import fingerprint
+from rvaft.model.values import equal, fingerprint
 from rvaft.model.verdict import Verdict
 
 LIMIT: Final = 100_000
@@ -35,7 +35,7 @@ def start(state: int) -> Slices:
 def advance(
     slices: Slices,
     extensions: Callable[[int, Binding], Iterable[Binding]],
-    step: Callable[[int, Binding], tuple[Verdict, int]],
+    step: Callable[[int, Binding, Binding], tuple[Verdict, int]],
     *,
     matter: Callable[[int], Set[str]] | None = None,
     keep_all: bool = False,
@@ -43,14 +43,14 @@ def advance(
 ) -> Slices | None:
     """The slices after an event, none where there is no hope; None where one of them has detected.
 
-    `extensions` gives what atoms of a state would make of a binding, `step` where an event leads under a binding, and what that means;
+    `extensions` gives what atoms of a state would make of a binding, `step` where an event leads under a binding (made from what was bound before), and what that means;
     `matter`, the variables on which a state still depends: others are forgotten.
     `keep_all` where a slice that has bound more may still detect what the other does not, as under a negated atom with a guard. Raises `TooLarge` beyond `limit` slices.
 
-    >>> one = advance(start(0), lambda state, bound: [{"X": 1}], lambda state, bound: (Verdict.UNKNOWN, len(bound)))
+    >>> one = advance(start(0), lambda state, bound: [{"X": 1}], lambda state, bound, _: (Verdict.UNKNOWN, len(bound)))
     >>> [(state, binding) for (_, state), binding in one.items()]
     [(0, {}), (1, {'X': 1})]
-    >>> advance(one, lambda state, bound: [], lambda state, bound: (Verdict.FALSE, state))
+    >>> advance(one, lambda state, bound: [], lambda state, bound, _: (Verdict.FALSE, state))
     {}
     """
     after: dict[tuple[Assignment, int], Binding] = {}
@@ -61,7 +61,7 @@ def advance(
             if assignment in seen and binding is not bound:
                 continue
             seen.add(assignment)
-            verdict, to = step(state, binding)
+            verdict, to = step(state, binding, bound)
             match verdict:
                 case Verdict.TRUE:
                     return None
@@ -79,6 +79,15 @@ def advance(
         bound_names = sorted({name for binding in after.values() for name in binding})
         raise TooLarge(f"slices, one for each assignment of {', '.join(bound_names)}", limit=limit)
     return after
+
+
+def fits(matched: Callable[[Binding], Binding | None], bound: Binding, before: Binding) -> bool:
+    """Whether an event is matched under a binding. What it has just given it and what equals nothing, as NaN, is its own."""
+    if matched(bound) is not None or bound is before:
+        return matched(bound) is not None
+    lost = [name for name in bound.keys() - before.keys() if not equal(bound[name], bound[name])]
+    found = matched({name: value for name, value in bound.items() if name not in lost}) if lost else None
+    return found is not None and all(found.get(name, bound[name]) is bound[name] for name in lost)
 
 
 def passes(guard: Guard, binding: Binding) -> bool:

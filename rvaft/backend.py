@@ -14,7 +14,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import ClassVar
 
-from rvaft.analysis.plain_trees import asks_for_time, plain_trees
+from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
@@ -112,6 +112,8 @@ class Backend(ABC):
     highlighting: ClassVar[Highlighting | None] = None
     """How its texts are highlighted in a listing in LaTeX, if they are."""
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics) - {Semantics.CONSECUTIVE}
+    untimed: ClassVar[str] = "the language has no times"
+    """Why its texts cannot ask for the times of events; empty where they can."""
     default_limit: ClassVar[int]
     """The size (in the unit the backend documents) above which `translate` raises `TooLarge`."""
 
@@ -123,17 +125,19 @@ class Backend(ABC):
         """
 
     def plain(self, tree: RVAFT, semantics: Semantics) -> RVAFT:
-        """The tree said without counted leaves and `pand`, for a language that has neither; raises `NotExpressible` for what is left."""
-        trees, reason = plain_trees(tree), ""
+        """The tree said without counted leaves, `pand`, windows and time points, for a language that has none of these.
+
+        A time is a variable there, in the field `TIME`, and the tree has `time` where it asks for one. Raises `NotExpressible` for what is left, `TooLarge`.
+        """
+        timed = [node.name for node in tree.top_down() if asks_for_time(node)]
         if semantics not in self.semantics:
-            reason = "the language has no way to say it"
-        elif tree.time is not None and (tree.time.late is not None or any(map(asks_for_time, tree.top_down()))):
-            reason = "the language has no times"
-        elif len(trees) != 1:
-            reason = "how the parts of `pand` end is a matter of choices"
-        if reason:
+            raise NotExpressible("the language has no way to say it", backend=self.name, semantics=semantics)
+        if tree.time is not None and tree.time.late is not None:
+            reason = "which events are late the events before them say, and a text asks of each event by itself"
             raise NotExpressible(reason, backend=self.name, semantics=semantics)
-        return trees[0]
+        if timed and self.untimed:
+            raise NotExpressible(self.untimed, backend=self.name, semantics=semantics, nodes=timed)
+        return one_plain_tree(tree)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a text of the language, whoever wrote it; raises `LanguageError`.

@@ -7,7 +7,7 @@ from time import perf_counter
 from typing import ClassVar
 
 from backends.automaton.configurations import Plan
-from backends.automaton.determinise import HOPELESS, Automaton, determinised, minimised
+from backends.automaton.determinise import HOPELESS, Automaton, determinised, minimised, refined
 from backends.automaton.diagram import BEFORE, READABLE, diagram
 from backends.automaton.hoa_reader import HoaMonitor, program
 from backends.automaton.hoa_writer import title_of, write
@@ -37,6 +37,8 @@ class AutomatonBackend(Backend):
     name: ClassVar[str] = "automaton"
     language: ClassVar[str] = "hoa"
     suffix: ClassVar[str] = ".hoa"
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
+    untimed: ClassVar[str] = ""
     default_limit: ClassVar[int] = 100_000
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
@@ -45,7 +47,7 @@ class AutomatonBackend(Backend):
         work = Work(self.default_limit if limit is None else limit)
         automaton, parts, letters = _built(tree, Semantics(semantics), work)
         relevance, name = _relevance(tree, Semantics(semantics)), title_of(tree, semantics)
-        text, metrics = write(automaton, parts, letters, name=name, relevance=relevance, work=work)
+        text, metrics = write(automaton, parts, letters, name=name, time=tree.time, relevance=relevance, work=work)
         metrics = replace(metrics, seconds=perf_counter() - started)
         return Specification(text, self.language, metrics, partial(AutomatonBackend.read, self))
 
@@ -66,13 +68,14 @@ class AutomatonBackend(Backend):
         """
         return HoaMonitor(program(text, atoms))
 
-    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...]:
-        """What the propositions of a HOA text ask of events; raises as `read` does."""
-        return tuple(dict.fromkeys(program(text, atoms).questions()))
+    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
+        """What the propositions of a HOA text ask of events, None where times are among it; raises as `read` does."""
+        known = program(text, atoms)
+        return tuple(dict.fromkeys(known.questions())) if known.time is None else None
 
 
 def _relevance(tree: RVAFT, semantics: Semantics) -> Relevance | None:
-    if semantics is not Semantics.PROJECTED:
+    if not semantics.relative:
         return None
     alphabet = dict.fromkeys((entry.pattern, entry.when) for entry in tree.alphabet)
     ignored = dict.fromkeys((tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores)
@@ -88,5 +91,7 @@ def _built(tree: RVAFT, semantics: Semantics, work: Work) -> tuple[Automaton, St
     if parts.form.feasible:  # constant guards may leave no scenario
         graphs = decided(parts.form, at_least=not scattered, work=work)
         plans = [Plan(parts, graph, number, at_least=not scattered, work=work) for number, graph in enumerate(graphs)]
-        automaton = determinised(plans, letters, work, scattered=scattered)
+        automaton = determinised(plans, letters, work, semantics)
+    if semantics is Semantics.CONSECUTIVE:
+        return refined(automaton, letters), parts, letters
     return minimised(automaton, letters, looping=scattered), parts, letters

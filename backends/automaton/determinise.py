@@ -1,8 +1,8 @@
 """The deterministic automaton, and its minimal one: a state is the set of configurations that a prefix may have led to.
 
 Under `strict` every event must be a move; under `projected` every relevant one; under `scattered` an event may also be
-left out, and a configuration that another one dominates is dropped. Apart from loops the graph has no cycle: every move leaves less
-to happen.
+left out, and a configuration that another one dominates is dropped. Apart from loops the graph has no cycle then: every move leaves less
+to happen. Under `consecutive` every state has the configurations of the start beside its own, and there are cycles.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 from backends.automaton.configurations import Move, Plan, Remainder
 from backends.automaton.letters import FeasibleLetters
 from backends.automaton.structure import Work
+from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
 
 DETECTED: Final = 0
@@ -62,8 +63,9 @@ class Automaton:
         return order
 
 
-def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, *, scattered: bool) -> Automaton:
+def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, semantics: Semantics) -> Automaton:
     """The automaton of the configurations that the plans start with; raises `TooLarge`."""
+    scattered = semantics is Semantics.SCATTERED
     number: dict[frozenset[Remainder], int] = {}
     waiting: list[frozenset[Remainder]] = []
 
@@ -89,7 +91,9 @@ def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, *,
     automaton = Automaton(numbered(frozenset(start)))
     edges, cost = 0, 50 + max(plan.width for plan in plans) // 10  # steps for a letter
     for state in waiting:
-        successors = _Successors(plans, sorted(state), scattered=scattered, work=work)
+        configurations = sorted(state)
+        kept = configurations if scattered else start if semantics is Semantics.CONSECUTIVE else ()
+        successors = _Successors(plans, configurations, kept, scattered=scattered, work=work)
         row = StateRow(mask_of(successors.by_atom), {}, {})
         for atoms in letters.over(row.sees):
             row.asks[atoms] = union(successors.guards[atom] for atom in bits(atoms))
@@ -107,11 +111,20 @@ class _Successors:
     """Where the letters of one state lead: the configurations of each atom found once, then put together as bit sets.
 
     Where a state has many overlapping atoms there are exponentially many letters, so what concerns a pair of configurations
-    is looked at once for the state. `kept` are configurations that stay whatever happens, none of which dominates another one; under
-    `scattered`, where events may be left out, they are those of the state, and a configuration that another one dominates is dropped.
+    is looked at once for the state. `kept` are configurations that are there whatever happens, none of which dominates another one: under
+    `consecutive` those of the start; under `scattered`, where events may be left out, those of the state, and a configuration that another one
+    dominates is dropped.
     """
 
-    def __init__(self, plans: Sequence[Plan], state: Sequence[Remainder], *, scattered: bool, work: Work) -> None:
+    def __init__(
+        self,
+        plans: Sequence[Plan],
+        state: Sequence[Remainder],
+        kept: Sequence[Remainder],
+        *,
+        scattered: bool,
+        work: Work,
+    ) -> None:
         self._plans = plans
         self._work = work
         self._scattered = scattered
@@ -121,9 +134,9 @@ class _Successors:
                 self.by_atom.setdefault(move.atom, []).append(move)
         self.guards = {atom: union(one.needed | one.noted for one in own) for atom, own in self.by_atom.items()}
         """The guards that matter when an atom is true."""
-        self._kept = state if scattered else ()
-        self._found = list(self._kept)
-        self._bit: dict[Remainder, int] = {}
+        self._kept = kept
+        self._found = list(kept)
+        self._bit = {} if scattered else {one: 1 << number for number, one in enumerate(kept)}
         self._worse = [0] * len(self._found)  # for each configuration found, those that it dominates
         self._reached: dict[tuple[int, int], int | None] = {}
         self._best: dict[int, frozenset[Remainder]] = {}
@@ -189,9 +202,9 @@ def _subsets(mask: int) -> Iterator[int]:
         subset = (subset - 1) & mask
 
 
-# The minimal automaton. There are no cycles but loops, so one pass from the end suffices: when a state is looked at, the classes of its other
-# successors are known, and it either equals one of those, or a class with the same edges, or is a class of its own.
-# Two states may see different atoms; they are compared on the letters over both.
+# The minimal automaton. Where there are no cycles but loops, one pass from the end suffices: when a state is looked at, the classes of its other
+# successors are known, and it either equals one of those, or a class with the same edges, or is a class of its own. Else classes are split
+# until no letter tells the states of one apart. Two states may see different atoms; they are compared on the letters over both.
 
 _SELF: Final = -1
 """Stands for the class of the state that an edge leaves."""
@@ -207,35 +220,20 @@ def minimised(automaton: Automaton, letters: FeasibleLetters, *, looping: bool) 
     by_signature: dict[frozenset[tuple[int, int]], list[int]] = {frozenset(): [DETECTED, HOPELESS]}
     class_of = {DETECTED: DETECTED, HOPELESS: HOPELESS}
 
-    def same(one: StateRow, other: StateRow) -> bool:
-        if one.sees == other.sees and one.targets == other.targets:
-            return True
-        if set(one.targets.values()) != set(other.targets.values()):
-            return False
-        for atoms in letters.over(one.sees | other.sees):
-            asked = one.asks.get(atoms & one.sees, 0) | other.asks.get(atoms & other.sees, 0)
-            if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(asked)):
-                return False
-        return True
-
     def equals(row: StateRow, successor: int) -> bool:
         """Whether a row is that of a class which its state leads to."""
-        theirs, either = rows[successor], {_SELF, successor}
-        if set(row.targets.values()) | either != set(theirs.targets.values()) | either:
+        theirs, either = rows[successor], {successor: _SELF}
+        if {*row.targets.values(), _SELF, successor} != {*theirs.targets.values(), _SELF, successor}:
             return False
-        return same(*(one.redirected({successor: _SELF}) for one in (row, theirs)))
+        return _same(row.redirected(either), theirs.redirected(either), letters)
 
     def class_for(row: StateRow) -> int:
         for successor in dict.fromkeys(row.targets.values()):
             if successor not in (_SELF, DETECTED) and equals(row, successor):
                 return successor
-        # Where the least letter of each atom leads, where that is not what a state does with an event it does not see.
-        atoms = union(letters.implying(atom) for atom in bits(row.sees))
-        leading = ((atom, row.target((letters.closure(1 << atom) or 0) | letters.guards)) for atom in bits(atoms))
-        signature = frozenset((atom, to) for atom, to in leading if to is not None and to != default)
-        known = by_signature.setdefault(signature, [])
+        known = by_signature.setdefault(_signature(row, letters, default), [])
         for one in known:
-            if same(row, rows[one]):
+            if _same(row, rows[one], letters):
                 return one
         known.append(len(rows))
         rows.append(row)
@@ -244,8 +242,53 @@ def minimised(automaton: Automaton, letters: FeasibleLetters, *, looping: bool) 
     for state in _from_the_end(automaton):
         class_of[state] = _SELF
         class_of[state] = class_for(automaton.rows[state].redirected(class_of))
-    start = class_of[automaton.start]
-    rows = [row.redirected({_SELF: number}) for number, row in enumerate(rows)]
+    return _in_order(class_of[automaton.start], [row.redirected({_SELF: number}) for number, row in enumerate(rows)])
+
+
+def refined(automaton: Automaton, letters: FeasibleLetters) -> Automaton:
+    """The minimal automaton over the feasible letters where an event that a state does not see leads to the start."""
+    order = [state for state in automaton.in_order() if state not in (DETECTED, HOPELESS)]
+    class_of = {DETECTED: DETECTED, HOPELESS: HOPELESS, **dict.fromkeys(order, 2)}
+    while True:
+        rows, split = automaton.rows[:2], dict[tuple[int, frozenset[tuple[int, int]]], list[int]]()
+        new = {DETECTED: DETECTED, HOPELESS: HOPELESS}
+        for state in order:
+            row = automaton.rows[state].redirected(class_of)
+            known = split.setdefault((class_of[state], _signature(row, letters, class_of[automaton.start])), [])
+            alike = next((one for one in known if _same(row, rows[one], letters)), len(rows))
+            if alike == len(rows):
+                known.append(alike)
+                rows.append(row)
+            new[state] = alike
+        if len(set(new.values())) == len(set(class_of.values())):  # as many classes as before: these
+            first = {one: state for state, one in reversed(class_of.items())}
+            rows = [automaton.rows[first.get(one, one)].redirected(class_of) for one in range(len(rows))]
+            return _in_order(class_of[automaton.start], rows)
+        class_of = new
+
+
+def _same(one: StateRow, other: StateRow, letters: FeasibleLetters) -> bool:
+    """Whether all letters lead to the same."""
+    if one.sees == other.sees and one.targets == other.targets:
+        return True
+    if set(one.targets.values()) != set(other.targets.values()):
+        return False
+    for atoms in letters.over(one.sees | other.sees):
+        asked = one.asks.get(atoms & one.sees, 0) | other.asks.get(atoms & other.sees, 0)
+        if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(asked)):
+            return False
+    return True
+
+
+def _signature(row: StateRow, letters: FeasibleLetters, default: int) -> frozenset[tuple[int, int]]:
+    """Where the least letter of each atom leads, where that is not what a state does with an event it does not see."""
+    atoms = union(letters.implying(atom) for atom in bits(row.sees))
+    leading = ((atom, row.target((letters.closure(1 << atom) or 0) | letters.guards)) for atom in bits(atoms))
+    return frozenset((atom, to) for atom, to in leading if to is not None and to != default)
+
+
+def _in_order(start: int, rows: list[StateRow]) -> Automaton:
+    """The automaton with its states in breadth-first order."""
     new = {
         one: index for index, one in enumerate(dict.fromkeys([DETECTED, HOPELESS, *Automaton(start, rows).in_order()]))
     }

@@ -10,7 +10,7 @@ if acceptance is on the edges, with an accepting edge, its marks being seen for 
 import re
 import warnings
 from collections.abc import Hashable, Iterator, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from importlib import import_module
 from typing import Any, Final, TypeAlias
 
@@ -19,7 +19,8 @@ from backends.automaton.hoa_writer import ALIVE
 from backends.automaton.letters import apart
 from rvaft.backend import Observed
 from rvaft.errors import LanguageError, TooLarge, ToolMissing
-from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.language.parser import parse_guard, parse_pattern, parse_time
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard, holds, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import (
@@ -251,6 +252,7 @@ _HEADER: Final = re.compile(
 _EXPECTED: Final = {
     "event:": ((2,), "a number and a pattern in quotes"),
     "guard:": ((2,), "a number and a guard in quotes"),
+    "time:": ((1,), "a field and its format in quotes"),
     "relevant:": ((1,), "a number"),
     "alphabet:": ((1, 2), "a pattern in quotes, and a guard in quotes where there is one"),
     "ignore:": ((1, 2), "a pattern in quotes, and a guard in quotes where there is one"),
@@ -267,6 +269,7 @@ class HoaProgram:
 
     def __init__(self, text: str, atoms: Mapping[str, Pattern]) -> None:
         """Raises `LanguageError`, `ToolMissing`, `TooLarge`."""
+        self.time: EventTime | None = None
         self.guards: dict[int, Guard] = {}
         self.relevant: set[int] = set()
         self._patterns: dict[int, Pattern] = {}
@@ -303,7 +306,7 @@ class HoaProgram:
         many, what = _EXPECTED[name]
         if len(values) not in many:
             raise LanguageError(f"{name} expects {what}")
-        numbers = [] if name in ("alphabet:", "ignore:") else values[:1]
+        numbers = [] if name in ("alphabet:", "ignore:", "time:") else values[:1]
         for value in numbers:
             if not (value.isascii() and value.isdigit()):
                 raise LanguageError(f"{name} expects the number of a proposition, not {value}")
@@ -314,6 +317,9 @@ class HoaProgram:
         texts = [re.sub(r"\\(.)", r"\1", value[1:-1], flags=re.DOTALL) for value in quoted]
         if name == "relevant:":
             self.relevant.add(int(values[0]))
+            return
+        if name == "time:":
+            self.time = parse_time(f"time {texts[0]}")
             return
         if name == "guard:":
             self.guards[int(values[0])] = parse_guard(texts[0])
@@ -384,6 +390,7 @@ class HoaMonitor(Monitor):
 
     def _advance(self, event: Json) -> Verdict:
         program, run, events = self._program, self._program.table, self._program.events
+        event = event if program.time is None else program.time.stamped(event)
         relevant = bool(program.relevant) and program.is_relevant(event)
 
         def extensions(state: int, bound: Binding) -> Iterator[Binding]:
@@ -393,14 +400,14 @@ class HoaMonitor(Monitor):
                     if found is not None:
                         yield rigid(found)
 
-        def is_true(number: int, bound: Binding) -> bool:
+        def is_true(number: int, bound: Binding, before: Binding) -> bool:
             if number in events:
                 pattern, shared = events[number]
-                return shared <= bound.keys() and match(pattern, event, bound) is not None
+                return shared <= bound.keys() and slices.fits(partial(match, pattern, event), bound, before)
             return slices.passes(program.guards[number], bound) if number in program.guards else relevant
 
-        def step(state: int, bound: Binding) -> tuple[Verdict, int]:
-            to = run.next(state, tuple([is_true(number, bound) for number in run.seen(state)]))
+        def step(state: int, bound: Binding, before: Binding) -> tuple[Verdict, int]:
+            to = run.next(state, tuple([is_true(number, bound, before) for number in run.seen(state)]))
             return run.verdicts[to], to
 
         after = slices.advance(self._slices, extensions, step, matter=program.matter, limit=self._limit)

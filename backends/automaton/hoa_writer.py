@@ -9,6 +9,7 @@ propositions mean:
     relevant: 1                         ... that one of the next lines fits and no `ignore` line
     alphabet: "{ event: \"a\" }"        an event's pattern, and where it has one the guard on it
     ignore: "{ v: V }" "V < 250"
+    time: "ts as iso8601"               where an event has its time, the field "τ" of these patterns: nanoseconds, or null
 """
 
 import re
@@ -19,7 +20,8 @@ from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateR
 from backends.automaton.letters import FeasibleLetters, Relevance
 from backends.automaton.structure import Structure, Work
 from rvaft.backend import Metrics
-from rvaft.model.expressions import guard_text, pattern_text
+from rvaft.model.event_time import EventTime
+from rvaft.model.expressions import guard_text, pattern_text, time_text
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, in_at_least, union
@@ -100,6 +102,7 @@ def write(
     letters: FeasibleLetters,
     *,
     name: str,
+    time: EventTime | None,
     relevance: Relevance | None,
     work: Work,
 ) -> tuple[str, Metrics]:
@@ -156,6 +159,7 @@ def write(
         f"States: {states}",
         "Start: 0",
         *_propositions(structure, numbers, relevance),
+        *([] if time is None else [f"time: {_quoted(time_text(time).removeprefix('time '))}"]),
         "acc-name: Buchi",
         "Acceptance: 1 Inf(0)",
         "properties: trans-labels explicit-labels state-acc deterministic",

@@ -37,6 +37,8 @@ class LtlfBackend(Backend):
     language: ClassVar[str] = "ltlf"
     suffix: ClassVar[str] = ".ltlf"
     tools: ClassVar[tuple[str, ...]] = ("mona",)
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
+    untimed: ClassVar[str] = ""
     default_limit: ClassVar[int] = 200_000
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
@@ -54,9 +56,9 @@ class LtlfBackend(Backend):
         """
         return LtlfMonitor(text, atoms or {})
 
-    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...]:
-        """What the atoms of the formula ask of events; raises `LanguageError` and `ToolMissing` as `read` does."""
-        return tuple(dict.fromkeys(observed(text, atoms or {})))
+    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
+        """What the atoms of the formula ask of events, None where times are among it; raises `LanguageError` and `ToolMissing` as `read` does."""
+        return observed(text, atoms or {})
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """By `mona`: a monitor that runs the automaton which ltlf2dfa and MONA make of a formula without variables.

@@ -28,11 +28,11 @@ State = TypeVar("State", bound=Hashable)
 
 
 class Composer:
-    """Translates parts; `event_of` gives the formula of an EVENT part, `relevant` is the atom of relevant positions (`projected` alone).
+    """Translates parts; `event_of` gives the formula of an EVENT part, `relevant` is the atom of relevant positions (`projected`, `consecutive`).
 
     A formula is true at a position when what it stands for is matched from there on. `scattered`: by some later events, so that such
     a formula is *monotone*, true at every earlier position too. `strict`: by exactly the next events. `projected`: by exactly the next
-    relevant events; each formula is about a relevant position, and `_begin` looks for the first one.
+    relevant events; each formula is about a relevant position, and `_begin` looks for the first one. `consecutive`: likewise, from anywhere.
     `limit` bounds states and scenarios.
     """
 
@@ -50,7 +50,8 @@ class Composer:
         self._anatomy = anatomy
         self._event_of = event_of
         self._monotone = semantics is Semantics.SCATTERED
-        self._projected = semantics is Semantics.PROJECTED
+        self._relative = semantics.relative
+        self._anywhere = semantics is Semantics.CONSECUTIVE
         self._relevant = relevant
         self._known: dict[tuple[int, int], int] = {}
         self._free: set[int] = set()
@@ -61,15 +62,18 @@ class Composer:
         self._states: dict[int, frozenset[_Order]] = {}
 
     def whole(self) -> int:
-        """The formula of the root, from the first position on."""
-        return self._begin(run(self._of(self._anatomy.root, TRUE)))
+        """The formula of the root, from the first position on; `consecutive`: from some relevant one, `F(rel & f)`."""
+        formula = run(self._of(self._anatomy.root, TRUE))
+        if self._anywhere and formula != TRUE:
+            return self._formulas.eventually(self._formulas.conjunction([self._relevant, formula]))
+        return self._begin(formula)
 
     # Positions: the only place where the semantics differ in the formulas themselves.
 
     def _begin(self, formula: int) -> int:
         """The formula from the first position that counts; `projected`: `!rel U (rel & f)`."""
         f = self._formulas
-        if not self._projected or formula == TRUE:
+        if not self._relative or formula == TRUE:
             return formula
         return f.until(f.negation(self._relevant), f.conjunction([self._relevant, formula]))
 

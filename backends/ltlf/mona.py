@@ -21,7 +21,7 @@ import networkx as nx
 
 from backends.ltlf.formulas import JUNCTIONS, Connective, Formulas
 from backends.ltlf.monitor import Atom, atoms_of
-from backends.ltlf.reader import formula_of
+from backends.ltlf.reader import Header, formula_of
 from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
@@ -140,8 +140,8 @@ class _MonaAutomaton:
 
 
 @lru_cache(maxsize=32)
-def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutomaton, Mapping[str, Atom]]:
-    """The automaton, and the atoms by their names in it."""
+def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutomaton, Mapping[str, Atom], Header]:
+    """The automaton, the atoms by their names in it, and what the text says beside the formula."""
     formulas = Formulas()
     header, root = formula_of(text, formulas)
     names = sorted(formulas.atoms(root))
@@ -153,7 +153,7 @@ def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutom
         raise TooLarge(f"a formula with {len(names)} atoms for mona", limit=ATOMS)
     symbols = {name: f"p{number}" for number, name in enumerate(names)}  # ltlf2dfa writes symbols in upper case
     made = _MonaAutomaton(_output(_program(formulas, root, symbols)))
-    return made, {symbol.upper(): atoms[name] for name, symbol in symbols.items()}
+    return made, {symbol.upper(): atoms[name] for name, symbol in symbols.items()}, header
 
 
 class MonaMonitor(Monitor):
@@ -161,7 +161,7 @@ class MonaMonitor(Monitor):
 
     def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
         super().__init__()
-        self._automaton, self._atoms = _made(text, tuple(sorted(given.items(), key=lambda item: item[0])))
+        self._automaton, self._atoms, self._header = _made(text, tuple(sorted(given.items(), key=lambda item: item[0])))
         self._at = self._automaton.start
 
     @property
@@ -170,7 +170,8 @@ class MonaMonitor(Monitor):
         return self._automaton, self._at, self._verdict
 
     def _advance(self, event: Json) -> Verdict:
-        word = ["1" if self._atoms[name].holds(event, {}) else "0" for name in self._automaton.names]
+        event, nothing = self._header.stamped(event), dict[str, Json]()
+        word = ["1" if self._atoms[name].holds(event, nothing, nothing) else "0" for name in self._automaton.names]
         for cube, to in self._automaton.edges[self._at]:
             if all(asked in ("X", bit) for asked, bit in zip(cube, word, strict=True)):
                 self._at = to

@@ -7,12 +7,12 @@ continuation; ⊥ if there is none where it can still hold. A slice in which it 
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from backends.ltlf.formulas import Formulas
 from backends.ltlf.progression import Residuals
 from backends.ltlf.reader import Header, Observation, formula_of
-from backends.slices import advance, start
+from backends.slices import advance, fits, start
 from rvaft.analysis.pattern_index import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
 from rvaft.backend import Observed
 from rvaft.model import guards, patterns
@@ -34,9 +34,9 @@ class Atom:
     extended: Callable[[Json, Binding], Binding | None]
     """The smallest extension of a binding under which it is true at an event, or None."""
 
-    def holds(self, event: Json, binding: Binding) -> bool:
-        """Whether it is true at the event."""
-        return self.binds <= binding.keys() and self.extended(event, binding) is not None
+    def holds(self, event: Json, binding: Binding, before: Binding) -> bool:
+        """Whether it is true at the event under a binding that was `before` without what the event has given."""
+        return self.binds <= binding.keys() and fits(partial(self.extended, event), binding, before)
 
 
 def atoms_of(header: Header, names: Iterable[str], given: Mapping[str, Pattern]) -> dict[str, Atom]:
@@ -88,13 +88,17 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
     return Atom(patterns.Anything(), frozenset(), frozenset(), extended)
 
 
-def observed(text: str, given: Mapping[str, Pattern]) -> Iterator[Observed]:
-    """What a formula asks of events: patterns and guards of its atoms, and what its header says of relevance.
+def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...] | None:
+    """What a formula asks of events: patterns and guards of its atoms, and what its header says of relevance; None where times are among it.
 
     `given` has the patterns of atoms that the text does not define. Raises `LanguageError`, `ToolMissing`.
     """
     formulas = Formulas()
     header, root = formula_of(text, formulas)
+    return tuple(dict.fromkeys(_questions(header, formulas, root, given))) if header.time is None else None
+
+
+def _questions(header: Header, formulas: Formulas, root: int, given: Mapping[str, Pattern]) -> Iterator[Observed]:
     for name in formulas.atoms(root):
         if name not in header.relevant and name not in header.ignored:
             one = _observation(header, name, given)
@@ -120,6 +124,7 @@ class _LtlfProgram:
     def __init__(self, text: str, given: tuple[tuple[str, Pattern], ...]) -> None:
         formulas = Formulas()
         header, root = formula_of(text, formulas)
+        self.stamped = header.stamped
         self.atoms = atoms_of(header, formulas.atoms(root), dict(given))
         self.residuals = Residuals(formulas, {name: atom.mentions for name, atom in self.atoms.items()})
         self.initial = self.residuals.of(root)
@@ -142,6 +147,7 @@ class LtlfMonitor(Monitor):
 
     def _advance(self, event: Json) -> Verdict:
         program, residuals, atoms = self._program, self._program.residuals, self._program.atoms
+        event = program.stamped(event)
         candidates = frozenset([program.names[number] for number in program.index.candidates(event)])
 
         def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
@@ -153,9 +159,9 @@ class LtlfMonitor(Monitor):
                         if extended is not None:
                             yield extended
 
-        def step(residual: int, binding: Binding) -> tuple[Verdict, int]:
+        def step(residual: int, binding: Binding, before: Binding) -> tuple[Verdict, int]:
             asked = residuals.now(residual) & candidates
-            letter = frozenset([name for name in asked if atoms[name].holds(event, binding)])
+            letter = frozenset([name for name in asked if atoms[name].holds(event, binding, before)])
             accepted, rest = residuals.step(residual, letter)
             if accepted and residuals.is_valid(rest):
                 return Verdict.TRUE, rest

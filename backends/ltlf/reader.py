@@ -5,6 +5,7 @@ Lines of the comment, one each:
     atom NAME := PATTERN when GUARD when GUARD      an event under guards, each true while one of its variables is unbound
     relevant NAME := PATTERN when GUARD             several lines: events that fit one of them, for some values of the variables,
     ignored NAME := PATTERN when GUARD              and none of these
+    time FIELD as FORMAT                            where an event has its time: the field `"τ"` of the patterns, in nanoseconds, or null
     NAME := FORMULA                                 a shared subformula, of atoms and of what was defined above
 
 Patterns and guards are written as in the language of trees. The comment starts with `/* rvaft`; any other comment is just that.
@@ -18,14 +19,17 @@ from typing import Any, Final
 
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
 from rvaft.errors import LanguageError, ToolMissing
-from rvaft.language.parser import parse_guard, parse_pattern
-from rvaft.model.expressions import guard_text, pattern_text
+from rvaft.language.parser import parse_guard, parse_pattern, parse_time
+from rvaft.model.event_time import EventTime
+from rvaft.model.expressions import guard_text, pattern_text, time_text
 from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.patterns import Anything, ObjectPattern, Pattern
+from rvaft.model.values import Json
 
 _OPENING: Final = re.compile(r"\s*/\* rvaft(?!\w)")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _CONTENT: Final = re.compile(r"[^\n]*\S")
+_TIME: Final = re.compile(r"\s*(time\s.*\S)")
 _LINE: Final = re.compile(r"\s*(?:(atom|relevant|ignored)\s+)?([a-z_][a-z0-9_]*)\s*:=\s*(.*\S)")
 _STRING_OR_WHEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\]]|(?<!\w)when(?!\w)')
 
@@ -45,8 +49,12 @@ class Observation:
 
     def __str__(self) -> str:
         text = pattern_text(self.pattern) + "".join(f" when {guard_text(guard)}" for guard in self.guards)
-        # in strings, what would end the comment
-        return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f").replace("/*", "\\u002f*"), text)
+        return _in_comment(text)
+
+
+def _in_comment(text: str) -> str:
+    """The text without what would end the comment in its strings."""
+    return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f").replace("/*", "\\u002f*"), text)
 
 
 @dataclass(slots=True)
@@ -59,9 +67,15 @@ class Header:
     definitions: dict[str, str] = field(default_factory=dict)
     places: dict[str, int] = field(default_factory=dict)
     """Of each definition where its formula begins in the text."""
+    time: EventTime | None = None
+
+    def stamped(self, event: Json) -> Json:
+        """The event as the patterns see it."""
+        return event if self.time is None else self.time.stamped(event)
 
     def __str__(self) -> str:
-        lines = [f"atom {name} := {observation}" for name, observation in self.atoms.items()]
+        lines = [] if self.time is None else [_in_comment(time_text(self.time))]
+        lines += [f"atom {name} := {observation}" for name, observation in self.atoms.items()]
         for kind, several in (("relevant", self.relevant), ("ignored", self.ignored)):
             lines += [f"{kind} {name} := {entry}" for name, entries in several.items() for entry in entries]
         lines += [f"{name} := {formula}" for name, formula in self.definitions.items()]
@@ -84,6 +98,11 @@ def split(text: str) -> tuple[Header, int]:
         raise _malformed("the comment is not closed: write */ after its last line", text, start)
     for line in _CONTENT.finditer(text, opening.end(), end):
         found = _LINE.fullmatch(text, *line.span())
+        if found is None and (time := _TIME.fullmatch(text, *line.span())):
+            if header.time is not None:
+                raise _malformed("there are two times of one event", text, time.start(1))
+            header.time = _read(parse_time, text, *time.span(1))
+            continue
         if found is None:
             message = "a line of the header reads `atom NAME := PATTERN when GUARD` or `NAME := FORMULA`"
             raise _malformed(message, text, line.end() - len(line[0].lstrip()))
@@ -109,13 +128,17 @@ def _observation(text: str, start: int, stop: int) -> Observation:
             cuts += token.span()
     parts: list[Any] = []
     for begin, end in zip(cuts[::2], [*cuts[1::2], stop], strict=True):
-        try:
-            parts.append((parse_guard if parts else parse_pattern)(text[begin:end]))
-        except LanguageError as error:
-            raise _malformed(error.message, text, begin + error.column - 1) from None
+        parts.append(_read(parse_guard if parts else parse_pattern, text, begin, end))
         if not isinstance(parts[0], ObjectPattern | Anything):
             raise _malformed("an event is an object: expected a pattern such as { field: 1 }, or _", text, start)
     return Observation(parts[0], tuple(parts[1:]))
+
+
+def _read(parser: Callable[[str], Any], text: str, start: int, stop: int) -> Any:
+    try:
+        return parser(text[start:stop])
+    except LanguageError as error:
+        raise _malformed(error.message, text, start + error.column - 1) from None
 
 
 def _malformed(message: str, text: str, offset: int) -> LanguageError:

@@ -28,7 +28,7 @@ class Translation:
         self._tree = tree
         self._semantics = semantics
         self._limit = limit
-        self._header = Header()
+        self._header = Header(time=tree.time)
         self._formulas = Formulas(limit)
         self._atoms: dict[Observation, int] = {}
         self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
@@ -40,7 +40,7 @@ class Translation:
     def text(self) -> tuple[str, Metrics]:
         """The text and its sizes."""
         formulas, header, form = self._formulas, self._header, normal_form(self._tree)
-        relevant = self._relevance() if self._semantics is Semantics.PROJECTED else TRUE
+        relevant = self._relevance() if self._semantics.relative else TRUE
         monotone = self._semantics is Semantics.SCATTERED
         some = settled(form, self._patterns, monotone=monotone, limit=self._limit) if form.feasible else ()
         root = formulas.disjunction(self._formula(parts, guards, monotone, relevant) for parts, guards in some)

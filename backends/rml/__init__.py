@@ -50,6 +50,10 @@ class RmlBackend(Backend):
     language: ClassVar[str] = "rml"
     suffix: ClassVar[str] = ".rml"
     highlighting: ClassVar[Highlighting] = HIGHLIGHTING
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
+    untimed: ClassVar[str] = (
+        "times are read from texts and decimals, and RML has only the numbers of an event as they stand"
+    )
     default_limit: ClassVar[int] = 20_000
     json_alone: ClassVar[bool] = True  # `not matches` takes whatever is not matched
 

@@ -21,8 +21,19 @@ from backends.rml import RmlBackend
 from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted, spellings
 from rvaft.analysis.branches import Branch, branches, or_gates
 from rvaft.analysis.normal_form import Body, Op, body
+from rvaft.analysis.plain_trees import is_plain
 from rvaft.errors import NotExpressible, TooLarge
-from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, conjuncts, holds
+from rvaft.model.guards import (
+    ARITHMETIC,
+    COMPARISONS,
+    JUNCTIONS,
+    OPERATORS,
+    Guard,
+    Operation,
+    Operator,
+    conjuncts,
+    holds,
+)
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality
 from rvaft.model.patterns import (
@@ -150,7 +161,7 @@ class PaperTypes:
                 return f"(-{self._data(operand, node)})"
             case Operation(Operator.NOT, (Operation(operator, operands),)) if negated := OPERATORS[operator].negated:
                 return self._data(Operation(negated, operands), node)
-            case Operation(operator, operands) if operator is not Operator.NOT:
+            case Operation(operator, operands) if operator in ARITHMETIC | COMPARISONS | JUNCTIONS:
                 return f"({f' {_SIGNS[operator]} '.join(self._data(operand, node) for operand in operands)})"
             case _:
                 raise _refusal("a guard that is not a comparison of numbers", self._semantics, node)
@@ -344,6 +355,12 @@ class RmlPaperBackend(RmlBackend):
     name: ClassVar[str] = "rml-paper"
     faithful: ClassVar[bool] = False
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.STRICT, Semantics.PROJECTED})
+
+    def plain(self, tree: RVAFT, semantics: Semantics) -> RVAFT:
+        """The tree itself; of what is not plain, and of the other semantics, there is no word in the paper."""
+        if semantics not in self.semantics or not is_plain(tree):
+            raise NotExpressible("the paper does not say how", backend=self.name, semantics=semantics)
+        return super().plain(tree, semantics)
 
     def _translated(self, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
         return specification(tree, semantics, limit)

@@ -9,17 +9,17 @@ its choices and to end the parts of its `pand` gates: a trace has the verdict tr
 it for all. The alphabet always is that of the tree as it was.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import product
+from itertools import count, product
 from typing import Final
 
 from rvaft.analysis.branches import number_of
 from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import ScenarioSpace, path, precedence, resolutions
-from rvaft.errors import TooLarge
-from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard, Operation, Operator, TimePoint, substitute, variables, walk
+from rvaft.errors import TooLarge, TreeError
+from rvaft.model.event_time import TIME, EventTime
+from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint, substitute, variables, walk
 from rvaft.model.nodes import Causality, EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT, Whole, reachable
@@ -64,6 +64,64 @@ def plain_trees(tree: RVAFT, *, limit: int = LIMIT) -> tuple[RVAFT, ...]:
     return tuple(_resolved(tree, part_of.tree, limit))
 
 
+def one_plain_tree(tree: RVAFT, *, limit: int = LIMIT) -> RVAFT:
+    """One tree that says what the plain trees of a tree say: the choice of one of them, what is alike in several being shared.
+
+    It has `time` only where it asks for times. Raises `TooLarge` beyond `limit`, and `TreeError` where no scenario is feasible.
+
+    >>> import rvaft
+    >>> one_plain_tree(rvaft.loads("top pand x c; x and a b;")).nodes["top"].gate
+    <Gate.OR: 'or'>
+    """
+    trees, timed = plain_trees(tree, limit=limit), any(map(asks_for_time, tree.top_down()))
+    if not trees:
+        raise TreeError(f"no scenario of {tree.root} is feasible", rule="no-scenario", nodes=[tree.root])
+    time = tree.time if timed else None
+    if len(trees) == 1:
+        return trees[0] if trees[0].time == time else _rebuilt(trees[0], trees[0].nodes.values(), trees[0].part_of)
+    union = _Union(tree)
+    root = Node(tree.root, Gate.OR, tuple(dict.fromkeys(map(union.add, trees))))
+    part_of = tree.part_of or Whole(tree)
+    part_of = replace(part_of, origins={**part_of.origins, **union.origins})
+    return _rebuilt(tree, [root, *union.nodes.values()], part_of, union.events, time)
+
+
+class _Union:
+    """The nodes of several trees: those that are alike once, others under new names."""
+
+    def __init__(self, tree: RVAFT) -> None:
+        self._old = tree
+        self._known: dict[tuple[object, ...], str] = {}
+        self._taken = {tree.root}
+        self.nodes: dict[str, Node] = {}
+        self.events: dict[str, EventType] = {}
+        self.origins: dict[str, str] = {}
+
+    def add(self, tree: RVAFT) -> str:
+        """Add the nodes of a tree; the name that its root has here."""
+        names: dict[str, str] = {}
+        for node in tree.bottom_up():
+            pattern, children = tree.pattern(node.name), tuple(names[child] for child in node.children)
+            alike = node.name, node.gate, children, node.threshold, node.when, pattern
+            if alike not in self._known:
+                self._known[alike] = name = self._free(node.name)
+                on = node.on
+                if on is not None and on.event not in self._old.events and pattern is not None:
+                    on = On(f"{name}()", ())
+                    self.events[on.event] = EventType(on.event, (), pattern)
+                self.nodes[name] = replace(node, name=name, children=children, on=on)
+                self.origins[name] = tree.origins.get(node.name, node.name)
+            names[node.name] = self._known[alike]
+        return names[tree.root]
+
+    def _free(self, name: str) -> str:
+        found = next(
+            one for number in count(1) if (one := f"{name}/{number}" if number > 1 else name) not in self._taken
+        )
+        self._taken.add(found)
+        return found
+
+
 def without_conditions(tree: RVAFT) -> RVAFT:
     """The tree without times, numbers and order: events that can concern it as it was can concern this one."""
     nodes = [
@@ -78,7 +136,7 @@ def without_conditions(tree: RVAFT) -> RVAFT:
         for node in tree.nodes.values()
     ]
     types = {f"{n.name}()": EventType(f"{n.name}()", (), p) for n in nodes if (p := tree.pattern(n.name)) is not None}
-    return _rebuilt(tree, nodes, tree.part_of or Whole(tree), types)
+    return _rebuilt(tree, nodes, tree.part_of or Whole(tree), types, tree.time)
 
 
 class _Open(Exception):
@@ -95,7 +153,7 @@ def _resolved(tree: RVAFT, whole: RVAFT, limit: int) -> Iterator[RVAFT]:
         choices = {origin.get(name, name): origin.get(kept[name][0], kept[name][0]) for name in choosing}
         number = number_of(whole, {name: child for name, child in choices.items() if name in whole.nodes})
         part_of = Whole(whole, number or 0, None, origin)  # 0 where finding the number would take too long
-        part = _rebuilt(tree, nodes, part_of)
+        part = _rebuilt(tree, nodes, part_of, time=tree.time)
         for ends in _ways_to_end(part):
             count += 1
             if count > limit:
@@ -112,14 +170,20 @@ def _without_choice(node: Node, children: tuple[str, ...]) -> Node:
     return replace(node, gate=Gate.AND, threshold=None, children=children) if body(node).chooses else node
 
 
-def _rebuilt(tree: RVAFT, nodes: list[Node], part_of: Whole, events: Mapping[str, EventType] | None = None) -> RVAFT:
+def _rebuilt(
+    tree: RVAFT,
+    nodes: Iterable[Node],
+    part_of: Whole | None,
+    events: Mapping[str, EventType] | None = None,
+    time: EventTime | None = None,
+) -> RVAFT:
     return RVAFT(
         tree.root,
         nodes,
         {**tree.events, **(events or {})}.values(),
         ignores=tree.ignores,
         causality=tree.causality,
-        time=tree.time,
+        time=time,
         semantics=tree.semantics,
         part_of=part_of,
     )
@@ -210,7 +274,8 @@ class _Translation:
             before, bracket, number = name.rpartition("[")
             if before in origins:
                 origins[name] = f"{origins[before]}{bracket}{number}"
-        self.tree = _rebuilt(tree, list(self._nodes.values()), replace(part_of, origins=origins), self._events)
+        part_of = replace(part_of, origins=origins)
+        self.tree = _rebuilt(tree, self._nodes.values(), part_of, self._events, tree.time)
 
     def _change(self, name: str, **parts: object) -> None:
         self._nodes[name] = replace(self._nodes[name], **parts)  # type: ignore[arg-type]
@@ -225,7 +290,8 @@ class _Translation:
 
     def _pattern(self, name: str) -> Pattern:
         on = self._nodes[name].on
-        pattern = self._events[on.event].pattern if on and on.event in self._events else self._old.pattern(name)
+        known = None if on is None else self._events.get(on.event)
+        pattern = known.pattern if known else self._old.instantiate(on) if on else self._old.pattern(name)
         assert pattern is not None, "only nodes with events are observed"
         return pattern
 
@@ -241,8 +307,9 @@ class _Translation:
         if node.times > MOST:
             raise TooLarge(f"events that {node.name} counts, {node.times:,}", limit=MOST)
         for number in range(1, node.times + 1):
-            copies.append(self._add(Node(f"{node.name}[{number}]", when=own)))
-            self._observe(copies[-1], self._pattern(node.name))
+            copies.append(self._add(Node(f"{node.name}[{number}]", on=node.on, when=own)))
+            if node.on is None:
+                self._observe(copies[-1], self._pattern(node.name))
         when = node.when if own is None else None
         self._moved[node.name] = tuple(copies)
         self._change(node.name, gate=Gate.SAND, children=tuple(copies), on=None, when=when, times=1)
@@ -313,12 +380,11 @@ class _Translation:
             return self._moved[name][-1]
         if not node.has_event or self._old.causality is Causality.TOP_DOWN or _silent_below(self._old, name):
             return name
-        pattern, changed = self._pattern(name), self._nodes[name]  # the event after all that is below becomes a leaf
+        changed = self._nodes[name]  # the event after all that is below becomes a leaf
         if body(changed).chooses:  # branches are told by the choices of gates that the tree has
             raise _Open
         inner = self._add(Node(f"{name}[below]", changed.gate, changed.children, changed.threshold))
-        own = self._add(Node(f"{name}[event]"))
-        self._observe(own, pattern)
+        own = self._add(Node(f"{name}[event]", on=changed.on))
         self._moved[name] = (own,)
         self._change(name, gate=Gate.SAND, children=(inner, own), threshold=None, on=None)
         return own
@@ -334,9 +400,10 @@ def _timed(pattern: Pattern, variable: str) -> Pattern:
 
 
 def _differences(guard: Guard) -> Guard:
-    """The guard with times that are compared for equality subtracted: null, for an undefined time, equals null."""
+    """The guard with durations as numbers, and times that are compared for equality subtracted: null, an undefined time, equals null."""
     if not isinstance(guard, Operation):
-        return guard
+        return Literal(guard.value) if isinstance(guard, Duration) else guard
     if guard.operator in (Operator.EQ, Operator.NE) and any(isinstance(part, TimePoint) for part in walk(guard)):
-        return Operation(guard.operator, (Operation(Operator.SUB, guard.operands), Literal(0)))
+        difference = Operation(Operator.SUB, tuple(map(_differences, guard.operands)))
+        return Operation(guard.operator, (difference, Literal(0)))
     return Operation(guard.operator, tuple(map(_differences, guard.operands)))

@@ -8,7 +8,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from lark import Token, Transformer
@@ -249,16 +249,19 @@ class Build(Transformer[Token, Any]):
     def path(self, items: Items) -> Items:
         return items[::2]
 
-    def time(self, items: Items) -> Statement:
-        start, path, _, word, late = items[0], items[1], items[2], items[3], items[5]
+    def moment(self, items: Items) -> tuple[Token, EventTime]:
+        start, path, _, word = items
         if word not in tuple(TimeFormat):
             raise Slip(f"unknown format of times {shown(word)}: known are {', '.join(TimeFormat)}", word)
+        return start, EventTime(tuple(name.value for name in path), TimeFormat(word))
+
+    def time(self, items: Items) -> Statement:
+        (start, time), late = items[0], items[2]
         latest = None if late is None else self.duration([late]).value.value
 
         def add(page: Page) -> None:
             place = page.said(start, None).place
-            names = tuple(name.value for name in path)
-            page.draft.times.append(Said(EventTime(names, TimeFormat(word), latest, place), place))
+            page.draft.times.append(Said(replace(time, late=latest, place=place), place))
 
         return add
 

@@ -17,6 +17,7 @@ from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
 from rvaft.language.diagnostics import diagnose, error_at, shown
 from rvaft.language.draft import Draft, Said, no_collections
 from rvaft.language.galileo import read_dynamic_gates
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
 
@@ -38,7 +39,7 @@ class NoTree(LanguageError):
 @cache
 def _parser() -> Lark:
     grammar = files("rvaft.language").joinpath("grammar.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr", start=["tree", "only_pattern", "only_guard"], transformer=Build())
+    return Lark(grammar, parser="lalr", start=["tree", "only_pattern", "only_guard", "moment"], transformer=Build())
 
 
 def _parse(text: str, file: str, start: str) -> Any:
@@ -74,6 +75,16 @@ def parse_guard(text: str, file: str = "<guard>") -> Guard:
     """
     guard: Guard = _parse(text, file, "only_guard")
     return guard
+
+
+def parse_time(text: str, file: str = "<time>") -> EventTime:
+    """Where events have their time, as a statement says it without its end; raises `LanguageError`.
+
+    >>> parse_time("time header.stamp as ros").field
+    ('header', 'stamp')
+    """
+    time: EventTime = _parse(text, file, "moment")[1]
+    return time
 
 
 def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False) -> Draft:

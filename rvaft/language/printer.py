@@ -5,7 +5,16 @@ from typing import Final
 
 from rvaft.errors import WrongType
 from rvaft.model.event_time import duration_text
-from rvaft.model.expressions import guard_text, name_text, on_text, pattern_text, quoted, value_text, word_text
+from rvaft.model.expressions import (
+    guard_text,
+    name_text,
+    on_text,
+    pattern_text,
+    quoted,
+    time_text,
+    value_text,
+    word_text,
+)
 from rvaft.model.guards import Guard
 from rvaft.model.nodes import Causality, Node, Topic
 from rvaft.model.tree import RVAFT
@@ -48,7 +57,7 @@ def _settings(tree: RVAFT) -> Iterator[str]:
         yield f"semantics {tree.semantics};"
     if tree.time is not None:
         late = "" if tree.time.late is None else f" late {duration_text(tree.time.late)}"
-        yield f"time {'.'.join(map(name_text, tree.time.field))} as {tree.time.format}{late};"
+        yield f"{time_text(tree.time)}{late};"
 
 
 def _stated(tree: RVAFT) -> Iterator[Node]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from rvaft.errors import LanguageError
-from rvaft.model.event_time import duration_text
+from rvaft.model.event_time import EventTime, duration_text
 from rvaft.model.guards import (
     COMPARISONS,
     FUNCTIONS,
@@ -65,6 +65,11 @@ def name_text(name: str) -> str:
 def word_text(word: str) -> str:
     """The name of a field or an event type, in quotes where it is no word."""
     return word if WORD.fullmatch(word) else quoted(word)
+
+
+def time_text(time: EventTime) -> str:
+    """Where events have their time, as a statement says it without its end."""
+    return f"time {'.'.join(map(name_text, time.field))} as {time.format}"
 
 
 def literal_text(value: Scalar) -> str:

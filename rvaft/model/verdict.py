@@ -43,6 +43,11 @@ class Semantics(StrEnum):
         return self in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
 
     @property
+    def relative(self) -> bool:
+        """Whether the relevant events alone count, one after the other."""
+        return self in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
+
+    @property
     def ends(self) -> bool:
         """Whether the verdict can become false: where a match has to begin with the first event, or the first relevant one."""
         return self in (Semantics.STRICT, Semantics.PROJECTED)

@@ -72,7 +72,8 @@ def test_hand_written_cases(translator: Backend) -> None:
         cases = [case for case in CASES if (case.tree, case.branch, case.kind) == (text, branch, kind)]
         for semantics in Semantics:
             own = [case.events for case in cases if case.semantics == semantics]
-            assert agreeing(translator, tree, semantics, own + random) or not own or translator.name == "rml"
+            late = tree.time is not None and tree.time.late is not None
+            assert agreeing(translator, tree, semantics, own + random) or not own or late or translator.name == "rml"
 
 
 NAMES = st.text(max_size=5) | st.text(alphabet="_x5f1aA 2", max_size=5)
@@ -139,11 +140,11 @@ class Odd(Backend):
 
 NUMBERS = count()
 ODD = [  # what it writes, whether that is to be read, whether it must be expressible, what is found, whether it passes
-    ("", True, True, ["required"] * 6, False),
+    ("", True, True, ["required"] * 8, False),
     ("", True, False, [], False),
-    ("the same", True, True, ["readable"] * 6, False),
+    ("the same", True, True, ["readable"] * 8, False),
     ("the same", False, True, [], True),
-    ("another", False, True, ["repeatable", "language", "metrics"] * 6, False),
+    ("another", False, True, ["repeatable", "language", "metrics"] * 8, False),
 ]
 
 
@@ -151,7 +152,7 @@ ODD = [  # what it writes, whether that is to be read, whether it must be expres
 def test_what_is_odd_is_found(made: str, readable: bool, required: bool, checks: list[str], passed: bool) -> None:
     report = conformance.run(Odd(made, readable), Reference, trees=EXAMPLES[:2], required=lambda *_: required)
     assert [failure.check for failure in report.failures] == checks
-    assert (len(report.refusals), report.passed) == (0 if made else 6, passed)
+    assert (len(report.refusals), report.passed) == (0 if made else 8, passed)
 
 
 class Forgetful(RmlBackend):

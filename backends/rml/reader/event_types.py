@@ -69,7 +69,7 @@ def _applied(sign: str, given: list[Json]) -> Json:
         decided = first if not isinstance(first, bool) or first is (sign == "||") else second
         return decided if isinstance(decided, bool) else None
     strings = sign in _COMPARE and all(isinstance(operand, str) for operand in given)
-    if not strings and not all(map(is_number, given)):
+    if not strings and not all(is_number(operand) and operand - operand == 0 for operand in given):
         return None
     if sign in _COMPARE:
         return _COMPARE[sign](*given)
@@ -396,8 +396,10 @@ def _choices(value: s.Value) -> Iterator[p.Pattern]:
 # RML compares two numbers or two strings and nothing else, while `==` of a guard compares all values. So `x == y` becomes
 # `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`, which are undefined where RML's have no value.
 
+_NUMBERS: Final = frozenset({Operator.ABS, Operator.MIN, Operator.MAX})
+"""Functions that trees have too."""
 _SAME: Final = {
-    **{sign: Operator(sign) for sign in ("<", "<=", ">", ">=", "+", "-", "*", "/", "neg")},
+    **{sign: Operator(sign) for sign in ("<", "<=", ">", ">=", "+", "-", "*", "/", "neg", *_NUMBERS)},
     "&&": Operator.AND,
     "||": Operator.OR,
 }
@@ -418,7 +420,7 @@ def _condition(data: s.Data, scope: _Scope, depth: int = 0) -> Guard:
             return _value(scope.get(name, _NOTHING))
         case s.Apply(sign, operands):
             parts = tuple(_condition(operand, scope, depth + 1) for operand in operands)
-            truths = any(isinstance(part, Operation) and part.operator not in g.ARITHMETIC for part in parts)
+            truths = any(isinstance(part, Operation) and part.operator not in g.ARITHMETIC | _NUMBERS for part in parts)
             if truths and sign not in ("&&", "||"):  # a truth value is neither compared nor calculated with
                 return _NOTHING
             if sign in _PAIRS:

@@ -4,7 +4,7 @@ from contextlib import suppress
 from typing import Final, TypeAlias
 
 from backends.rml.writer.composition import Composition
-from backends.rml.writer.determinise import Determinised, equations, feasible_scenarios, minimised
+from backends.rml.writer.determinise import Determinised, equations, feasible_scenarios, minimised, refined
 from backends.rml.writer.event_types import ALWAYS, NEVER, Call, RmlTypes
 from backends.rml.writer.letters import RmlLetters, closed
 from backends.rml.writer.terms import Written, around, symbols
@@ -31,13 +31,14 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> tuple[str, in
     """
     types = RmlTypes(tree)
     letters = RmlLetters(tree, types, semantics)
-    if semantics is Semantics.SCATTERED and letters.remembered:
+    if semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE) and letters.remembered:
         names = sorted(letters.remembered)
         nodes = [n for n, own in zip(tree.occurrences, letters.variables, strict=True) if own & set(names)]
-        reason = f"any event may be skipped, so {names[0]} can have any number of values at once, and RML follows one"
+        why = "any event may be skipped" if semantics is Semantics.SCATTERED else "a match may begin at any event"
+        reason = f"{why}, so {names[0]} can have any number of values at once, and RML follows one"
         raise NotExpressible(reason, backend="rml", semantics=semantics, nodes=nodes)
     main, made = _property(letters, semantics, limit)
-    main = around(main, ">>", _relevant(letters)) if semantics is Semantics.PROJECTED else main
+    main = around(main, ">>", _relevant(letters)) if semantics.relative else main
     body = "\n".join(f"{name} = {term};" for name, term in [("Main", main), *made])
     header = f"// The attack-fault tree {' '.join(tree.root.split())} under the semantics {semantics}."
     size = symbols(body)
@@ -48,7 +49,7 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> tuple[str, in
 
 def _property(letters: RmlLetters, semantics: Semantics, limit: int) -> Property:
     composition = Composition(letters, semantics)
-    if not composition.possible:
+    if not composition.possible or semantics is Semantics.CONSECUTIVE:
         return _determinised(letters, semantics, limit)
     if composition.has_votes:
         with suppress(TooLarge):
@@ -59,7 +60,8 @@ def _property(letters: RmlLetters, semantics: Semantics, limit: int) -> Property
 def _determinised(letters: RmlLetters, semantics: Semantics, limit: int) -> Property:
     scenarios = feasible_scenarios(letters.tree, semantics, limit=limit)
     automaton = Determinised(scenarios, letters, semantics, limit=limit)
-    main, made = equations(minimised(automaton.alternatives), letters)
+    classes = (refined if automaton.cyclic else minimised)(automaton.alternatives)
+    main, made = equations(classes, letters, cyclic=automaton.cyclic)
     return around(main, "let", ", ".join(automaton.registers)) if automaton.registers else main, made
 
 

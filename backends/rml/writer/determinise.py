@@ -3,7 +3,8 @@ r"""Determinisation: every partial match of the feasible scenarios at once, foll
 A configuration is a set of matched occurrences, the register of each variable that has to be remembered, and the scenarios it is a
 partial match of; a state is a set of configurations. One event may be several letters. Each state lists its alternatives, larger sets
 of letters first: `\/` takes the first that fits, so none needs a negation, and an alternative that detects comes before all others.
-Where no alternative fits the monitor reports ⊥ at that very event; under `scattered` the state stays.
+Where no alternative fits the monitor reports ⊥ at that very event; under `scattered` the state stays, and under `consecutive`, where every state
+has the empty partial match beside its own, the first state follows.
 
 In sets of bits, bit i stands for the i-th occurrence, scenario or letter.
 """
@@ -220,6 +221,7 @@ class Determinised:
     def __init__(self, scenarios: list[BitScenario], letters: RmlLetters, semantics: Semantics, *, limit: int) -> None:
         self._letters, self._tree, self._limit = letters, letters.tree, limit
         self._scattered = semantics is Semantics.SCATTERED
+        self.cyclic = semantics is Semantics.CONSECUTIVE
         self._size = self._work = 0
         self._known: dict[int, frozenset[str]] = {}
         names = RmlNames()
@@ -238,7 +240,8 @@ class Determinised:
         self._ready = {index: tuple(ways.items()) for index, ways in sorted(ready.items())}
         guards = {name: self._tree.nodes[name].when for name in self._tree.order if name in self._guarded}
         self._speaks = {name: frozenset(variables(when)) for name, when in guards.items() if when is not None}
-        start = MatchState(frozenset({((0, ()), (1 << len(scenarios)) - 1)}))
+        self._start: Partials = {(0, ()): (1 << len(scenarios)) - 1}
+        start = MatchState(frozenset(self._start.items()))
         self._number = {start: 0}
         self._waiting = [start]
         self.alternatives = [list(self._alternatives(state)) for state in self._waiting]
@@ -266,8 +269,8 @@ class Determinised:
                     self._waiting.append(after)
                 target = self._number[after]
             yield RmlAlternative(letters, fits, target)
-        if self._scattered:
-            yield RmlAlternative((), 0, STAY)
+        if self._scattered or self.cyclic:
+            yield RmlAlternative((), 0, STAY if self._scattered else 0)
 
     def _count(self) -> None:
         """One more alternative, in whatever state."""
@@ -283,6 +286,7 @@ class Determinised:
     def _merged(self, state: MatchState, moves: Iterable[Partials]) -> frozenset[tuple[Partial, int]]:
         """All partial matches after the moves; under `scattered` one that another of the same scenario contains has nothing to add."""
         merged: dict[Partial, int] = defaultdict(int, state.partials if self._scattered else ())
+        merged.update(self._start if self.cyclic else {})
         for partials in moves:
             for partial, mask in partials.items():
                 merged[partial] |= mask
@@ -399,25 +403,54 @@ def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
             agenda.append((state, True))
             agenda.extend((one.target, False) for one in states[state] if one.target >= 0)
             continue
-        kept: list[RmlAlternative] = []
-        for one in reversed(states[state]):  # not where the next one that would fit leads to the same
-            target = of_state.get(one.target, one.target)
-            following = next((other for other in kept if not other.fits & ~one.fits), None)
-            if following is None or following.target != target:
-                kept.insert(0, one._replace(target=target))
-        choices = tuple((one.letters, one.target) for one in kept)
+        choices = _without_idle(states[state], of_state)
         of_state[state] = number.setdefault(choices, len(number))
     assert of_state[0] == len(number) - 1, "the first state lies before all others"
     return list(number)
 
 
-def equations(classes: list[StateClass], letters: RmlLetters) -> tuple[Written, list[tuple[str, Written]]]:
+def refined(states: list[list[RmlAlternative]]) -> list[StateClass]:
+    """The classes where states may lie on cycles: split until those of a class have the same alternatives; the last is that of the first state."""
+    class_of = dict.fromkeys(range(len(states)), 0)
+    while True:
+        number: dict[tuple[int, StateClass], int] = {}
+        made = {class_of[state]: _without_idle(own, class_of) for state, own in reversed([*enumerate(states)])}
+        new = {
+            state: number.setdefault((class_of[state], _without_idle(own, class_of)), len(number))
+            for state, own in enumerate(states)
+        }
+        if len(number) == len(made):
+            last = len(number) - 1
+            return [
+                tuple((some, last - to if to >= 0 else to) for some, to in made[one]) for one in range(last, -1, -1)
+            ]
+        class_of = new
+
+
+def _without_idle(own: list[RmlAlternative], class_of: Mapping[int, int]) -> StateClass:
+    """The alternatives by class, but for those after which the next one that would fit leads to the same."""
+    kept: list[RmlAlternative] = []
+    for one in reversed(own):
+        target = class_of.get(one.target, one.target)
+        following = next((other for other in kept if not other.fits & ~one.fits), None)
+        if following is None or following.target != target:
+            kept.insert(0, one._replace(target=target))
+    return tuple((one.letters, one.target) for one in kept)
+
+
+def equations(
+    classes: list[StateClass], letters: RmlLetters, *, cyclic: bool = False
+) -> tuple[Written, list[tuple[str, Written]]]:
     """The expression for the first state, and the equations it needs: one for each class that several others lead to.
 
-    The others are written where they are needed, unless that would be too deep inside others.
+    The others are written where they are needed, unless that would be too deep inside others, or there may be cycles (`cyclic`).
     """
     uses = Counter(target for choices in classes for target in {target for _, target in choices})
-    apart = {number for number, choices in enumerate(classes) if uses[number] > 1 or any(t == STAY for _, t in choices)}
+    apart = {
+        number
+        for number, choices in enumerate(classes)
+        if cyclic or uses[number] > 1 or any(t == STAY for _, t in choices)
+    }
     height: dict[int, int] = {}
     for number, choices in enumerate(classes):
         height[number] = 1 + max((height[t] for _, t in choices if t >= 0 and t not in apart), default=0)

@@ -18,6 +18,7 @@ from typing import Final, TypeGuard, assert_never
 from backends.rml.writer.terms import RmlNames, applied, in_arithmetic, in_patterns, quoted, spellings
 from rvaft.model.guards import (
     ARITHMETIC,
+    FUNCTIONS,
     JUNCTIONS,
     OPERATORS,
     ORDERINGS,
@@ -38,8 +39,18 @@ ALWAYS: Final = Operation(Operator.AND, ())
 NEVER: Final = Operation(Operator.OR, ())
 
 
+NUMERIC: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX}
+"""What RML calculates; its `min` and `max` take two numbers."""
+TEXTS: Final = FUNCTIONS - NUMERIC
+"""What RML has no notion of."""
+
+
 class Inexpressible(Exception):
     """A guard that no RML event type can check; the text says why."""
+
+
+def _without(operator: Operator) -> Inexpressible:
+    return Inexpressible(f"RML knows nothing of what strings contain, and has no {operator}")
 
 
 def _is_equality(condition: Guard) -> TypeGuard[Operation]:
@@ -78,6 +89,11 @@ def when_true(guard: Guard, wanted: bool = True) -> Guard:
             return _some(_every([*undecided[:i], when_true(operand, decides)]) for i, operand in enumerate(operands))
         case Operation(Operator.EQ | Operator.NE as operator, (left, right)):
             return _equality(left, right, positive=(operator is Operator.EQ) is wanted)
+        case Operation(Operator.IN, (it, *listed)):
+            each = [_equality(it, one, positive=wanted) for one in listed]
+            return _some(each) if wanted else _every(each)
+        case Operation(operator) if operator in TEXTS:
+            raise _without(operator)
         case Operation(operator, (left, right)) if operator in ORDERINGS:
             sides = [side for side in (_constant(left), _constant(right)) if side is not None]
             text = any(isinstance(side, Literal) and isinstance(side.value, str) for side in sides)
@@ -102,7 +118,7 @@ def _equality(left: Guard, right: Guard, *, positive: bool) -> Guard:
         return NEVER
     both_ways = (sides, sides[::-1])
     for one, other in both_ways:
-        if isinstance(one, Operation) and one.operator not in ARITHMETIC:
+        if isinstance(one, Operation) and one.operator not in NUMERIC:
             return _some(_every([when_true(one, truth), _is(other, truth, positive)]) for truth in (True, False))  # type: ignore[arg-type]
     for one, other in both_ways:
         if isinstance(one, Operation):
@@ -117,7 +133,7 @@ def _is(side: Guard, truth: bool, positive: bool) -> Guard:
             return _same(side, Literal(truth), positive=positive)
         case Literal(constant):
             return ALWAYS if (constant is truth) is positive else NEVER
-        case Operation(operator) if operator not in ARITHMETIC:
+        case Operation(operator) if operator not in NUMERIC:
             return when_true(side, truth is positive)
         case Operation():
             return NEVER if positive else _defined(side)
@@ -159,8 +175,10 @@ def _is_calculable(guard: Guard) -> bool:
             return is_number(constant)
         case Variable():
             return True
+        case Operation(operator) if operator in TEXTS:
+            raise _without(operator)
         case Operation(operator, operands):
-            return operator in ARITHMETIC and all(map(_is_calculable, operands))
+            return operator in NUMERIC and all(map(_is_calculable, operands))
 
 
 def _every(parts: Iterable[Guard]) -> Guard:
@@ -191,6 +209,11 @@ def _data(guard: Guard, names: dict[str, str]) -> str:
         case Operation(Operator.AND | Operator.OR as operator, operands):
             sign = " && " if operator is Operator.AND else " || "
             return sign.join(f"({_data(operand, names)})" for operand in operands)
+        case Operation(Operator.ABS, (operand,)):
+            return f"abs({_data(operand, names)})"
+        case Operation(Operator.MIN | Operator.MAX as operator, (first, *others)):
+            rest = Operation(operator, tuple(others)) if len(others) > 1 else others[0]
+            return f"{operator}({_data(first, names)}, {_data(rest, names)})"
         case Operation(operator, operands):
             texts = [f"({_data(o, names)})" if isinstance(o, Operation) else _data(o, names) for o in operands]
             return f"-{texts[0]}" if operator is Operator.NEGATE else f" {operator.value} ".join(texts)

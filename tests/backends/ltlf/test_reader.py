@@ -69,7 +69,7 @@ def test_states_are_shared_and_tell_futures_apart() -> None:
 def test_what_is_observed(lines: list[str], expected: list[str]) -> None:
     own = parse_pattern("{v: 1}")
     found = BACKEND.observed("\n".join(["/* rvaft", *lines[:-1], "*/", lines[-1]]), atoms={"c": own, "a": own})
-    texts = [pattern_text(one.pattern) + (f" when {guard_text(one.when)}" if one.when else "") for one in found]
+    texts = [pattern_text(one.pattern) + (f" when {guard_text(one.when)}" if one.when else "") for one in found or ()]
     assert sorted(texts) == sorted(expected)
 
 

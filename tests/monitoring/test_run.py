@@ -3,6 +3,7 @@
 import gzip
 import io
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
@@ -22,6 +23,7 @@ from rvaft.monitoring import fast_reader
 from rvaft.monitoring.detection import told_fields
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.oversights import Reason
 from rvaft.monitoring.reader import read
 from rvaft.monitoring.run import (
     Backwards,
@@ -34,6 +36,7 @@ from rvaft.monitoring.run import (
     TraceRun,
     VerdictChange,
 )
+from tests.cli.runs import lines
 from tests.trees import shipped
 
 TREE = loads('event a(v) = { kind: "k", value: v }; toplevel r; r and x y; x on a(1); y on a(2);')
@@ -248,6 +251,35 @@ def test_shipped_trees(name: str, per: Per, semantics: Semantics) -> None:
     for trace in (random.choice(stored), random_trace(random, tree, max_length=24)):
         for end in (b"", b"\n{"):
             outcome(plan, log_of(trace, random) + end)
+
+
+TIMED = """time at as iso8601 LATE; event e(v) = { topic: "t", value: v }; event f(v) = { topic: "u", value: v };
+    top or p q; p and a b within 5 s; a on e(X) when X > 1; b on f(Y) times 2; q sand c d; c on f(Z); d on e(V) when V <= Z;"""
+TIMES = ["", *(f"2024-01-01T00:00:{second:02}Z" for second in range(9)), 5, None]
+VALUES = [1, 2, 2.5, "a", None, math.nan, [math.inf]]
+
+
+@pytest.mark.parametrize("late", ["", "late 2 s"])
+@pytest.mark.parametrize("semantics", Semantics)
+def test_times_late_events_and_oversights_are_the_same_however_they_are_read(late: str, semantics: Semantics) -> None:
+    random, plan, seen = (
+        Random(f"{late} {semantics}"),
+        plan_of(loads(TIMED.replace("LATE", late)), semantics),
+        set[Reason](),
+    )
+    assert plan.fast_reader is not None
+    for _ in range(20):
+        events: list[dict[str, Any]] = [
+            {"topic": random.choice("tuvw"), "value": random.choice(VALUES), "at": random.choice(TIMES), "x": math.nan}
+            for _ in range(random.randint(1, 12))
+        ]
+        for event in events:
+            event.pop(random.choice([*event, "y", "y", "y"]), None)
+        alone = monitor(plan.monitors.columns[0].part, semantics=semantics)
+        _, watched, *_ = outcome(plan, lines(events).encode())
+        assert watched[0] == ([*alone.run(events)][-1],)
+        seen |= {reason for reason, _ in watched[2]}
+    assert seen == {reason for reason in Reason if late or reason is not Reason.LATE}
 
 
 def test_what_has_to_see_every_event_as_it_stands() -> None:

@@ -266,6 +266,23 @@ async def test_what_happens_is_said(tmp_path: Path) -> None:
     ]
 
 
+@live
+async def test_what_could_be_missed_is_said_at_first_and_counted_at_the_end(tmp_path: Path) -> None:
+    tree = written(tmp_path / "tree.rvaft", "event e(v) = { e: v }; top sand a b; a on e(X) when X > 1; b on e(2);")
+    with serving(tree) as (running, url):
+        assert running.stderr is not None
+        async with connected(url) as one:
+            await asked(one, {"e": "x"}, {"e": "y"}, '{"e": NaN}')
+        running.send_signal(signal.SIGTERM)
+        said = [line.removeprefix("rvaft: connection 1") for line in running.stderr.read().splitlines()]
+    guard, example = "undefined guard in {}: X > 1 of a, where X is", 'a string ("x") (first: event 1)'
+    assert said[1:] == [
+        f": {guard.format('1 event')} {example}",
+        ": undefined number in 1 event: e is NaN (first: event 3)",
+        f" closed after 3 events; {guard.format('2 events')} {example}; undefined number in 1 event: e is NaN (first: event 3)",
+    ]
+
+
 def test_a_port_in_use() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -119,7 +119,7 @@ def _unbound(
 # Conditions on time that cannot hold together: differences of times (x - y <= c) that add up to less than nothing.
 
 Need: TypeAlias = str | Edge
-"""What a bound on times needs a scenario to have: a node, or a child kept by its parent."""
+"""What a bound on times needs a scenario to have: a node whose condition it is, a child and the parent that keeps it, or, after "", a node with its event."""
 
 
 class TimeBound(NamedTuple):
@@ -137,7 +137,6 @@ def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
     bounds = [bound for node in tree.top_down() if node.name in space.resolutions for bound in _conditions(node)]
     if not bounds:
         return
-    asking = {bound.need for bound in bounds}
     bounds += _containments(space)
     budget, told = space.budget(), set[frozenset[Need]]()
     todo: list[frozenset[Need]] = [frozenset()]
@@ -148,9 +147,11 @@ def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
         needs = _contradiction([bound for bound in bounds if bound.need not in without])
         if not needs:
             continue
-        core = tuple(name for name in tree.order if name in asking and name in needs)
-        nodes, edges = ([need for need in needs if isinstance(need, kind)] for kind in (str, tuple))
-        kept = space.feasible(budget, nodes, edges=edges)  # type: ignore[arg-type]
+        core = tuple(name for name in tree.order if name in needs)
+        edges = [need for need in needs if isinstance(need, tuple)]
+        nodes = [*core, *(name for parent, name in edges if not parent)]
+        edges = [edge for edge in edges if edge[0]]
+        kept = space.feasible(budget, nodes, edges=edges)
         if kept is not None and frozenset(core) not in told:
             told.add(frozenset(core))
             yield _impossible(space, core, kept)
@@ -231,9 +232,9 @@ def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
         node = space.tree.nodes[name]
         at, start, end = ((point, name) for point in ("at", "start", "end"))
         if node.has_event:
-            yield from (TimeBound(start, at, 0, name), TimeBound(at, end, 0, name))
+            yield from (TimeBound(start, at, 0, ("", name)), TimeBound(at, end, 0, ("", name)))
             if node.leaf and node.times == 1:
-                yield from (TimeBound(at, start, 0, name), TimeBound(end, at, 0, name))
+                yield from (TimeBound(at, start, 0, ("", name)), TimeBound(end, at, 0, ("", name)))
         for child in children:
             yield from (
                 TimeBound(start, ("start", child), 0, (name, child)),

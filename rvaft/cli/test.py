@@ -1,7 +1,7 @@
 """`rvaft test`: a tree's own traces against the verdicts that are expected of them; what the file does not state is not looked at."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
@@ -11,12 +11,16 @@ import click
 import msgspec
 
 from rvaft.analysis.branches import branches
+from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import load, monitor
-from rvaft.cli import FAILED, FOUND, Failures, options
+from rvaft.cli import FAILED, FOUND, Failures, options, warn
+from rvaft.engine import Engine
 from rvaft.errors import OptionError, TreeError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.near_misses import EventTypeIndex
+from rvaft.monitoring.oversights import Oversights
 from rvaft.monitoring.reader import read
 from rvaft.support.files import write_whole
 from rvaft.support.terminal import visible
@@ -124,7 +128,24 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
     files = sorted(folder.glob("*.jsonl"))
     if not files:
         raise OptionError(f"{name}: no traces: put them into {folder}/ as NAME.jsonl")
-    return Path(name).with_suffix(".verdicts.json"), tree, {file.stem: list(read(str(file))) for file in files}
+    traces = {file.stem: list(read(str(file), reads=TreeReads(tree))) for file in files}
+    for line in _missed(tree, traces):
+        warn(f"{name}: {line}")
+    return Path(name).with_suffix(".verdicts.json"), tree, traces
+
+
+def _missed(tree: RVAFT, traces: Mapping[str, Sequence[Json]]) -> Iterator[str]:
+    """What could have been part of a match and was not."""
+    types = EventTypeIndex(tree)
+    oversights = Oversights(types)
+    for trace, events in traces.items():
+        engine = Engine(tree)
+        for number, event in enumerate(events, 1):
+            if engine.is_late(event):
+                oversights.note_late(event, number, f"{trace}: ")
+            else:
+                oversights.see(event, number, f"{trace}: ", types.of(event))
+    return oversights.lines
 
 
 def _signs(tree: RVAFT, semantics: Semantics, part: str, events: list[Json]) -> str:

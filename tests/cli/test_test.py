@@ -31,3 +31,7 @@ def test_expectations_are_written_compared_and_written_again(tree: Path) -> None
     assert "as it was" not in run("test", tree, "--update").stderr
     assert "as it was" in run("test", tree, "--update").stderr
     assert run("test", tree).exit_code == 0
+    tree.write_text('event a(v) = { event: "a", v: v }; time t as s; door or x y; x on a(X) when X > 1; y;')
+    written(tree.with_name("door.traces") / "in.jsonl", '{"event": "a", "v": "1", "t": 1}\n')
+    said = 'undefined guard in 1 event: X > 1 of x, where X is a string ("1") (first: in: event 1)'
+    assert f"rvaft: warning: {tree}: {said}\n" in run("test", tree).stderr

@@ -42,7 +42,7 @@ class AutomatonBackend(Backend):
     default_limit: ClassVar[int] = 100_000
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as an automaton; raises `TooLarge`, never `NotExpressible`."""
+        """The tree as an automaton; raises `TooLarge`, and `NotExpressible` for late events alone."""
         tree, started = self.plain(tree, Semantics(semantics)), perf_counter()
         work = Work(self.default_limit if limit is None else limit)
         automaton, parts, letters = _built(tree, Semantics(semantics), work)

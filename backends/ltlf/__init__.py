@@ -22,7 +22,7 @@ __all__ = ["LtlfBackend"]
 
 
 class LtlfBackend(Backend):
-    """LTLf in Spot's syntax: every tree under every semantics.
+    """LTLf in Spot's syntax: every tree under every semantics, but for late events.
 
     >>> from rvaft import loads
     >>> print(LtlfBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
@@ -42,7 +42,7 @@ class LtlfBackend(Backend):
     default_limit: ClassVar[int] = 200_000
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a formula; `TooLarge` beyond `limit` subformulas, never `NotExpressible`."""
+        """The tree as a formula; `TooLarge` beyond `limit` subformulas, `NotExpressible` for late events alone."""
         tree, start = self.plain(tree, Semantics(semantics)), time.perf_counter()
         limit = self.default_limit if limit is None else limit
         text, metrics = Translation(tree, Semantics(semantics), limit).text()

@@ -40,9 +40,9 @@ HIGHLIGHTING: Final = Highlighting(
 class RmlBackend(Backend):
     """Attack-fault trees in the Runtime Monitoring Language (RML).
 
-    Trees without variables are expressed under every semantics, with one exception: RML cannot order strings, so `projected` is
-    refused where relevance depends on their order, by a guard of `ignore` (or, in a part of a tree, by one of a node outside it).
-    Under `strict` and `projected` also trees with variables are expressed, unless a guard orders strings. `limit` counts scenarios,
+    Trees without variables and conditions on time are expressed under every semantics, with one exception: RML cannot order strings, nor look
+    into them, so `projected` and `consecutive` are refused where relevance depends on that, by a guard of `ignore` (or, in a part of a tree, by one
+    of a node outside it). Under `strict` and `projected` also trees with variables are expressed, unless a guard asks such a thing. `limit` counts scenarios,
     and alternatives of the equations; for each, ten symbols of the text and fifty steps of looking for it are allowed.
     """
 

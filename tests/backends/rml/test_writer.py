@@ -38,6 +38,18 @@ def test_equations(why: str, described: str, expected: str) -> None:
     assert equations(described) == expected, why
 
 
+def test_what_a_failed_beginning_leaves_is_followed() -> None:
+    """Under `consecutive`: after `a b a`, another `b` goes on from the second `a`."""
+    made = text('event e(n) = { event: n }; top sand a b a2 c; a2 on e("a");', "consecutive").splitlines()
+    assert made[-5:] == [
+        "Main = relevant >> S1;",
+        "S1 = (a S2) \\/ (any S1);",
+        "S2 = (a S2) \\/ (b S3) \\/ (any S1);",
+        "S3 = (a S4) \\/ (any S1);",
+        "S4 = (c all) \\/ (a S2) \\/ (b S3) \\/ (any S1);",
+    ]
+
+
 def test_the_whole_text() -> None:
     assert text("top or a b;", "projected") == (
         "// The attack-fault tree top under the semantics projected.\n\n"

@@ -7,7 +7,7 @@ import csv
 import io
 import json
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import version
@@ -172,8 +172,7 @@ class Totals:
         lines = [["participant", *semantics]]
         for participant in dict.fromkeys(participant for participant, _ in self.statuses):
             counts = [self.statuses.get((participant, one), Counter()) for one in semantics]
-            cells = (", ".join(f"{status} {one[status]}" for status in Status if one[status]) for one in counts)
-            lines.append([participant, *cells])
+            lines.append([participant, *map(_counted, counts)])
         return lines
 
     @property
@@ -211,6 +210,23 @@ def summary_lines(totals: Totals) -> list[str]:
     """One line per participant, with how often what under each semantics."""
     head, *lines = totals.table
     return columns([[cell.upper() for cell in head], *lines])
+
+
+def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) -> list[str]:
+    """One line for each part of the language that some tree has (`parts`, by the title of the tree), with how often what for each participant."""
+    every = list(results)
+    names = list(dict.fromkeys(result.participant for result in every))
+    rows = [["TREES WITH", *(name.upper() for name in names)]]
+    for part in dict.fromkeys(part for some in parts.values() for part in some):
+        found = {name: Counter[Status]() for name in names}
+        for result in every:
+            found[result.participant][result.status] += part in parts.get(result.job.title, ())
+        rows.append([part, *map(_counted, found.values())])
+    return columns(rows) if rows[1:] else []
+
+
+def _counted(counts: Mapping[Status, int]) -> str:
+    return ", ".join(f"{status} {counts[status]}" for status in Status if counts[status])
 
 
 def difference_lines(result: Result) -> list[str]:

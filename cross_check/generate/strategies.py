@@ -41,7 +41,7 @@ def trees_with_traces(draw: st.DrawFn, shape: Shape = ANY, max_length: int = 8) 
 
 
 def semantics() -> st.SearchStrategy[Semantics]:
-    """The three semantics."""
+    """The four semantics."""
     return st.sampled_from(Semantics)
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from cross_check import results as reports
-from cross_check.campaign import MAX_NODES, Entry, Task, campaign, catalogue, run
+from cross_check.campaign import MAX_NODES, Entry, Task, campaign, catalogue, parts_of_language, run
 from cross_check.comparison import PATIENCE, Roster
 from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
@@ -58,6 +58,8 @@ class Reports:
     every: bool
     failures: Failures = field(default_factory=Failures)
     results: list[Result] = field(default_factory=list)
+    parts: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """For each tree, by its title, the parts of the language that not every language has."""
 
     def compare(self, tasks: Iterable[Task], count: int, jobs: int, *, bogus: str | None, stop: bool) -> None:
         """Run so many comparisons, and report at the end; an interrupt ends the program after the report."""
@@ -68,6 +70,7 @@ class Reports:
                     advance()
                     done += 1
                     self.results += results
+                    self.parts[task.job.title] = tuple(parts_of_language(task.tree))
                     differing = [result for result in results if result.status is Status.DIFFERS]
                     every = sum(result.status is Status.DIFFERS for result in self.results)
                     for result in differing if every <= _SHOWN else ():
@@ -87,6 +90,8 @@ class Reports:
         if self.results:
             click.echo("\n".join(reports.result_lines(self.results) if self.every else reports.summary_lines(totals)))
         if not self.every:
+            if lines := reports.part_lines(self.results, self.parts):
+                click.echo("\n".join(["", *lines, ""]))
             for result in totals.unable[:_SHOWN]:
                 click.echo(visible(f"{result.participant} on {_job(result)}: {result.text}"))
             if len(totals.unable) > _SHOWN:

@@ -23,6 +23,7 @@ SHAPES: Final = {
     "shared": Shape(sharing=0.7, gate_events=0.5, max_nodes=8),
     "guarded": Shape(variables=1, guards=0.7, typed_events=0.9, ignores=0),
     "ignoring": Shape(ignores=1, typed_events=0.9),
+    "in practice": Shape(times=0.9, counted=0.2, pand=0.5, functions=0.6, variables=0.7, max_nodes=7),
 }
 
 

@@ -213,6 +213,22 @@ def test_a_variable_of_one_event_ties_nothing_and_a_shared_one_is_only_tested(gu
         assert (result.status, result.why) == (Status.TESTED, "variables may tie events together")
 
 
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("time t as s; top sand a b within 5 s;", "times tie events together"),
+        ("time t as s late 5 s; top sand a b;", "times tie events together"),
+        ("time t as s; top sand a b g; g when at(a) == at(b);", "times tie events together"),
+        ("time t as s; top sand a b;", ""),
+        (f"{READ} top sand a b; a on read(V) times 2;", "variables may tie events together"),
+        (f"{READ} top sand a b; a on read(_) times 2;", ""),
+    ],
+)
+def test_what_ties_events_together_is_tested_and_not_proved(text: str, why: str) -> None:
+    _, engine, *_ = cross_check(loads(text), "scattered", backends=["rml"])
+    assert (engine.status, engine.why) == (Status.TESTED if why else Status.PROVED, why)
+
+
 def test_what_forgets_a_guard_on_such_a_variable_differs(tmp_path: Path) -> None:
     (tmp_path / "other.rvaft").write_text(f"{READ} top sand b a; a on read(V) when V >= 3; b;")
     tree = loads(f"{READ} top sand b a; a on read(V) when V > 3; b;")

@@ -1,5 +1,6 @@
 """Letters: every combination of answers that an event can give, and no other."""
 
+import math
 from itertools import product
 from random import Random
 from time import perf_counter
@@ -63,6 +64,10 @@ def test_the_same_question_twice_is_one() -> None:
         ("{v: V} when 1 / V > 1", "no known bounds"),
         ("{v: V} when V - V == 0", "no known bounds"),
         ("{v: V} when 1 == -(V < 1)", "no known bounds"),
+        ('{v: V} when like(V, "a*")', "no known bounds"),
+        ('{v: V} when lower(V) == "a"', "no known bounds"),
+        ("{v: V} when number(V) > 1", "no known bounds"),
+        ("{v: V} when abs(V - 1) > 1", "no known bounds"),
     ],
 )
 def test_a_gap_is_told(asked: str, why: str) -> None:
@@ -120,7 +125,7 @@ def test_speed_of_the_common_case() -> None:
 FIELDS: Final = ("x", "y", "z")
 VALUES: Final[tuple[Json, ...]] = (
     *(0, 1, 2, 1.5, -1, 3, 0.5, 1.0, 1.25, 1.75, 1.9, 4, 6, 5, 100, 2**53 + 1, -0.0),
-    *("", "a", "b", "aa", "A", "c", "ab", True, False, None),
+    *("", "a", "b", "aa", "A", "c", "ab", True, False, None, math.nan, math.inf),
 )
 LITERALS: Final = st.sampled_from((0, 1, 2, "a", "b", True, None, 1.5)).map(Literal)
 COMPARISONS: Final = (Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE)
@@ -151,6 +156,10 @@ def questions(draw: st.DrawFn) -> Observed:
     variable = st.sampled_from(names).map(Variable)
     step = operation(STEPS, variable, st.sampled_from((2, 3, 0.5, -1)).map(Literal))
     compared = operation(COMPARISONS, variable, LITERALS | variable) | operation(COMPARISONS, LITERALS, variable | step)
+    listed = operation((Operator.IN,), variable, LITERALS, LITERALS)
+    begun = operation((Operator.STARTSWITH,), variable, st.sampled_from(("", "a", "ab")).map(Literal))
+    most = operation((Operator.MIN, Operator.MAX), variable, st.sampled_from((0, 1, 1.5)).map(Literal))
+    compared |= listed | begun | operation(COMPARISONS, most | operation((Operator.ABS,), variable), LITERALS)
     guard = compared | operation((Operator.AND, Operator.OR), compared, compared)
     return Observed(pattern, draw(guard | variable | operation((Operator.NOT,), compared)))
 

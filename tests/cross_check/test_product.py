@@ -1,12 +1,13 @@
 """Proofs: what the product of states shows, on monitors made for the purpose."""
 
+import math
 from collections.abc import Hashable
 from functools import partial
 
 import pytest
 
 from cross_check.letters import Letters
-from cross_check.participants import Participant
+from cross_check.participants import Participant, is_finite
 from cross_check.product import Exploration
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
@@ -67,6 +68,25 @@ def test_what_is_shown(
     participants = [Participant(str(number), monitor) for number, monitor in enumerate(monitors)]
     found = Exploration(participants, Letters(({}, A), ""), limit=limit)
     assert (found.complete, found.differ, list(found.failed)) == (complete, differ, failed)
+
+
+def test_who_knows_json_alone_is_not_asked_of_other_numbers() -> None:
+    letters = Letters(({}, {"event": math.nan}, A), "")
+    other = partial(Counting, 2, strict=True)
+    for alone in (False, True):
+        participants = [Participant("", partial(Lenient, 2)), Participant("", other, json_alone=alone)]
+        found = Exploration(participants, letters, limit=100)
+        assert found.complete
+        assert found.differ == ({} if alone else {1: ({"event": letters.events[1]["event"]},)})
+
+
+class Lenient(Counting):
+    """The same, but numbers that are not finite are passed over."""
+
+    def _advance(self, event: Json) -> Verdict:
+        if event == A or is_finite(event):
+            return Verdict.FALSE if event != A else super()._advance(event)
+        return Verdict.UNKNOWN
 
 
 class Remembering(Monitor):

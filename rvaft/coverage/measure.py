@@ -153,6 +153,8 @@ class PlainFollower(Engine):
     looked at whenever they grow. Raises `TooLarge`.
     """
 
+    _apart = False  # how far the parts came together is what is measured
+
     def __init__(self, tree: RVAFT, semantics: Semantics, *, of: RVAFT, limit: int) -> None:
         super().__init__(tree, semantics, limit=limit)
         self._of = of  # whose nodes are told

@@ -278,7 +278,7 @@ def pending(
                 selected = [(branch.number, branch.choices) for branch in wanted]
     histories: list[list[Witness]] = []
     if isinstance(strategy, Following):
-        matches = strategy.partial if before is None else strategy.lost
+        matches = strategy.combined if before is None else strategy.lost
         steps = (history(match.witness) for match in matches)
         histories = [[one for one in some if before is None or one.position < before] for some in steps]
     return tuple(

@@ -1,7 +1,7 @@
 """The engine as a monitor."""
 
 from collections.abc import Callable, Hashable
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 from rvaft.analysis.plain_trees import plain_trees, without_conditions
 from rvaft.engine.alternatives import Alternatives
@@ -32,6 +32,9 @@ class Engine(Monitor):
     (['?', '⊤'], {'a': 1, 'b': 2})
     """
 
+    _apart: ClassVar = True
+    """Whether independent parts of a tree are followed each for itself."""
+
     def __init__(self, tree: RVAFT, semantics: Semantics | str | None = None, *, limit: int = DEFAULT_LIMIT) -> None:
         super().__init__()
         self.tree = tree
@@ -43,7 +46,7 @@ class Engine(Monitor):
         self._limit = limit
         self._may_be_late = tree.time is not None and tree.time.late is not None
         plain = plain_trees(tree)
-        found = [(one, _strategy(one, self.semantics, limit)) for one in plain]
+        found = [(one, _strategy(one, self.semantics, limit, apart=self._apart)) for one in plain]
         self._plain = found[0][0] if found else tree
         self._strategy: Following | Earliest | Alternatives
         if len(found) == 1:
@@ -188,7 +191,7 @@ class Engine(Monitor):
         return self._ended
 
 
-def _strategy(tree: RVAFT, semantics: Semantics, limit: int) -> Following | Earliest:
+def _strategy(tree: RVAFT, semantics: Semantics, limit: int, *, apart: bool) -> Following | Earliest:
     compiled = CompiledTree(tree)
     letters = TreeLetters(tree, compiled)
     if semantics is not Semantics.SCATTERED:
@@ -196,4 +199,4 @@ def _strategy(tree: RVAFT, semantics: Semantics, limit: int) -> Following | Earl
     starts = linear_starts(compiled, letters)
     if starts is not None:
         return Earliest(compiled, letters, starts, limit=limit)
-    return ScatteredMatches(compiled, letters, limit=limit)
+    return ScatteredMatches(compiled, letters, limit=limit, apart=apart)

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
-from typing import Self
+from typing import Any, Self
 
 from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
@@ -187,6 +187,11 @@ class Following(ABC):
     def partial(self) -> list[Configuration]:
         """The partial matches that are followed."""
 
+    @property
+    def combined(self) -> list[Configuration]:
+        """The same, each with all that belongs to it."""
+        return self.partial
+
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means; `sketch` is what its shape says, where that is known."""
         return self.letters.read(event, sketch)
@@ -206,11 +211,11 @@ class Following(ABC):
         """Equal states have equal futures."""
         return frozenset(configuration.key for configuration in self.partial)
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> Any:
         """What `restore` needs to bring a fresh strategy of the same tree into this state."""
         return Snapshot.of(self.partial, self.matches, self.lost)
 
-    def restore(self, snapshot: Snapshot) -> None:
+    def restore(self, snapshot: Any) -> None:
         """Take over a snapshot."""
         partial, self.matches, self.lost = snapshot.groups_again()
         self.follow(partial)

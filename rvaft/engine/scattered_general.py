@@ -13,11 +13,12 @@ must repeat. A partial match is dropped where another can do all that it can (se
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice, product
-from typing import Final, NamedTuple
+from itertools import chain, islice, product
+from typing import Any, Final, NamedTuple
 
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
-from rvaft.engine.configuration import Configuration, Witness
+from rvaft.engine.configuration import SURE, Configuration, Witness, history
+from rvaft.engine.independent_parts import IndependentPart, independent_parts
 from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.stage_group import Bound, Member, StageGroup, in_order
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
@@ -290,9 +291,12 @@ _QUIET: Final = Reading(relevant=False, hits=(None,))
 class ScatteredMatches(Following):
     """The partial matches by their stages; none changes once it is there."""
 
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int) -> None:
+    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int, apart: bool = True) -> None:
         super().__init__(compiled, letters, limit=limit, early=True)
         self._stages = Stages(self.matching)
+        self._parts = independent_parts(compiled, letters) if apart else ()
+        self._begun = 0
+        """The nodes of the parts that need not begin again."""
         self._floor: int | None = None
         self._begin()
 
@@ -305,14 +309,70 @@ class ScatteredMatches(Following):
         self._quiet: set[Hashable] = set()
         """Letters with values that are known to change nothing as long as the partial matches are the same."""
         self._added = 0
+        self._whole = 0
+        """The nodes of the parts that have a match."""
+        floor, self._floor = self._floor, None  # else a copy would forget earlier than what it is a copy of
         for configuration in configurations:
             self._add(self._stages.of(configuration), configuration)
+        self._floor = floor
+        for group in self._groups.values():
+            group.floor = floor
 
     @property
     def partial(self) -> list[Configuration]:
         """The partial matches that are followed."""
         members = [member for group in self._groups.values() for member in group.members.values()]
         return [member.configuration for member in sorted(members, key=lambda member: member.number)]
+
+    @property
+    def combined(self) -> list[Configuration]:
+        """Each partial match of a part with the first of every other part."""
+        if not self._parts:
+            return self.partial
+        found: list[list[Configuration]] = [
+            [one for one in self.partial if one.taken & part.nodes] for part in self._parts
+        ]
+        for part, some in zip(self._parts, found, strict=True):
+            if not self._begun & part.nodes and not any(self._is_whole(part, one) for one in some):
+                some.insert(0, self.matching.start())
+        first = [some[:1] for some in found]
+        together = [
+            chain(*first[:place], [one], *first[place + 1 :]) for place, some in enumerate(found) for one in some
+        ]
+        made = (self._together(some) for some in together)
+        return list({one.key: one for one in made if one is not None}.values())
+
+    def _together(self, configurations: Iterable[Configuration]) -> Configuration | None:
+        steps = sorted(
+            (step for one in configurations for step in history(one.witness)), key=lambda step: step.position
+        )
+        return self.matching.replayed((step.node, step.values, step.position) for step in steps)
+
+    def _matches_together(self) -> list[Configuration]:
+        """The matches of the tree that the matches of its parts are together."""
+        whole = [[one for one in self.partial if one.taken & p.nodes and self._is_whole(p, one)] for p in self._parts]
+        made = (self._together(some) for some in product(*whole))
+        return [one for one in made if one is not None]
+
+    def _part_of(self, node: int) -> int:
+        return next(part.nodes for part in self._parts if part.nodes >> node & 1)
+
+    def _is_whole(self, part: IndependentPart, configuration: Configuration) -> bool:
+        return all(self.matching.progress.flags(configuration, child) & SURE for child in part.children)
+
+    @property
+    def state(self) -> Hashable:
+        """Equal states have equal futures."""
+        return (super().state, self._begun) if self._parts else super().state
+
+    def snapshot(self) -> Any:
+        """What `restore` needs to bring a fresh strategy of the same tree into this state."""
+        return super().snapshot(), self._begun
+
+    def restore(self, snapshot: Any) -> None:
+        """Take over a snapshot."""
+        matches, self._begun = snapshot
+        super().restore(matches)
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means: of its letters those that may change something as long as nothing else is read."""
@@ -356,12 +416,21 @@ class ScatteredMatches(Following):
             watch = self._watches[letter] = LetterWatch(tuple(alone.items()), tuple(exported))
         for stage, group in islice(self._groups.items(), watch.groups, None):
             for place, node in enumerate(nodes):
-                move = self._stages.move(stage, node)
+                move = self._stages.move(stage, node) if self._may_take(stage, node) else None
                 if move is not None:
                     watch.moves.append((group, move, place))
                     watch.hopeful.clear()
         watch.groups = len(self._groups)
         return watch
+
+    def _may_take(self, stage: Stage, node: int) -> bool:
+        """Whether a partial match may go on with a node: one of its own part, or to begin one."""
+        for part in self._parts:
+            if part.nodes >> node & 1:
+                taken = stage.sample.taken
+                over = self._whole & part.nodes and not part.chooses
+                return not over and (taken & part.nodes > 0 if taken else not self._begun & part.nodes)
+        return True
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""
@@ -370,6 +439,7 @@ class ScatteredMatches(Following):
             return _UNKNOWN
         found: dict[Hashable, NewMatch] = {}
         ended: dict[int, tuple[StageGroup, Member]] = {}
+        begun = self._begun
         for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
                 for members, enough in self._concerned(group, move, values):
@@ -380,7 +450,9 @@ class ScatteredMatches(Following):
                         outcome = self._stages.outcome(move, held, outcomes)
                         if outcome is not None:
                             stage, commits_to_it = outcome
-                            if commits_to_it:
+                            if commits_to_it and self._parts and not before.taken:  # other parts have yet to begin
+                                begun |= self._part_of(move.node)
+                            elif commits_to_it:
                                 ended[member.number] = group, member
                             binding = {name: bound[name] for name in stage.names}
                             at = (member.number, order, place)
@@ -391,6 +463,9 @@ class ScatteredMatches(Following):
                             ):
                                 break
         self.noted = bool(found or ended)
+        if begun != self._begun:
+            self._begun = begun
+            self._watches.clear()
         if self.noted or len(self._quiet) > QUIET:
             self._quiet.clear()
         if self.noted:
@@ -437,6 +512,8 @@ class ScatteredMatches(Following):
                 self._add(new.stage, made, new.rank)
                 if new.stage.is_match:
                     self.matches.append(made)
+        if self._whole and all(self._whole & part.nodes for part in self._parts):
+            self.matches = self._matches_together()
         if self.matches:
             self.follow([])
             return Verdict.TRUE
@@ -466,3 +543,16 @@ class ScatteredMatches(Following):
             group.floor = self._floor
         group.add(Member(self._added, configuration, rank or stage.ranking.of(configuration.binding)))
         self._added += 1
+        for part in self._parts if configuration.taken else ():
+            if configuration.taken & part.nodes and self._is_whole(part, configuration):
+                self._whole |= part.nodes
+                self._watches.clear()
+                if not part.chooses:
+                    self._keep_only(self._added - 1, part)
+
+    def _keep_only(self, number: int, part: IndependentPart) -> None:
+        """Of the partial matches of a part follow this one alone."""
+        for group in self._groups.values():
+            for member in [*group.members.values()]:
+                if member.number != number and member.configuration.taken & part.nodes:
+                    group.remove(member)

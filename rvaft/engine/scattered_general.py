@@ -10,7 +10,7 @@ before. Where an event may do something, the partial matches that it concerns ar
 must repeat. A partial match is dropped where another can do all that it can (see `subsumption`).
 """
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, islice, product
@@ -24,6 +24,7 @@ from rvaft.engine.stage_group import Bound, Member, StageGroup, in_order
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
 from rvaft.engine.time_differences import Difference, Extreme, differences
 from rvaft.model.guards import (
+    OPERATORS,
     ORDERINGS,
     UNDEFINED,
     Guard,
@@ -36,7 +37,7 @@ from rvaft.model.guards import (
     variables,
 )
 from rvaft.model.patterns import Literal, Variable
-from rvaft.model.values import Json, exact
+from rvaft.model.values import Json, exact, is_number
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, mask_of
 
@@ -207,8 +208,7 @@ class Stages:
                     if (other := repeats(part, name)) is not None and name not in joined:
                         joined[name] = other
                     elif isinstance(part, Operation) and part.operator in ORDERINGS and (sign := tendency(part, name)):
-                        bound = Bound(sign > 0, partial(_holds_with, predicate(part), name))
-                        orders.setdefault(Term(1, Extreme(Operator.MAX, (name,))), []).append(bound)
+                        orders.setdefault(Term(1, Extreme(Operator.MAX, (name,))), []).append(_bound(part, name, sign))
             found = self.outcome(move, move.alone, (True,) * len(joint))
             target = found[0] if found and len(needed) == len(joint) else None
             terms = (*map(Variable, move.compared), *joined.values())
@@ -238,13 +238,28 @@ def _time_bounds(asked: Difference, far: Collection[str], own: Collection[str]) 
             yield Term(1, Extreme(operator, distant.names)), Bound(rising, holds)
 
 
-def _keeps(mine: Extreme, most: int, sign: int, value: Json, event: Mapping[str, Json]) -> bool:
+def _keeps(mine: Extreme, most: int, sign: int, event: Mapping[str, Json]) -> Callable[[Json], bool]:
     time = mine.of(event)
-    return time is not None and bool(sign * (time - value) <= most)
+    return lambda value: time is not None and bool(sign * (time - value) <= most)
 
 
-def _holds_with(holds: Predicate, name: str, value: Json, event: Mapping[str, Json]) -> bool:
-    return holds({**event, name: value})
+def _bound(part: Operation, name: str, sign: int) -> Bound:
+    """What a comparison asks of the value of a variable, where all others are the event's."""
+    left, right = part.operands
+    facts, holds = OPERATORS[part.operator], predicate(part)
+    other = right if left == Variable(name) else left
+    operator = part.operator if other is right else facts.mirrored
+    compare = OPERATORS[operator].compare if operator is not None and Variable(name) in part.operands else None
+
+    def by(event: Mapping[str, Json]) -> Callable[[Json], bool]:
+        if compare is None:
+            return lambda one: holds({**event, name: one})
+        than = value(other, event)
+        if is_number(than) and than - than == 0:
+            return lambda one: type(one) is not str and compare(one, than)
+        return lambda one: type(than) is str and type(one) is str and compare(one, than)
+
+    return Bound(sign > 0, by)
 
 
 @dataclass(slots=True)

@@ -30,7 +30,8 @@ class Bound(NamedTuple):
     """What an event asks of a value that partial matches remember: from some value on (`rising`), or up to some."""
 
     rising: bool
-    holds: Callable[[Json, Mapping[str, Json]], bool]
+    by: Callable[[Mapping[str, Json]], Callable[[Json], bool]]
+    """From the values of the event to what they ask."""
 
 
 class Entry(NamedTuple):
@@ -184,15 +185,14 @@ class StageGroup:
             for member in self.members.values():
                 self._put_ordered(names, term, ordered, member)
         found = []
+        asked = [(bound.rising, bound.by(event)) for bound in bounds]
         for (kind, *_), lane in ordered.get(place_of(values), {}).items():
             start, end = 0, len(lane)
-            for bound in bounds:
-                if kind == LOOSE:
-                    continue
-                if bound.rising:
-                    start = max(start, _turn(lane, bound.holds, event, wanted=True))
+            for rising, holds in asked if kind != LOOSE else ():
+                if rising:
+                    start = max(start, _turn(lane, holds, wanted=True))
                 else:
-                    end = min(end, _turn(lane, bound.holds, event, wanted=False))
+                    end = min(end, _turn(lane, holds, wanted=False))
             if start < end:
                 found.append((lane, start, end))
         return found
@@ -232,20 +232,18 @@ def _lane(names: tuple[str, ...], term: Term, member: Member) -> tuple[_Place, t
     return None if kind is None else (place_of(values), (kind, *map(exact, values)), value)
 
 
-def _turn(
-    lane: Sequence[Entry], holds: Callable[[Json, Mapping[str, Json]], bool], event: Mapping[str, Json], *, wanted: bool
-) -> int:
+def _turn(lane: Sequence[Entry], holds: Callable[[Json], bool], *, wanted: bool) -> int:
     """The first place from which on it holds as wanted; looked for from the end, where the latest values mostly are."""
     step, end = 1, len(lane)
     start = end - 1
-    while start >= 0 and holds(lane[start].value, event) is wanted:
+    while start >= 0 and holds(lane[start].value) is wanted:
         end = start
         start -= step
         step *= 2
     start = max(start, -1)
     while start + 1 < end:
         middle = (start + end) // 2
-        if holds(lane[middle].value, event) is wanted:
+        if holds(lane[middle].value) is wanted:
             end = middle
         else:
             start = middle

@@ -1,0 +1,112 @@
+"""Under `scattered` an event costs what it costs, however long the log was before: ratios within one run.
+
+`pytest tests/benchmarks/test_growth.py -s` prints the table, with `-m slow` for logs of 100,000 events.
+"""
+
+import gc
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+import pytest
+
+import rvaft
+from rvaft.engine import Engine
+from rvaft.model.verdict import Verdict
+
+pytestmark = pytest.mark.benchmark
+
+Log = Callable[[int], dict[str, Any]]
+TYPES: Final = "event e(n, v) = { n: n, v: v }; event f(n, v, w) = { n: n, v: v, w: w }; "
+NEVER: Final = ' never on e("never", _);'
+
+
+def letters(names: str, value: Callable[[int], Any] = lambda number: number) -> Log:
+    """Events of these letters in turn, a value and a second for each."""
+    return lambda number: {"n": names[number % len(names)], "v": value(number), "w": number % 97, "t": number}
+
+
+AB: Final = 'a on e("a", V1); b on e("b", V2)'
+TREES: Final[dict[str, tuple[str, Log]]] = {
+    "a window": (f"top sand a b never; {AB} when V2 >= V1 and V2 <= V1 + 10;", letters("ab")),
+    "a window that nothing keeps": (
+        f"top sand a b never; {AB} when V2 >= V1 and V2 <= V1 + 10;",
+        letters("ab", lambda number: number if number % 2 == 0 else -number),
+    ),
+    "within": ("top sand x never; x sand a b within 3 s; a on e(\"a\", _); b on e(\"b\", _);", letters("ab")),
+    "within, one user": (
+        'top sand x never; x sand a b c within 9 s; a on f("a", _, U); b on f("b", _, U); c on f("c", _, U);',
+        letters("abd"),
+    ),
+    "an equality": ('top sand a b never; a on e("a", V); b on e("b", V);', letters("ab")),
+    "an equality in a guard": (f"top sand a b never; {AB} when V1 == V2 + 1;", letters("ab", lambda number: 2 * number)),
+    "an order": (f"top sand a b never; {AB} when V2 > V1;", letters("ab", lambda number: -number)),
+    "ascending strings": (f"top and a b never; {AB} when V2 > V1;", letters("ab", lambda number: f"{10**9 - number}")),
+    "two that differ": (f"top sand a b never; {AB} when V1 != V2;", letters("ab")),
+    "three that differ": (
+        'top sand a b c never; a on e("a", V1); b on e("a", V2) when V1 != V2; c on e("a", V3) when V3 != V1 and V3 != V2;',
+        letters("a"),
+    ),
+    "independent parts": (
+        'top and x y never; x sand a b; y sand c d; a on e("a", V); b on e("b", V); c on e("c", W); d on e("d", W);',
+        letters("ac"),
+    ),
+}  # fmt: skip
+
+
+def seconds(text: str, log: Log, few: int, many: int) -> tuple[float, float]:
+    """Seconds for an event after few and after many events, the shortest of some hundred each."""
+    monitor = Engine(rvaft.loads(f"time t as s; {TYPES}{text}{NEVER}"), "scattered", limit=10**6)
+    found, number = [], 0
+    for events in (few, many):
+        batches = []
+        while number < events:
+            monitor.step(log(number))
+            number += 1
+        for _ in range(12):
+            batch = [log(number + place) for place in range(50)]
+            gc.collect()
+            start = time.perf_counter()
+            for event in batch:
+                monitor.step(event)
+            batches.append((time.perf_counter() - start) / len(batch))
+            number += len(batch)
+        found.append(min(batches))
+    assert monitor.verdict is Verdict.UNKNOWN
+    return found[0], found[1]
+
+
+@pytest.mark.parametrize("many", [10_000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_an_event_costs_the_same_however_long_the_log(many: int, capsys: pytest.CaptureFixture[str]) -> None:
+    rows, failures = [f"{'':30} {'µs after 1,000':>15} {f'µs after {many:,}':>18} {'ratio':>6}"], []
+    for name, (text, log) in TREES.items():
+        first, last = min((seconds(text, log, 1_000, many) for _ in range(1)), key=lambda pair: pair[1] / pair[0])
+        if last > 2 * first:  # something else ran on the machine, perhaps
+            first, last = seconds(text, log, 1_000, many)
+        rows.append(f"{name:30} {first * 1e6:15.1f} {last * 1e6:18.1f} {last / first:6.2f}")
+        if last > 2 * first:
+            failures.append(name)
+    with capsys.disabled():
+        sys.stdout.write("\n" + "\n".join(rows) + "\n")
+    assert not failures
+
+
+LATE: Final = {
+    "within": 'top sand x never; x sand a b within 3 s; a on f("a", _, U); b on f("b", U, _);',
+    "times": 'top sand x never; x and a within 30 s; a on e("a", _) times 5;',
+    "at": 'top sand x never; x and a b g; a on e("a", V); b on e("b", V); g when at(b) - at(a) <= 5 s;',
+}
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_with_late_what_is_followed_is_bounded(name: str) -> None:
+    """By what a window and the lateness hold; without `late` any event may still come."""
+    sizes = {}
+    for late in ("", " late 2 s"):
+        monitor = Engine(rvaft.loads(f"time t as s{late}; {TYPES}{LATE[name]}{NEVER}"), "scattered")
+        for number in range(2_000):
+            monitor.step({"n": "a", "v": number, "w": number, "t": number})
+        sizes[late] = len(monitor._strategy.partial)  # type: ignore[union-attr]
+    assert sizes[" late 2 s"] < 60
+    assert sizes[""] > 1_000

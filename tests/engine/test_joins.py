@@ -1,0 +1,112 @@
+"""The engine against the reference where values and times tie events together, and partial matches are found, replaced and forgotten by them."""
+
+from collections.abc import Iterator
+from random import Random
+from typing import Any, Final
+
+import pytest
+
+from rvaft.engine import Engine
+from rvaft.language.parser import parse
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Verdict
+from tests.engine.checking import compare, small_and_valid
+
+SHAPES: Final = (
+    "top sand l0 l1 l2 l3 g0 g1;",
+    "top and l0 l1 l2 g0 g1;",
+    "top sand x l3; x and l0 l1 l2 g0 g1;",
+    "top or x y; x sand l0 l1 g0; y sand l0 l2 l3 g1;",
+    "top sand l0 x l3; x 2of4 l1 l2 g0 g1;",
+    "top and x y; x sand l0 l1 g0; y sand l2 l3 g1;",
+    "top and x y g1; x and l0 l1 g0; y or l2 z; z and l3 l4;",
+    "top and x y z; x sand l0 l1; y sand l2 l3; z or l4 g0;",
+    "top sand x y; x and l0 l1 within 2 s; y and l2 l3 g0;",
+    "top and x l3 within 3 s; x sand l0 l1 l2 within 1 s;",
+    "top and x y within 2 s; x or l0 l1; y sand l2 l3 g0;",
+    'top sand x l3; x and a within 1 s; a on e("a", P) times 3;',
+)
+VALUES: Final = (
+    (0, 1, 2),
+    (0, 1, 2, 3, 4),
+    (0, 1, 1.0, 2, "a"),
+    "abc",
+    (0, None, [1]),
+    (0.5, 1, 2.5, float("nan"), 10**101),
+)
+
+
+def comparison(random: Random, leaves: list[int], names: list[str]) -> str:
+    one, other = random.choice(names), random.choice(names)
+    if random.random() < 0.25 and leaves:
+        points = [f"{random.choice(('at', 'start', 'end'))}(l{random.choice(leaves)})" for _ in range(2)]
+        return f"{' - '.join(points)} {random.choice(('<=', '<', '>=', '=='))} {random.randint(0, 3)} s"
+    more = random.choice(("", "", " + 1", " + 0.5"))
+    return f"{random.choice(('', '', 'not '))}{one} {random.choice(('==', '!=', '!=', '!=', '<', '<=', '>', '>='))} {other}{more}"
+
+
+def trees(random: Random, count: int) -> Iterator[tuple[RVAFT, str]]:
+    """Trees of few leaves with the letters of their events."""
+    while count:
+        shape, letters = random.choice(SHAPES), random.choice(("abc", "abcde"))
+        names = random.choice((list("PQRST"), list("PQRSP"), [random.choice("PQ_") for _ in range(5)]))
+        leaves = [number for number in range(5) if f"l{number}" in shape]
+        on = [f'l{n} on e("{letters[n % len(letters)]}", {names[n]});' for n in leaves]
+        bound = [names[n] for n in leaves if names[n] != "_"] or ["1"]
+        for guard in [guard for guard in ("g0", "g1") if guard in shape]:
+            asked = [comparison(random, leaves, bound) for _ in range(random.choice((1, 1, 2, 3)))]
+            on.append(f"{guard} when {random.choice((' and ', ' and ', ' or ')).join(asked)};")
+        late = random.choice(("", " late 0 s", " late 1 s"))
+        tree = parse(f"time t as s{late}; event e(n, v) = {{ e: n, v: v }}; {shape} {' '.join(on)}").build()
+        if small_and_valid(tree, 20):
+            count -= 1
+            yield tree, letters
+
+
+def trace(random: Random, letters: str) -> list[dict[str, Any]]:
+    """Events whose times sometimes go back, and sometimes lack."""
+    time, events, values = 0, [], random.choice(VALUES)
+    for _ in range(random.randint(5, 11)):
+        time += random.choice((-2, -1, 0, 0, 1, 1, 1, 2))
+        told = {"t": time} if random.random() < 0.95 else {}
+        events.append({"e": random.choice(letters), "v": random.choice(values), **told})
+    return events
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
+def test_joined_events(seed: int) -> None:
+    """Verdicts and explanations are those of the definition; copies are in the same state, and wait for the same."""
+    random, detected = Random(f"joins {seed}"), 0
+    for tree, letters in trees(random, 120):
+        for _ in range(3):
+            events = trace(random, letters)
+            found = compare(tree, events, "scattered")
+            detected += found is not None and found.verdict is Verdict.TRUE
+        monitor = Engine(tree, "scattered")
+        for event in events:
+            if monitor.step(event).final:
+                break
+            twin = monitor.fork()
+            assert (twin.state, twin.pending()) == (monitor.state, monitor.pending())
+    assert detected > 15
+
+
+FEW: Final = {
+    "a value that differs": ('top sand a b; a on e("a", V); b on e("b", W) when V != W;', 3),
+    "three that differ": ('top sand a b c; a on e("a", V); b on e("a", W) when V != W; c on e("c", X) when X != V and X != W;', 8),
+    "the greatest": ('top sand a b; a on e("a", V); b on e("b", W) when W < V;', 2),
+    "independent parts": ('top and x y; x sand a b; y sand c d; a on e("a", V); b on e("b", V); c on e("a2", W); d on e("d", W);', 202),
+    "a window with late": ('time t as s late 2 s; top and a b within 5 s; a on e("a", _); b on e("b", _);', 10),
+    "a count with late": ('time t as s late 2 s; top sand x b; x and a within 5 s; a on e("a", _) times 9; b on e("b", _);', 30),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_how_many_are_followed(name: str) -> None:
+    """Two hundred values, of which few matter; where all do, as many as there are and not their product."""
+    text, most = FEW[name]
+    monitor = Engine(parse(f"event e(n, v) = {{ e: n, v: v }}; {text}").build(), "scattered")
+    for number in range(200):
+        event = {"e": "a2" if name == "independent parts" and number % 2 else "a", "v": number, "t": number}
+        assert monitor.step(event) is Verdict.UNKNOWN
+    assert len(monitor._strategy.partial) <= most  # type: ignore[union-attr]

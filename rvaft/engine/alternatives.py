@@ -98,7 +98,4 @@ class Alternatives:
                 else:
                     both = dict.fromkeys((*found[same].awaited, *one.awaited))
                     found[same] = Pending(one.branch, tuple(both), one.variables)
-        if len({one.branch for one in found}) > limit:  # all are taken together, without a number
-            nodes = dict.fromkeys(awaited for one in found for awaited in one.awaited)
-            found = [Pending(None, tuple(nodes), found[0].variables if len(found) == 1 else {})]
         return tuple(sorted(found, key=lambda one: (one.branch is None, one.branch or 0)))

@@ -11,9 +11,9 @@ from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import Earliest, linear_starts
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
+from rvaft.model.values import Json, fingerprint
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
+from rvaft.monitors import DEFAULT_BRANCHES, Awaited, Ended, Explanation, Monitor, Pending
 
 DEFAULT_LIMIT: Final = 100_000
 _UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
@@ -179,8 +179,16 @@ class Engine(Monitor):
 
     def _pending(self, limit: int, before: int | None = None) -> tuple[Pending, ...]:
         if isinstance(self._strategy, Alternatives):
-            return self._strategy.pending(limit, before=before)
-        return pending(self._plain, self._strategy, limit=limit, before=before)
+            found = self._strategy.pending(limit, before=before)
+        else:
+            found = pending(self._plain, self._strategy, limit=limit, before=before)
+        of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
+        if of_branch or len({one.branch for one in found} - {None}) <= limit:
+            return found
+        together: dict[Hashable, tuple[dict[Awaited, None], Pending]] = {}
+        for one in found:
+            together.setdefault(fingerprint(one.variables), ({}, one))[0].update(dict.fromkeys(one.awaited))
+        return tuple(Pending(None, tuple(awaited), one.variables) for awaited, one in together.values())
 
     @property
     def ended(self) -> Ended | None:

@@ -91,7 +91,10 @@ def test_all_ways_to_the_same_events(shape: str, semantics: str, monkeypatch: py
                 patch.setattr(scattered_general, "MEMORY", 3)
                 forgetful.step(event)
             straight.step(event)
-            taking.take(taking.read(event))
+            if taking.is_late(event):
+                taking.skip(1)
+            else:
+                taking.take(taking.read(event))
             pickled.step(event)
             for monitor in (taking, pickled, forgetful):
                 assert told_by(monitor) == told_by(straight)

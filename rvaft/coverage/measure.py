@@ -158,6 +158,8 @@ class PlainFollower(Engine):
     def __init__(self, tree: RVAFT, semantics: Semantics, *, of: RVAFT, limit: int) -> None:
         super().__init__(tree, semantics, limit=limit)
         self._of = of  # whose nodes are told
+        if isinstance(self._strategy, Following):
+            self._strategy.matching.asked.clear()  # a partial match counts also where no time could complete it
         assert not isinstance(self._strategy, Alternatives), "a plain tree has no others beside it"
         compiled = self._strategy.compiled
         self._names = compiled.names
@@ -245,10 +247,6 @@ class BranchFollower:
         """True where one of them has that, false where all have."""
         found = [part.verdict for part in self._parts]
         return next((one for one in (Verdict.TRUE, Verdict.UNKNOWN) if one in found), Verdict.FALSE)
-
-    def is_late(self, event: Json) -> bool:
-        """Whether an event is late, asked of each in their order."""
-        return self._parts[0].is_late(event)
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
         """Read the event of that number as each of them does, until one detects."""
@@ -344,9 +342,9 @@ class Coverage:
         self._logs = 0
         self._types = EventTypeIndex(tree)
         self._oversights = Oversights(self._types)
-        self._may_be_late = tree.time is not None and tree.time.late is not None
-        self._seen: set[int] = set()
         carrier = tree if is_plain(tree) else without_conditions(tree)
+        self._clock = Engine(carrier, self.semantics) if tree.time is not None and tree.time.late is not None else None
+        self._seen: set[int] = set()
         self._compiled = CompiledTree(carrier)
         self._letters = TreeLetters(carrier, self._compiled)
         number = {name: node for node, name in enumerate(self._compiled.names)}
@@ -375,11 +373,14 @@ class Coverage:
         """Read a whole log. Raises what reading its events raises, and `TooLarge`; a log that raises does not count."""
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
         live, seen, number = followers, set[int](), 0
+        clock = (
+            None if self._clock is None else self._clock.fork()
+        )  # apart, since a monitor forgets what comes too late
         oversights, prefix, look_up = Oversights(self._types), f"{log}: ", self._types.of
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         try:
             for number, event in enumerate(events, 1):
-                late = self._may_be_late and followers[0][0].is_late(event)
+                late = clock is not None and clock.is_late(event)
                 if late:
                     oversights.note_late(event, number, prefix)
                 elif (sight := look_up(event)).looked_at or type(event) is not dict:

@@ -88,7 +88,17 @@ def check(found: BranchCoverage, expected: Expected, semantics: str, *, plain: b
         assert awaited == expected.awaited(prefix) or not plain  # of several plain trees those that came farthest wait
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+WINDOW = "time t as s; top sand a b c within 1 s; a times 2;"
+LATE = WINDOW.replace("as s", "as s late 2 s")
+HOPELESS = [
+    Case(f"no time could complete it: {semantics} {trace}", tree, semantics, trace, "")
+    for semantics in ("consecutive", "scattered")
+    for tree, trace in ((WINDOW, "a@1 a b@9"), (WINDOW, "a@1 a@5 b@2"), (LATE, "a@1 a@1 z@9 b@9 z@20"))
+]
+"""A monitor takes such partial matches for lost at once, or forgets them; here they count."""
+
+
+@pytest.mark.parametrize("case", [*CASES, *HOPELESS], ids=lambda case: case.name)
 def test_the_hand_written_cases(case: Case) -> None:
     with suppress(TreeError):
         tree = loads(case.tree)

@@ -482,12 +482,13 @@ def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
             asked = _known(part.operands[1], binding)
             if isinstance(asked, str):
                 found.setdefault(part.operator, []).append(asked)
-    globs = [glob.replace("*", "").replace("?", "a") for glob in found.get(Operator.LIKE, ())]
-    yield from globs
     first, inner, last = (found.get(o, []) for o in (Operator.STARTSWITH, Operator.CONTAINS, Operator.ENDSWITH))
-    if found:
-        yield "".join([*sorted(first, key=len)[-1:], *inner, *sorted(last, key=len)[-1:]])
-        yield "".join(["-", *inner, *globs, *sorted(last, key=len)[-1:]])
+    for glob in found.get(Operator.LIKE, ()):
+        for filling in ("", *inner, *first):
+            yield glob.replace("*", filling, 1).replace("*", "").replace("?", "a")
+    for filling in ("", *inner, "".join(inner)) if found else ():
+        for before in ("-", *first):
+            yield f"{before}{filling}{max(last, key=len, default='')}"
 
 
 def bounds(guard: Guard, name: str, binding: Binding) -> Iterator[Json]:

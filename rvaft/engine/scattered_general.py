@@ -10,7 +10,7 @@ before. Where an event may do something, the partial matches that it concerns ar
 must repeat. A partial match is dropped where another can do all that it can (see `subsumption`).
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, islice, product
@@ -457,7 +457,9 @@ class ScatteredMatches(Following):
         begun = self._begun
         for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
-                for members, enough in self._concerned(group, move, values):
+                scan = move.scan or self._stages.scan(move)
+                parts = self._concerned(group, scan, values) if scan.terms or scan.orders else group.everyone
+                for members, enough in parts:
                     for member in members:
                         before = member.configuration
                         bound = {**values, **before.binding} if before.binding else values
@@ -489,22 +491,17 @@ class ScatteredMatches(Following):
         return _UNKNOWN
 
     def _concerned(
-        self, group: StageGroup, move: StageMove, values: Mapping[str, Json]
-    ) -> Iterator[tuple[Iterable[Member], tuple[Term, ...] | None]]:
+        self, group: StageGroup, scan: Scan, values: Mapping[str, Json]
+    ) -> Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]]:
         """The members of a group that may make a move, in parts; each perhaps with what shows that the rest of it makes nothing better."""
-        scan = move.scan or self._stages.scan(move)
         asked = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
         if UNDEFINED in asked:
-            return
+            return ()
         if not scan.orders:
-            yield group.alike(scan.names, asked), None
-            return
+            return ((group.alike(scan.names, asked), None),)
         ways = [(one, group.between(scan.names, asked, one.term, one.bounds, values)) for one in scan.orders]
-        order, lanes = (
-            ways[0] if len(ways) == 1 else min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
-        )
-        for lane, start, end in lanes:
-            yield in_order(lane, start, end, last_first=order.last_first), order.enough
+        order, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
+        return [(in_order(*lane, last_first=order.last_first), order.enough) for lane in lanes]
 
     def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], ended: int) -> None:
         """Keep what is not there yet; of two that are alike the first."""

@@ -60,6 +60,7 @@ class StageGroup:
     def __init__(self, ranking: Ranking, deadlines: Sequence[Difference] = ()) -> None:
         self.ranking = ranking
         self.members: dict[int, Member] = {}
+        self.everyone = ((self.members.values(), None),)
         self.floor: int | None = None
         """The least time that events to come may have, where that is known."""
         self._deadlines = deadlines

@@ -30,6 +30,13 @@ What makes a guard one for greater (smaller) values, as `rvaft.model.guards` eva
   the last operand mentions the variable and is. `or` looks at an operand where those before are false, which for them must not turn
   into undefined: it is monotone if its operands are, and those before the last are steady.
 
+**Values that others must differ from.** A variable that is mentioned only where it must differ (`!=`) from values to come is told apart by
+these alone: k of them exclude at most k values. So of matches that agree otherwise as many are kept as it takes for some to be left, whatever is excluded, if another one were: a match is not needed
+if each choice of values to come that excludes all that are kept excludes it too.
+
+**Times.** Of a difference of times (`time_differences`) only the least and the greatest of the times known on either side matter, and whole
+numbers are exact. Where events with times before a floor no longer count, a greatest time below it is as good as any other.
+
 Anything else is left alone: equality, products, a variable on both sides. What is not said to be comparable counts as equal only
 if nothing can tell the values apart (`fingerprint`).
 """

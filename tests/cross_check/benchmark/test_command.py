@@ -154,7 +154,7 @@ WRONG = [  # the words, with T for a folder that has a tree `t.rvaft`, an empty 
     ("--gates xand", "unknown gate xand", "did you mean and?"),
     ("--gates tomato", "unknown gate tomato; known: or, and, sand, sand_rl, pand, vot"),
     ("--languages hoa", "unknown backend hoa", "did you mean automaton?"),
-    ("--semantics loose", "'loose' is not `all` or some of strict, projected, scattered"),
+    ("--semantics loose", "'loose' is not `all` or some of strict, projected, consecutive, scattered"),
     ("--gates ,", "nothing to compare"),
     ("T/t.rvaft --languages ,", "nothing to compare"),
     ("--max-arity 0", "--max-arity"),

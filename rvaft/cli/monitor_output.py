@@ -160,12 +160,15 @@ class Reporter(Listener):
                 self.sink.warn(f"{ENDS} keys can no longer match: for others it is not said what was waited for")
         return found
 
-    def finish(self, rows: Sequence[SummaryRow], statistics: Statistics) -> None:
-        """All traces have been read, at least one of them to its end."""
-
-    def doubt(self, lines: Iterable[str]) -> None:
-        """Say after that what could have been missed."""
-        for line in lines:
+    def finish(
+        self,
+        rows: Sequence[SummaryRow],  # noqa: ARG002 (the interface)
+        statistics: Statistics,  # noqa: ARG002 (the interface)
+        doubts: Iterable[str],
+        note: str | None,  # noqa: ARG002 (the interface)
+    ) -> None:
+        """All traces have been read, one at least to its end; `doubts` are what could have been missed, `note` what ⊥ means."""
+        for line in doubts:
             self.sink.warn(line)
 
 
@@ -235,13 +238,13 @@ class _Text(Reporter):
             for line in columns([head, *rows]):
                 self.sink.line(f"  {line}")
 
-    def finish(self, rows: Sequence[SummaryRow], statistics: Statistics) -> None:
-        for line in (*_held(statistics), *(_summary(self.settings, rows) if self.settings.summed else ())):
+    def finish(
+        self, rows: Sequence[SummaryRow], statistics: Statistics, doubts: Iterable[str], note: str | None
+    ) -> None:
+        meant = [f"note: {note}"] if note else []
+        summed = _summary(self.settings, rows) if self.settings.summed else ()
+        for line in (*_held(statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
             self.sink.line(line)
-
-    def doubt(self, lines: Iterable[str]) -> None:
-        for line in lines:
-            self.sink.line(f"warning: {line}")
 
     def where(self, watch: MonitoredTrace) -> str:
         """The trace and the key that a line is about, where there are several."""
@@ -332,11 +335,10 @@ class _Table(_Text):
         if len(self._rows) > 1:
             self.end(watch)
 
-    def finish(self, rows: Sequence[SummaryRow], statistics: Statistics) -> None:
-        """Nothing more is printed."""
-
-    def doubt(self, lines: Iterable[str]) -> None:
-        Reporter.doubt(self, lines)
+    def finish(
+        self, rows: Sequence[SummaryRow], statistics: Statistics, doubts: Iterable[str], note: str | None
+    ) -> None:
+        Reporter.finish(self, rows, statistics, doubts, note)
 
     def _note_left_out(self) -> None:
         if self._left_out:

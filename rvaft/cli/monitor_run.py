@@ -280,10 +280,8 @@ def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> 
             outcomes = [alone.watch(trace) for trace in traces]
         rows = [row for one in outcomes for row in one.rows]
         if any(outcome.read for outcome in outcomes):
-            alone.reporter.finish(rows, alone.statistics)
-            alone.reporter.doubt(alone.oversights.lines)
-            if alone.hindsight is not None and (line := alone.hindsight.line) is not None:
-                sink.line(f"note: {line}")
+            note = None if alone.hindsight is None else alone.hindsight.line
+            alone.reporter.finish(rows, alone.statistics, alone.oversights.lines, note)
         if (names := "".join({one.keyless for one in outcomes})) and not rows:
             sink.report(OptionError(f"no event has what --key names ({names}), so nothing was monitored"))
             return FAILED

@@ -42,11 +42,13 @@ def test_what_is_proved(sand: Path, tmp_path: Path) -> None:
     result, found = compared(tmp_path, sand)
     assert result.exit_code == 0, result.output
     assert "no disagreement" in result.stdout
+    assert "TREES WITH" not in result.stdout
+    assert "TREES WITH" in run("cross-check", "--random", 12, "--traces", 1, "--backends", "rml").stdout
     names = ("reference", "engine", "rml", "ltlf", "automaton")
     assert {(one["participant"], one["semantics"]): one["status"] for one in found} == {
         (name, semantics): "baseline" if name == "reference" else "proved"
         for name in names
-        for semantics in ("strict", "projected", "scattered")
+        for semantics in ("strict", "projected", "consecutive", "scattered")
     }
 
 
@@ -106,7 +108,7 @@ def test_another_tree(sand: Path, tmp_path: Path) -> None:
     other = written(tmp_path / "and.rvaft", AND)
     result = run("cross-check", sand, *RML, "--against", other, "--semantics", "all")
     assert result.exit_code == 1
-    assert result.stdout.count("differs from reference") == 3
+    assert result.stdout.count("differs from reference") == 4
     (tmp_path / "sub").mkdir()
     written(tmp_path / "sub" / "part.rvaft", "b;")  # it is read with what it imports
     main = written(tmp_path / "sub" / "main.rvaft", 'import "part.rvaft"; toplevel r; r sand a b; a;')

@@ -42,6 +42,8 @@ class Entry(NamedTuple):
     member: Member
 
 
+NEAR: Final = 64
+"""How far from the end of an order is looked step by step."""
 LOOSE: Final = "loose"
 """Numbers so large that sums with them need not keep their order."""
 _Place: TypeAlias = Hashable
@@ -235,13 +237,15 @@ def _lane(names: tuple[str, ...], term: Term, member: Member) -> tuple[_Place, t
 
 def _turn(lane: Sequence[Entry], holds: Callable[[Json], bool], *, wanted: bool) -> int:
     """The first place from which on it holds as wanted; looked for from the end, where the latest values mostly are."""
+    if holds(lane[0].value) is wanted:
+        return 0
     step, end = 1, len(lane)
     start = end - 1
-    while start >= 0 and holds(lane[start].value) is wanted:
+    while start > 0 and holds(lane[start].value) is wanted:
         end = start
         start -= step
-        step *= 2
-    start = max(start, -1)
+        step = 2 * step if step < NEAR else end
+    start = max(start, 0)
     while start + 1 < end:
         middle = (start + end) // 2
         if holds(lane[middle].value) is wanted:

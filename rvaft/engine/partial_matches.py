@@ -8,7 +8,7 @@ from typing import Any, Self
 from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
 from rvaft.engine.shared_nodes import SharedNodes
-from rvaft.engine.time_differences import Difference, differences
+from rvaft.engine.time_differences import TimeDifference, differences
 from rvaft.errors import TooLarge
 from rvaft.model.guards import conjuncts, variables
 from rvaft.model.values import Json, equal
@@ -26,7 +26,7 @@ class Matching:
         self.compiled = compiled
         self.progress = PartProgress(compiled)
         self.shared = SharedNodes(compiled, self.progress, limit=limit)
-        self.asked: dict[int, tuple[Difference, ...]] = {}
+        self.asked: dict[int, tuple[TimeDifference, ...]] = {}
         """For the nodes with guards over times what these guards ask for, as far as that is known before all times are."""
         for node, guard in enumerate(compiled.guards if early else ()):
             parts = () if guard is None else conjuncts(guard)

@@ -22,7 +22,7 @@ from rvaft.engine.independent_parts import IndependentPart, independent_parts
 from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.stage_group import Bound, Member, StageGroup, in_order
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
-from rvaft.engine.time_differences import Difference, Extreme, differences
+from rvaft.engine.time_differences import Extreme, TimeDifference, differences
 from rvaft.model.guards import (
     OPERATORS,
     ORDERINGS,
@@ -60,7 +60,7 @@ class Stage:
     """The variables that partial matches here remember."""
     ranking: Ranking
     """Which of their values can do more than others."""
-    deadlines: tuple[Difference, ...]
+    deadlines: tuple[TimeDifference, ...]
     """What has to hold between times for a partial match here to come to anything."""
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
 
@@ -224,7 +224,7 @@ class Stages:
         return any(self.outcome(move, held, outcomes) for outcomes in product((True, False), repeat=len(move.joint)))
 
 
-def _time_bounds(asked: Difference, far: Collection[str], own: Collection[str]) -> Iterator[tuple[Term, Bound]]:
+def _time_bounds(asked: TimeDifference, far: Collection[str], own: Collection[str]) -> Iterator[tuple[Term, Bound]]:
     """What a difference of times asks of the times remembered (`far`) when the event has these."""
     plus, minus = asked.plus, asked.minus
     for rising, ours, theirs in ((True, plus, minus), (False, minus, plus)):

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.engine.configuration import Configuration
 from rvaft.engine.subsumption import Rank, Ranking, Term, scale
-from rvaft.engine.time_differences import Difference
+from rvaft.engine.time_differences import TimeDifference
 from rvaft.model.values import Json, exact, is_number, key
 
 _PLAIN: Final = (str, int, float)
@@ -34,7 +34,7 @@ class Bound(NamedTuple):
     """From the values of the event to what they ask."""
 
 
-class Entry(NamedTuple):
+class LaneMember(NamedTuple):
     """A member in the order of a value."""
 
     value: Json
@@ -47,7 +47,7 @@ NEAR: Final = 64
 LOOSE: Final = "loose"
 """Numbers so large that sums with them need not keep their order."""
 _Place: TypeAlias = Hashable
-_Lanes: TypeAlias = dict[tuple[Hashable, ...], list[Entry]]
+_Lanes: TypeAlias = dict[tuple[Hashable, ...], list[LaneMember]]
 """The members with equal values, apart where something can tell these apart, and by the type of the value that orders them."""
 
 
@@ -59,7 +59,7 @@ def place_of(values: Iterable[Json]) -> _Place:
 class StageGroup:
     """The partial matches of one stage, found by the values they remember."""
 
-    def __init__(self, ranking: Ranking, deadlines: Sequence[Difference] = ()) -> None:
+    def __init__(self, ranking: Ranking, deadlines: Sequence[TimeDifference] = ()) -> None:
         self.ranking = ranking
         self.members: dict[int, Member] = {}
         self.everyone = ((self.members.values(), None),)
@@ -180,7 +180,7 @@ class StageGroup:
         term: Term,
         bounds: Sequence[Bound],
         event: Mapping[str, Json],
-    ) -> list[tuple[list[Entry], int, int]]:
+    ) -> list[tuple[list[LaneMember], int, int]]:
         """Those of the members alike whose term keeps all bounds: parts of lists, each in the order of the term."""
         ordered = self._ordered.get((names, term))
         if ordered is None:
@@ -208,7 +208,7 @@ class StageGroup:
         found = _lane(names, term, member)
         if found is not None:
             place, kind, value = found
-            insort(ordered.setdefault(place, {}).setdefault(kind, []), Entry(value, member.number, member))
+            insort(ordered.setdefault(place, {}).setdefault(kind, []), LaneMember(value, member.number, member))
 
     def _take_ordered(self, names: tuple[str, ...], term: Term, ordered: dict[_Place, _Lanes], member: Member) -> None:
         found = _lane(names, term, member)
@@ -235,7 +235,7 @@ def _lane(names: tuple[str, ...], term: Term, member: Member) -> tuple[_Place, t
     return None if kind is None else (place_of(values), (kind, *map(exact, values)), value)
 
 
-def _turn(lane: Sequence[Entry], holds: Callable[[Json], bool], *, wanted: bool) -> int:
+def _turn(lane: Sequence[LaneMember], holds: Callable[[Json], bool], *, wanted: bool) -> int:
     """The first place from which on it holds as wanted; looked for from the end, where the latest values mostly are."""
     if holds(lane[0].value) is wanted:
         return 0
@@ -255,7 +255,7 @@ def _turn(lane: Sequence[Entry], holds: Callable[[Json], bool], *, wanted: bool)
     return end
 
 
-def in_order(entries: Sequence[Entry], start: int, end: int, *, last_first: bool) -> Iterator[Member]:
+def in_order(entries: Sequence[LaneMember], start: int, end: int, *, last_first: bool) -> Iterator[Member]:
     """The members of a part of a list."""
     places = range(end - 1, start - 1, -1) if last_first else range(start, end)
     return (entries[place].member for place in places)

@@ -37,7 +37,7 @@ class Extreme(NamedTuple):
         return (any if some else all)(name in binding for name in self.names)
 
 
-class Difference(NamedTuple):
+class TimeDifference(NamedTuple):
     """That `plus - minus <= most`."""
 
     plus: Extreme
@@ -70,7 +70,7 @@ class Difference(NamedTuple):
 _SWAPPED: Final = (Operator.GE, Operator.GT)
 
 
-def differences(guard: Guard) -> tuple[Difference, ...] | None:
+def differences(guard: Guard) -> tuple[TimeDifference, ...] | None:
     """The differences that a conjunct over times asks for; None for one that is not of this kind.
 
     >>> from rvaft.language.parser import parse_guard
@@ -96,8 +96,8 @@ def differences(guard: Guard) -> tuple[Difference, ...] | None:
 
 def _difference(
     plus: tuple[Operator | None, tuple[str, ...]], minus: tuple[Operator | None, tuple[str, ...]], most: int
-) -> Difference:
-    return Difference(Extreme(plus[0] or Operator.MAX, plus[1]), Extreme(minus[0] or Operator.MIN, minus[1]), most)
+) -> TimeDifference:
+    return TimeDifference(Extreme(plus[0] or Operator.MAX, plus[1]), Extreme(minus[0] or Operator.MIN, minus[1]), most)
 
 
 def _collect(term: Guard, sign: int, sides: Mapping[int, list[tuple[Operator | None, tuple[str, ...]]]]) -> int | None:

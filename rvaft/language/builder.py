@@ -96,7 +96,7 @@ class Clause(NamedTuple):
     value: Any
 
 
-class Term(NamedTuple):
+class Operand(NamedTuple):
     """A pattern or a guard under construction: how deep it is, the words in it, and whether it is a number without sign.
 
     `sort` tells a `point` of time, a `duration` and a `span` between two points from every other `value`.
@@ -140,15 +140,15 @@ def number_of(token: Token) -> int | float:
     return number
 
 
-def _compound(value: Any, parts: Sequence[Term], what: str, token: Token) -> Term:
+def _compound(value: Any, parts: Sequence[Operand], what: str, token: Token) -> Operand:
     """A term that is made of these parts."""
     depth = max((part.depth for part in parts), default=0)
     if depth >= MAX_DEPTH:
         raise Slip(f"this {what} is nested deeper than {MAX_DEPTH}", token)
-    return Term(value, depth + 1, tuple([word for part in parts for word in part.words]))
+    return Operand(value, depth + 1, tuple([word for part in parts for word in part.words]))
 
 
-def _values(parts: Iterable[Term]) -> tuple[Any, ...]:
+def _values(parts: Iterable[Operand]) -> tuple[Any, ...]:
     return tuple([part.value for part in parts])
 
 
@@ -161,7 +161,7 @@ _SUMS: Final = {
 _COMPARED: Final = (("point", "point"), ("span", "duration"), ("duration", "span"))
 
 
-def _sort_of(operands: Sequence[Term], token: Token) -> str:
+def _sort_of(operands: Sequence[Operand], token: Token) -> str:
     """What an operator makes of points of time and durations; a `Slip` where it can make nothing."""
     sorts = tuple(operand.sort for operand in operands)
     if set(sorts) == {"value"}:
@@ -219,7 +219,7 @@ class Build(Transformer[Token, Any]):
     def only_guard(self, items: Items) -> Any:
         return self._condition(items[0], None)
 
-    def _condition(self, term: Term, token: Token | None) -> Any:
+    def _condition(self, term: Operand, token: Token | None) -> Any:
         """A guard that says something true or false."""
         if term.sort != "value":
             raise Slip(_ALONE, token or Token("START", "", 0))
@@ -371,23 +371,23 @@ class Build(Transformer[Token, Any]):
 
     # -- patterns ---------------------------------------------------------------------------------------------------
 
-    def variable(self, items: Items) -> Term:
-        return Term(Variable(items[0].value), words=(items[0],))
+    def variable(self, items: Items) -> Operand:
+        return Operand(Variable(items[0].value), words=(items[0],))
 
-    def anything(self, _items: Items) -> Term:
-        return Term(Anything())
+    def anything(self, _items: Items) -> Operand:
+        return Operand(Anything())
 
-    def string(self, items: Items) -> Term:
-        return Term(Literal(text_of(items[0])))
+    def string(self, items: Items) -> Operand:
+        return Operand(Literal(text_of(items[0])))
 
-    def number(self, items: Items) -> Term:
+    def number(self, items: Items) -> Operand:
         number = number_of(items[-1])
-        return Term(Literal(-number if len(items) > 1 else number), unsigned=len(items) == 1)
+        return Operand(Literal(-number if len(items) > 1 else number), unsigned=len(items) == 1)
 
-    def constant(self, items: Items) -> Term:
-        return Term(Literal(CONSTANTS[items[0]]))
+    def constant(self, items: Items) -> Operand:
+        return Operand(Literal(CONSTANTS[items[0]]))
 
-    def mapping(self, items: Items) -> Term:
+    def mapping(self, items: Items) -> Operand:
         fields: list[Items] = items[1] or []
         named: dict[str, Pattern] = {}
         for key, inner in fields:
@@ -398,25 +398,25 @@ class Build(Transformer[Token, Any]):
         parts = [inner for _, inner in fields]
         return _compound(ObjectPattern(tuple(named.items())), parts, "pattern", items[0])
 
-    def sequence(self, items: Items) -> Term:
-        parts: list[Term] = items[1] or []
+    def sequence(self, items: Items) -> Operand:
+        parts: list[Operand] = items[1] or []
         return _compound(ListPattern(_values(parts)), parts, "pattern", items[0])
 
     # -- guards -----------------------------------------------------------------------------------------------------
 
-    def binary(self, items: Items) -> Term:
+    def binary(self, items: Items) -> Operand:
         operands = items[::2]
         term = _compound(Operation(Operator(items[1]), _values(operands)), operands, "guard", items[1])
         return term._replace(sort=_sort_of(operands, items[1]))
 
     junction = binary
 
-    def listed(self, items: Items) -> Term:
+    def listed(self, items: Items) -> Operand:
         operands = [items[0], *items[3::2]]
         _sort_of(operands, items[1])
         return _compound(Operation(Operator.IN, _values(operands)), operands, "guard", items[1])
 
-    def applied(self, items: Items) -> Term:
+    def applied(self, items: Items) -> Operand:
         token, operands = items[0], items[2::2]
         operator, arity = Operator(token), OPERATORS[Operator(token)].arity
         if len(operands) != arity and (arity or len(operands) < 2):
@@ -428,7 +428,7 @@ class Build(Transformer[Token, Any]):
         _sort_of(operands, token)
         return _compound(Operation(operator, _values(operands)), operands, "guard", token)
 
-    def duration(self, items: Items) -> Term:
+    def duration(self, items: Items) -> Operand:
         token = items[0]
         number = token.rstrip("abcdefghijklmnopqrstuvwxyz")
         length = scaled(number.strip(), token[len(number) :])
@@ -436,20 +436,20 @@ class Build(Transformer[Token, Any]):
             raise Slip("a duration is not negative; a difference is turned round: at(a) - at(b)", token)
         if length is None:
             raise Slip(f"{shown(token)} is no duration: no clock counts that far", token)
-        return Term(Duration(length), sort="duration")
+        return Operand(Duration(length), sort="duration")
 
-    def time_point(self, items: Items) -> Term:
+    def time_point(self, items: Items) -> Operand:
         token, _, name, _ = items
-        return Term(TimePoint.of(token.value, name.value), sort="point")
+        return Operand(TimePoint.of(token.value, name.value), sort="point")
 
-    def unary(self, items: Items) -> Term:
+    def unary(self, items: Items) -> Operand:
         token, operand = items
         if token.type != "NOT" and operand.unsigned:  # a minus right before a number belongs to the number
-            return Term(Literal(-operand.value.value))
+            return Operand(Literal(-operand.value.value))
         _sort_of([operand], token)
         operator = Operator.NOT if token.type == "NOT" else Operator.NEGATE
         return _compound(Operation(operator, (operand.value,)), [operand], "guard", token)
 
-    def parentheses(self, items: Items) -> Term:
-        term: Term = items[1]
+    def parentheses(self, items: Items) -> Operand:
+        term: Operand = items[1]
         return term._replace(unsigned=False)

@@ -55,7 +55,7 @@ class RVAFT:
     twice, a name or type that no topic can have, a number or a window that its node cannot have, a time of a node that is not there.
 
     >>> from rvaft import Gate, Node
-    >>> tree = RVAFT("top", [Node("top", Gate.AND, ("a", "b")), Node("a"), Node("b")])
+    >>> tree = RVAFT("top", [Node("top", "and", ("a", "b")), Node("a"), Node("b")])
     >>> tree.order, tree.occurrences
     (('top', 'a', 'b'), ('a', 'b'))
     """

@@ -142,7 +142,7 @@ def _missed(tree: RVAFT, traces: Mapping[str, Sequence[Json]]) -> Iterator[str]:
         engine = Engine(tree)
         for number, event in enumerate(events, 1):
             if engine.is_late(event):
-                oversights.note_late(event, number, f"{trace}: ")
+                oversights.note_late(event, number, f"{trace}: ", engine.latest)
             else:
                 oversights.see(event, number, f"{trace}: ", types.of(event))
     return oversights.lines

@@ -380,9 +380,8 @@ class Coverage:
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         try:
             for number, event in enumerate(events, 1):
-                late = clock is not None and clock.is_late(event)
-                if late:
-                    oversights.note_late(event, number, prefix)
+                if late := clock is not None and clock.is_late(event):
+                    oversights.note_late(event, number, prefix, clock.latest)
                 elif (sight := look_up(event)).looked_at or type(event) is not dict:
                     oversights.see(event, number, prefix, sight)
                 reading = NOTHING if late else self._letters.read(event)

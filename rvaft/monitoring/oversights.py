@@ -6,11 +6,12 @@ Whether a guard is undefined is asked of events, not of partial matches, so it d
 a variable of a comparison, together with the values that other events gave to the other variables last.
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
+import json
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from enum import StrEnum
 from itertools import product
-from operator import itemgetter
 from typing import Any, Final
 
 from rvaft.analysis.pattern_index import Reader, flat
@@ -91,23 +92,18 @@ def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
 
 @dataclass(slots=True)
 class _Asked:
-    """What is asked of events of one letter, and the types of values of which the answer is known to be good."""
+    """What is asked of events of one letter, and the `types` of the values of its variables that are known to be `good`.
+
+    Where the shape of the pattern does not say where these stand, there are no types.
+    """
 
     reader: Reader
     parts: tuple[_Part, ...]
     names: frozenset[str]
     by_type: bool
     types: Callable[[Mapping[str, Json]], Hashable]
-    """The types of the values that variables of these names get from an event; None where the shape does not say where they are."""
     good: set[Hashable] = field(default_factory=set)
     version: int = -1
-
-    def values(self, event: Mapping[str, Json]) -> Mapping[str, Json] | None:
-        """The values of the variables in an event that fits the pattern."""
-        if self.reader.plain:
-            return self.reader.values(event)
-        found = match(self.reader.pattern, event, {})
-        return None if found is None else rigid(found)
 
 
 class Oversights:
@@ -116,66 +112,56 @@ class Oversights:
     def __init__(self, types: EventTypeIndex) -> None:
         self.found: dict[tuple[Reason, str], Oversight] = {}
         self._last: dict[str, Json] = {}
-        self._version = 0
         self.attach(types)
 
     def attach(self, types: EventTypeIndex) -> None:
         """Know the tree again, after a pickle."""
-        self._types = types
-        self._time = types.tree.time
+        self._types, self._time, self._version = types, types.tree.time, 0
         self._asked = _asked(types)
 
     def __getstate__(self) -> dict[str, Any]:
         """The counts, without what the tree says."""
-        return {"found": self.found, "_last": self._last, "_version": self._version}
+        return {"found": self.found, "_last": self._last}
 
     def see(self, event: Mapping[str, Json], number: int, prefix: str, sight: Sight) -> None:
         """Look at an event of which something is asked, or that is a `NonFiniteEvent`."""
-        if sight.decided.open:
-            sight = self._types.decided(sight, event)
-        elif sight.looked_at == UNSEEN:
+        if sight.looked_at == UNSEEN:
+            sight = self._types.decided(sight, event) if sight.decided.open else sight
             sight.looked_at = tuple(number for number in sight.decided.fits if number in self._asked)
-        letters = sight.looked_at
-        if letters == UNSEEN:  # of this event alone
-            letters = tuple(number for number in sight.decided.fits if number in self._asked)
-        place, version = (prefix, number), self._version
+        place, version = f"{prefix}event {number}", self._version
         if isinstance(event, NonFiniteEvent):
-            if letters or self._time is None or event.field.split(".")[0] != self._time.field[0]:
+            if sight.looked_at or self._time is None or event.field.split(".")[0] != self._time.field[0]:
                 self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
             return
-        for letter in letters:
+        for letter in sight.looked_at:
             one = self._asked[letter]
             types = one.types(event)
-            known_good = types is not None and one.version == version and types in one.good
-            if not known_good and (values := one.values(event)) is not None:
-                self._ask(one, values, types, place)
-        if self._time is None:
+            if types is None or one.version != version or types not in one.good:
+                self._ask(one, event, types, place)
+        if self._time is None or not sight.entries or self._time.read(event) is not None:
             return
-        timed = sight.entries and not any(admits(event) for admits in sight.ignored)
-        if timed and self._time.read(event) is None:
-            self.note(Reason.TIME, "", place, self.time_of(event))
+        if not any(admits(event) for admits in sight.ignored):
+            found: Json = event
+            for name in self._time.field:
+                found = found.get(name, UNSEEN) if isinstance(found, Mapping) else UNSEEN
+            name = ".".join(self._time.field)
+            missing = found is UNSEEN
+            said = (
+                f"the field {name} is missing" if missing else f"{name} is {described(found)}, not {self._time.format}"
+            )
+            self.note(Reason.TIME, "", place, said)
 
-    def note(self, reason: Reason, about: str, place: tuple[str, int], example: str) -> None:
+    def note(self, reason: Reason, about: str, place: str, example: str) -> None:
         """Count one event."""
-        known = self.found.get((reason, about))
-        if known is None:
-            prefix, number = place
-            known = self.found[reason, about] = Oversight(reason, about, f"{prefix}event {number}", example)
-        known.count += 1
+        self.found.setdefault((reason, about), Oversight(reason, about, place, example)).count += 1
 
-    def note_late(self, event: Json, number: int, prefix: str) -> None:
-        """Count an event that is late."""
-        self.note(Reason.LATE, "", (prefix, number), self.time_of(event).partition(", not")[0])
-
-    def time_of(self, event: Json) -> str:
-        """What an event has in the field of its time."""
-        assert self._time is not None, "asked of trees with times only"
-        found = event
-        for name in self._time.field:
-            if not isinstance(found, Mapping) or name not in found:
-                return f"the field {'.'.join(self._time.field)} is missing"
-            found = found[name]
-        return f"{'.'.join(self._time.field)} is {described(found)}, not {self._time.format}"
+    def note_late(self, event: Json, number: int, prefix: str, latest: int | None) -> None:
+        """Count an event that is late, after one of the time `latest`."""
+        assert self._time is not None, "only where times are declared are events late"
+        time, written = self._time.read(event) or 0, self._time.written(event)
+        shown = f"{Decimal(time).scaleb(-9).normalize():f} s" if isinstance(written, Mapping) else json.dumps(written)
+        behind = f"{duration_text((latest or 0) - time)} behind the latest"
+        self.note(Reason.LATE, "", f"{prefix}event {number}", f"{'.'.join(self._time.field)} is {shown}, {behind}")
 
     def merge(self, other: "Oversights") -> None:
         """Add the counts of a later trace."""
@@ -191,7 +177,12 @@ class Oversights:
         if len(self.found) > MOST:
             yield f"{len(self.found) - MOST} other guards were undefined"
 
-    def _ask(self, asked: _Asked, values: Mapping[str, Json], types: Hashable, place: tuple[str, int]) -> None:
+    def _ask(self, asked: _Asked, event: Mapping[str, Json], types: Hashable, place: str) -> None:
+        reader = asked.reader
+        found = None if reader.plain else match(reader.pattern, event, {})
+        values = reader.values(event) if reader.plain else None if found is None else rigid(found)
+        if values is None:
+            return
         known, undefined = {**self._last, **values}, set[str]()
         for part in asked.parts:
             if part.text not in undefined and part.is_undefined(known):
@@ -229,17 +220,12 @@ def _asked(types: EventTypeIndex) -> dict[int, _Asked]:
     return found
 
 
-def _types(reader: Reader, names: Collection[str]) -> Callable[[Mapping[str, Json]], Hashable]:
-    """The types of the values that variables of these names get from an event that fits a letter."""
+def _types(reader: Reader, names: frozenset[str]) -> Callable[[Mapping[str, Json]], Hashable]:
     plain = flat(reader.pattern)
-    fields = [] if plain is None else [field for field, name in plain.variables.items() if name in names]
     if plain is None:
         return lambda _: None
-    if len(fields) == 1:
-        [only] = fields
-        return lambda event: (type(event[only]),)
-    get = itemgetter(*fields) if fields else lambda _: ()
-    return lambda event: tuple(map(type, get(event)))
+    fields = [field for field, name in plain.variables.items() if name in names]
+    return lambda event: tuple([type(event[field]) for field in fields])
 
 
 def _parts(guard: Guard, whose: str) -> Iterator[_Part]:
@@ -251,17 +237,9 @@ def _parts(guard: Guard, whose: str) -> Iterator[_Part]:
         if isinstance(part, Operation) and part.operator in _JUNCTIONS:
             agenda.extend(reversed(part.operands))
             continue
-        names = variables(part)
-        points = any(isinstance(one, TimePoint) for one in walk(part))
-        if names and not points and len(names) <= 4 and not _is_equality(part):
+        names, inside = variables(part), [*walk(part)]
+        # Of values that are finite equality is always true or false.
+        equality = isinstance(part, Operation) and part.operator in (Operator.EQ, Operator.NE, Operator.IN)
+        told = not equality or sum(isinstance(one, Operation) for one in inside) > 1
+        if told and 0 < len(names) <= 4 and not any(isinstance(one, TimePoint) for one in inside):
             yield _Part(guard, part, names, f"{guard_text(guard)} {whose}", timed)
-
-
-def _is_equality(part: Guard) -> bool:
-    """Whether every value that is finite makes it defined."""
-    plain = (Operator.EQ, Operator.NE, Operator.IN)
-    return (
-        isinstance(part, Operation)
-        and part.operator in plain
-        and not any(isinstance(one, Operation) for one in part.operands)
-    )

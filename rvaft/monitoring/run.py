@@ -408,8 +408,8 @@ class TraceRun:
                     watch = self._watch_of(key, event, number)
                 late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
                 relevant = True
-                if late:
-                    oversights.note_late(event, number, prefix)
+                if watch is not None and late:
+                    oversights.note_late(event, number, prefix, watch.monitors.engines[0].latest)
                 elif sight.looked_at or type(event) is not dict:
                     oversights.see(event, number, prefix, sight)
                 if statistics is not None:

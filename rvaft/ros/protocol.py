@@ -116,7 +116,7 @@ class Session:
                     if label == _WHOLE and monitors.serves:
                         self.buffer.remember(self.events, kept(came, self.fields))
                     if label == _WHOLE and monitors.late:
-                        self.oversights.note_late(event, self.events, "")
+                        self.oversights.note_late(event, self.events, "", monitors.engines[0].latest)
                     elif label == _WHOLE:
                         self.oversights.see(event, self.events, "", monitors.types.of(event))
 

@@ -326,7 +326,9 @@ class _Translation:
         own = None if _points(node) else node.when
         copies = []
         if node.times > MOST:
-            raise TooLarge(f"events that {node.name} counts, {node.times:,}", limit=MOST)
+            error = TooLarge(f"events that {node.name} counts, {node.times:,}", limit=MOST)
+            error.add_note("ask for fewer")
+            raise error
         for number in range(1, node.times + 1):
             copies.append(self._add(Node(f"{node.name}[{number}]", on=node.on, when=own)))
             if node.on is None:

@@ -101,7 +101,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         try:
             return monitor(part, semantics=semantics, limit=limit)
         except TooLarge as error:
-            error.add_note("--max-configurations allows more")
+            if error.limit == limit and not getattr(error, "__notes__", ()):
+                error.add_note("--max-configurations allows more")
             raise
 
     repeating = {"repeat": given["repeat"], "cooldown": given["cooldown"]}

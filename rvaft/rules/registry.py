@@ -59,6 +59,7 @@ TREE_RULES: Final = (
     Rule("shared-under-order", Severity.WARNING, scenarios.shared_under_order),
     Rule("contradictory-guards", Severity.WARNING, scenarios.contradictory_guards),
     Rule("contradictory-guards", Severity.WARNING, times.contradictory_times),
+    Rule("too-many-events", Severity.WARNING, times.too_many_events),
     Rule("unstated-semantics", Severity.WARNING, times.unstated_semantics),
     Rule("undeclared", Severity.WARNING, structure.undeclared),
     Rule("unreachable", Severity.WARNING, structure.unreachable),

@@ -6,6 +6,7 @@ from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
 from rvaft.analysis.normal_form import body
+from rvaft.analysis.plain_trees import MOST
 from rvaft.analysis.scenarios import Edge, Kept, ScenarioSpace, inevitable
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import (
@@ -258,6 +259,14 @@ def _contradiction(bounds: list[TimeBound]) -> list[Need]:
     except nx.NetworkXError:
         return []
     return list(dict.fromkeys(graph.edges[step]["need"] for step in pairwise(circle)))
+
+
+def too_many_events(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """No leaf counts more events than monitors follow."""
+    for node in space.tree.top_down():
+        if node.times > MOST:
+            message = f"{node.name} counts {node.times:,} events, and monitors follow {MOST:,} at most; ask for fewer"
+            yield RuleReport(node.place("times"), message, (node.name,))
 
 
 def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:

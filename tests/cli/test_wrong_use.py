@@ -140,3 +140,8 @@ def test_an_open_file_and_a_named_pipe_are_written_to_and_not_replaced(tmp_path:
         assert reader.communicate(timeout=60)[0] == drawn
     assert pipe.is_fifo()
     assert sorted(tmp_path.iterdir()) == [target, pipe]
+
+
+def test_too_many_events_to_count(tmp_path: Path) -> None:
+    (tree := tmp_path / "t.rvaft").write_text("semantics scattered; top sand a b; a times 20000; b;")
+    failed(run("monitor", str(tree), "-", data=""), "events that a counts, 20,000 (limit 10000); ask for fewer\n")

@@ -4,7 +4,7 @@ A scenario makes the choices of a tree: one child at each `or`, K children or mo
 without variables is false and no event has to come before itself (semantics, section 2).
 """
 
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Set
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Set
 from dataclasses import replace
 from functools import cached_property
 from heapq import heapify, heappop, heappush
@@ -137,6 +137,9 @@ class Standstill(NamedTuple):
 
     edges: list[Edge]
     lacking: list[Edge]
+
+
+_NOTHING: Final = Standstill([], [])
 
 
 def standstill(tree: RVAFT, kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
@@ -384,14 +387,14 @@ class ScenarioSpace:
             space = Resolutions(self.tree, self.dead | without, bans) if bans or without else self.resolutions
             kept = space.scenario(wanted, [*needed, *more], budget)
             if kept is None:
-                return None, Standstill([], [])
+                return None, _NOTHING
             if silent is not None and (way := _to_event(self.tree, kept, silent)):
                 return None, Standstill(way, [])
             if self.acyclic and apart is None:
-                return kept, Standstill([], [])
+                return kept, _NOTHING
             budget.spend(_PRECEDENCE * len(kept))
             why = self._disorder(kept, apart)
-            return (kept, Standstill([], [])) if why is None else (None, why)
+            return (kept, _NOTHING) if why is None else (None, why)
 
         return _first_without(attempt)
 
@@ -437,7 +440,7 @@ class ScenarioSpace:
             kept = space.scenario((), edges, budget) if points else None
             if kept is None:
                 return None, Standstill(edges, [])
-            return (kept, tuple(dict.fromkeys(name for kind, name, _ in points if kind == "event"))), Standstill([], [])
+            return (kept, tuple(dict.fromkeys(name for kind, name, _ in points if kind == "event"))), _NOTHING
 
         return _first_without(attempt)
 
@@ -511,6 +514,28 @@ def inevitable(tree: RVAFT, marks: Mapping[str, int], full: int) -> dict[str, in
             above &= result[parent]
         result[node.name] = below[node.name] | above
     return result
+
+
+_AT_ONCE: Final = 4096
+"""So many marks are looked at together: each node has a bit for each."""
+
+
+def borne_surely(
+    tree: RVAFT, dead: Iterable[str], asked: Collection[tuple[str, str]], bearers: Mapping[str, Iterable[str]]
+) -> set[tuple[str, str]]:
+    """Of these pairs of a node and a mark those where every scenario with the node has a bearer of the mark, if there is one at all."""
+    wanted, found = list(dict.fromkeys(mark for _, mark in asked)), set[tuple[str, str]]()
+    for start in range(0, len(wanted), _AT_ONCE):
+        bit = {mark: 1 << index for index, mark in enumerate(wanted[start : start + _AT_ONCE])}
+        # A scenario that bears everything and one that is no scenario must not look alike: one bit more for the latter.
+        everything = (1 << len(bit) + 1) - 1
+        marks = dict.fromkeys(dead, everything)
+        for mark, own in bit.items():
+            for bearer in bearers.get(mark, ()):
+                marks[bearer] = marks.get(bearer, 0) | own
+        borne = inevitable(tree, marks, everything)
+        found.update((name, mark) for name, mark in asked if borne[name] & bit.get(mark, 0))
+    return found
 
 
 # How many scenarios there are, and how large they are.
@@ -596,10 +621,11 @@ def resolutions(tree: RVAFT, *, minimal: bool = False, limit: int) -> Iterator[K
         surely[node.name] = 1 << position[node.name] | union(surely[child] for child in below)
     gates = [name for name in order if body(tree.nodes[name]).chooses]
 
-    def choices(gate: str) -> Iterator[tuple[str, ...]]:
+    def further(reached: int, chosen: Kept, gate: str) -> Iterator[tuple[int, Kept]]:
         below, options = body(tree.nodes[gate]), alive.get(gate, ())
         most = below.need if minimal or below.op is Op.ONE else len(options)
-        return chain.from_iterable(combinations(options, size) for size in range(below.need, most + 1))
+        ways = chain.from_iterable(combinations(options, size) for size in range(below.need, most + 1))
+        return ((reached | union(surely[c] for c in children), {**chosen, gate: children}) for children in ways)
 
     # One level per gate: what is reached with each of its choices, and all the choices so far.
     levels: list[Iterator[tuple[int, Kept]]] = [iter([(surely[tree.root], {})] if tree.root in alive else [])]
@@ -614,12 +640,6 @@ def resolutions(tree: RVAFT, *, minimal: bool = False, limit: int) -> Iterator[K
                 raise TooLarge("scenarios of the tree", limit=limit)
             yield {order[i]: chosen.get(order[i], tree.nodes[order[i]].children) for i in bits(reached)}
         elif reached >> position[gate := gates[len(levels) - 1]] & 1:
-            levels.append(_further(reached, chosen, gate, choices(gate), surely))
+            levels.append(further(reached, chosen, gate))
         else:
             levels.append(iter([(reached, chosen)]))
-
-
-def _further(
-    reached: int, chosen: Kept, gate: str, choices: Iterable[tuple[str, ...]], surely: Mapping[str, int]
-) -> Iterator[tuple[int, Kept]]:
-    return ((reached | union(surely[c] for c in children), {**chosen, gate: children}) for children in choices)

@@ -152,12 +152,13 @@ def _values(parts: Iterable[Operand]) -> tuple[Any, ...]:
     return tuple([part.value for part in parts])
 
 
-_SUMS: Final = {
+_SUMS: Final[dict[tuple[str, ...], str]] = {
     ("point", "+", "duration"): "point",
     ("point", "-", "duration"): "point",
     ("duration", "+", "point"): "point",
     ("point", "-", "point"): "span",
 }
+_ALONE: Final = "a time alone is no condition: compare it"
 _COMPARED: Final = (("point", "point"), ("span", "duration"), ("duration", "span"))
 
 
@@ -166,25 +167,20 @@ def _sort_of(operands: Sequence[Operand], token: Token) -> str:
     sorts = tuple(operand.sort for operand in operands)
     if set(sorts) == {"value"}:
         return "value"
-    if (len(sorts) == 2 and sorts in _COMPARED) and token in COMPARISONS:
+    if sorts in _COMPARED and token in COMPARISONS:
         return "value"
-    if len(sorts) == 2 and (sort := _SUMS.get((sorts[0], str(token), sorts[1]))):
+    if sort := _SUMS.get((sorts[0], str(token), *sorts[1:])):
         return sort
     if token in ("not", *JUNCTIONS):
         raise Slip(_ALONE, token)
-    numbers = any(
-        isinstance(one.value, Literal) and is_number(one.value.value) for one in operands if one.sort == "value"
-    )
+    values = [one.value for one in operands if one.sort == "value"]
+    numbers = any(isinstance(value, Literal) and is_number(value.value) for value in values)
     if numbers and "duration" not in sorts and token in (*COMPARISONS, "+", "-"):
         raise Slip("a duration has a unit, as in 10 s", token)
     if not {"point", "span"} & {*sorts} and "value" in sorts:
-        raise Slip(
-            "a duration is compared with a difference of times, at(b) - at(a) > 5 s; a value with a number", token
-        )
+        mend = "a duration is compared with a difference of times, at(b) - at(a) > 5 s; a value with a number"
+        raise Slip(mend, token)
     raise Slip("times are compared with times (at(a) <= at(b) + 5 s), and their difference with a duration", token)
-
-
-_ALONE: Final = "a time alone is no condition: compare it"
 
 
 def _gate(token: Token, children: Sequence[Word]) -> Clause:
@@ -204,14 +200,13 @@ def _check_parameter(word: Token, before: Items) -> None:
         raise Slip(f"the parameter {shown(word)} stands twice in one event type", word)
 
 
-def _between_commas(_: "Build", items: Items) -> Items:
-    return items[::2]
-
-
 class Build(Transformer[Token, Any]):
     """The callbacks of the grammar's rules."""
 
-    arguments = field = fields = items = parameters = publishers = _between_commas
+    def path(self, items: Items) -> Items:
+        return items[::2]
+
+    arguments = field = fields = items = parameters = publishers = path
 
     def only_pattern(self, items: Items) -> Any:
         return items[0].value
@@ -245,9 +240,6 @@ class Build(Transformer[Token, Any]):
         if word not in tuple(Semantics):
             raise Slip(f"unknown semantics {shown(word)}: known are {', '.join(Semantics)}", word)
         return lambda page: page.draft.semantics.append(page.said(start, Semantics(word)))
-
-    def path(self, items: Items) -> Items:
-        return items[::2]
 
     def moment(self, items: Items) -> tuple[Token, EventTime]:
         start, path, _, word = items

@@ -5,7 +5,7 @@ an `and`, and a cold one, which cannot, a `sand`; so does `seq`. `fdep T D …` 
 occurrence. What depends on chances, or on which of two gates is first to take a spare, cannot be read off failures and is refused.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 from rvaft.errors import LanguageError
@@ -69,14 +69,14 @@ def _static(draft: Draft, node: DraftNode, said: Said[GateUse], note: str) -> Dy
 def _is_cold(draft: Draft, name: str) -> bool:
     """Whether a spare states a dormancy of 0."""
     pairs = [said.value for said in draft.nodes[name].attributes] if name in draft.nodes else []
-    return any(key == "dorm" and _number(value) == 0 for key, value in pairs)
+    return any(key == "dorm" and _is(value, 0) for key, value in pairs)
 
 
-def _number(text: str) -> float | None:
+def _is(text: str, number: float) -> bool:
     try:
-        return float(text)
+        return float(text) == number
     except ValueError:
-        return None
+        return False
 
 
 def _check_spares(uses: list[tuple[DraftNode, Said[GateUse]]]) -> None:
@@ -103,37 +103,35 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[Ga
             triggers.setdefault(child.value, {}).setdefault(said.value.children[0].value, said.value.children[0])
         del draft.nodes[node.name]
     _drop(draft, names)
-    root = draft.root
-    used = {child.value for node in draft.nodes.values() for child in node.children()} | {root or ""}
+    used = {child.value for node in draft.nodes.values() for child in node.children()} | {draft.root or ""}
     used |= {said.value for said in draft.toplevels}
     new: dict[str, str] = {}
-    taken = {*draft.nodes, *used}
-    made: list[DraftNode] = []
+    made: dict[str, DraftNode] = {}
     size = 0
     for dependent in [name for name in triggers if name in used]:
-        causes = {name: said for name, said in _all_triggers(dependent, triggers) if name != dependent}
+        causes = _all_triggers(dependent, triggers)
         if not causes:
             continue
         size += len(causes)
         if size > _MOST:
-            place = triggers[dependent][next(iter(triggers[dependent]))].place
+            place = next(iter(triggers[dependent].values())).place
             raise _error(f"the dependencies follow from each other in more than {_MOST:,} ways; leave some out", place)
-        shown = [*causes] if len(causes) <= _SHOWN else [next(iter(causes)), f"{len(causes) - 1} more"]
-        name = " or ".join([dependent, *shown])
-        while name in taken:
+        first, place = next((name, said.place) for name, said in causes.items())
+        name = " or ".join([dependent, *(causes if len(causes) <= _SHOWN else [first, f"{len(causes) - 1} more"])])
+        while name in draft.nodes or name in used or name in made:
             name += "'"
-        taken.add(name)
         new[dependent] = name
-        place = next(iter(causes.values())).place
         use = GateUse(DYNAMIC_GATES["fdep"], (Said(dependent, place), *causes.values()))
-        made.append(DraftNode(name, statements=[place], gates=[Said(use, place)]))
+        made[name] = DraftNode(name, statements=[place], gates=[Said(use, place)])
     for node in draft.nodes.values():
-        node.gates = [Said(_renamed(use, new), place) for use, place in node.gates]
+        for number, (use, place) in enumerate(node.gates):
+            children = tuple([Said(new.get(child.value, child.value), child.place) for child in use.children])
+            node.gates[number] = Said(use._replace(children=children), place)
     draft.toplevels = [Said(new.get(said.value, said.value), said.place) for said in draft.toplevels]
-    draft.nodes.update((node.name, node) for node in made)
+    draft.nodes.update(made)
     nodes = draft.nodes
     circle = find_cycle({name: [c.value for c in node.children() if c.value in nodes] for name, node in nodes.items()})
-    if inside := [node for node in made if node.name in circle]:
+    if inside := [node for name, node in made.items() if name in circle]:
         why = f"{', '.join(name for name in circle if name not in new.values())} would bring about each other"
         raise _error(f"the dependencies form a circle, in which {why}; leave out one of them", inside[0].place)
     for node, (use, place) in dependencies:
@@ -146,7 +144,7 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[Ga
 def _check_dependency(node: DraftNode, said: Said[GateUse], names: set[str]) -> None:
     use, place = said
     kind, _, chance = use.dynamic.partition("=")
-    if chance and _number(chance) != 1:
+    if chance and not _is(chance, 1):
         why = "with a probability below 1 a failure does not tell of what depends on it"
         raise _error(f"the gate `{use.dynamic}` of `{node.name}` cannot be read: {why}; leave it out", place)
     if len(use.children) == 1:
@@ -156,26 +154,20 @@ def _check_dependency(node: DraftNode, said: Said[GateUse], names: set[str]) -> 
             raise _error(f"{child.value} is a dependency and fails never: {node.name} cannot name it", child.place)
     extra = [*node.ons, *node.whens, *node.kinds, *node.counts, *node.withins]
     if extra:
-        raise _error(
-            f"{node.name} is a dependency and no event: it has neither `on` nor `when`, and no kind", extra[0].place
-        )
+        message = f"{node.name} is a dependency and no event: it has neither `on` nor `when`, and no kind"
+        raise _error(message, extra[0].place)
 
 
-def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Said[str]]]) -> Iterator[tuple[str, Said[str]]]:
-    """What brings about a node, directly or by bringing about what does."""
+def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Said[str]]]) -> dict[str, Said[str]]:
+    """What else brings about a node, directly or by bringing about what does."""
     found: dict[str, Said[str]] = {}
     waiting = [name]
     while waiting:
         new = {cause: said for cause, said in triggers.get(waiting.pop(), {}).items() if cause not in found}
         found.update(new)
         waiting.extend(new)
-    yield from found.items()
-
-
-def _renamed(use: GateUse, new: Mapping[str, str]) -> GateUse:
-    return use._replace(
-        children=tuple([Said(new.get(child.value, child.value), child.place) for child in use.children])
-    )
+    found.pop(name, None)
+    return found
 
 
 def _drop(draft: Draft, names: set[str]) -> None:

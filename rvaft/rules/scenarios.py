@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 
 from rvaft.analysis.guard_solver import contradictory, contradictory_over_reals, refuted, witness
 from rvaft.analysis.normal_form import Op, body
-from rvaft.analysis.scenarios import Kept, ScenarioSpace, inevitable, path
+from rvaft.analysis.scenarios import Kept, ScenarioSpace, borne_surely, inevitable, path
 from rvaft.analysis.unification import Overlaps
 from rvaft.model.guards import Guard, Operation, Operator, conjuncts, time_points, variables
 from rvaft.model.nodes import Node
@@ -220,8 +220,6 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 _ONE_OF_TWO_LETTERS: Final = 0.5
 """How alike names must be to be taken for each other: T1 and T2 are."""
-_AT_ONCE: Final = 4096
-"""So many variables are looked at together: each node has a bit for each."""
 
 
 def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
@@ -233,34 +231,21 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
             binders.setdefault(name, []).append(occurrence)
     asked: list[tuple[Node, str]] = []  # a guard with a variable that its node's own event does not bind
     for node in tree.top_down():
-        bound_here = rigid_variables(tree.pattern(node.name) or Anything())
-        names = () if node.when is None else variables(node.when)
-        points = () if node.when is None else tuple(one.name for one in time_points(node.when))
-        names = tuple(name for name in names if name not in points)
-        asked += ((node, name) for name in names if name not in bound_here)
-    wanted = list(dict.fromkeys(name for _, name in asked)) if space.resolutions else []
-    lacking: set[tuple[str, str]] = set()
-    for start in range(0, len(wanted), _AT_ONCE):
-        bit = {name: 1 << index for index, name in enumerate(wanted[start : start + _AT_ONCE])}
-        # A scenario that binds everything and one that is no scenario must not look alike: one bit more for the latter.
-        everything = (1 << len(bit) + 1) - 1
-        marks = dict.fromkeys(space.dead, everything)
-        for name, own in bit.items():
-            for occurrence in binders.get(name, ()):
-                marks[occurrence] = marks.get(occurrence, 0) | own
-        bound = inevitable(tree, marks, everything)
-        lacking.update((node.name, name) for node, name in asked if name in bit and not bound[node.name] & bit[name])
-    budget, late = space.budget(), None
-    for node, name in asked:
-        if (node.name, name) not in lacking:
+        bound_here = set(rigid_variables(tree.pattern(node.name) or Anything()))
+        if node.when is not None:
+            bound_here.update(one.name for one in time_points(node.when))
+            asked += ((node, name) for name in variables(node.when) if name not in bound_here)
+    sure = borne_surely(tree, space.dead, [(node.name, name) for node, name in asked], binders)
+    budget = space.budget()
+    for node, name in asked if space.resolutions else ():
+        if (node.name, name) in sure:
             continue
         kept: Kept | None
         try:
             kept = space.feasible(budget, [node.name], without=frozenset(binders.get(name, ())))
-        except Undecided as undecided:
+        except Undecided:
             if not space.acyclic:
-                late = undecided
-                continue
+                raise
             kept = {}  # There surely is such a scenario, only it was not found in time to be named.
         if kept is not None:
             where = branch_of(tree, kept) if kept else "some branch"
@@ -270,8 +255,6 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
                 mend = f"only {listing(binders[name])} binds it: {there}"
             message = f"variable {name} in the guard of {node.name} is not bound in {where}; {mend}"
             yield RuleReport(node.place("when"), message, (node.name,))
-    if late is not None:
-        raise late
 
 
 # Guards of one branch that cannot hold together.

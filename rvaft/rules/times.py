@@ -1,13 +1,14 @@
 """Rules about time: whether a tree says where its events have one, what time points are of, and whether conditions on time can hold together."""
 
+from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 from operator import itemgetter
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.analysis.normal_form import body
 from rvaft.analysis.plain_trees import MOST
-from rvaft.analysis.scenarios import Edge, Kept, ScenarioSpace, inevitable
+from rvaft.analysis.scenarios import Edge, Kept, ScenarioSpace, borne_surely
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import (
     COMPARISONS,
@@ -24,25 +25,17 @@ from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, Literal, rigid_variables
 from rvaft.rules.rule import RuleReport, branch_of, listing
 from rvaft.support.bits import in_at_least
-from rvaft.support.budget import Budget, Undecided
 
 
 def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A tree with conditions on time says where an event has its time."""
-    if space.tree.time is not None:
-        return
-    for node in space.tree.top_down():
-        for part, who in _asking(node):
-            message = f"{who} asks for times, and the tree does not say where an event has its time"
-            yield RuleReport(node.place(part), f"{message}; write it, as in `time timestamp as iso8601;`", (node.name,))
+    for node in space.tree.top_down() if space.tree.time is None else ():
+        for part in dict.fromkeys(part for part, _ in _asked(node)):
+            said = f"the {_WORDS[part]} of {node.name} asks for times, and the tree does not say where an event has its time"
+            yield RuleReport(node.place(part), f"{said}; write it, as in `time timestamp as iso8601;`", (node.name,))
 
 
-def _asking(node: Node) -> Iterator[tuple[str, str]]:
-    """The parts of a node that are conditions on time, and what they are called."""
-    if node.when is not None and time_points(node.when):
-        yield "when", f"the guard of {node.name}"
-    if node.within is not None:
-        yield "within", f"the window of {node.name}"
+_WORDS: Final = {"when": "guard", "within": "window"}
 
 
 def _asked(node: Node) -> list[tuple[str, TimePoint]]:
@@ -51,70 +44,45 @@ def _asked(node: Node) -> list[tuple[str, TimePoint]]:
     return asked if node.within is None else [*asked, ("within", TimePoint.of("end", node.name))]
 
 
-_AT_ONCE = 4096
-"""So many nodes are looked at together: each node has a bit for each."""
-
-
 def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Every time point is of a node with events in every feasible scenario that contains the guard, `at` of one with one event."""
     tree = space.tree
-    asked = [
-        (node, part, one) for node in tree.top_down() if node.name in space.resolutions for part, one in _asked(node)
-    ]
-    wanted = list(dict.fromkeys(one.node for _, _, one in asked))
+    nodes = [node for node in tree.top_down() if node.name in space.resolutions]
+    asked = [(node, part, one) for node in nodes for part, one in _asked(node)]
+    if not asked:
+        return
     surely: dict[str, bool] = {}  # whether the part of a node has an event in every scenario
-    for node in tree.bottom_up() if asked else ():
+    for node in tree.bottom_up():
         missable = len(node.children) - body(node).need + 1
         below = in_at_least(missable, [int(surely[child]) for child in node.children])
         surely[node.name] = node.name in space.dead or node.has_event or bool(below)
-    there: set[tuple[str, str]] = set()  # the nodes with others that are in all of their scenarios
-    for start in range(0, len(wanted), _AT_ONCE):
-        bit = {name: 1 << index for index, name in enumerate(wanted[start : start + _AT_ONCE])}
-        everything = (1 << len(bit) + 1) - 1
-        found = inevitable(tree, bit | dict.fromkeys(space.dead, everything), everything)
-        there.update((node.name, one.node) for node, _, one in asked if found[node.name] & bit.get(one.node, 0))
-    budget, late = space.budget(), None
+    bearers = {one.node: [one.node] for _, _, one in asked}
+    there = borne_surely(tree, space.dead, [(node.name, one.node) for node, _, one in asked], bearers)
+    budget = space.budget()
     for node, part, one in asked:
-        try:
-            report = _unbound(space, budget, node, one, is_there=(node.name, one.node) in there, surely=surely)
-        except Undecided as undecided:
-            late = undecided
+        text, other, kept, name = guard_text(one), tree.nodes.get(one.node), None, node.name
+        said = f"{text} in the guard of {name}"
+        if one.point == "at" and other is not None and (other.times > 1 or not other.has_event):
+            if space.feasible(budget, [name]) is not None:
+                has = "has no event of its own" if other.times == 1 else f"has {other.times} events"
+                mend = f"write start({text[3:-1]}) or end({text[3:-1]})"
+                mend = "give it one with `on`" if other.leaf and other.times == 1 else mend
+                message = f"{said} is the time of one event, and {one.node} {has}; {mend}"
+                yield RuleReport(node.place(part), message, (name,))
             continue
-        if report is not None:
-            yield RuleReport(node.place(part), report, (node.name,))
-    if late is not None:
-        raise late
-
-
-def _unbound(
-    space: ScenarioSpace, budget: Budget, node: Node, one: TimePoint, *, is_there: bool, surely: dict[str, bool]
-) -> str | None:
-    """What is wrong with a time point that a node asks for."""
-    text, other = guard_text(one), space.tree.nodes.get(one.node)
-    if one.point == "at" and other is not None and (other.times > 1 or not other.has_event):
-        has = "has no event of its own" if other.times == 1 else f"has {other.times} events"
-        if space.feasible(budget, [node.name]) is None:
-            return None
-        mend = f"write start({text[3:-1]}) or end({text[3:-1]})"
-        mend = "give it one with `on`" if other.leaf and other.times == 1 else mend
-        return f"{text} in the guard of {node.name} is the time of one event, and {one.node} {has}; {mend}"
-    if not is_there:
-        kept = space.feasible(budget, [node.name], without=frozenset([one.node]))
+        if (name, one.node) not in there:
+            kept = space.feasible(budget, [name], without=frozenset([one.node]))
         if kept is not None:
-            where = f"{one.node} is not in {branch_of(space.tree, kept)}"
-            mend = f"ask for the time of a node that is there whenever {node.name} is"
-            return f"{text} in the guard of {node.name} has no event: {where}; {mend}"
-    if one.point != "at" and other is not None and not surely.get(one.node, False):
-        kept = space.feasible(budget, [node.name], silent=one.node)
-        if kept is not None:
-            asks = (
-                f"the window of {node.name}"
-                if one not in time_points(node.when or Literal(None))
-                else f"{text} in the guard of {node.name}"
-            )
-            mend = "let a node of that part observe an event with `on`"
-            return f"{asks} has no time: the part of {one.node} has no event in {branch_of(space.tree, kept)}; {mend}"
-    return None
+            where = f"{one.node} is not in {branch_of(tree, kept)}"
+            message = f"{said} has no event: {where}; ask for the time of a node that is there whenever {name} is"
+            yield RuleReport(node.place(part), message, (name,))
+        elif one.point != "at" and other is not None and not surely.get(one.node, False):
+            kept = space.feasible(budget, [name], silent=one.node)
+            if kept is not None:
+                said = said if part == "when" else f"the window of {name}"
+                where = f"the part of {one.node} has no event in {branch_of(tree, kept)}"
+                message = f"{said} has no time: {where}; let a node of that part observe an event with `on`"
+                yield RuleReport(node.place(part), message, (name,))
 
 
 # Conditions on time that cannot hold together: differences of times (x - y <= c) that add up to less than nothing.
@@ -162,9 +130,8 @@ def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def _impossible(space: ScenarioSpace, core: tuple[str, ...], kept: Kept) -> RuleReport:
-    found = [(part, name) for name in core for part, _ in _asking(space.tree.nodes[name])]
-    kinds = [("guard", "when"), ("window", "within")]
-    named = [(word, [name for own, name in found if own == part]) for word, part in kinds]
+    found = list(dict.fromkeys((part, name) for name in core for part, _ in _asked(space.tree.nodes[name])))
+    named = [(word, [name for own, name in found if own == part]) for part, word in _WORDS.items()]
     told = " and ".join(f"the {word}{'s' * (len(names) > 1)} of {listing(names)}" for word, names in named if names)
     together = " together" * (len(found) > 1)
     message = f"{told} cannot hold{together} in {branch_of(space.tree, kept)}, whatever the times are; mend one"
@@ -187,16 +154,17 @@ def _conditions(node: Node) -> Iterator[TimeBound]:
 
 def _bounds(name: str, operator: Operator, operands: tuple[Guard, ...]) -> Iterator[TimeBound]:
     """The bounds that a true comparison of times says."""
-    found: dict[tuple[str, str], int] = {}
-    if not all(_is_sum(operand) for operand in operands):
+    found: Counter[tuple[str, str]] = Counter()
+    parts = [_sum(operand, sign, found) for operand, sign in zip(operands, (1, -1), strict=True)]
+    if None in parts:
         return
-    constant = sum(_add(operand, sign, found) for operand, sign in zip(operands, (1, -1), strict=True))
-    points = [(point, sign) for point, sign in found.items() if sign]
+    constant = sum(filter(None, parts))
+    points = sorted(((point, sign) for point, sign in found.items() if sign), key=itemgetter(1))
     if found and not points and not holds(Operation(operator, (Literal(constant), Literal(0))), {}):
         yield TimeBound(some := next(iter(found)), some, -1, name)  # a time compared with itself
-    if sorted(sign for _, sign in points) != [-1, 1]:
+    if [sign for _, sign in points] != [-1, 1]:
         return
-    (low, _), (high, _) = sorted(points, key=itemgetter(1))
+    (low, _), (high, _) = points
     strictly = operator in (Operator.LT, Operator.GT)
     if operator in (Operator.LE, Operator.LT, Operator.EQ):
         yield TimeBound(high, low, -constant - strictly, name)
@@ -204,27 +172,20 @@ def _bounds(name: str, operator: Operator, operands: tuple[Guard, ...]) -> Itera
         yield TimeBound(low, high, constant - strictly, name)
 
 
-def _is_sum(guard: Guard) -> bool:
-    """Whether a guard is made of time points and durations, added and subtracted."""
-    match guard:
-        case Operation(Operator.ADD | Operator.SUB, operands):
-            return all(map(_is_sum, operands))
-        case _:
-            return isinstance(guard, TimePoint) or (isinstance(guard, Literal) and type(guard.value) is int)
-
-
-def _add(guard: Guard, sign: int, found: dict[tuple[str, str], int]) -> int:
-    """Count the time points of a sum with their signs, and return the durations in it."""
+def _sum(guard: Guard, sign: int, found: Counter[tuple[str, str]]) -> int | None:
+    """Count the time points of a sum with their signs, and return the durations in it; None where it is made of other things."""
     match guard:
         case TimePoint(point=point, node=node):
-            found[point, node] = found.get((point, node), 0) + sign
+            found[point, node] += sign
             return 0
-        case Operation(operator, (left, right)):
-            return _add(left, sign, found) + _add(right, sign if operator is Operator.ADD else -sign, found)
+        case Operation(Operator.ADD | Operator.SUB as operator, (left, right)):
+            first = _sum(left, sign, found)
+            second = _sum(right, sign if operator is Operator.ADD else -sign, found)
+            return None if first is None or second is None else first + second
+        case Literal(value=int(value)) if type(value) is int:
+            return sign * value
         case _:
-            assert isinstance(guard, Literal)
-            assert isinstance(guard.value, int)
-            return sign * guard.value
+            return None
 
 
 def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:

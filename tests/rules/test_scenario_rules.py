@@ -220,7 +220,7 @@ def test_guards_take_room_for_some_thousand_variables_at_once(monkeypatch: pytes
         asked.append(full.bit_length())
         return inevitable(tree, marks, full)
 
-    monkeypatch.setattr("rvaft.rules.scenarios.inevitable", counted)
+    monkeypatch.setattr("rvaft.analysis.scenarios.inevitable", counted)
     assert check_tree(_wide(Gate.SAND, 1_000, same=False, guarded=True)) == []
     assert asked == []  # every guard has the variable of its own event
     names = [f"V{index}" for index in range(4_200)]

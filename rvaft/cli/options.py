@@ -48,14 +48,9 @@ def output_format(*words: str, text: str = "What to print.") -> Callable[[F], F]
 
 def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
     """`--timeout SECONDS`."""
+    kind, shown, checked = click.FloatRange(0, 1_000_000, min_open=True), default is not None, finite("time")
     return click.option(
-        "--timeout",
-        type=click.FloatRange(0, 1_000_000, min_open=True),
-        callback=finite("time"),
-        default=default,
-        show_default=default is not None,
-        metavar="SECONDS",
-        help=text,
+        "--timeout", type=kind, callback=checked, default=default, show_default=shown, metavar="SECONDS", help=text
     )
 
 
@@ -66,12 +61,9 @@ def _remember(context: click.Context, _parameter: object, value: bool) -> None:
     context.meta[_STRICT] = value
 
 
+_STRICTLY: Final = "Refuse Galileo's dynamic gates instead of reading them as observed failures."
 strict_galileo: Final = click.option(
-    "--strict-galileo",
-    is_flag=True,
-    expose_value=False,
-    callback=_remember,
-    help="Refuse Galileo's dynamic gates instead of reading them as observed failures.",
+    "--strict-galileo", is_flag=True, expose_value=False, callback=_remember, help=_STRICTLY
 )
 """`--strict-galileo`, for commands that read trees by `load_tree`, `read_tree` or `read_draft`."""
 

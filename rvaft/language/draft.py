@@ -110,6 +110,9 @@ class BrokenPrune(NamedTuple):
     node: str | None = None
 
 
+_SETTINGS: Final = ("gate", "on", "when", "kind", "label", "times", "within")
+
+
 @dataclass(slots=True)
 class DraftNode:
     """All that was said of one node, in the order of the text; more than one entry in a list is a duplicate setting.
@@ -135,17 +138,9 @@ class DraftNode:
 
     def settings(self) -> dict[str, list[Place]]:
         """Where each part that a node has at most once was set, of those that were: `gate`, `on`, `when`, `kind` and so on."""
-        parts: tuple[tuple[str, Sequence[Said[object]]], ...]
-        parts = (
-            ("gate", self.gates),
-            ("on", self.ons),
-            ("when", self.whens),
-            ("kind", self.kinds),
-            ("label", self.labels),
-            ("times", self.counts),
-            ("within", self.withins),
-        )
-        return {part: [said.place for said in settings] for part, settings in parts if settings}
+        parts: list[Sequence[Said[object]]]
+        parts = [self.gates, self.ons, self.whens, self.kinds, self.labels, self.counts, self.withins]
+        return {word: [said.place for said in part] for word, part in zip(_SETTINGS, parts, strict=True) if part}
 
     def children(self) -> list[Said[str]]:
         """The children of all gate settings, in the order of the text, duplicates included."""

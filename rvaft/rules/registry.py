@@ -199,14 +199,12 @@ _SECTION: Final = """
 Not so:
 
 ```{language}
-{bad}
-```
+{said.bad}```
 
 But so:
 
 ```{language}
-{mended}
-```
+{said.mended}```
 """
 
 
@@ -216,12 +214,8 @@ def page() -> str:
     for code, (_, severity, _) in RULES.items():
         said = meanings()[code]
         table += f"| [`{code}`](#{code}) | {severity} | {said.title} |\n"
-        shown = {
-            "bad": said.bad.strip(),
-            "mended": said.mended.strip(),
-            "language": "python" if said.python else "rvaft",
-        }
-        sections += _SECTION.format(code=code, severity=severity, said=said, **shown)
+        language = "python" if said.python else "rvaft"
+        sections += _SECTION.format(code=code, severity=severity, said=said, language=language)
     others = "".join(f"- `{code}`: {meanings()[code].title}. {meanings()[code].explanation}\n" for code in CODES)
     return _PAGE.format(table=table, sections=sections, others=others)
 

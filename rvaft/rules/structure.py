@@ -125,16 +125,14 @@ def no_root(draft: Draft) -> Iterator[RuleReport]:
 
 def cycle(draft: Draft) -> Iterator[RuleReport]:
     """No node is below itself."""
-    below = {
-        name: [child.value for child in node.children() if child.value in draft.nodes]
-        for name, node in draft.nodes.items()
-    }
+    nodes = draft.nodes
+    below = {name: [child.value for child in node.children() if child.value in nodes] for name, node in nodes.items()}
     if sum(1 for _ in sorted_topologically(below)) == len(below):
         return
-    rank = {name: index for index, name in enumerate(below)}
-    for members in sorted(
-        [sorted(knot, key=rank.__getitem__) for knot in knots(below)], key=lambda knot: rank[knot[0]]
-    ):
+    order = [*below]
+    rank = {name: index for index, name in enumerate(order)}
+    for ranks in sorted(sorted(rank[name] for name in knot) for knot in knots(below)):
+        members = [order[one] for one in ranks]
         inside = set(members)
         names = tuple(find_cycle({name: [child for child in below[name] if child in inside] for name in members}))
         message = f"{listing(names)} form a cycle" if len(names) > 1 else f"{names[0]} is its own child"

@@ -75,7 +75,7 @@ class AutomatonBackend(Backend):
 
 
 def _relevance(tree: RVAFT, semantics: Semantics) -> Relevance | None:
-    if not semantics.relative:
+    if not semantics.projects:
         return None
     alphabet = dict.fromkeys((entry.pattern, entry.when) for entry in tree.alphabet)
     ignored = dict.fromkeys((tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores)

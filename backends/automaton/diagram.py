@@ -66,7 +66,7 @@ def diagram(
     if written > _LINES * limit:
         raise TooLarge(f"{written} labels are too many to draw, {_LINES} allowed for each state", limit=limit)
     caption = [title_of(tree, semantics)]
-    caption += ["Events that are not relevant change nothing."] if semantics.relative else []
+    caption += ["Events that are not relevant change nothing."] if semantics.projects else []
     caption += ["A guard holds as long as one of its variables has no value."] if structure.guards else []
     lines = [
         'graph [margin=0, ranksep=0.25, nodesep=0.15, charset="UTF-8"];',

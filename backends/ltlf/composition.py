@@ -50,7 +50,7 @@ class Composer:
         self._anatomy = anatomy
         self._event_of = event_of
         self._monotone = semantics is Semantics.SCATTERED
-        self._relative = semantics.relative
+        self._relative = semantics.projects
         self._anywhere = semantics is Semantics.CONSECUTIVE
         self._relevant = relevant
         self._known: dict[tuple[int, int], int] = {}

@@ -40,7 +40,7 @@ class Translation:
     def text(self) -> tuple[str, Metrics]:
         """The text and its sizes."""
         formulas, header, form = self._formulas, self._header, normal_form(self._tree)
-        relevant = self._relevance() if self._semantics.relative else TRUE
+        relevant = self._relevance() if self._semantics.projects else TRUE
         monotone = self._semantics is Semantics.SCATTERED
         some = settled(form, self._patterns, monotone=monotone, limit=self._limit) if form.feasible else ()
         root = formulas.disjunction(self._formula(parts, guards, monotone, relevant) for parts, guards in some)

@@ -12,6 +12,7 @@ it for all. The alphabet always is that of the tree as it was.
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import count, product
+from math import prod
 from typing import Final
 
 from rvaft.analysis.branches import number_of
@@ -115,9 +116,11 @@ class _Union:
         return names[tree.root]
 
     def _free(self, name: str) -> str:
-        found = next(
-            one for number in count(1) if (one := f"{name}/{number}" if number > 1 else name) not in self._taken
-        )
+        found = name
+        for number in count(2):
+            if found not in self._taken:
+                break
+            found = f"{name}/{number}"
         self._taken.add(found)
         return found
 
@@ -148,18 +151,21 @@ def _resolved(tree: RVAFT, whole: RVAFT, limit: int) -> Iterator[RVAFT]:
     count = 0
     for kept in resolutions(tree, limit=limit):
         nodes = [_without_choice(tree.nodes[name], children) for name, children in kept.items()]
-        choosing = [name for name in kept if body(tree.nodes[name]).op is Op.ONE]
         origin = tree.origins
-        choices = {origin.get(name, name): origin.get(kept[name][0], kept[name][0]) for name in choosing}
+        choosing = {name: children[0] for name, children in kept.items() if body(tree.nodes[name]).op is Op.ONE}
+        choices = {origin.get(name, name): origin.get(child, child) for name, child in choosing.items()}
         number = number_of(whole, {name: child for name, child in choices.items() if name in whole.nodes})
         part_of = Whole(whole, number or 0, None, origin)  # 0 where finding the number would take too long
         part = _rebuilt(tree, nodes, part_of, time=tree.time)
-        for ends in _ways_to_end(part):
-            count += 1
-            if count > limit:
-                raise TooLarge("ways to make the choices and to end the parts of `pand` gates", limit=limit)
+        ended, known = [node for node in part.top_down() if node.gate is Gate.PAND], _Parts(part)
+        # parts that have the same last nodes end with the same one of them
+        ends = {known.last(child): None for gate in ended for child in gate.children if child not in known.silent}
+        count += prod(map(len, ends))
+        if count > limit:
+            raise TooLarge("ways to make the choices and to end the parts of `pand` gates", limit=limit)
+        for chosen in product(*ends):
             try:
-                found = _Translation(part, part_of, ends).tree
+                found = _Translation(part, part_of, dict(zip(ends, chosen, strict=True))).tree
             except _Open:
                 continue
             if not ScenarioSpace(found).is_empty:
@@ -250,31 +256,17 @@ class _Parts:
         return tuple(one for one in lasts if not any(path(graph, one, other) for other in lasts if other != one))
 
 
-Ends = Mapping[tuple[str, str], str]
-"""For children of `pand` gates the node with whose event their part ends."""
-
-
-def _ways_to_end(tree: RVAFT) -> Iterator[Ends]:
-    """The ways to end the parts of the `pand` gates of a tree without choices."""
-    gates, known = [node for node in tree.top_down() if node.gate is Gate.PAND], _Parts(tree)
-    parts = {(g.name, child): known.last(child) for g in gates for child in g.children if child not in known.silent}
-    return (dict(zip(parts, lasts, strict=True)) for lasts in product(*parts.values()))
-
-
 class _Translation:
-    """A tree said in fewer words; raises `_Open` where that needs the choices to be made, or `ends`."""
+    """A tree said in fewer words; raises `_Open` where that needs the choices to be made, or `ends`: of last nodes the one at the end."""
 
-    def __init__(self, tree: RVAFT, part_of: Whole, ends: Ends | None = None) -> None:
+    def __init__(self, tree: RVAFT, part_of: Whole, ends: Mapping[tuple[str, ...], str] | None = None) -> None:
         self._old = tree
         self._parts = _Parts(tree)
         self._ends = ends
         self._nodes = dict(tree.nodes)
         self._events: dict[str, EventType] = {}
         self._times: dict[str, str] = {}
-        self._variables = {
-            *tree.variables,
-            *(name for n in tree.nodes.values() if n.when for name in variables(n.when)),
-        }
+        self._variables = {*tree.variables, *(v for n in tree.nodes.values() if n.when for v in variables(n.when))}
         self._moved: dict[str, tuple[str, ...]] = {}
         for node in tree.top_down():
             if node.times > 1:
@@ -324,11 +316,11 @@ class _Translation:
     def _count(self, node: Node) -> None:
         """A leaf with `times N` as N leaves in sequence, all with its guard unless that asks for times."""
         own = None if _points(node) else node.when
-        copies = []
         if node.times > MOST:
             error = TooLarge(f"events that {node.name} counts, {node.times:,}", limit=MOST)
             error.add_note("ask for fewer")
             raise error
+        copies = []
         for number in range(1, node.times + 1):
             copies.append(self._add(Node(f"{node.name}[{number}]", on=node.on, when=own)))
             if node.on is None:
@@ -365,9 +357,7 @@ class _Translation:
             return
         if body(changed).chooses:
             raise _Open
-        window = self._add(
-            Node(f"{node.name}[within]", when=guard)
-        )  # it may be decided later than the node's own guard
+        window = self._add(Node(f"{node.name}[within]", when=guard))  # decided maybe later than the node's own guard
         self._change(node.name, children=(*changed.children, window))
 
     def _end_in_sequence(self, node: Node) -> None:
@@ -384,7 +374,7 @@ class _Translation:
                 break
             if len(lasts) > 1 and self._ends is None:
                 raise _Open
-            last = lasts[0] if self._ends is None or len(lasts) == 1 else self._ends[node.name, child]
+            last = lasts[0] if self._ends is None or len(lasts) == 1 else self._ends[lasts]
             ended.append(self._event_of(last))
             for other in lasts:
                 if other != last:

@@ -39,12 +39,7 @@ class Semantics(StrEnum):
 
     @property
     def projects(self) -> bool:
-        """Whether relevant events alone count, and each of them does."""
-        return self in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
-
-    @property
-    def relative(self) -> bool:
-        """Whether the relevant events alone count, one after the other."""
+        """Whether the relevant events alone count, and each of them does, one after the other."""
         return self in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
 
     @property

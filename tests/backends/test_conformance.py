@@ -41,7 +41,7 @@ EXAMPLES = tuple(examples())
 
 @pytest.mark.parametrize("name", readable(*REQUIRED))
 def test_backend_conforms(name: str) -> None:
-    report = conformance.run(backend(name), Reference, required=REQUIRED[name], trees=EXAMPLES, words=6)
+    report = conformance.run(backend(name), Reference, required=REQUIRED[name], trees=EXAMPLES, words=4)
     assert report.passed, report
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from backends.ltlf.reader import split, spot
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, random_tree
+from rvaft.analysis.plain_trees import plain_trees
 from rvaft.backend import backend
 from rvaft.errors import TooLarge, TreeError
 from rvaft.language.printer import dumps
@@ -115,6 +116,20 @@ def test_deep_and_large_trees_run(semantics: Semantics) -> None:
             assert signs(monitor, " ".join(f"e{i}" for i in range(size))) == "?" * (needed - 1) + "T" * (
                 size + 1 - needed
             )
+
+
+@pytest.mark.parametrize(
+    ("text", "sizes"),
+    [
+        ("[g# pand p# g#'; p# sand a# b#; ]*1500", [7501]),
+        ("[g# pand g#' a#; ]*1500 g1500 and x y;", [4504] * 2),
+        ("[g# pand a# g#'; ]*1500 g1500 and x y;", [6003] * 2),
+    ],
+)
+def test_a_chain_of_pand_gates_is_said_without_them_at_once(text: str, sizes: list[int]) -> None:
+    made, start = tree(f"toplevel g0; {text}"), process_time()
+    assert [len(one.nodes) for one in plain_trees(made)] == sizes
+    assert process_time() - start < 5
 
 
 @pytest.mark.parametrize("gate", [Gate.AND, Gate.SAND, Gate.SAND_RL, Gate.OR])

@@ -38,7 +38,7 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> tuple[str, in
         reason = f"{why}, so {names[0]} can have any number of values at once, and RML follows one"
         raise NotExpressible(reason, backend="rml", semantics=semantics, nodes=nodes)
     main, made = _property(letters, semantics, limit)
-    main = around(main, ">>", _relevant(letters)) if semantics.relative else main
+    main = around(main, ">>", _relevant(letters)) if semantics.projects else main
     body = "\n".join(f"{name} = {term};" for name, term in [("Main", main), *made])
     header = f"// The attack-fault tree {' '.join(tree.root.split())} under the semantics {semantics}."
     size = symbols(body)

@@ -95,7 +95,7 @@ def distinct(tree: RVAFT, semantics: Semantics) -> bool:
     automaton = spot.automaton(AutomatonBackend().translate(tree, semantics).text)
     names = [ap.ap_name() for ap in automaton.ap() if ap.ap_name() not in {"alive", "relevant"}]
     condition = " & ".join(f"!({one} & {other})" for one, other in combinations(names, 2)) or "1"
-    if semantics.relative:
+    if semantics.projects:
         condition += "".join(f" & ({name} -> relevant)" for name in names) + f" & (relevant -> ({' | '.join(names)}))"
     states = range(automaton.num_states())
     letters = [spot.formula_to_bdd(condition, automaton.get_dict(), automaton)]

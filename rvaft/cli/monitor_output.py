@@ -138,7 +138,9 @@ class SummaryRow(NamedTuple):
 
 
 class Reporter(Listener):
-    """Prints what it is told, to a sink."""
+    """Prints what it is told, to a sink; one that `sums` prints at the end what the traces held, too."""
+
+    sums = False
 
     def __init__(self, settings: MonitorSettings, sink: Sink) -> None:
         self.settings = settings
@@ -161,15 +163,17 @@ class Reporter(Listener):
         return found
 
     def finish(
-        self,
-        rows: Sequence[SummaryRow],  # noqa: ARG002 (the interface)
-        statistics: Statistics,  # noqa: ARG002 (the interface)
-        doubts: Iterable[str],
-        note: str | None,  # noqa: ARG002 (the interface)
+        self, rows: Sequence[SummaryRow], statistics: Statistics, doubts: Iterable[str], note: str | None
     ) -> None:
         """All traces have been read, one at least to its end; `doubts` are what could have been missed, `note` what ⊥ means."""
-        for line in doubts:
-            self.sink.warn(line)
+        if self.sums:
+            meant = [f"note: {note}"] if note else []
+            summed = _summary(self.settings, rows) if self.settings.summed else ()
+            for line in (*_held(statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
+                self.sink.line(line)
+        else:
+            for line in doubts:
+                self.sink.warn(line)
 
 
 class _JsonLines(Reporter):
@@ -213,6 +217,8 @@ class _Text(Reporter):
     With `drawn` each detection is followed by a drawing of the tree with the path that fired.
     """
 
+    sums = True
+
     def change(self, change: VerdictChange) -> None:
         for line in self.lines(change, self.where(change.watch)):
             self.sink.line(line)
@@ -225,7 +231,7 @@ class _Text(Reporter):
         if repeat:
             last = f", the last at event {found[0].last}" if found[0].told else ""
             final = f"; false since event {since[0]}" if 0 in since else ""
-            ended = f"{detection.detections(found[0].told)} in {counted(watch.events)}{last}{final}"
+            ended = f"{counted(found[0].told, 'detection')} in {counted(watch.events)}{last}{final}"
         self.sink.line(f"{self.where(watch)}{ended}")
         if len(self.columns) > 1:
             head = ("MONITOR", "DETECTIONS", "LAST", "FALSE SINCE") if repeat else ("MONITOR", "VERDICT", "EVENT")
@@ -237,14 +243,6 @@ class _Text(Reporter):
             ]
             for line in columns([head, *rows]):
                 self.sink.line(f"  {line}")
-
-    def finish(
-        self, rows: Sequence[SummaryRow], statistics: Statistics, doubts: Iterable[str], note: str | None
-    ) -> None:
-        meant = [f"note: {note}"] if note else []
-        summed = _summary(self.settings, rows) if self.settings.summed else ()
-        for line in (*_held(statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
-            self.sink.line(line)
 
     def where(self, watch: MonitoredTrace) -> str:
         """The trace and the key that a line is about, where there are several."""
@@ -308,7 +306,7 @@ class _Text(Reporter):
 class _Table(_Text):
     """For each trace a table with a row per event and a column per verdict, as Tables 2 and 3 of the paper, and how the verdicts came about."""
 
-    every = True
+    every, sums = True, False
 
     def begin(self, watch: MonitoredTrace) -> None:  # noqa: ARG002 (the interface)
         self._rows: list[tuple[str, ...]] = [("EVENT", *(column.title for column in self.columns))]
@@ -334,11 +332,6 @@ class _Table(_Text):
     def stop(self, watch: MonitoredTrace) -> None:
         if len(self._rows) > 1:
             self.end(watch)
-
-    def finish(
-        self, rows: Sequence[SummaryRow], statistics: Statistics, doubts: Iterable[str], note: str | None
-    ) -> None:
-        Reporter.finish(self, rows, statistics, doubts, note)
 
     def _note_left_out(self) -> None:
         if self._left_out:

@@ -162,13 +162,14 @@ class _Run:
     def watch(self, trace: TraceSource) -> TraceOutcome:
         """Run one trace; a malformed one is reported up to the fault."""
         settings, reaction, path = self.settings, self.reaction, Path(trace.file or "")
-        again = trace.file is not None and path.is_file() and settings.plan.plain and not settings.follow
-        buffer = EventBuffer(path if again else None, reads=settings.plan.reads)
+        plan = settings.plan
+        again = trace.file is not None and path.is_file() and plan.plain and not settings.follow
+        buffer = EventBuffer(path if again else None, reads=plan.reads)
         prefix = f"{trace.name}: " if settings.several else ""
         kept = settings.form == "text" or settings.checkpoints is not None  # what is told now, or when the run goes on
         counts = self.statistics if kept else None
         run = TraceRun(
-            settings.plan,
+            plan,
             trace.name,
             self.listeners,
             buffer=buffer,
@@ -229,9 +230,8 @@ class _Run:
                 source = stack.enter_context(open_log(trace.file))
             at_once = trace.file is None or follow  # what is said is seen while events come
             read = cast("BinaryIO", stream) or source
-            for going_on in run.read(
-                read, trace.name, line=line + 1, by_blocks=trace.file is not None and stream is None
-            ):
+            by_blocks = trace.file is not None and stream is None
+            for going_on in run.read(read, trace.name, line=line + 1, by_blocks=by_blocks):
                 if at_once:
                     sink.flush()
                 if kept is not None:
@@ -307,9 +307,8 @@ def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iter
         def work(number: int) -> _Result:
             with (Path(folder) / str(number)).open("w", encoding="utf-8", errors="backslashreplace") as file:
                 own = _Run(alone.settings, Sink(file), None, deliver=False)
-                return _Result(
-                    own.watch(traces[number]), own.statistics, own.oversights, own.hindsight, own.sink.errors
-                )
+                outcome = own.watch(traces[number])
+                return _Result(outcome, own.statistics, own.oversights, own.hindsight, own.sink.errors)
 
         with closing(in_processes(work, range(len(traces)), jobs=min(jobs, len(traces)))) as running:
             for number, result in running:

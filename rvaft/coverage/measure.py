@@ -373,9 +373,7 @@ class Coverage:
         """Read a whole log. Raises what reading its events raises, and `TooLarge`; a log that raises does not count."""
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
         live, seen, number = followers, set[int](), 0
-        clock = (
-            None if self._clock is None else self._clock.fork()
-        )  # apart, since a monitor forgets what comes too late
+        clock = self._clock and self._clock.fork()  # apart, since a monitor forgets what comes too late
         oversights, prefix, look_up = Oversights(self._types), f"{log}: ", self._types.of
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         try:

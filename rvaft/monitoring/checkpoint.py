@@ -56,27 +56,11 @@ _SHOWN: Final = 5
 """Columns that a message names."""
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
-_OURS: Final = (
-    Awaited,
-    Backwards,
-    Configuration,
-    DetectionCount,
-    Ended,
-    EventTime,
-    Explanation,
-    Field,
-    Kind,
-    NearMissCount,
-    NonFiniteEvent,
-    Ordering,
-    Oversight,
-    Oversights,
-    Pending,
-    Place,
-    Reason,
-)
-_MORE: Final = (RepeatingObject, Semantics, Snapshot, Statistics, TimeFormat, Verdict)
-_ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in (*_BUILT_IN, *_OURS, *_MORE)}
+_OF_TREES: Final = (EventTime, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TimeFormat, Verdict)
+_OF_MONITORS: Final = (Awaited, Backwards, Configuration, Ended, Explanation, Field, Ordering, Pending, Snapshot)
+_COUNTS: Final = (DetectionCount, NearMissCount, Oversight, Oversights, Reason, Statistics)
+_ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
+_ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}
 """The classes of which a checkpoint consists. None of them runs commands, writes files or listens, and none must: a pickle can set the
 attributes of a class that it can name."""
 
@@ -248,9 +232,7 @@ class CheckpointFile:
         begun = monotonic()
         payload = io.BytesIO()
         limit = sys.getrecursionlimit()
-        sys.setrecursionlimit(
-            limit + 4 * MAX_DEPTH
-        )  # values are as deep as in a trace; `pickle` recurses twice a level
+        sys.setrecursionlimit(limit + 4 * MAX_DEPTH)  # values are as deep as in a trace: two calls of `pickle` a level
         try:
             _DataPickler(payload, protocol=5).dump(state)
         except (pickle.PicklingError, TypeError, AttributeError, RecursionError) as error:

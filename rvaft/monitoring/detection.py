@@ -33,22 +33,13 @@ _SHOWN: Final = 80
 _UNEXPLAINED: Final[Mapping[str, Json]] = {"branch": None, "kinds": [], "matched": [], "variables": {}}
 
 
-def counted(events: int) -> str:
-    """So many events, in words.
+def counted(count: int, what: str = "event") -> str:
+    """So many events, or others, in words.
 
-    >>> counted(2)
-    '2 events'
+    >>> counted(2), counted(1, "detection")
+    ('2 events', '1 detection')
     """
-    return "1 event" if events == 1 else f"{events} events"
-
-
-def detections(count: int) -> str:
-    """So many detections, in words.
-
-    >>> detections(1)
-    '1 detection'
-    """
-    return "1 detection" if count == 1 else f"{count} detections"
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def matched_events(explanations: Collection[Explanation]) -> set[int]:

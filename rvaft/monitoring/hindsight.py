@@ -50,22 +50,20 @@ class Hindsight:
         self.ended += 1
         if not self._tried:
             return
-        stop, until = self._full.get(watch), monotonic() + self._left
+        stop, number, begun = self._full.get(watch), 0, monotonic()
         again = monitor(self._tree, semantics=Semantics.SCATTERED, limit=LIMIT)
-        begun = monotonic()
-        for number, event in self._kept.get(watch, ()):
-            try:
-                verdict = again.step(event)
-            except TooLarge:
-                verdict = None
-            if verdict is Verdict.TRUE:
-                self.detecting += 1
-                self.first = self.first or f"{prefix}event {number}"
-                stop = None
-                break
-            if verdict is None or monotonic() > until:
-                stop = number
-                break
+        try:
+            for number, event in self._kept.get(watch, ()):
+                if again.step(event) is Verdict.TRUE:
+                    self.detecting += 1
+                    self.first = self.first or f"{prefix}event {number}"
+                    stop = None
+                    break
+                if monotonic() - begun > self._left:
+                    stop = number
+                    break
+        except TooLarge:
+            stop = number
         self._left = max(self._left - (monotonic() - begun), 0)
         if stop is not None:
             self.unread += 1
@@ -93,12 +91,9 @@ class Hindsight:
         if not self._tried:
             return f"{_MEANING} they were not tried"
         if self.ended > 1:
-            found = f"{self.detecting} of the {self.ended} that ended so detect" + (
-                f" (first: {self.first})" if self.first else ""
-            )
-            return f"{_MEANING} {found}" + (
-                f"; {self.unread} were too long to be read to the end" if self.unread else ""
-            )
+            first = f" (first: {self.first})" if self.first else ""
+            unread = f"; {self.unread} were too long to be read to the end" if self.unread else ""
+            return f"{_MEANING} {self.detecting} of the {self.ended} that ended so detect{first}{unread}"
         if self.unread:
             return f"{_MEANING} they were tried up to {self.last_read} only, where it took too long"
         return f"{_MEANING} they {f'detect at {self.first}' if self.detecting else 'do not detect either'}"

@@ -229,7 +229,9 @@ def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False,
     while agenda:
         value, here, path = agenda.pop()
         for place, part in value.items() if isinstance(value, dict) else enumerate(value):
-            inner = here if here is None or here.whole else _below(here, place)
+            inner = here
+            if here is not None and not here.whole:
+                inner = here.fields.get(place) if isinstance(place, str) else here.items
             name = f"{path}.{place}" if path else str(place)
             if isinstance(part, (dict, list)):
                 agenda.append((part, inner, name))
@@ -245,11 +247,6 @@ def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False,
     found = NonFiniteEvent(event)
     found.field, found.number = first[0], json.dumps(first[1])
     return found
-
-
-def _below(reads: Reads, place: str | int) -> Reads | None:
-    """What is read of a field of an object, or an item of a list, or None where nothing is."""
-    return reads.fields.get(place) if isinstance(place, str) else reads.items
 
 
 def expanded(name: str) -> list[str]:

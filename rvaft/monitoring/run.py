@@ -19,7 +19,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.values import Json, is_finite, is_number
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.detection import PLACES, counted, detections, matched_events, unlike
+from rvaft.monitoring.detection import PLACES, counted, matched_events, unlike
 from rvaft.monitoring.fast_reader import Batch, FastReader
 from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
@@ -355,12 +355,10 @@ class TraceRun:
         if hindsight is not None:
             hindsight.forget()
         self.prefix = prefix
-        self.ordering = (
-            None if plan.order_by is None else Ordering(plan.order_by, window=plan.window, time=plan.monitors.time)
-        )
-        time, ordered = plan.monitors.time, plan.order_by is not None
+        time, by = plan.monitors.time, plan.order_by
+        self.ordering = None if by is None else Ordering(by, window=plan.window, time=time)
         name = TIME if time is None else ".".join(time.field)
-        self.clock = None if ordered or plan.monitors.may_be_late else Backwards(name, time)
+        self.clock = None if by is not None or plan.monitors.may_be_late else Backwards(name, time)
         self.number = self.detected = 0
         self.begun = self.ended = False
         self.watch = MonitoredTrace(trace, plan.monitors.fork(), buffer=buffer)
@@ -496,9 +494,7 @@ class TraceRun:
     def _watch_of(self, key: Key, event: Json, number: int) -> MonitoredTrace | None:
         """The watch that an event is for, None for one that lacks the key; raises `TooLarge` beyond as many keys as are told apart."""
         found = key.of(event)
-        if found is None or (
-            isinstance(event, NonFiniteEvent) and not is_finite(found)
-        ):  # such a value equals no other
+        if found is None or (isinstance(event, NonFiniteEvent) and not is_finite(found)):  # that equals no other value
             self._without_key += 1
             self._first_without_key = self._first_without_key or number
             return None
@@ -567,7 +563,7 @@ class TraceRun:
         if counts:
             first = min(count.first_suppressed or 0 for count in counts)
             suppressed = sum(count.suppressed for count in counts)
-            yield f"{detections(suppressed)} suppressed by the cooldown (first: event {first})"
+            yield f"{counted(suppressed, 'detection')} suppressed by the cooldown (first: event {first})"
         if self._without_key and self.plan.key is not None:
             lacking = f"{counted(self._without_key)} without the field {' or '.join(one.text for one in self.plan.key.fields)}"
             yield f"{lacking}, given to no monitor (first: event {self._first_without_key})"

@@ -65,8 +65,7 @@ class Session:
 
     A monitor gives up beyond `limit` partial matches; `failures` then say why. `buffer` has when and where the events came that an
     explanation may name: of each event no more, and of events, of which so many were read, a bounded number. `oversights` are what could have been
-    part of a match and was not. `repeat` and `cooldown` (in nanoseconds)
-    are as of a `MonitorSet`. Raises what `rvaft.monitoring.monitor_set.columns` raises.
+    part of a match and was not. `repeat` and `cooldown` are as of a `MonitorSet`. Raises what `rvaft.monitoring.monitor_set.columns` raises.
     """
 
     def __init__(
@@ -79,8 +78,7 @@ class Session:
         repeat: bool = False,
         cooldown: int | None = None,
     ) -> None:
-        meaning = meant(tree, semantics)
-        self.semantics = meaning
+        self.semantics = meaning = meant(tree, semantics)
         self.repeat = repeat
         make = lambda part: monitor(part, semantics=meaning, limit=limit)  # noqa: E731
         repeating: Any = {"repeat": repeat, "cooldown": cooldown}

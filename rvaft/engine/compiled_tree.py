@@ -12,7 +12,7 @@ configuration has to remember, and the guards that wait for them.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
 from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, reader
@@ -20,7 +20,7 @@ from rvaft.model.event_time import TIME
 from rvaft.model.guards import Predicate, predicate
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Node
-from rvaft.model.patterns import ObjectPattern, Pattern, Variable, rigid_variables
+from rvaft.model.patterns import ObjectPattern, Variable, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.support.bits import mask_of
@@ -63,10 +63,9 @@ class CompiledTree:
         bound = [() if pattern is None else rigid_variables(pattern) for pattern in patterns]
         needs = [() if node.when is None else guard_variables(node.when) for node in nodes]
         mentioned = Counter(name for both in zip(bound, needs, strict=True) for name in {*both[0], *both[1]})
-        clocks = {None if pattern is None else time_variable(pattern) for pattern in patterns}
-        self.times = frozenset(name for name in clocks if name is not None)
+        self.times = frozenset(time for name in self.names if (time := _time_variable(tree, name)) is not None)
         """The variables that the times of events bind."""
-        private = [{name for name in names if mentioned[name] == 1 and name not in clocks} for names in bound]
+        private = [{name for name in names if mentioned[name] == 1 and name not in self.times} for names in bound]
         filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
         self.filters = tuple(node.when if only else None for node, only in zip(nodes, filters, strict=True))
         """For each node the guard that its event alone decides."""
@@ -134,6 +133,9 @@ NOTHING: Final = Reading(relevant=False, hits=())
 """What an event means that fits no pattern."""
 
 
+_Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json] | None]
+
+
 class Admission(NamedTuple):
     """How an event that may be some letter becomes a hit: what is asked of it beside its shape, and what gives the values.
 
@@ -144,7 +146,7 @@ class Admission(NamedTuple):
     nodes: tuple[int, ...]
     relevant: bool
     test: Predicate | None
-    values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
+    values: _Values
 
 
 class Sketch(NamedTuple):
@@ -155,16 +157,13 @@ class Sketch(NamedTuple):
     ignored: tuple[Reader, ...]
 
 
-def time_variable(pattern: Pattern) -> str | None:
-    """The variable that the time of an event of this pattern binds, if one does."""
-    last = pattern.fields[-1] if isinstance(pattern, ObjectPattern) and pattern.fields else ("", None)
-    return last[1].name if last[0] == TIME and isinstance(last[1], Variable) else None
-
-
-def _without_time(pattern: Pattern) -> Pattern:
-    return (
-        ObjectPattern(pattern.fields[:-1]) if isinstance(pattern, ObjectPattern) and time_variable(pattern) else pattern
-    )
+def _time_variable(tree: RVAFT, name: str) -> str | None:
+    """The variable that the time of a node's event binds, where a plain tree has given it one: a declared event has parameters then."""
+    on, pattern = tree.nodes[name].on, tree.pattern(name)
+    if on is None or tree.events[on.event].parameters or not isinstance(pattern, ObjectPattern) or not pattern.fields:
+        return None
+    field, part = pattern.fields[-1]
+    return part.name if field == TIME and isinstance(part, Variable) else None
 
 
 class TreeLetters:
@@ -178,8 +177,10 @@ class TreeLetters:
         for node, name in enumerate(compiled.names):
             pattern = tree.pattern(name)
             if pattern is not None:
-                letter = Letter(_without_time(pattern), compiled.filters[node])
-                serves.setdefault((letter, time_variable(pattern)), []).append(node)
+                time = _time_variable(tree, name)
+                if time is not None and isinstance(pattern, ObjectPattern):
+                    pattern = ObjectPattern(pattern.fields[:-1])
+                serves.setdefault((Letter(pattern, compiled.filters[node]), time), []).append(node)
         alphabet = dict.fromkeys((Letter(entry.pattern, entry.when), None) for entry in tree.alphabet)
         told = tuple(dict.fromkeys([*serves, *alphabet]))
         self.letters = tuple(letter for letter, _ in told)
@@ -188,26 +189,32 @@ class TreeLetters:
         ignored = [Letter(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores]
         readers = [reader(number, letter) for number, letter in enumerate((*self.letters, *ignored))]
 
-        def values_of(one: Reader, time: str | None) -> Callable[[Mapping[str, Json]], dict[str, Json] | None]:
+        def values_of(one: Reader, time: str | None) -> _Values:
             values = one.values if one.plain else one.read
             if time is None or tree.time is None:
                 return values
-            read = tree.time.read
+            first = self.letters[one.number] not in shared
+            last, read = shared.setdefault(self.letters[one.number], [None, None]), tree.time.read
 
             def timed(event: Mapping[str, Json]) -> dict[str, Json] | None:
-                found = values(event)
-                return None if found is None else {**found, time: read(event)}
+                if first:  # of letters that are alike but for the variable of the time the first is read, and the others at once after it
+                    last[0] = values(event)
+                    last[1] = None if last[0] is None else read(event)
+                return None if last[0] is None else {**last[0], time: last[1]}
 
             return timed
+
+        shared: dict[Letter, list[Any]] = {}
+        """The values and the time in the last event that was a letter."""
+        values = [values_of(readers[number], time) for number, (_, time) in enumerate(told)]
 
         def sketch(decided: Decided) -> Sketch:
             possible = [readers[number] for number in sorted((*decided.fits, *decided.open))]
             letters = []
             for one in possible:
                 if one.number < len(self.letters):
-                    test, values = one.holds if one.plain else None, values_of(one, told[one.number][1])
-                    relevant = told[one.number] in alphabet
-                    letters.append(Admission(one.number, self.serves[one.number], relevant, test, values))
+                    test, relevant = one.holds if one.plain else None, told[one.number] in alphabet
+                    letters.append(Admission(one.number, self.serves[one.number], relevant, test, values[one.number]))
             serving = tuple(one for one in letters if one.nodes)
             return Sketch(tuple(letters), serving, tuple(possible[len(letters) :]))
 

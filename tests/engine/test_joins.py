@@ -88,7 +88,7 @@ def test_joined_events(seed: int) -> None:
                 break
             twin = monitor.fork()
             assert (twin.state, twin.pending()) == (monitor.state, monitor.pending())
-    assert detected > 15
+    assert detected > 10
 
 
 FEW: Final = {

@@ -20,7 +20,7 @@ from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import ScenarioSpace, path, precedence, resolutions
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME, EventTime
-from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint, substitute, variables, walk
+from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint, substitute, time_points, variables
 from rvaft.model.nodes import Causality, EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT, Whole, reachable
@@ -195,9 +195,9 @@ def _rebuilt(
     )
 
 
-def _points(node: Node) -> list[TimePoint]:
+def _points(node: Node) -> tuple[TimePoint, ...]:
     """The time points in the guard of a node."""
-    return [] if node.when is None else [part for part in walk(node.when) if isinstance(part, TimePoint)]
+    return () if node.when is None else time_points(node.when)
 
 
 # What is in a part, and how it ends.
@@ -413,7 +413,7 @@ def _differences(guard: Guard) -> Guard:
     """The guard with durations as numbers, and times that are compared for equality subtracted: null, an undefined time, equals null."""
     if not isinstance(guard, Operation):
         return Literal(guard.value) if isinstance(guard, Duration) else guard
-    if guard.operator in (Operator.EQ, Operator.NE) and any(isinstance(part, TimePoint) for part in walk(guard)):
+    if guard.operator in (Operator.EQ, Operator.NE) and time_points(guard):
         difference = Operation(Operator.SUB, tuple(map(_differences, guard.operands)))
         return Operation(guard.operator, (difference, Literal(0)))
     return Operation(guard.operator, tuple(map(_differences, guard.operands)))

@@ -27,7 +27,7 @@ def test_expectations_are_written_compared_and_written_again(tree: Path) -> None
     assert result.exit_code == 1
     assert "in.jsonl: projected, branch 1: expected ?⊤, got ⊥⊥ (event 1)" in result.stdout
     root = ET.fromstring(run("test", tree, "--format", "junit").stdout)
-    assert [(suite.get("tests"), suite.get("failures")) for suite in root] == [("6", "6")]
+    assert [(suite.get("tests"), suite.get("failures")) for suite in root] == [("8", "8")]
     assert "as it was" not in run("test", tree, "--update").stderr
     assert "as it was" in run("test", tree, "--update").stderr
     assert run("test", tree).exit_code == 0

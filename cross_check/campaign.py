@@ -1,5 +1,6 @@
 """Random trees to compare, reproducible from a seed."""
 
+import gc
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
@@ -235,6 +236,7 @@ def run(tasks: Iterable[Task], *, jobs: int = 1) -> Generator[tuple[Task, list[R
     if jobs == 1:
         yield from ((task, task.run()) for task in tasks)
         return
+    gc.freeze()  # what was imported: otherwise each process goes through all of it again and again
     with closing(in_processes(lambda task: task.run(), tasks, jobs=jobs)) as running:
         for task, found in running:
             killed = Result(task.job, "tree", Status.COULD_NOT_RUN, why="a process that compares was killed")

@@ -93,12 +93,8 @@ def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
     match form:
         case TimeFormat.ISO8601:
             yield _iso(instant)
-            for offset in (
-                f"{random.choice('+-')}{random.randrange(24):02}:{random.randrange(60):02}",
-                "+02",
-                "-0330",
-                "",
-            ):
+            far = f"{random.choice('+-')}{random.randrange(24):02}:{random.randrange(60):02}"
+            for offset in (far, "+02", "-0330", ""):
                 yield _iso(instant, offset, random.choice("Tt "), random.choice(".,"))
             if instant % 2 == 0:  # half a nanosecond more rounds to this even one
                 yield f"{_iso(instant - instant % SECOND)[:-1]}.{instant % SECOND:09}5"
@@ -141,18 +137,11 @@ def _iso(instant: int, offset: str = "Z", between: str = "T", point: str = ".") 
 def unreadable(random: Random, form: TimeFormat) -> Json:
     """What nobody can read as a time of this format."""
     numbers = ("", " 1", "1 s", "0x1", "01", "+1", "NaN", "2024-05-17T09:00:00Z", True, None, [1], {"sec": 1})
-    texts = (
-        "2024-05-17",
-        "2024-02-30T00:00:00Z",
-        "2024-05-17T24:00:00Z",
-        "2024-05-17T09:00:61Z",
-        "17.5.2024 09:00",
-        1_700_000_000,
-    )
+    days = ("2024-05-17", "2024-02-30T00:00:00Z", "2024-05-17T24:00:00Z", "2024-05-17T09:00:61Z")
     stamps = ({"sec": 1}, {"sec": 1, "nsecs": 2}, {"sec": 1.0, "nanosec": 0}, {"sec": True, "nanosec": 0}, 1, "1")
     match form:
         case TimeFormat.ISO8601:
-            return random.choice(texts)
+            return random.choice((*days, "17.5.2024 09:00", 1_700_000_000))
         case TimeFormat.ROS:
             return random.choice(stamps)
         case _:
@@ -221,10 +210,9 @@ class Conditions:
         for point in {part for _, guard in self.guards for part in walk(guard) if isinstance(part, TimePoint)}:
             every = [times[event] for event in self.events(point)]
             known = [time for time in every if time is not None]
-            time = (
-                None if len(known) < len(every) or not known else min(known) if point.point == "start" else max(known)
-            )
-            found[point.name] = Literal(float("nan") if time is None else time)
+            defined = known and len(known) == len(every)
+            time = (min if point.point == "start" else max)(known) if defined else float("nan")
+            found[point.name] = Literal(time)
         return found
 
     def events(self, point: TimePoint) -> list[int]:
@@ -308,15 +296,8 @@ class Schedule:
         self.fixed: dict[int, int | None] = {}
         for number, part in enumerate(stands):
             if not self.free[number] and number not in self.following:
-                value = (
-                    part.value
-                    if isinstance(part, Literal)
-                    else binding[part.name]
-                    if isinstance(part, Variable)
-                    else None
-                )
+                value = binding[part.name] if isinstance(part, Variable) else getattr(part, "value", None)
                 self.fixed[number] = tree.time.read(with_time({}, tree.time.field, value))
-        self.steps = steps_of(tree)
 
     @property
     def asking(self) -> list[str]:
@@ -335,7 +316,7 @@ class Schedule:
         needed = {event for bound in bounds for event in bound[:2]}
         if not needed.isdisjoint(self.fixed.keys() - fixed.keys()):
             return None
-        found = instants(self.random, len(self.order), bounds, fixed, self.steps, plain=self.plain)
+        found = instants(self.random, len(self.order), bounds, fixed, steps_of(self.tree), plain=self.plain)
         if found is None:
             return None
         times: list[int | None] = [*found]
@@ -405,10 +386,8 @@ def _move(random: Random, times: list[int], bounds: Sequence[Bound], fixed: Mapp
             continue
         most = min((times[b] + by for a, b, by in bounds if a == event), default=None)
         least = max((times[a] - by for a, b, by in bounds if b == event), default=None)
-        if plain:
-            ends = [end for end in (least, most) if end is not None and random.random() < 0.2]
-        else:
-            ends = [end for end in (most, None if most is None else most - 1, least) if end is not None]
+        near = (least, most) if plain else (most, None if most is None else most - 1, least)
+        ends = [end for end in near if end is not None and not (plain and random.random() >= 0.2)]
         ends = [end for end in ends if (least is None or least <= end) and (most is None or end <= most)]
         if ends:
             times[event] = random.choice(ends)
@@ -433,15 +412,15 @@ def timed(random: Random, tree: RVAFT, event: Json, instant: int | None, *, plai
     return event if value is None else with_time(event, tree.time.field, value) or event
 
 
-def walked(random: Random, tree: RVAFT, trace: Iterable[Json]) -> list[Json]:
-    """The events at times some steps apart, at which a verdict can change; a few go back, and a few have none."""
+def walked(random: Random, tree: RVAFT, trace: Iterable[Json], *, plain: bool = False) -> list[Json]:
+    """The events at times some steps apart, at which a verdict can change; a few go back and, unless `plain`, a few have none."""
     if tree.time is None:
         return [*trace]
     steps, now, found = steps_of(tree), random.choice((0, TODAY)), []
     for event in trace:
         now += random.choice(steps) * random.choice((1, 1, 1, 1, -1))
-        instant = None if random.random() < _UNDEFINED else now
-        found.append(timed(random, tree, event, instant, plain=random.random() < 0.5))
+        instant = None if random.random() < _UNDEFINED and not plain else now
+        found.append(timed(random, tree, event, instant, plain=random.random() < 0.5 or plain))
     return found
 
 

@@ -9,13 +9,7 @@ from functools import partial
 from random import Random
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from cross_check.generate.times import (
-    Schedule,
-    asks_for_time,
-    in_between,
-    timed,
-    walked,
-)
+from cross_check.generate.times import Schedule, asks_for_time, in_between, timed, walked
 from cross_check.generate.values import (
     LOGGED,
     Demand,
@@ -30,7 +24,7 @@ from rvaft.analysis.normal_form import Op, body, is_impossible
 from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, edges_along, fewest_events, path, precedence
 from rvaft.analysis.scenarios import event as point_of
 from rvaft.engine import Engine
-from rvaft.errors import RvaftError
+from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Gate, Node
@@ -60,11 +54,12 @@ def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
     return event
 
 
-def random_trace(random: Random, tree: RVAFT, *, max_length: int = 8) -> list[Json]:
-    """A trace of up to that many events over a handful of values, so that values repeat."""
+def random_trace(random: Random, tree: RVAFT, *, max_length: int = 8, plain: bool = False) -> list[Json]:
+    """A trace of up to that many events over a handful of values, so that values repeat; `plain` times are read everywhere."""
     everything = interesting_values(tree)
     values = [random.choice(everything) for _ in range(3)]
-    return walked(random, tree, [random_event(random, tree, values) for _ in range(random.randint(0, max_length))])
+    events = [random_event(random, tree, values) for _ in range(random.randint(0, max_length))]
+    return walked(random, tree, events, plain=plain)
 
 
 def some_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
@@ -250,6 +245,8 @@ def _end_in_order(random: Random, tree: RVAFT, kept: Kept, gate: str, graph: "nx
 
 _NOISE: Final = 3
 """The most events of noise in one trace."""
+_COUNTED: Final = 1_000
+"""How often a leaf may be counted: what the monitor keeps for each of its events grows with it."""
 _BUILDS: Final = 40
 """How many events to build for an occurrence so that one is not ignored; after the first quarter from all values."""
 
@@ -292,8 +289,10 @@ def detecting(
 ) -> list[Json]:
     """A trace after which, and not before, the monitor says ⊤.
 
-    The tree keeps the rules of `rvaft check`. Raises `NoTraceFound`, and what the monitor raises (`TooLarge`).
+    The tree keeps the rules of `rvaft check`. Raises `NoTraceFound`, and `TooLarge` as the monitor does and for leaves counted too often.
     """
+    if max((node.times for node in tree.top_down()), default=1) > _COUNTED:
+        raise TooLarge("times of a counted leaf in example traces", limit=_COUNTED)
     for used in (manner, replace(manner, believable=False)) if manner.believable else (manner,):
         trace = guided(random, tree, semantics, used)
         monitor = Engine(tree, semantics)
@@ -387,9 +386,8 @@ class _Making:
             for name, time, free in zip(schedule.order, times, schedule.free, strict=True):
                 event = self._event(tree.pattern(name) or Anything(), binding, self.values)
                 events.append(timed(self.random, tree, event, time, plain=plain) if free else event)
-            if all(
-                tree.time is None or tree.time.read(e) == time for e, time in zip(events, times, strict=True)
-            ) and not (self.semantics is not Semantics.STRICT and any(is_ignored(tree, event) for event in events)):
+            right = tree.time is None or [*map(tree.time.read, events)] == times
+            if right and (self.semantics is Semantics.STRICT or not any(is_ignored(tree, event) for event in events)):
                 return events
         raise Unmet([Demand(name, (), lambda _: False, Literal(value=False)) for name in schedule.asking])
 

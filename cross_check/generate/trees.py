@@ -6,6 +6,7 @@ functions of texts and numbers, and a semantics of their own. Every tree that co
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from random import Random
 from typing import Any, Final
@@ -79,12 +80,10 @@ def random_tree(random: Random, shape: Shape = Shape(), *, attempts: int = 200) 
     """A valid random tree; the more attempts fail, the simpler the next one is."""
     for attempt in range(attempts):
         guards = shape.guards * (1 - attempt / attempts)
-        try:
+        with suppress(TreeError):
             tree = _Growth(random, shape, guards).tree()
             require_valid(tree)
-        except TreeError:
-            continue
-        return _in_practice(random, tree, shape)
+            return _in_practice(random, tree, shape)
     return RVAFT("n0", [Node("n0", Gate.AND, ("n1",)), Node("n1")])
 
 
@@ -205,13 +204,10 @@ def _in_practice(random: Random, tree: RVAFT, shape: Shape) -> RVAFT:
     """The tree with times, windows, counted leaves, `pand` and functions, as far as the rules let it have them."""
     apart = _apart(random)
     for attempt in range(_SIMPLER):
-        additions = _Additions(apart, tree, shape, 1 - attempt / _SIMPLER)
-        try:
-            found = additions.tree()
+        with suppress(TreeError):
+            found = _Additions(apart, tree, shape, 1 - attempt / _SIMPLER).tree()
             require_valid(found)
-        except TreeError:
-            continue
-        return found
+            return found
     return tree
 
 

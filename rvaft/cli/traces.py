@@ -67,7 +67,7 @@ def traces_command(
         if near_miss:
             return missing(random, part, meaning, manner).trace
         if chance:
-            return random_trace(random, part, max_length=length or RANDOM_LENGTH)
+            return random_trace(random, part, max_length=length or RANDOM_LENGTH, plain=True)
         return detecting(random, part, meaning, manner)
 
     texts: list[str] = []

@@ -85,3 +85,16 @@ def test_a_folder_that_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "full" / "detect-2.jsonl").mkdir(parents=True)
     failed(run("traces", SAND, "-o", tmp_path / "full"), "detect-2.jsonl", "cannot write")
     assert {path.name for path in (tmp_path / "full").iterdir()} == {"detect-1.jsonl", "detect-2.jsonl"}
+
+
+def test_a_leaf_counted_too_often_is_refused_at_once(tmp_path: Path) -> None:
+    tree = written(tmp_path / "counted.rvaft", "r sand a b; b times 10000;")
+    for mode in ("detect", "near-miss"):
+        failed(run("traces", tree, f"--{mode}"), "too large: times of a counted leaf in example traces (limit 1000)")
+    assert run("traces", tree, "--random").exit_code == 0
+
+
+def test_random_times_are_written_as_others_write_them(tmp_path: Path) -> None:
+    tree = written(tmp_path / "timed.rvaft", "time t as ros; r and a b within 1 s;")
+    said = "".join(run("traces", tree, "--random", "--seed", seed).stdout for seed in range(20))
+    assert {event["t"]["nanosec"] < 10**9 for event in events(said) if "t" in event} == {True}

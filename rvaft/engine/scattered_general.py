@@ -185,13 +185,9 @@ class Stages:
     def scan(self, move: StageMove) -> Scan:
         """How the partial matches are found that a move may extend."""
         if move.scan is None:
-            compiled, own, joined = (
-                self.matching.compiled,
-                self.matching.compiled.exported[move.node],
-                dict[str, Guard](),
-            )
+            compiled, joint = self.matching.compiled, [*move.joint]
+            own, joined = compiled.exported[move.node], dict[str, Guard]()
             orders: dict[Term, list[Bound]] = {}
-            joint = [*move.joint]
             needed = [
                 one for one in joint if not self.outcome(move, move.alone, tuple(other != one for other in joint))
             ]
@@ -219,9 +215,8 @@ class Stages:
 
     def is_hopeful(self, move: StageMove, held: int) -> bool:
         """Whether a move may lead anywhere if, of the guards that its event decides, these hold."""
-        if len(move.joint) > _MANY:
-            return True
-        return any(self.outcome(move, held, outcomes) for outcomes in product((True, False), repeat=len(move.joint)))
+        ways = product((True, False), repeat=len(move.joint))
+        return len(move.joint) > _MANY or any(self.outcome(move, held, outcomes) for outcomes in ways)
 
 
 def _time_bounds(asked: TimeDifference, far: Collection[str], own: Collection[str]) -> Iterator[tuple[Term, Bound]]:
@@ -234,13 +229,14 @@ def _time_bounds(asked: TimeDifference, far: Collection[str], own: Collection[st
         told &= theirs.operator is some_theirs or len(distant.names) == len(theirs.names)
         if told and mine.names and distant.names:
             operator = distant.operator if len(distant.names) > 1 else Operator.MAX
-            holds = partial(_keeps, mine, asked.most, 1 if rising else -1)
+
+            def holds(
+                event: Mapping[str, Json], mine: Extreme = mine, sign: int = 1 if rising else -1
+            ) -> Callable[[Json], bool]:
+                time = mine.of(event)
+                return lambda value: time is not None and bool(sign * (time - value) <= asked.most)
+
             yield Term(1, Extreme(operator, distant.names)), Bound(rising, holds)
-
-
-def _keeps(mine: Extreme, most: int, sign: int, event: Mapping[str, Json]) -> Callable[[Json], bool]:
-    time = mine.of(event)
-    return lambda value: time is not None and bool(sign * (time - value) <= most)
 
 
 def _bound(part: Operation, name: str, sign: int) -> Bound:
@@ -363,15 +359,6 @@ class ScatteredMatches(Following):
         )
         return self.matching.replayed((step.node, step.values, step.position) for step in steps)
 
-    def _matches_together(self) -> list[Configuration]:
-        """The matches of the tree that the matches of its parts are together."""
-        whole = [[one for one in self.partial if one.taken & p.nodes and self._is_whole(p, one)] for p in self._parts]
-        made = (self._together(some) for some in product(*whole))
-        return [one for one in made if one is not None]
-
-    def _part_of(self, node: int) -> int:
-        return next(part.nodes for part in self._parts if part.nodes >> node & 1)
-
     def _is_whole(self, part: IndependentPart, configuration: Configuration) -> bool:
         return all(self.matching.progress.flags(configuration, child) & SURE for child in part.children)
 
@@ -467,7 +454,7 @@ class ScatteredMatches(Following):
                         if outcome is not None:
                             stage, commits_to_it = outcome
                             if commits_to_it and self._parts and not before.taken:  # other parts have yet to begin
-                                begun |= self._part_of(move.node)
+                                begun |= next(part.nodes for part in self._parts if part.nodes >> move.node & 1)
                             elif commits_to_it:
                                 ended[member.number] = group, member
                             binding = {name: bound[name] for name in stage.names}
@@ -524,7 +511,10 @@ class ScatteredMatches(Following):
                 if new.stage.is_match:
                     self.matches.append(made)
         if self._whole and all(self._whole & part.nodes for part in self._parts):
-            self.matches = self._matches_together()
+            follow, parts = self.partial, self._parts
+            whole = [[one for one in follow if one.taken & part.nodes and self._is_whole(part, one)] for part in parts]
+            together = map(self._together, product(*whole))
+            self.matches = [one for one in together if one is not None]
         if self.matches:
             self.follow([])
             return Verdict.TRUE
@@ -558,12 +548,7 @@ class ScatteredMatches(Following):
             if configuration.taken & part.nodes and self._is_whole(part, configuration):
                 self._whole |= part.nodes
                 self._watches.clear()
-                if not part.chooses:
-                    self._keep_only(self._added - 1, part)
-
-    def _keep_only(self, number: int, part: IndependentPart) -> None:
-        """Of the partial matches of a part follow this one alone."""
-        for group in self._groups.values():
-            for member in [*group.members.values()]:
-                if member.number != number and member.configuration.taken & part.nodes:
-                    group.remove(member)
+                for group in () if part.chooses else self._groups.values():  # of this part it is followed alone
+                    for member in [*group.members.values()]:
+                        if member.number != self._added - 1 and member.configuration.taken & part.nodes:
+                            group.remove(member)

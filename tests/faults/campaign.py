@@ -29,6 +29,8 @@ from cross_check.results import Job
 from cross_check.traces import Effort, letters_of, trials
 from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, Verdict
 from rvaft.analysis.branches import restrict
+from rvaft.backend import backend
+from rvaft.model.values import is_finite
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
 from tests.engine.dense import dense_tree
@@ -103,7 +105,8 @@ def wrong(participants: Sequence[str], work: Sequence[Exercise]) -> str:
             except (NotExpressible, TooLarge):
                 continue
             for trace, expected in zip(one.traces, one.expected, strict=True):
-                if list(monitor.fork().run(trace)) != expected:
+                asked = participant == ENGINE or not backend(participant).json_alone or all(map(is_finite, trace))
+                if asked and list(monitor.fork().run(trace)) != expected:
                     return f"{participant} differs: {one.name}"
     return ""
 

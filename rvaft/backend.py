@@ -16,8 +16,9 @@ from typing import ClassVar
 
 from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed
+from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard
-from rvaft.model.patterns import Pattern
+from rvaft.model.patterns import ObjectPattern, Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
@@ -137,6 +138,11 @@ class Backend(ABC):
             raise NotExpressible(reason, backend=self.name, semantics=semantics)
         if timed and self.untimed:
             raise NotExpressible(self.untimed, backend=self.name, semantics=semantics, nodes=timed)
+        named = (tree.pattern(node.name) for node in tree.top_down())
+        patterns = (*named, *(tree.instantiate(ignore.on) for ignore in tree.ignores))
+        if timed and any(isinstance(one, ObjectPattern) and TIME in dict(one.fields) for one in patterns):
+            reason = f"the time of an event stands in the field {TIME} there, and this tree reads a field of that name"
+            raise NotExpressible(reason, backend=self.name, semantics=semantics, nodes=timed)
         return one_plain_tree(tree)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002

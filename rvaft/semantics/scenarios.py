@@ -65,7 +65,7 @@ class Scenario:
         """The node of each occurrence. Clause: a leaf with `times N` is N occurrences."""
         plain = {node.name for node in self.nodes if node.on is None and node.gate is None and node.when is None}
         events = [node for node in self.nodes if node.on is not None or node.name in plain]
-        return {name: node for node in events for name in several(node)}
+        return {name: node for node in events for name in several(self.tree, node)}
 
     def events(self, name: str) -> frozenset[str]:
         """The occurrences of the part of a node."""
@@ -100,7 +100,9 @@ class Scenario:
         # Clause: a leaf with `times N` is N occurrences, each before the next.
         node_of = self.observing
         fixed = {(a, b) for a in node_of for b in node_of if (node_of[a].name, node_of[b].name) in pairs}
-        fixed |= {pair for node in self.nodes for pair in combinations(several(node), 2) if pair[0] in node_of}
+        fixed |= {
+            pair for node in self.nodes for pair in combinations(several(self.tree, node), 2) if pair[0] in node_of
+        }
         return [_closed(self.occurrences, fixed.union(*ends)) for ends in product(*self._ends)]
 
     @property
@@ -159,9 +161,15 @@ class Scenario:
         }
 
 
-def several(node: Node) -> list[str]:
-    """The names of a node's occurrences: its own, or, with `times N`, numbered ones."""
-    return [node.name] if node.times == 1 else [f"{node.name}[{number}]" for number in range(1, node.times + 1)]
+def several(tree: RVAFT, node: Node) -> list[str]:
+    """The names of a node's occurrences: its own, or, with `times N`, numbered ones that no node has."""
+    if node.times == 1:
+        return [node.name]
+    numbered = [f"{node.name}[{number}]" for number in range(1, node.times + 1)]
+    return [
+        next(name + "'" * n for n in range(len(tree.nodes) + 1) if name + "'" * n not in tree.nodes)
+        for name in numbered
+    ]
 
 
 def _closed(occurrences: frozenset[str], pairs: set[tuple[str, str]]) -> Order:

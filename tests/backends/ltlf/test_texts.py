@@ -7,6 +7,7 @@ import pytest
 
 from backends.ltlf import LtlfBackend
 from rvaft.api import loads
+from rvaft.errors import NotExpressible
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -62,3 +63,10 @@ def test_names_are_legal_and_different() -> None:
     given = [line.split()[1] for line in lines if line.startswith("atom ")]
     assert len(set(given)) == len(leaves)
     assert all(name.isascii() and name == name.lower() and not name[0].isdigit() for name in given)
+
+
+@pytest.mark.parametrize("reads", ["a on x(_)", "a on y(_); ignore x(_)"])
+def test_a_field_with_the_name_of_times_is_refused(reads: str) -> None:
+    events = 'time t as s; event x(v) = { v: v, "τ": 5 }; event y(v) = { y: v };'
+    with pytest.raises(NotExpressible, match="the field τ"):
+        text_of(f"{events} top and a b within 3 s; b; {reads};", "scattered")

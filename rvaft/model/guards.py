@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.patterns import Binding, Literal, Variable
-from rvaft.model.values import Json, equal, is_number
+from rvaft.model.values import Json, equal, is_finite, is_number
 
 MAX_DEPTH: Final = 100
 
@@ -78,12 +78,8 @@ class OperatorFacts(NamedTuple):
     mirrored: Operator | None = None
 
 
-def _finite(value: Json) -> bool:
-    return type(value) is not float or math.isfinite(value)
-
-
 def _equality(left: Json, right: Json) -> Json:
-    return equal(left, right) if _finite(left) and _finite(right) else UNDEFINED
+    return equal(left, right) if is_finite(left) and is_finite(right) else UNDEFINED
 
 
 def _denied(truth: Json) -> Json:
@@ -95,7 +91,7 @@ def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json
 
     def compared(left: Json, right: Json) -> Json:
         if is_number(left) and is_number(right):
-            return compare(left, right) if _finite(left) and _finite(right) else UNDEFINED
+            return compare(left, right) if is_finite(left) and is_finite(right) else UNDEFINED
         return compare(left, right) if isinstance(left, str) and isinstance(right, str) else UNDEFINED
 
     return compared
@@ -105,7 +101,7 @@ def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
     """An operation on numbers."""
 
     def calculated(*arguments: Json) -> Json:
-        if not all(is_number(argument) and _finite(argument) for argument in arguments):
+        if not all(is_number(argument) and is_finite(argument) for argument in arguments):
             return UNDEFINED
         try:
             result = calculate(*arguments)
@@ -154,7 +150,7 @@ def _number(value: Json) -> Json:
             value = json.loads(value)
         except ValueError:  # more digits than Python reads
             return UNDEFINED
-    return value if is_number(value) and _finite(value) else UNDEFINED
+    return value if is_number(value) and is_finite(value) else UNDEFINED
 
 
 _WRITTEN: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?", re.ASCII)
@@ -179,7 +175,7 @@ OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
     _O.DIV: OperatorFacts(6, "/", _calculating(python.truediv)),
     _O.NEGATE: OperatorFacts(7, "-", _calculating(python.neg), arity=1),
     _O.IN: OperatorFacts(
-        4, "in", lambda it, *listed: any(equal(it, one) for one in listed) if _finite(it) else UNDEFINED, None
+        4, "in", lambda it, *listed: any(equal(it, one) for one in listed) if is_finite(it) else UNDEFINED, None
     ),
     _O.STARTSWITH: OperatorFacts(8, "startswith", _texts(str.startswith)),
     _O.ENDSWITH: OperatorFacts(8, "endswith", _texts(str.endswith)),

@@ -37,7 +37,9 @@ def same(left: Any, right: Any) -> bool:
 
 
 def defined(value: Any) -> bool:
-    """Clause: NaN and the infinities are undefined."""
+    """Clause: NaN and the infinities are undefined, and so is what has one."""
+    if isinstance(value, (dict, list)):
+        return all(map(defined, value.values() if isinstance(value, dict) else value))
     return not isinstance(value, float) or math.isfinite(value)
 
 

@@ -6,6 +6,7 @@ from typing import Final
 from papers.fmas2022 import tex
 from rvaft.export import latex
 from rvaft.export.latex import escaped
+from rvaft.model.expressions import event_text, guard_text
 from rvaft.model.nodes import Node, topic_of
 from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
@@ -31,8 +32,8 @@ def node_table(tree: RVAFT) -> str:
 
 def _cells(tree: RVAFT, node: Node) -> Iterator[str]:
     yield escaped(node.name)
-    parts = [] if not node.has_event else [latex.name(node.name) if node.on is None else latex.event(node.on)]
-    parts += [] if node.when is None else [latex.guard(node.when)]
+    parts = [event_text(node, latex.STYLE)] if node.has_event else []
+    parts += [] if node.when is None else [guard_text(node.when, latex.STYLE)]
     yield ", ".join(map(tex.math, parts))
     pattern = tree.pattern(node.name)
     topic = None if pattern is None else topic_of(pattern)

@@ -118,29 +118,22 @@ def number_of(
         ways[node.name] = min(found, _MOST)
         return before != (ways[node.name], idle[node.name])
 
-    def fix(name: str, own: range) -> tuple[bool, dict[str, tuple[int, bool]]]:
-        """What changed was before; False, and stop, at a node that must be reached and cannot be resolved."""
-        digits[name], changed = own, dict[str, tuple[int, bool]]()
+    def fix(name: str, own: range) -> bool:
+        """False, and stop, at a node that must be reached and cannot be resolved."""
+        digits[name] = own
         above: tuple[str, ...] = (name,)
-        while above:
-            before = ways[above[0]], idle[above[0]]
-            if not count(tree.nodes[above[0]]):
-                break
-            changed[above[0]] = before
+        while above and count(tree.nodes[above[0]]):
             if not ways[above[0]] and not idle[above[0]]:
-                return False, changed
+                return False
             above = tree.parents(above[0])
-        return True, changed
+        return True
 
     for node in tree.bottom_up():
         count(node)
     for name in reversed(or_gates(tree)):
         digit = tree.nodes[name].children.index(choices[name]) if name in choices else 0
-        if digit:
-            possible, changed = fix(name, range(digit))
-            number += ways[tree.root] if possible else 0
-            for gate, before in changed.items():
-                ways[gate], idle[gate] = before
+        if digit and fix(name, range(digit)):
+            number += ways[tree.root]
         fix(name, range(digit, digit + 1))
         if number > _MOST or effort > _EFFORT:
             return None

@@ -12,8 +12,7 @@ from typing import Final, Literal, TypeAlias
 
 from rvaft.analysis.normal_form import NormalForm, Op, normal_form
 from rvaft.errors import TooLarge
-from rvaft.model.event_time import duration_text
-from rvaft.model.expressions import guard_text, name_text, on_text
+from rvaft.model.expressions import PLAIN, Style, event_text, guard_text
 from rvaft.model.guards import TimePoint, walk
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
@@ -70,19 +69,18 @@ Formula: TypeAlias = Leaf | Joined | Window | Named
 
 @dataclass(frozen=True, slots=True)
 class Notation:
-    """How a formula is written: `event` and `condition` the two kinds of leaves, `at_least` what precedes k of n parts.
+    """How a formula is written: in which style its leaves, and what precedes k of n parts.
 
-    `window` is what stands before and behind a part that has a window, `name` before what guards ask for by name.
+    `number` is what stands behind an event that is counted, `window` around a part that has one, `label` behind the name of what guards ask for.
     """
 
-    event: Callable[[Node], str]
-    condition: Callable[[Node], str]
+    style: Style
     joins: Mapping[Join, str]
-    at_least: Callable[[int, int], str]
-    window: Callable[[int], tuple[str, str]]
-    name: Callable[[str], str]
-    open: str = "("
-    close: str = ")"
+    at_least: str
+    number: Callable[[int], str]
+    window: tuple[str, str]
+    label: str = ": "
+    condition: Callable[[str], str] = "[{}]".format
     whole: frozenset[Join] = frozenset({Join.SEQUENCE})
     """The joins that need no brackets where they join the whole formula."""
 
@@ -163,7 +161,7 @@ def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) 
     Each but the first starts with a sign, where the sign is no comma. Raises `TooLarge`.
     """
     pieces: list[str] = []
-    written = 0
+    written, style = 0, notation.style
     outer = None if isinstance(term, Joined) and term.join in notation.whole else Join.SEQUENCE
     todo: list[str | tuple[Formula, Join | None] | None] = [(term, outer)]  # None is where a line may end
     while todo:
@@ -176,15 +174,16 @@ def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) 
                 continue
             case str() as sign:
                 pieces.append(sign)
-            case (Leaf(op, node, named), _):
-                pieces.append(notation.name(node.name) if named else "")
-                pieces.append(notation.event(node) if op is Op.EVENT else notation.condition(node))
+            case (Leaf(Op.EVENT, node, named), _):
+                pieces.append(f"{style.node(node.name)}{notation.label}" if named else "")
+                pieces.append(event_text(node, style) + (notation.number(node.times) if node.times > 1 else ""))
+            case (Leaf(_, node), _):
+                pieces.append(notation.condition(guard_text(node.when, style)) if node.when is not None else "")
             case (Named(part, name), _):
-                todo += [(part, Join.AT_LEAST), notation.name(name)]
+                todo += [(part, Join.AT_LEAST), f"{style.node(name)}{notation.label}"]
                 continue
             case (Window(part, within), _):
-                left, right = notation.window(within)
-                todo += [right, (part, None), left]
+                todo += [notation.window[1].format(style.duration(within)), (part, None), notation.window[0]]
                 continue
             case (Joined(join, parts, threshold), around):
                 between = [notation.joins[join], None] if join is Join.AT_LEAST else [None, notation.joins[join]]
@@ -192,28 +191,22 @@ def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) 
                 for part in parts:
                     inner += [*between, (part, join)] if inner else [(part, join)]
                 if join is Join.AT_LEAST:
-                    inner[:0] = [notation.at_least(threshold, len(parts)), notation.open]
-                    inner.append(notation.close)
+                    todo += [")", *reversed(inner), "(", notation.at_least.format(threshold, len(parts))]
                 elif around is not None and (join is not around or join is Join.ENDS) and parts:
-                    inner[:0] = [notation.open]
-                    inner.append(notation.close)
-                todo.extend(reversed(inner))
+                    todo += [")", *reversed(inner), "("]
+                else:
+                    todo += reversed(inner)
                 continue
         written += 1
     yield "".join(pieces)
 
 
-def _event(node: Node) -> str:
-    return name_text(node.name) if node.on is None else on_text(node.on)
-
-
 TEXT: Final = Notation(
-    lambda node: _event(node) if node.times == 1 else f"{_event(node)}^{node.times}",
-    lambda node: "" if node.when is None else f"[{guard_text(node.when)}]",
+    PLAIN,
     {Join.SEQUENCE: " ; ", Join.ANY_ORDER: " & ", Join.AT_LEAST: ", ", Join.CHOICE: " | ", Join.ENDS: " pand "},
-    "at least {} of ".format,
-    lambda within: ("(", f") within {duration_text(within)}"),
-    lambda name: f"{name_text(name)}: ",
+    "at least {} of ",
+    "^{}".format,
+    ("(", ") within {}"),
 )
 """Plain text: `a ; b` in sequence, `a & b` in any order, `a | b` one of them, `a pand b` ending in this order, `a^3` three times,
 conditions in brackets, `(a & b) within 5 min`, and `name: a` where a guard asks for its time."""

@@ -5,6 +5,7 @@ without variables is false and no event has to come before itself (semantics, se
 """
 
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Set
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from heapq import heapify, heappop, heappush
@@ -81,18 +82,12 @@ def precedence(tree: RVAFT, kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
 
 def path(graph: "nx.DiGraph", before: str, after: str) -> list[Point]:
     """The points of a shortest path that makes the event of one node precede that of another, or none."""
-    start, goal = event(before), event(after)
-    reached: dict[Point, Point] = {start: start} if start in graph else {}
-    for point in (queue := list(reached)):
-        new = [later for later in graph[point] if later not in reached]
-        reached.update(dict.fromkeys(new, point))
-        queue += new
-        if goal in reached:
-            break
-    points = [goal] if goal in reached else []
-    while points and points[-1] != start:
-        points.append(reached[points[-1]])
-    return points[::-1]
+    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+
+    points: list[Point] = []
+    with suppress(nx.NetworkXNoPath, nx.NodeNotFound):
+        points += nx.shortest_path(graph, event(before), event(after))
+    return points
 
 
 def edges_along(graph: "nx.DiGraph", points: list[Point], *, closed: bool = False) -> list[Edge]:

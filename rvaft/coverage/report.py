@@ -11,34 +11,26 @@ Schema, version 1 (fields are only ever added)::
      "totals": {"branches": 4, "exercised": 1, "nodes": 7, "seen": 5}}
 """
 
-import io
 import json
 from dataclasses import asdict
 from typing import Final
 
 from rvaft.coverage.measure import BranchCoverage, CoverageReport
-from rvaft.monitors import Awaited
-from rvaft.support.terminal import visible
+from rvaft.support.terminal import rendered, visible
 
 VERSION: Final = 1
 _LISTED: Final = 20
 """Nodes that are listed one by one."""
-_UNBOUNDED: Final = 1_000_000
-"""Columns that no line fills."""
 
 
 def json_text(report: CoverageReport) -> str:
     """The report as one JSON object."""
-
-    def nodes(some: tuple[Awaited, ...]) -> list[dict[str, str]]:
-        return [{"node": one.node, "event": one.event} for one in some]
-
     branches = [
         {
             "branch": branch.number,
             "kinds": _kinds(branch),
             **{name: getattr(branch, name) for name in ("needed", "reached", "detected", "log", "event")},
-            "waits_for": nodes(branch.awaited),
+            "waits_for": [asdict(one) for one in branch.awaited],
         }
         for branch in report.branches
     ]
@@ -50,7 +42,7 @@ def json_text(report: CoverageReport) -> str:
         "logs": report.logs,
         "branches": branches,
         "infeasible": list(report.infeasible),
-        "unseen": nodes(report.unseen),
+        "unseen": [asdict(one) for one in report.unseen],
         "oversights": [asdict(one) for one in report.oversights],
         "totals": totals,
     }
@@ -64,7 +56,6 @@ def table_text(report: CoverageReport, *, width: int | None = None) -> str:
     """
     if not report.logs:
         return f"no log could be used; branches: {len(report.branches)}, nodes: {report.nodes}\n"
-    from rich.console import Console  # noqa: PLC0415 -- imported on use
     from rich.table import Table  # noqa: PLC0415 -- imported on use
     from rich.text import Text  # noqa: PLC0415 -- imported on use
 
@@ -88,13 +79,7 @@ def table_text(report: CoverageReport, *, width: int | None = None) -> str:
     percent = 100 * report.exercised // len(report.branches)  # 100 only where it is all
     exercised = f"branches exercised {report.exercised} of {len(report.branches)} ({percent}%)"
     below.append(f"{exercised}; nodes seen {report.seen} of {report.nodes}")
-    columns = _UNBOUNDED if width is None else width
-    console = Console(file=io.StringIO(), width=columns, color_system=None, legacy_windows=False, force_jupyter=False)
-    with console.capture() as captured:
-        console.print(table)
-        for line in below:
-            console.print(Text(visible(line)), soft_wrap=False)
-    return "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
+    return "".join(f"{line}\n" for line in rendered([table, *(Text(visible(line)) for line in below)], width))
 
 
 def _kinds(branch: BranchCoverage) -> list[str]:

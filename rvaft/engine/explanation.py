@@ -22,7 +22,7 @@ from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Witness, hi
 from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.scattered_linear import Earliest, EarliestRun, possible_nodes
 from rvaft.errors import TooLarge
-from rvaft.model.expressions import name_text, on_text
+from rvaft.model.expressions import event_text
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, fingerprint
 from rvaft.monitors import Awaited, Explanation, Pending
@@ -297,4 +297,4 @@ def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
     """The nodes of a tree with these names, each once, in the order of the tree, with their events as text."""
     wanted = {name if name in tree.nodes else name.rpartition("[")[0] for name in names}
     nodes = (tree.nodes[name] for name in tree.order if name in wanted)
-    return tuple(Awaited(n.name, name_text(n.name) if n.on is None else on_text(n.on)) for n in nodes)
+    return tuple(Awaited(n.name, event_text(n)) for n in nodes)

@@ -12,9 +12,8 @@ from typing import Final
 
 from rvaft.backend import Highlighting
 from rvaft.model.event_time import duration_text
-from rvaft.model.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text
-from rvaft.model.guards import FUNCTIONS, OPERATORS, Guard, Operator
-from rvaft.model.nodes import On
+from rvaft.model.expressions import SIGNED_LEVEL, SIGNS, SUM_LEVEL, Style, literal_text
+from rvaft.model.guards import FUNCTIONS, Operator
 from rvaft.model.values import Scalar
 from rvaft.support.terminal import visible
 
@@ -88,28 +87,17 @@ def _constant(value: Scalar) -> str:
     return text if scientific is None else rf"{scientific[1]} \times 10^{{{scientific[2].strip('+')}{scientific[3]}}}"
 
 
-def event(on: On) -> str:
-    """An event type applied to arguments, in mathematics."""
-    return on_text(on, _STYLE)
-
-
-def guard(condition: Guard) -> str:
-    """A guard in mathematics, as it is written: nothing is simplified or reordered."""
-    return guard_text(condition, _STYLE)
-
-
-def duration(nanoseconds: int) -> str:
+def _duration(nanoseconds: int) -> str:
     r"""A duration in mathematics: `5\,\mathrm{min}`."""
     number, unit = duration_text(nanoseconds).split()
     return rf"{number}\,\mathrm{{{unit}}}" if unit != "us" else rf"{number}\,\mu\mathrm{{s}}"
 
 
-_STYLE: Final = Style(
-    name,
-    name,
+STYLE: Final = Style(
+    *(name, name, name),
     _constant,
     r"\_",
-    {operator: facts.sign for operator, facts in OPERATORS.items()}
+    SIGNS
     | {
         Operator.EQ: "=",
         Operator.NE: r"\neq",
@@ -125,14 +113,15 @@ _STYLE: Final = Style(
         Operator.MAX: r"\max",
     },
     brackets=(r"\left(", r"\right)"),
-    point=lambda point, node: rf"\mathrm{{{point}}}({name(node)})",
-    duration=duration,
+    point=r"\mathrm{{{}}}({})",
+    duration=_duration,
     listed=(r"\{", r"\}"),
     # one of fractions would have several bars and is written with a slash
     fraction=lambda above, below: None if r"\frac" in above + below else rf"\frac{{{above}}}{{{below}}}",
     minus_level=SUM_LEVEL,
     not_operand=SIGNED_LEVEL,
 )
+"""Mathematics; nothing is simplified or reordered."""
 
 _OPEN: Final = "(*@"
 _CLOSE: Final = "@*)"

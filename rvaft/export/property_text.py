@@ -13,9 +13,9 @@ from rvaft.analysis.branches import Branch
 from rvaft.analysis.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
 from rvaft.export import latex
 from rvaft.model.event_time import duration_text
-from rvaft.model.expressions import SIGNED_LEVEL, SUM_LEVEL, Style, guard_text, literal_text, on_text, quoted
-from rvaft.model.guards import OPERATORS, Guard, Operator
-from rvaft.model.nodes import Kind, Node
+from rvaft.model.expressions import SIGNED_LEVEL, SIGNS, SUM_LEVEL, Style, literal_text, quoted
+from rvaft.model.guards import Operator
+from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Scalar
 from rvaft.support.terminal import visible
@@ -37,21 +37,10 @@ def _constant(value: Scalar) -> str:
     return text if isinstance(value, str) else re.sub("^-", _MINUS, text)
 
 
-def _duration(nanoseconds: int) -> str:
-    return duration_text(nanoseconds).replace("us", "µs")
-
-
-def guard_unicode(guard: Guard) -> str:
-    """A guard as it is written: nothing is simplified or reordered."""
-    return guard_text(guard, _STYLE)
-
-
-_STYLE: Final = Style(
-    _name,
-    _name,
+STYLE: Final = Style(
+    *(_name, _name, _name),
     _constant,
-    "_",
-    {operator: facts.sign for operator, facts in OPERATORS.items()}
+    signs=SIGNS
     | {
         Operator.EQ: "=",
         Operator.NE: "≠",
@@ -65,39 +54,23 @@ _STYLE: Final = Style(
         Operator.OR: "∨",
         Operator.IN: "∈",
     },
-    point=lambda point, node: f"{point}({_name(node)})",
-    duration=_duration,
+    duration=lambda nanoseconds: duration_text(nanoseconds).replace("us", "µs"),
     listed=("{", "}"),
     minus_level=SUM_LEVEL,
     not_operand=SIGNED_LEVEL,
 )
 
 
-def _condition_latex(node: Node) -> str:
-    guard = latex.guard(node.when) if node.when is not None else ""
-    return rf"\left[{guard}\right]" if r"\frac" in guard else f"[{guard}]" if guard else ""
-
-
-def _event(node: Node) -> str:
-    return _name(node.name) if node.on is None else on_text(node.on, _STYLE)
-
-
-def _event_latex(node: Node) -> str:
-    return latex.name(node.name) if node.on is None else latex.event(node.on)
-
-
 _UNICODE: Final = Notation(
-    lambda node: _event(node) if node.times == 1 else f"{_event(node)}{str(node.times).translate(_SUPERSCRIPTS)}",
-    lambda node: "" if node.when is None else f"[{guard_unicode(node.when)}]",
+    STYLE,
     {Join.SEQUENCE: " · ", Join.ANY_ORDER: " ∧ ", Join.AT_LEAST: ", ", Join.CHOICE: " ∨ ", Join.ENDS: " ◁ "},
-    "VOT {}/{}".format,
-    lambda within: ("⟨", f"⟩[≤ {_duration(within)}]"),
-    lambda name: f"{_name(name)}: ",
+    "VOT {}/{}",
+    lambda number: str(number).translate(_SUPERSCRIPTS),
+    ("⟨", "⟩[≤ {}]"),
     whole=frozenset(Join),
 )
 _LATEX: Final = Notation(
-    lambda node: _event_latex(node) if node.times == 1 else f"{_event_latex(node)}^{{{node.times}}}",
-    _condition_latex,
+    latex.STYLE,
     {
         Join.SEQUENCE: r" \cdot ",
         Join.ANY_ORDER: r" \wedge ",
@@ -105,9 +78,11 @@ _LATEX: Final = Notation(
         Join.CHOICE: r" \vee ",
         Join.ENDS: r" \triangleleft ",
     },
-    r"\mathrm{{VOT}}_{{{}/{}}}".format,
-    lambda within: (r"\langle ", rf" \rangle_{{\leq {latex.duration(within)}}}"),
-    lambda name: rf"{latex.name(name)}\colon ",
+    r"\mathrm{{VOT}}_{{{}/{}}}",
+    "^{{{}}}".format,
+    (r"\langle ", r" \rangle_{{\leq {}}}"),
+    r"\colon ",
+    lambda guard: rf"\left[{guard}\right]" if r"\frac" in guard else f"[{guard}]",
     whole=frozenset(Join),
 )
 

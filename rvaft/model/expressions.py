@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from rvaft.errors import LanguageError
@@ -19,7 +19,7 @@ from rvaft.model.guards import (
     Operator,
     TimePoint,
 )
-from rvaft.model.nodes import Argument, Gate, On
+from rvaft.model.nodes import Argument, Gate, Node, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar
 
@@ -102,19 +102,23 @@ def pattern_text(pattern: Pattern, depth: int = 0) -> str:
             return f"[{', '.join(pattern_text(item, depth + 1) for item in items)}]"
 
 
+SIGNS: Final = {operator: facts.sign for operator, facts in OPERATORS.items()}
+
+
 @dataclass(frozen=True, slots=True)
 class Style:
     """How guards and events are written; `signs` of the operators without the spaces around them, those before an operand with theirs."""
 
-    event: Callable[[str], str]
+    node: Callable[[str], str] = name_text
+    event: Callable[[str], str] = word_text
     """The name of an event type."""
-    variable: Callable[[str], str]
-    literal: Callable[[Scalar], str]
-    anything: str
+    variable: Callable[[str], str] = str
+    literal: Callable[[Scalar], str] = literal_text
+    anything: str = "_"
     """The argument that may have any value."""
-    signs: Mapping[Operator, str]
+    signs: Mapping[Operator, str] = field(default_factory=SIGNS.copy)
     brackets: tuple[str, str] = ("(", ")")
-    point: Callable[[str, str], str] = lambda point, node: f"{point}({name_text(node)})"
+    point: str = "{}({})"
     """The time `at`, `start` or `end` of a node."""
     duration: Callable[[int], str] = duration_text
     listed: tuple[str, str] = ("(", ")")
@@ -129,12 +133,10 @@ class Style:
 
 SUM_LEVEL: Final = OPERATORS[Operator.ADD].level
 SIGNED_LEVEL: Final = OPERATORS[Operator.NEGATE].level
-_PLAIN: Final = Style(
-    word_text, str, literal_text, "_", {operator: facts.sign for operator, facts in OPERATORS.items()}
-)
+PLAIN: Final = Style()
 
 
-def on_text(on: On, style: Style = _PLAIN) -> str:
+def on_text(on: On, style: Style = PLAIN) -> str:
     """An event type applied to arguments: `move(Waypoint, _)`."""
 
     def argument_text(argument: Argument) -> str:
@@ -149,7 +151,12 @@ def on_text(on: On, style: Style = _PLAIN) -> str:
     return f"{style.event(on.event)}({', '.join(map(argument_text, on.arguments))})"
 
 
-def guard_text(guard: Guard, style: Style = _PLAIN) -> str:
+def event_text(node: Node, style: Style = PLAIN) -> str:
+    """The runtime event of a node: its name where it is the default one."""
+    return style.node(node.name) if node.on is None else on_text(node.on, style)
+
+
+def guard_text(guard: Guard, style: Style = PLAIN) -> str:
     """A guard, with no more brackets than needed; in the plain style `parse_guard` reads it back equal.
 
     Raises `LanguageError` when nested deeper than 100.
@@ -163,7 +170,7 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
         raise LanguageError(f"a guard nested deeper than {MAX_DEPTH} cannot be written")
     match guard:
         case TimePoint(point=point, node=node):
-            return style.point(point, node), _ATOM
+            return style.point.format(point, style.node(node)), _ATOM
         case Duration(int(nanoseconds)):
             return style.duration(nanoseconds), _ATOM
         case Variable(name):

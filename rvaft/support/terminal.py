@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
     from rich.progress import Progress as Bar
 
 _JOINERS: Final = "\u200c\u200d"
@@ -30,16 +31,24 @@ def visible(text: str) -> str:
 
 def columns(rows: Iterable[Sequence[str]]) -> list[str]:
     """Rows of cells as lines with aligned columns, two spaces between them; nothing is ever cut or wrapped."""
-    from rich.console import Console  # noqa: PLC0415 -- imported on use
     from rich.table import Table  # noqa: PLC0415 -- imported on use
     from rich.text import Text  # noqa: PLC0415 -- imported on use
 
     table = Table.grid(padding=(0, 2))
     for row in rows:
         table.add_row(*(Text(visible(cell), no_wrap=True) for cell in row))
-    console = Console(file=io.StringIO(), width=_WIDEST, color_system=None, legacy_windows=False, force_jupyter=False)
+    return rendered([table])
+
+
+def rendered(things: Iterable["RenderableType"], width: int | None = None) -> list[str]:
+    """The lines of what rich draws, without colours, on a terminal of so many columns or one that is never too narrow."""
+    from rich.console import Console  # noqa: PLC0415 -- imported on use
+
+    wide = width or _WIDEST
+    console = Console(file=io.StringIO(), width=wide, color_system=None, legacy_windows=False, force_jupyter=False)
     with console.capture() as captured:
-        console.print(table)
+        for thing in things:
+            console.print(thing)
     return [line.rstrip() for line in captured.get().splitlines()]
 
 

@@ -13,9 +13,9 @@ from rvaft.analysis.branches import Branch, branch, branches, restrict
 from rvaft.api import load, loads
 from rvaft.export import latex
 from rvaft.export.property_text import (
+    STYLE,
     align_latex,
     equation_latex,
-    guard_unicode,
     property_latex,
     property_sign,
     property_text,
@@ -53,7 +53,7 @@ def test_table_of_formulas(tree: str, text: str, pretty: str, tex: str | None) -
 @pytest.mark.parametrize(("text", "pretty", "tex"), GUARDS)
 def test_table_of_guards(text: str, pretty: str, tex: str) -> None:
     guard = parse_guard(text)
-    assert (guard_unicode(guard), latex.guard(guard)) == (pretty, tex)
+    assert (guard_text(guard, STYLE), guard_text(guard, latex.STYLE)) == (pretty, tex)
     assert parse_guard(guard_text(guard)) == guard
 
 

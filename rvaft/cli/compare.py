@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from errno import EACCES, EISDIR, ENOTDIR
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 
@@ -32,49 +32,26 @@ from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole
 
+_GATES: Final = "These gates; without a TREE all are compared."
+_MEMORY: Final = "For one tree in one language; needing more is `too large`."
+_WIDTH: Final = "Of tables and figures; only with --latex or --plots.  [default: page]"
+
 
 @click.command("compare")
 @click.argument("trees", nargs=-1, metavar="[TREE]...")
-@click.option(
-    "--gates", callback=options.some_gates, metavar="and,or,...", help="These gates; without a TREE all are compared."
-)
-@click.option(
-    "--max-arity",
-    type=click.IntRange(min=1),
-    default=MAX_ARITY,
-    show_default=True,
-    metavar="N",
-    help="Gates with 1 to N children, VOT with every threshold.",
-)
-@click.option("--semantics", callback=options.some_semantics, metavar="S,...|all", help="Default: projected.")
+@click.option("--gates", callback=options.some(Gate), metavar="and,or,...", help=_GATES)
+@options.number("--max-arity", default=MAX_ARITY, text="Gates with 1 to N children, VOT with every threshold.")
+@click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help="Default: projected.")
 @click.option("--languages", metavar="A,B", help="These backends.  [default: rml-paper and all faithful ones]")
-@click.option("--limit", type=click.IntRange(min=1), metavar="N", help="Of translations, in the language's own unit.")
+@options.number("--limit", text="Of translations, in the language's own unit.")
 @options.timeout_option("Of the processor, for one tree in one language.", default=Settings().timeout)
-@click.option(
-    "--memory",
-    type=click.IntRange(min=1, max=2**40),
-    default=Settings().memory,
-    show_default=True,
-    metavar="MB",
-    help="For one tree in one language; needing more is `too large`.",
-)
+@options.number("--memory", most=2**40, default=Settings().memory, metavar="MB", text=_MEMORY)
 @click.option("--csv", metavar="FILE", help="Keep all measurements in this file while they are made.")
 @click.option("--resume", is_flag=True, help="Go on with what the CSV file has.")
 @click.option("--latex", metavar="FILE", help="Write the measurements as LaTeX tables.")
 @click.option("--plots", metavar="DIR", help="Write figures, each as PDF and PNG (needs Matplotlib).")
-@click.option(
-    "--width",
-    type=click.Choice([width.value for width in Width]),
-    help="Of tables and figures; only with --latex or --plots.  [default: page]",
-)
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Processes at a time; more than one disturb each other's times.",
-)
+@options.choice("--width", words=Width, text=_WIDTH)
+@options.number("--jobs", default=1, text="Processes at a time; more than one disturb each other's times.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Of the events that are run.")
 def compare_command(
     *,
@@ -87,7 +64,7 @@ def compare_command(
     resume: bool,
     latex: str | None,
     plots: str | None,
-    width: str | None,
+    width: Width | None,
     jobs: int,
     **settings: Any,
 ) -> int:
@@ -95,10 +72,9 @@ def compare_command(
 
     Without a TREE all gates are compared, each with 1 to N children.
     """
-    if resume and csv in (None, "-"):
-        raise click.UsageError("--resume goes on with a file: name it with --csv")
-    if width is not None and latex is None and plots is None:
-        raise click.UsageError("--width is that of tables and figures: ask for some with --latex or --plots")
+    options.refuse(resume and csv in (None, "-"), "--resume goes on with a file: name it with --csv")
+    nothing = width is not None and latex is None and plots is None
+    options.refuse(nothing, "--width is that of tables and figures: ask for some with --latex or --plots")
     failures = Failures()
     subjects = list(failures.collect(_subject, dict.fromkeys(trees)))
     subjects += gate_subjects(gates if gates is not None else () if trees else tuple(Gate), max_arity)
@@ -118,7 +94,7 @@ def compare_command(
         again = "" if csv is None else "; go on with --resume"
         click.echo(f"interrupted after {len(rows)} of {len(cells)} measurements{again}", err=True)
         raise Stopped(INTERRUPTED)
-    chosen = Width(width or Width.PAGE)
+    chosen = width or Width.PAGE
     if latex is not None:
         deliver(latex_text(rows, chosen).encode(errors="backslashreplace"), latex)
     if plots is not None:

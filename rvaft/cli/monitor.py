@@ -70,7 +70,7 @@ _KEY: Final = "Monitor each value of this field by itself; several are one key."
 @options.repeat_options
 @click.option("--key", multiple=True, metavar="FIELD", help=_KEY)
 @options.number("--max-keys", text=f"Values of --key.  [default: {MAX_KEYS}]")
-@click.option("--order-by", metavar="FIELD", help="Put events in the order of this number first.")
+@click.option("--order-by", metavar="FIELD", help="Put events in the order of this number, or time of ISO 8601, first.")
 @options.number("--window", text=f"Events held back by --order-by.  [default: {DEFAULT_WINDOW}]")
 @click.option("--follow", is_flag=True, help="Go on as the file grows, until Ctrl-C.")
 @options.strict_json
@@ -91,7 +91,6 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     _check(given)
     whole = options.load_tree(tree)
     part, semantics = narrowed(whole, branch, kind), meant(whole, given["semantics"])
-    options.require_time(whole, given["cooldown"], tree)
     backend, limit = given["backend"], given["max_configurations"] or DEFAULT_LIMIT
 
     def make(part: RVAFT) -> Monitor:

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from enum import StrEnum
 from functools import wraps
 from typing import Any, BinaryIO, Final, TypeVar, cast
 
@@ -17,11 +18,12 @@ from rvaft.errors import OptionError, TooLarge
 from rvaft.language.draft import Draft
 from rvaft.language.parser import decoded, parse_bytes, parse_file
 from rvaft.model.event_time import UNITS, scaled
-from rvaft.model.nodes import Gate, Kind
+from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 
 F = TypeVar("F", bound=Callable[..., Any])
+Word = TypeVar("Word", bound=StrEnum)
 
 
 def number(
@@ -114,32 +116,14 @@ def duration(_context: object, _parameter: object, text: str | None) -> int | No
 
 def repeat_options(function: F) -> F:
     """`--repeat`, and `--cooldown DURATION`, which needs it."""
-
-    @wraps(function)
-    def checked(**given: Any) -> Any:
-        refuse(given["cooldown"] is not None and not given["repeat"], "--cooldown needs --repeat")
-        return function(**given)
-
     repeat = click.option("--repeat", is_flag=True, help="Begin afresh after each detection.")
-    cooldown = click.option("--cooldown", metavar="DURATION", callback=duration, help=_COOLDOWN)
-    return cast("F", repeat(cooldown(checked)))
-
-
-def require_time(tree: RVAFT, cooldown: int | None, file: str) -> None:
-    """Raise `OptionError` for a cooldown where the tree does not say when its events are."""
-    if cooldown is not None and tree.time is None:
-        raise OptionError(f"{file}: --cooldown needs the time of events: add `time FIELD as FORMAT;` to the tree")
-
-
-def misused(message: str) -> click.UsageError:
-    """The error for options that do not go together, with a hint at the command's help."""
-    return click.UsageError(message, click.get_current_context())
+    return repeat(click.option("--cooldown", metavar="DURATION", callback=duration, help=_COOLDOWN)(function))
 
 
 def refuse(wrong: object, why: str) -> None:
-    """Refuse options that do not go together, for this reason."""
+    """Refuse options that do not go together, for this reason, with a hint at the command's help."""
     if wrong:
-        raise misused(why)
+        raise click.UsageError(why, click.get_current_context())
 
 
 def exclusive(**options: object) -> None:
@@ -150,8 +134,7 @@ def exclusive(**options: object) -> None:
 
 def standard_input(argument: str) -> BinaryIO:
     """Standard input, which the argument of that name stands for; refused where it is closed."""
-    if sys.stdin is None:
-        raise misused(f"standard input is closed: name a {argument}")
+    refuse(sys.stdin is None, f"standard input is closed: name a {argument}")
     return sys.stdin.buffer
 
 
@@ -220,31 +203,20 @@ def finite(what: str) -> Callable[[object, object, float | None], float | None]:
     return checked
 
 
-def some_semantics(_context: object, _parameter: object, value: str | None) -> tuple[Semantics, ...] | None:
-    """The semantics that a list names, `all` being all."""
-    if value is None:
-        return None
-    if value == "all":
-        return tuple(Semantics)
-    try:
-        return tuple(dict.fromkeys(Semantics(name.strip()) for name in value.split(",")))
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not `all` or some of {', '.join(Semantics)}, with commas") from None
+def some(words: type[Word]) -> Callable[[object, object, str | None], tuple[Word, ...] | None]:
+    """Those of an enumeration that a list names, `all` being all."""
 
-
-def some_gates(_context: object, _parameter: object, value: str | None) -> tuple[Gate, ...] | None:
-    """The gates that a list names."""
-    if value is None:
-        return None
-    found = []
-    for word in _words(value):
-        try:
-            found.append(Gate(word.lower()))
-        except ValueError:
-            close = get_close_matches(word.lower(), list(Gate), n=1)
+    def chosen(_context: object, _parameter: object, value: str | None) -> tuple[Word, ...] | None:
+        if value is None or value == "all":
+            return None if value is None else tuple(words)
+        named = [word.lower() for word in _words(value)] or [value]
+        for wrong in [word for word in named if word not in list(words)]:
+            close = get_close_matches(wrong, list(words), n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
-            raise click.BadParameter(f"unknown gate {word}; known: {', '.join(Gate)}{hint}") from None
-    return tuple(dict.fromkeys(found))
+            raise click.BadParameter(f"unknown {words.__name__.lower()} {wrong}; known: {', '.join(words)}{hint}")
+        return tuple(dict.fromkeys(map(words, named)))
+
+    return chosen
 
 
 def some_backends(named: str | None) -> tuple[str, ...] | None:

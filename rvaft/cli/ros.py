@@ -133,7 +133,6 @@ def serve_command(
     """
     address = Address(how["host"], how["port"], tuple(map(origin, how["origin"])), how["max_connections"])
     part = narrowed(options.load_tree(tree), branch, kind)
-    options.require_time(part, how["cooldown"], tree)
     words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive", "strict_json")}
     speaking = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
     first = Session(part, how["semantics"], per=per, repeat=how["repeat"], cooldown=how["cooldown"])

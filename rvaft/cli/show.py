@@ -98,9 +98,7 @@ def _suggested(output: str | None) -> Format:
         return Format.TREE
     found = format_of(output)
     if found is None:
-        raise options.misused(
-            f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format"
-        )
+        raise OptionError(f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format")
     return found
 
 
@@ -140,8 +138,8 @@ _SIGNS = "unicode and latex write properties with the signs of papers; latex as 
 @options.number("--limit", text="Only the first N branches.")
 def branches_command(*, tree: str, form: str, whole: bool, width: int | None, limit: int | None) -> int:
     """List the branches of a tree, one line each: number, kinds (- for none), property. The TREE - is standard input."""
-    if width is not None and form != "latex":
-        raise click.UsageError(f"--width: not for the format {form}; with it, each property is one line")
+    wrong = width is not None and form != "latex"
+    options.refuse(wrong, f"--width: not for the format {form}; with it, each property is one line")
     loaded = options.read_tree(tree)
     parts: Iterable[RVAFT | Branch] = [loaded] if whole else _counted(branches(loaded), limit)
     for row in align_latex(parts, width=width or LATEX_WIDTH) if form == "latex" else _rows(parts, form):

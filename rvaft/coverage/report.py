@@ -7,7 +7,7 @@ Schema, version 1 (fields are only ever added)::
                    "log": NAME | null, "event": NUMBER | null, "waits_for": [{"node": NAME, "event": TEXT}]}],
      "infeasible": [NUMBER],
      "unseen": [{"node": NAME, "event": TEXT}],
-     "oversights": [{"reason": TEXT, "about": GUARD or "", "count": NUMBER, "first": TEXT, "example": TEXT}],
+     "oversights": [{"reason": TEXT, "about": GUARD or DURATION or "", "count": NUMBER, "first": TEXT, "example": TEXT}],
      "totals": {"branches": 4, "exercised": 1, "nodes": 7, "seen": 5}}
 """
 

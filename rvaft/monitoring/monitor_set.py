@@ -138,10 +138,10 @@ class MonitorSet:
     ) -> None:
         self.columns = tuple(columns)
         self.time = self.columns[0].part.time
-        if cooldown is not None and (self.time is None or not repeat):
-            raise OptionError(
-                "a cooldown needs repetition, and the time of events: `time FIELD as FORMAT;` in the tree"
-            )
+        if cooldown is not None and not repeat:
+            raise OptionError("--cooldown needs --repeat")
+        if cooldown is not None and self.time is None:
+            raise OptionError("--cooldown needs the time of events: add `time FIELD as FORMAT;` to the tree")
         self.repeat = repeat
         self.cooldown = cooldown
         self.semantics = semantics

@@ -7,12 +7,12 @@ a variable of a comparison, together with the values that other events gave to t
 """
 
 import json
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from enum import StrEnum
 from itertools import product
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from rvaft.analysis.pattern_index import Reader, flat
 from rvaft.model.event_time import duration_text
@@ -43,9 +43,17 @@ class Reason(StrEnum):
     NUMBER = "number that is not finite"
 
 
+_SAID: Final = {
+    Reason.GUARD: "undefined guard in {events}: {about}, where {example}",
+    Reason.TIME: "no readable time in {events}: {example}",
+    Reason.LATE: "{events} later than {about}, which no match uses: {example}",
+    Reason.NUMBER: "undefined number in {events}: {example}",
+}
+
+
 @dataclass(slots=True)
 class Oversight:
-    """So many events, the first of them, and what was wrong with that; `about` is the guard, if it is one."""
+    """So many events, the first of them, and what was wrong with that; `about` is the guard, if it is one, or how late events may be."""
 
     reason: Reason
     about: str
@@ -53,33 +61,16 @@ class Oversight:
     example: str
     count: int = 0
 
-    def line(self, late: int | None) -> str:
-        """It as a sentence; `late` is how late events may be, in nanoseconds."""
-        events, first = counted(self.count), f"{self.example} (first: {self.first})"
-        match self.reason:
-            case Reason.GUARD:
-                return f"undefined guard in {events}: {self.about}, where {first}"
-            case Reason.TIME:
-                return f"no readable time in {events}: {first}"
-            case Reason.LATE:
-                return f"{events} later than {duration_text(late or 0)}, which no match uses: {first}"
-            case Reason.NUMBER:
-                return f"undefined number in {events}: {first}"
 
+class _Part(NamedTuple):
+    """A comparison in a guard, or what else is true or false there; `text` says which guard.
 
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """A comparison in a guard, or what else is true or false there; `text` says which guard."""
+    The guard is undefined where none of the `deciding` can be decided.
+    """
 
-    guard: Guard
-    part: Guard
+    deciding: tuple[Guard, ...]
     names: tuple[str, ...]
     text: str
-    timed: bool
-
-    def is_undefined(self, known: Mapping[str, Json]) -> bool:
-        """Whether it is undefined under these values, whatever the others are, and the guard with it."""
-        return not _can_be_decided(self.part, known) and (self.timed or not _can_be_decided(self.guard, known))
 
 
 def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
@@ -92,17 +83,15 @@ def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
 
 @dataclass(slots=True)
 class _Asked:
-    """What is asked of events of one letter, and the `types` of the values of its variables that are known to be `good`.
+    """What is asked of events of one letter, the `fields` with its variables, and the types of the values there that are known to be `good`.
 
-    Where the shape of the pattern does not say where these stand, there are no types.
+    There are no fields where the pattern does not say where these stand, or where more than the types decides.
     """
 
     reader: Reader
-    parts: tuple[_Part, ...]
-    names: frozenset[str]
-    by_type: bool
-    types: Callable[[Mapping[str, Json]], Hashable]
-    good: set[Hashable] = field(default_factory=set)
+    parts: Sequence[_Part]
+    fields: Sequence[str] | None
+    good: set[tuple[type, ...]] = field(default_factory=set)
     version: int = -1
 
 
@@ -117,7 +106,7 @@ class Oversights:
     def attach(self, types: EventTypeIndex) -> None:
         """Know the tree again, after a pickle."""
         self._types, self._time, self._version = types, types.tree.time, 0
-        self._asked = _asked(types)
+        self._asked = dict(_asked(types))
 
     def __getstate__(self) -> dict[str, Any]:
         """The counts, without what the tree says."""
@@ -135,7 +124,7 @@ class Oversights:
             return
         for letter in sight.looked_at:
             one = self._asked[letter]
-            types = one.types(event)
+            types = None if one.fields is None else tuple([type(event[field]) for field in one.fields])
             if types is None or one.version != version or types not in one.good:
                 self._ask(one, event, types, place)
         if self._time is None or not sight.entries or self._time.read(event) is not None:
@@ -161,7 +150,8 @@ class Oversights:
         time, written = self._time.read(event) or 0, self._time.written(event)
         shown = f"{Decimal(time).scaleb(-9).normalize():f} s" if isinstance(written, Mapping) else json.dumps(written)
         behind = f"{duration_text((latest or 0) - time)} behind the latest"
-        self.note(Reason.LATE, "", f"{prefix}event {number}", f"{'.'.join(self._time.field)} is {shown}, {behind}")
+        said = f"{'.'.join(self._time.field)} is {shown}, {behind}"
+        self.note(Reason.LATE, duration_text(self._time.late or 0), f"{prefix}event {number}", said)
 
     def merge(self, other: "Oversights") -> None:
         """Add the counts of a later trace."""
@@ -172,12 +162,13 @@ class Oversights:
     @property
     def lines(self) -> Iterator[str]:
         """Each as a sentence, one for each guard; of very many guards the first."""
-        late = None if self._time is None else self._time.late
-        yield from (one.line(late) for one in list(self.found.values())[:MOST])
+        for one in list(self.found.values())[:MOST]:
+            example = f"{one.example} (first: {one.first})"
+            yield _SAID[one.reason].format(events=counted(one.count), about=one.about, example=example)
         if len(self.found) > MOST:
             yield f"{len(self.found) - MOST} other guards were undefined"
 
-    def _ask(self, asked: _Asked, event: Mapping[str, Json], types: Hashable, place: str) -> None:
+    def _ask(self, asked: _Asked, event: Mapping[str, Json], types: tuple[type, ...] | None, place: str) -> None:
         reader = asked.reader
         found = None if reader.plain else match(reader.pattern, event, {})
         values = reader.values(event) if reader.plain else None if found is None else rigid(found)
@@ -185,47 +176,39 @@ class Oversights:
             return
         known, undefined = {**self._last, **values}, set[str]()
         for part in asked.parts:
-            if part.text not in undefined and part.is_undefined(known):
+            if part.text not in undefined and not any(_can_be_decided(guard, known) for guard in part.deciding):
                 undefined.add(part.text)
                 said = ", ".join(f"{name} is {described(known[name])}" for name in part.names if name in known)
                 self.note(Reason.GUARD, part.text, place, said)
         if undefined:
             return
-        for name in asked.names & values.keys():
+        for name in {name for part in asked.parts for name in part.names if name in values}:
             if type(self._last.get(name, self)) is not type(values[name]):
                 self._version += 1
             self._last[name] = values[name]
         if asked.version != self._version:
             asked.version = self._version
             asked.good.clear()
-        if asked.by_type and types is not None:
+        if types is not None:
             asked.good.add(types)
 
 
-def _asked(types: EventTypeIndex) -> dict[int, _Asked]:
-    """What is asked of events, by the numbers of their letters."""
+def _asked(types: EventTypeIndex) -> Iterator[tuple[int, _Asked]]:
+    """What is asked of events, with the numbers of their letters."""
     tree = types.tree
     guards = [(node.when, f"of {node.name}") for node in tree.top_down() if node.when is not None]
     parts = [part for guard, whose in guards for part in _parts(guard, whose)]
-    found: dict[int, _Asked] = {}
     for number, (kind, _, reader) in enumerate(types.letters):
         names = set(pattern_variables(reader.pattern))
         own = [one for one in parts if not names.isdisjoint(one.names)] if kind == "entry" else []
         if kind == "ignored" and (when := types.guards[number]) is not None:
             own = [*_parts(when, "of an ignore")]
         if own or (kind == "entry" and tree.time is not None):
-            operators = {one.operator for part in own for one in walk(part.part) if isinstance(one, Operation)}
-            told = frozenset(name for part in own for name in part.names)
-            found[number] = _Asked(reader, tuple(own), told, not operators & _BY_VALUE, _types(reader, told))
-    return found
-
-
-def _types(reader: Reader, names: frozenset[str]) -> Callable[[Mapping[str, Json]], Hashable]:
-    plain = flat(reader.pattern)
-    if plain is None:
-        return lambda _: None
-    fields = [field for field, name in plain.variables.items() if name in names]
-    return lambda event: tuple([type(event[field]) for field in fields])
+            inside = (one for part in own for one in walk(part.deciding[0]))
+            by_value = any(isinstance(one, Operation) and one.operator in _BY_VALUE for one in inside)
+            told, plain = {name for part in own for name in part.names}, flat(reader.pattern)
+            fields = None if plain is None else [field for field, name in plain.variables.items() if name in told]
+            yield number, _Asked(reader, own, None if by_value else fields)
 
 
 def _parts(guard: Guard, whose: str) -> Iterator[_Part]:
@@ -242,4 +225,4 @@ def _parts(guard: Guard, whose: str) -> Iterator[_Part]:
         equality = isinstance(part, Operation) and part.operator in (Operator.EQ, Operator.NE, Operator.IN)
         told = not equality or sum(isinstance(one, Operation) for one in inside) > 1
         if told and 0 < len(names) <= 4 and not any(isinstance(one, TimePoint) for one in inside):
-            yield _Part(guard, part, names, f"{guard_text(guard)} {whose}", timed)
+            yield _Part((part,) if timed else (part, guard), names, f"{guard_text(guard)} {whose}")

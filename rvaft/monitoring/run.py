@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, Final, Self, cast
 
 from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.errors import OptionError, RvaftError, TooLarge
-from rvaft.model.event_time import EventTime
+from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json, is_finite, is_number
 from rvaft.model.values import key as value_key
@@ -40,6 +40,8 @@ BOUND: Final = 10_000
 _NO_EVENT: Final[dict[str, Json]] = {}
 """Stands for any event that fits no pattern: where there are such, no pattern is without a literal."""
 _END: Final = Batch(0, ())
+_ISO: Final = EventTime((), TimeFormat.ISO8601)
+"""Reads a value that is a time itself."""
 
 # -- fields, keys, orders -----------------------------------------------------------------------------------------------
 
@@ -73,11 +75,6 @@ class Field:
             event = event[name]
         return (event,)
 
-    def number(self, event: Json) -> int | float | None:
-        """The number that an event has there; a boolean or a string is none, nor is what is not finite."""
-        found = self.of(event)
-        return found[0] if found is not None and is_number(found[0]) and found[0] - found[0] == 0 else None
-
 
 @dataclass(frozen=True, slots=True)
 class Key:
@@ -106,13 +103,37 @@ class Key:
         return {field.text: value for field, value in zip(self.fields, values, strict=True)}
 
 
-class Ordering:
-    """Holds back up to `window` events and gives the one with the smallest number first, events with equal numbers as they came.
+class OrderedField:
+    """A field by which events are in order: by the `time` of the tree, where that is there, else by numbers or times of ISO 8601.
+
+    Which of the two it holds the first that comes says; the other is then no place. Raises `OptionError` for what is no field.
+    """
+
+    def __init__(self, field: str, time: EventTime | None = None) -> None:
+        self.field = Field.parse(field)
+        self.time = time if time is not None and ".".join(time.field) == field else None
+        self._holds: bool | None = None
+        """Whether times of ISO 8601 stand there."""
+
+    def place(self, event: Json) -> int | float | None:
+        """The number or time that an event has there; a boolean is none, nor is what is not finite."""
+        if self.time is not None:
+            return self.time.read(event)
+        value = (self.field.of(event) or (None,))[0]
+        is_time = isinstance(value, str)
+        place: int | float | None = _ISO.read(value) if is_time else value if is_number(value) else None
+        if place is None or place - place != 0 or self._holds is (not is_time):
+            return None
+        self._holds = is_time
+        return place
+
+
+class Ordering(OrderedField):
+    """Holds back up to `window` events and gives the one with the smallest place first, events with equal ones as they came.
 
     The order is right wherever no event stands more than `window` places behind its own. An event that comes later than that
-    is given at once, and counted as `late`. An event without a number keeps its place behind the one before it, and is counted in `without`.
-    Where the tree says how the `time` in that field is read, that is the number. Can be pickled with the events that it holds. Raises
-    `OptionError` for what is no field.
+    is given at once, and counted as `late`. An event without a place stays behind the one before it, and is counted in `without`.
+    Can be pickled with the events that it holds.
 
     >>> ordering = Ordering("time", window=1)
     >>> [ordering.add({"time": time}) for time in (2, 1, 3)]
@@ -120,8 +141,7 @@ class Ordering:
     """
 
     def __init__(self, field: str, *, window: int = DEFAULT_WINDOW, time: EventTime | None = None) -> None:
-        self.field = Field.parse(field)
-        self._time = time if time is not None and time.field == self.field.path else None
+        super().__init__(field, time)
         self.window = window
         self.late = self.without = 0
         self.first_late = self.first_without = 0
@@ -135,7 +155,7 @@ class Ordering:
     def add(self, event: dict[str, Json]) -> dict[str, Json] | None:
         """Take the next event of the trace; the event whose turn it is then, if the window is full."""
         self._came += 1
-        place: int | float | None = self.field.number(event) if self._time is None else self._time.read(event)
+        place = self.place(event)
         if place is None:
             place = self._before
             self.without += 1
@@ -159,18 +179,15 @@ class Ordering:
             yield heappop(self._held)[2]
 
 
-class Backwards:
-    """Counts how often a number, or a `time`, is smaller than the one before, and at which event first; can be pickled."""
+class Backwards(OrderedField):
+    """Counts how often a place is before the last one, and at which event first; can be pickled."""
 
-    def __init__(self, field: str, time: EventTime | None = None) -> None:
-        self.field = Field.parse(field)
-        self.time = time
-        self.count = self.first = 0
-        self._last: int | float = -inf
+    count = first = 0
+    _last: int | float = -inf
 
     def see(self, number: int, event: Json) -> None:
-        """Look at the next event; one without a number in the field is passed over."""
-        place = self.field.number(event) if self.time is None else self.time.read(event)
+        """Look at the next event; one without a place is passed over."""
+        place = self.place(event)
         if place is not None:
             if place < self._last:
                 self.count += 1
@@ -577,5 +594,11 @@ class TraceRun:
                 more = f"too late for a window of {self.plan.window}: they stay where they stand"
                 yield f"{counted(ordering.late)} by the field {name} {more} (first: event {ordering.first_late} as read)"
             if ordering.without:
-                lacking = f"{counted(ordering.without)} without a number in the field {name}"
-                yield f"{lacking} stay behind the event before (first: event {ordering.first_without} as read)"
+                what = (
+                    "a number or a time of ISO 8601" if ordering.time is None else f"a time as {ordering.time.format}"
+                )
+                lacking = f"{counted(ordering.without)} without {what} in the field {name} stay behind the event before"
+                remedy = (
+                    f"; `time {name} as FORMAT;` in the tree says how others are read" if ordering.time is None else ""
+                )
+                yield f"{lacking} (first: event {ordering.first_without} as read){remedy}"

@@ -32,6 +32,7 @@ from rvaft.monitoring.run import (
     Key,
     Listener,
     MonitoringPlan,
+    OrderedField,
     Ordering,
     TraceRun,
     VerdictChange,
@@ -48,10 +49,10 @@ def test_fields_and_keys() -> None:
     assert key.told((None, 7)) == {"user": None, "host.src": 7}
     assert key.of({"user": 1}) is key.of({"host": {"src": 1}}) is None
     assert Key.parse(["a", "a"]).told((1,)) == 1
-    stamp = Field.parse("header.stamp")
-    assert stamp.number({"header": {"stamp": 2}}) == 2
-    assert stamp.number({"header.stamp": 1, "header": {"stamp": 9}}) == 1
-    assert stamp.number({"header": 0}) is stamp.number({"header": {"stamp": True}}) is None
+    stamp = OrderedField("header.stamp")
+    assert stamp.place({"header": {"stamp": 2}}) == 2
+    assert stamp.place({"header.stamp": 1, "header": {"stamp": 9}}) == 1
+    assert stamp.place({"header": 0}) is stamp.place({"header": {"stamp": True}}) is None
     for text in ("", ".", "a.", ".a", "a..b"):
         with pytest.raises(OptionError, match="is no field"):
             Field.parse(text)
@@ -121,8 +122,20 @@ def test_an_event_without_a_number_stays_behind_the_one_before() -> None:
     assert in_order([big + 1, float(big), big, 1e300, 10**300], window=9)[0] == [2, 3, 1, 5, 4]
 
 
+def test_times_of_iso_8601_are_an_order_too_and_no_numbers() -> None:
+    early, later, last = "2024-01-01T00:00:00.5Z", "2024-01-01T02:00:01+02:00", "2024-01-01 00:00:02"
+    order, met = in_order([last, later, 7, "soon", early], window=9)
+    assert (order, met.without, met.first_without) == ([5, 2, 3, 4, 1], 2, 3)
+    assert in_order([3, early, 1], window=9)[0] == [3, 1, 2]
+
+
 @pytest.mark.parametrize(
-    ("times", "count", "first"), [([1, 5, None, 3, 4, "0", 4.0, 3.5, 9], 2, 4), ([2, 2, 3], 0, 0), ([3, 2], 1, 2)]
+    ("times", "count", "first"),
+    [
+        ([1, 5, None, 3, 4, "0", 4.0, 3.5, 9], 2, 4),
+        ([2, 2, 3], 0, 0),
+        (["2024-02-01", "2024-02-01T00:01Z", "2024-02-01T00:00Z"], 1, 3),
+    ],
 )
 def test_time_that_goes_back_is_counted(times: list[Any], count: int, first: int) -> None:
     clock = Backwards("time")

@@ -223,7 +223,8 @@ def _drawn_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
                 (ready if later[0] == "event" else silent).append(later)
     if waits:
         rest = graph.subgraph(waits)
-        raise Cyclic(edges_along(rest, find_cycle(rest), closed=True))
+        cycle = find_cycle(rest)
+        raise Cyclic(edges_along(rest, [*cycle, cycle[0]]))
     return order
 
 

@@ -90,10 +90,9 @@ def path(graph: "nx.DiGraph", before: str, after: str) -> list[Point]:
     return points
 
 
-def edges_along(graph: "nx.DiGraph", points: list[Point], *, closed: bool = False) -> list[Edge]:
-    """The tree edges that a path (or, closed, a cycle) needs, each once; without one of them it is not there."""
-    steps = pairwise([*points, points[0]] if closed else points)
-    needed = (graph.edges[step]["via"] for step in steps)
+def edges_along(graph: "nx.DiGraph", points: list[Point]) -> list[Edge]:
+    """The tree edges that a path needs, each once; without one of them it is not there."""
+    needed = (graph.edges[step]["via"] for step in pairwise(points))
     return list(dict.fromkeys(edge for edge in needed if edge is not None))
 
 
@@ -130,11 +129,8 @@ def in_sequence(tree: RVAFT) -> RVAFT:
 class Standstill(NamedTuple):
     """Why the events of a scenario have no order: it needs all `edges`, and none of `lacking`, to be so."""
 
-    edges: list[Edge]
-    lacking: list[Edge]
-
-
-_NOTHING: Final = Standstill([], [])
+    edges: Iterable[Edge] = ()
+    lacking: Iterable[Edge] = ()
 
 
 def standstill(tree: RVAFT, kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
@@ -180,7 +176,7 @@ def standstill(tree: RVAFT, kept: Kept, graph: "nx.DiGraph") -> Standstill | Non
             edges += [(name, child) for name in (*above[part], *inside) for child in kept[name]]
             votes = [name for name in inside if body(tree.nodes[name]).op is Op.AT_LEAST]
             lacking += [(name, c) for name in votes for c in tree.nodes[name].children if c not in kept[name]]
-    return Standstill([*dict.fromkeys(edges)], [*dict.fromkeys(lacking)])
+    return Standstill(dict.fromkeys(edges), dict.fromkeys(lacking))
 
 
 # What is in some scenario, in every one.
@@ -376,20 +372,19 @@ class ScenarioSpace:
         """
         wanted, needed = [*nodes, *(apart or ()), *([] if silent is None else [silent])], [*edges]
 
-        def attempt(bans: frozenset[Edge], more: frozenset[Edge]) -> tuple[Kept | None, Standstill]:
+        def attempt(bans: frozenset[Edge], more: frozenset[Edge]) -> Kept | Standstill:
             if bans or without:
                 budget.spend(_RESOLUTIONS * len(self.tree.order))
             space = Resolutions(self.tree, self.dead | without, bans) if bans or without else self.resolutions
             kept = space.scenario(wanted, [*needed, *more], budget)
             if kept is None:
-                return None, _NOTHING
+                return Standstill()
             if silent is not None and (way := _to_event(self.tree, kept, silent)):
-                return None, Standstill(way, [])
+                return Standstill(way)
             if self.acyclic and apart is None:
-                return kept, _NOTHING
+                return kept
             budget.spend(_PRECEDENCE * len(kept))
-            why = self._disorder(kept, apart)
-            return (kept, _NOTHING) if why is None else (None, why)
+            return self._disorder(kept, apart) or kept
 
         return _first_without(attempt)
 
@@ -397,16 +392,18 @@ class ScenarioSpace:
         """Why the events of a scenario have no order, or two of them only one."""
         graph = precedence(self.tree, kept)
         points = [] if self.acyclic else find_cycle(graph)
-        edges = edges_along(graph, points, closed=True) if points else []
+        points += points[:1]
         if not points and apart is not None:
-            edges = edges_along(graph, path(graph, *apart) or path(graph, *apart[::-1]))
-        if edges or not self.ends:
-            return Standstill(edges, []) if edges else None
+            points = path(graph, *apart) or path(graph, *apart[::-1])
+        if (edges := edges_along(graph, points)) or not self.ends:
+            return Standstill(edges) if edges else None
         if apart is None:
             return standstill(self.tree, kept, graph)
-        for one, other in (apart, apart[::-1]):
-            further = precedence(self.tree, kept)
-            further.add_edge(_first(self.tree, further, one), _first(self.tree, further, other), via=None)
+        # Of a leaf that counts the first event comes right after its `start`.
+        firsts = [event(name) if self.tree.nodes[name].times == 1 else ("start", name, "") for name in apart]
+        for one, other in pairwise([*firsts, firsts[0]]):
+            further = graph.copy()
+            further.add_edge(one, other, via=None)
             if why := standstill(self.tree, kept, further):
                 return why
         return None
@@ -426,16 +423,16 @@ class ScenarioSpace:
     def cyclic(self, budget: Budget, knot: Set[Point]) -> tuple[Kept, tuple[str, ...]] | None:
         """A scenario without dead nodes whose precedence has a cycle among these points, and the nodes of the cycle."""
 
-        def attempt(bans: frozenset[Edge], _: object) -> tuple[tuple[Kept, tuple[str, ...]] | None, Standstill]:
+        def attempt(bans: frozenset[Edge], _: object) -> tuple[Kept, tuple[str, ...]] | Standstill:
             budget.spend((_RESOLUTIONS + _PRECEDENCE) * len(self.tree.order))
             space = Resolutions(self.tree, self.dead, bans)
             graph = precedence(self.tree, space.union)
             points = find_cycle({p: [later for later in graph[p] if later in knot] for p in graph if p in knot})
-            edges = edges_along(graph, points, closed=True) if points else []
+            edges = edges_along(graph, points + points[:1])
             kept = space.scenario((), edges, budget) if points else None
             if kept is None:
-                return None, Standstill(edges, [])
-            return (kept, tuple(dict.fromkeys(name for kind, name, _ in points if kind == "event"))), _NOTHING
+                return Standstill(edges)
+            return kept, tuple(dict.fromkeys(name for kind, name, _ in points if kind == "event"))
 
         return _first_without(attempt)
 
@@ -453,33 +450,17 @@ def _to_event(tree: RVAFT, kept: Kept, name: str) -> list[Edge]:
     return []
 
 
-def _first(tree: RVAFT, graph: "nx.DiGraph", name: str) -> Point:
-    """The point of the first event of a node, made for one that has several."""
-    own, first = event(name), event(f"{name}[1]")
-    if tree.nodes[name].times == 1:
-        return own
-    for before in [*graph.predecessors(own)]:
-        if before != first:
-            graph.add_edge(before, first, **graph.edges[before, own])
-            graph.remove_edge(before, own)
-    graph.add_edge(first, own, via=None)
-    return first
-
-
-Attempt: TypeAlias = Callable[[frozenset[Edge], frozenset[Edge]], tuple[T | None, Standstill]]
-
-
-def _first_without(attempt: Attempt[T]) -> T | None:
+def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Standstill]) -> T | None:
     """What an attempt with some tree edges banned and others kept finds, first with none; a failed one says which of these are one more."""
     todo: list[tuple[frozenset[Edge], frozenset[Edge]]] = [(frozenset(), frozenset())]
     seen = set(todo)
     while todo:
         bans, more = todo.pop()
-        found, why = attempt(bans, more)
-        if found is not None:
+        found = attempt(bans, more)
+        if not isinstance(found, Standstill):
             return found
-        new = [(bans | {edge}, more) for edge in why.edges if edge not in more]
-        new += [(bans, more | {edge}) for edge in why.lacking if edge not in bans]
+        new = [(bans | {edge}, more) for edge in found.edges if edge not in more]
+        new += [(bans, more | {edge}) for edge in found.lacking if edge not in bans]
         new = [state for state in dict.fromkeys(new) if state not in seen]
         seen.update(new)
         todo.extend(reversed(new))

@@ -50,20 +50,13 @@ def _opened(pattern: Pattern) -> tuple[Head, Iterable[tuple[str | int, Pattern]]
 
 
 def compatible(left: Pattern, right: Pattern) -> bool:
-    """Whether one event might match both patterns; False is certain.
+    """Whether one event might match both patterns, which demand nothing different at any common path; False is certain.
 
     >>> compatible(Literal(1), Literal(2)), compatible(Variable("X"), Literal(2))
     (False, True)
     """
-    todo = [(left, right)]
-    while todo:
-        (head, parts), (other, others) = map(_opened, todo.pop())
-        if head is not None and other is not None:
-            if head != other:
-                return False
-            there = dict(others)
-            todo.extend((inner, there[name]) for name, inner in parts if name in there)
-    return True
+    demanded = dict(_heads(left))
+    return all(demanded.get(path, head) == head for path, head in _heads(right))
 
 
 def implies(special: Pattern, general: Pattern, bound: Set[str] = frozenset()) -> bool:
@@ -300,7 +293,7 @@ def _mask(members: int | list[int]) -> int:
 
 
 def _heads(pattern: Pattern) -> list[tuple[Path, Head]]:
-    """What a pattern demands at each path. Two patterns are compatible exactly when they demand nothing different at any common path."""
+    """What a pattern demands at each path."""
     found: list[tuple[Path, Head]] = []
     todo: list[tuple[Path, Pattern]] = [((), pattern)]
     while todo:

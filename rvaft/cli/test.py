@@ -14,7 +14,6 @@ from rvaft.analysis.branches import branches
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import load, monitor
 from rvaft.cli import FAILED, FOUND, Failures, options, warn
-from rvaft.engine import Engine
 from rvaft.errors import OptionError, TreeError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -139,10 +138,11 @@ def _missed(tree: RVAFT, traces: Mapping[str, Sequence[Json]]) -> Iterator[str]:
     types = EventTypeIndex(tree)
     oversights = Oversights(types)
     for trace, events in traces.items():
-        engine = Engine(tree)
+        latest = None
         for number, event in enumerate(events, 1):
-            if engine.is_late(event):
-                oversights.note_late(event, number, f"{trace}: ", engine.latest)
+            late, latest = tree.time.is_late(event, latest) if tree.time else (False, None)
+            if late:
+                oversights.note_late(event, number, f"{trace}: ", latest)
             else:
                 oversights.see(event, number, f"{trace}: ", types.of(event))
     return oversights.lines

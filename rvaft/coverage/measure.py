@@ -343,7 +343,6 @@ class Coverage:
         self._types = EventTypeIndex(tree)
         self._oversights = Oversights(self._types)
         carrier = tree if is_plain(tree) else without_conditions(tree)
-        self._clock = Engine(carrier, self.semantics) if tree.time is not None and tree.time.late is not None else None
         self._seen: set[int] = set()
         self._compiled = CompiledTree(carrier)
         self._letters = TreeLetters(carrier, self._compiled)
@@ -372,14 +371,14 @@ class Coverage:
     def add(self, log: str, events: Iterable[Json]) -> None:
         """Read a whole log. Raises what reading its events raises, and `TooLarge`; a log that raises does not count."""
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
-        live, seen, number = followers, set[int](), 0
-        clock = self._clock and self._clock.fork()  # apart, since a monitor forgets what comes too late
+        live, seen, number, latest = followers, set[int](), 0, None
         oversights, prefix, look_up = Oversights(self._types), f"{log}: ", self._types.of
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         try:
             for number, event in enumerate(events, 1):
-                if late := clock is not None and clock.is_late(event):
-                    oversights.note_late(event, number, prefix, clock.latest)
+                late, latest = self.tree.time.is_late(event, latest) if self.tree.time else (False, None)
+                if late:
+                    oversights.note_late(event, number, prefix, latest)
                 elif (sight := look_up(event)).looked_at or type(event) is not dict:
                     oversights.see(event, number, prefix, sight)
                 reading = NOTHING if late else self._letters.read(event)

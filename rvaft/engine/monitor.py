@@ -126,13 +126,10 @@ class Engine(Monitor):
 
         Who reads events for `take` asks this first, and gives late ones to `skip`.
         """
-        declared = self.tree.time
-        if declared is None or declared.late is None or (time := declared.read(event)) is None:
-            return False
-        before = self._latest
-        if before is None or time > before:
-            self.pass_time(time)
-        return before is not None and before - time > declared.late
+        late, latest = self.tree.time.is_late(event, self._latest) if self.tree.time else (False, None)
+        if latest != self._latest:
+            self.pass_time(latest)
+        return late
 
     @property
     def latest(self) -> int | None:

@@ -76,6 +76,17 @@ class EventTime:
         """
         return _READERS[self.format](self.written(event))
 
+    def is_late(self, event: Json, latest: int | None) -> tuple[bool, int | None]:
+        """Whether an event is late (semantics, section 1.1) behind the greatest time so far, and that time with the event.
+
+        >>> EventTime(("ts",), TimeFormat.SECONDS, late=0).is_late({"ts": 2}, 3_000_000_000)
+        (True, 3000000000)
+        """
+        time = None if self.late is None else self.read(event)
+        if time is None or latest is None:
+            return False, latest if time is None else time
+        return latest - time > (self.late or 0), max(latest, time)
+
     def stamped(self, event: Json) -> Json:
         """The event with its time in the field `TIME`, null where that is undefined: as trees without times see it.
 

@@ -2,10 +2,9 @@
 
 from collections.abc import AsyncIterable, AsyncIterator, Callable, Coroutine, Iterable
 from inspect import iscoroutinefunction
-from typing import Final, TypeVar
+from typing import Final, TypedDict, TypeVar, Unpack
 
 from rvaft.api import monitor
-from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import OptionError, WrongType
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
@@ -18,15 +17,18 @@ Event = TypeVar("Event", bound=Json)
 _AWAITED: Final = "a plain function, since nothing here awaits it (rvaft.watch is for asynchronous code)"
 
 
+class MonitorOptions(TypedDict, total=False):
+    """The options of `rvaft.monitor`."""
+
+    semantics: Semantics | str | None
+    branch: int | None
+    kind: Kind | str | None
+    limit: int
+    repeat: bool
+
+
 def watch(
-    tree: RVAFT | Monitor,
-    events: AsyncIterable[Event] | Iterable[Event],
-    *,
-    semantics: Semantics | str | None = None,
-    branch: int | None = None,
-    kind: Kind | str | None = None,
-    limit: int = DEFAULT_LIMIT,
-    repeat: bool = False,
+    tree: RVAFT | Monitor, events: AsyncIterable[Event] | Iterable[Event], **options: Unpack[MonitorOptions]
 ) -> AsyncIterator[tuple[Event, Verdict]]:
     """The events as they come, each with the verdict after it: for `async for event, verdict in …`.
 
@@ -43,7 +45,7 @@ def watch(
     >>> asyncio.run(verdicts([{"event": "b"}, {"event": "a"}]))
     ['?', '⊤']
     """
-    watching = _watching(tree, semantics, branch, kind, limit, repeat=repeat)
+    watching = _watching(tree, options)
     if not isinstance(events, (AsyncIterable, Iterable)):
         raise WrongType("events", events, "an iterable, or an asynchronous one")
 
@@ -59,14 +61,7 @@ def watch(
 
 
 def on_detection(
-    tree: RVAFT | Monitor,
-    callback: Callable[[Explanation | None], object],
-    *,
-    semantics: Semantics | str | None = None,
-    branch: int | None = None,
-    kind: Kind | str | None = None,
-    limit: int = DEFAULT_LIMIT,
-    repeat: bool = False,
+    tree: RVAFT | Monitor, callback: Callable[[Explanation | None], object], **options: Unpack[MonitorOptions]
 ) -> Callable[[Json], Verdict]:
     """A function to be called with each event, which gives the verdict and calls back on detection, with the explanation.
 
@@ -81,7 +76,7 @@ def on_detection(
     {'b': 1, 'a': 2}
     ['?', '⊤']
     """
-    watching = _watching(tree, semantics, branch, kind, limit, repeat=repeat)
+    watching = _watching(tree, options)
     if not callable(callback):
         raise WrongType("callback", callback, "a function of the explanation")
     if iscoroutinefunction(callback):
@@ -100,18 +95,10 @@ def on_detection(
     return step
 
 
-def _watching(
-    tree: RVAFT | Monitor,
-    semantics: Semantics | str | None,
-    branch: int | None,
-    kind: Kind | str | None,
-    limit: int,
-    *,
-    repeat: bool,
-) -> Monitor:
+def _watching(tree: RVAFT | Monitor, options: MonitorOptions) -> Monitor:
     """The monitor given, or a fresh one."""
     if not isinstance(tree, Monitor):
-        return monitor(tree, semantics=semantics, branch=branch, kind=kind, limit=limit, repeat=repeat)
-    if (semantics, branch, kind, limit, repeat) != (None, None, None, DEFAULT_LIMIT, False):
+        return monitor(tree, **options)
+    if options:
         raise OptionError("a monitor has its options already: give them to rvaft.monitor")
     return tree

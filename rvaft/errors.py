@@ -6,6 +6,8 @@ well as in the one-line text.
 
 import os
 from collections.abc import Iterable
+from importlib import import_module
+from typing import Any
 
 
 class RvaftError(Exception):
@@ -127,6 +129,18 @@ class ToolMissing(RvaftError, RuntimeError):
         self.tool = tool
         self.remedy = remedy
         super().__init__(f"{tool} is not installed: {remedy}")
+
+
+def installed(module: str, tool: str, remedy: str) -> Any:
+    """A module of a library that need not be there, imported now; raises `ToolMissing`.
+
+    >>> installed("json", "JSON", "install Python").loads("1")
+    1
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise ToolMissing(tool, remedy=remedy) from None
 
 
 class ToolFailed(RvaftError, RuntimeError):

@@ -16,7 +16,7 @@ from typing import Any, Final, TypeVar
 import click
 
 from rvaft.errors import LanguageError, RvaftError
-from rvaft.support.terminal import visible
+from rvaft.support.terminal import cut, visible
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -149,8 +149,7 @@ def described(error: BaseException) -> list[str]:
                 trace = trace.tb_next
             origin = "" if trace is None else f" ({trace.tb_frame.f_globals.get('__name__')}:{trace.tb_lineno})"
             said = f"this is a defect in rvaft, please report it: {type(error).__name__}: {error}{origin}"
-    short = said if len(said) <= _LONGEST else f"{said[:_LONGEST]}…"
-    return [f"rvaft: error: {visible(short)}", *place]
+    return [f"rvaft: error: {visible(cut(said, _LONGEST))}", *place]
 
 
 class Commands(click.Group):

@@ -21,7 +21,7 @@ from rvaft.monitoring.monitor_set import DetectionCount, Per
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, VerdictChange
 from rvaft.monitors import Ended, Explanation
-from rvaft.support.terminal import ProgressBar, columns, visible
+from rvaft.support.terminal import ProgressBar, columns, cut, visible
 
 ENDS: Final = 1_000
 """Keys for which it is said what was waited for in vain: finding out takes time, and among very many keys nobody reads it."""
@@ -35,8 +35,6 @@ TYPES: Final = 20
 """Event types that are listed one by one."""
 WAITING: Final = 10
 """Branches of which it is said what they waited for."""
-SHOWN: Final = 40
-"""Characters of a value that stands beside other things."""
 LISTED: Final = 20
 """Events of a counted leaf that are named one by one."""
 
@@ -123,18 +121,15 @@ class SummaryRow(NamedTuple):
     verdicts: tuple[Verdict, ...]
     since: Mapping[int, int]
     found: Sequence[DetectionCount]
-    branch: int | None
-    kinds: tuple[str, ...]
+    explanation: Explanation | None
     failed: bool
 
     @classmethod
     def of(cls, watch: MonitoredTrace, *, failed: bool) -> "SummaryRow":
         """The row of a trace that has come to its end."""
-        monitors = watch.monitors
-        found = monitors.explanation(0) or monitors.found[0].explanation
-        branch, kinds = (None, ()) if found is None else (found.branch, tuple(sorted(map(str, found.kinds))))
-        ends = monitors.verdicts, monitors.since, monitors.found
-        return cls(watch.trace, watch.key, watch.events, *ends, branch, kinds, failed)
+        own = watch.monitors
+        how = own.explanation(0) or own.found[0].explanation
+        return cls(watch.trace, watch.key, watch.events, own.verdicts, own.since, own.found, how, failed)
 
 
 class Reporter(Listener):
@@ -385,7 +380,8 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
             cells += _repeated(row.found[0], row.since.get(0))
         else:
             cells += [str(row.verdicts[0]), str(row.since.get(0, "-"))]
-        cells += ["-" if row.branch is None else str(row.branch), ", ".join(row.kinds) or "-"]
+        branch, kinds = (None, []) if row.explanation is None else (row.explanation.branch, row.explanation.kinds)
+        cells += ["-" if branch is None else str(branch), ", ".join(sorted(kinds)) or "-"]
         if len(titles) > WIDE:  # the columns beside the first that were detected, each with its event
             found = [at for at in detections if at]
             first = ", ".join(f"{titles[at]} {row.found[at].last}" for at in found[:3])
@@ -416,5 +412,4 @@ def _json(value: Json) -> str:
 
 
 def _short(value: Json) -> str:
-    text = value if isinstance(value, str) else _json(value)
-    return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
+    return cut(value if isinstance(value, str) else _json(value))

@@ -1,7 +1,7 @@
 """A run of `rvaft monitor` over its traces: who listens, one trace after the other or several at once, and what is told in the end."""
 
 import gc
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
 from io import BytesIO
 from pathlib import Path, PurePath
@@ -47,25 +47,14 @@ class TraceSource(NamedTuple):
 
 
 class TraceOutcome(NamedTuple):
-    """What a trace has come to: read to its end or not, what was found, the drawing still to be written; `keyless` names a key that no event has."""
+    """What a trace has come to: what was found, the drawing still to be written; `keyless` names a key that no event has."""
 
     status: int
-    read: bool = False
     rows: Sequence[SummaryRow] = ()
     drawn: bytes | None = None
     detections: int = 0
     undrawn: bool = False
     keyless: str = ""
-
-
-class _Result(NamedTuple):
-    """What another process found out about a trace, and what it wrote to standard error."""
-
-    outcome: TraceOutcome
-    statistics: Statistics
-    oversights: Oversights
-    hindsight: Hindsight | None
-    errors: Sequence[str]
 
 
 class _OnDetection(Listener):
@@ -104,44 +93,28 @@ class _OnDetection(Listener):
             if settings.drawing is None or explanation is None or self.first is not None or self.failed:
                 continue
             form = PurePath(settings.drawing).suffix.lower().removeprefix(".")
-            fired = settings.tree, explanation, change.events
-            try:
-                if form in PICTURES:
-                    self.first = picture(fired_dot(*fired), form)
-                else:
-                    self.first = (fired_text if form == "txt" else fired_dot)(*fired).encode()
-                if self._deliver:
-                    deliver(self.first, settings.drawing)
-            except (RvaftError, OSError) as error:
-                self._sink.report(error)
-                self.failed = True
+            make, fired = fired_text if form == "txt" else fired_dot, (settings.tree, explanation, change.events)
+            self._draw(lambda: picture(make(*fired), form) if form in PICTURES else make(*fired).encode())  # noqa: B023
+
+    def _draw(self, make: Callable[[], bytes]) -> None:
+        try:
+            self.first = make()
+            if self._deliver:
+                deliver(self.first, self._settings.drawing)
+        except (RvaftError, OSError) as error:
+            self._sink.report(error)
+            self.failed = True
 
     def take(self, outcome: TraceOutcome) -> None:
         """Count the detections of another process, and write the first drawing."""
         self.count += outcome.detections
         self.failed = self.failed or outcome.undrawn
-        if self.first is None and outcome.drawn is not None:
-            self.first = outcome.drawn
-            try:
-                deliver(self.first, self._settings.drawing)
-            except OSError as error:
-                self._sink.report(error)
-                self.failed = True
+        if self.first is None and (drawn := outcome.drawn) is not None:
+            self._draw(lambda: drawn)
 
 
-class _Note(Listener):
-    """Notes of each detection that it is told, before it is."""
-
-    def __init__(self, kept: CheckpointFile) -> None:
-        self._kept = kept
-
-    def change(self, change: VerdictChange) -> None:
-        if change.detected and change.number > self._kept.noted:
-            self._kept.note(change.number)
-
-
-class _Run:
-    """Runs traces one after the other and adds up their statistics."""
+class _Run(Listener):
+    """Runs traces one after the other and adds up their statistics; notes of each detection for a checkpoint, before it is told."""
 
     def __init__(self, settings: MonitorSettings, sink: Sink, progress: ProgressBar | None, *, deliver: bool) -> None:
         self.settings = settings
@@ -155,9 +128,13 @@ class _Run:
         self.reporter = REPORTERS[settings.form](settings, sink)
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
-        notes = [] if settings.checkpoints is None else [_Note(settings.checkpoints)]
-        self.listeners: list[Listener] = [*notes, self.reporter, *([self.reaction] if reacts else [])]
+        self.listeners: list[Listener] = [self, self.reporter, *([self.reaction] if reacts else [])]
         self._flushed = 0
+
+    def change(self, change: VerdictChange) -> None:
+        kept = self.settings.checkpoints
+        if kept is not None and change.detected and change.number > kept.noted:
+            kept.note(change.number)
 
     def watch(self, trace: TraceSource) -> TraceOutcome:
         """Run one trace; a malformed one is reported up to the fault."""
@@ -198,7 +175,7 @@ class _Run:
         status = FAILED if failed else FOUND if run.found else 0
         key = settings.plan.key
         keyless = " and ".join(field.text for field in key.fields) if key and run.number and not run.watches else ""
-        return TraceOutcome(status, not failed, rows, reaction.first, reaction.count - before, reaction.failed, keyless)
+        return TraceOutcome(status, rows, reaction.first, reaction.count - before, reaction.failed, keyless)
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Give a run all events of its trace, from the last checkpoint on; after each batch of them somebody may wait for something."""
@@ -279,7 +256,7 @@ def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> 
         else:
             outcomes = [alone.watch(trace) for trace in traces]
         rows = [row for one in outcomes for row in one.rows]
-        if any(outcome.read for outcome in outcomes):
+        if any(outcome.status != FAILED for outcome in outcomes):
             note = None if alone.hindsight is None else alone.hindsight.line
             alone.reporter.finish(rows, alone.statistics, alone.oversights.lines, note)
         if (names := "".join({one.keyless for one in outcomes})) and not rows:
@@ -304,11 +281,11 @@ def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iter
     sink = alone.sink
     with TemporaryDirectory(prefix="rvaft-") as folder:
 
-        def work(number: int) -> _Result:
+        def work(number: int) -> tuple[TraceOutcome, Statistics, Oversights, Hindsight | None, list[str]]:
             with (Path(folder) / str(number)).open("w", encoding="utf-8", errors="backslashreplace") as file:
                 own = _Run(alone.settings, Sink(file), None, deliver=False)
                 outcome = own.watch(traces[number])
-                return _Result(outcome, own.statistics, own.oversights, own.hindsight, own.sink.errors)
+                return outcome, own.statistics, own.oversights, own.hindsight, own.sink.errors
 
         with closing(in_processes(work, range(len(traces)), jobs=min(jobs, len(traces)))) as running:
             for number, result in running:

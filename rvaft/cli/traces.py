@@ -16,7 +16,7 @@ from rvaft.cli import options
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
-from rvaft.support.files import deliver, write_whole
+from rvaft.support.files import deliver, telling, write_whole
 
 DEFAULT_NUMBER: Final = 5
 """How many traces go into a folder; standard output takes one."""
@@ -85,10 +85,8 @@ def traces_command(
     if folder is None:
         deliver(texts[0].encode(), output)
         return 0
-    try:
+    with telling("cannot make the folder", folder):
         folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot make the folder: {error.strerror}", str(folder)) from error
     for place, text in enumerate(texts, 1):
         write_whole(folder / f"{name}-{place}.jsonl", text.encode())
     return 0

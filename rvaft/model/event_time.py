@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Final
 
 from rvaft.model.nodes import Place
-from rvaft.model.values import Json
+from rvaft.model.values import Json, at
 
 TIME: Final = "τ"
 """The field that the time of an event becomes where a tree is said without times."""
@@ -61,12 +61,7 @@ class EventTime:
         >>> EventTime(("header", "stamp"), TimeFormat.SECONDS).written({"header": {"stamp": "12.5"}})
         '12.5'
         """
-        value = event
-        for name in self.field:
-            if not isinstance(value, Mapping) or name not in value:
-                return None
-            value = value[name]
-        return value
+        return at(event, self.field)
 
     def read(self, event: Json) -> int | None:
         """The time of an event in nanoseconds, or None where it is undefined.
@@ -74,7 +69,7 @@ class EventTime:
         >>> EventTime(("ts",), TimeFormat.MILLISECONDS).read({"ts": "1.5"})
         1500000
         """
-        return _READERS[self.format](self.written(event))
+        return _READERS[self.format](at(event, self.field))
 
     def is_late(self, event: Json, latest: int | None) -> tuple[bool, int | None]:
         """Whether an event is late (semantics, section 1.1) behind the greatest time so far, and that time with the event.

@@ -5,11 +5,24 @@ Python's own `==` will not do: it makes `True == 1`. Values are what a JSON deco
 """
 
 import json
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from typing import Any, Final, TypeAlias
 
 Json: TypeAlias = Any
 Scalar: TypeAlias = str | int | float | bool | None
+
+
+def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:
+    """What stands at a path of fields, from the outside in.
+
+    >>> at({"header": {"stamp": 7}}, ["header", "stamp"]), at({"header": 7}, ["header", "stamp"])
+    (7, None)
+    """
+    for name in path:
+        if not isinstance(value, Mapping) or name not in value:
+            return missing
+        value = value[name]
+    return value
 
 
 def is_number(value: Json) -> bool:

@@ -42,7 +42,7 @@ from rvaft.monitoring.oversights import Oversight, Oversights, Reason
 from rvaft.monitoring.reader import MAX_DEPTH, NonFiniteEvent, RepeatingObject, failures_of, unreadable
 from rvaft.monitoring.run import Backwards, Field, Ordering
 from rvaft.monitors import Awaited, Ended, Explanation, Pending
-from rvaft.support.files import SUFFIXES, opened
+from rvaft.support.files import SUFFIXES, opened, telling
 
 EVERY: Final = 10_000
 """Events between two checkpoints unless told otherwise."""
@@ -244,7 +244,7 @@ class CheckpointFile:
         about = msgspec.structs.replace(self._about, trace=identity(trace or self.trace, place.offset), **here)
         body = msgspec.json.encode(about) + b"\n" + payload.getvalue()
         self._digest = _sha(body)
-        with self._writing():
+        with telling("cannot write", self.path):
             _replace(self.path, _MAGIC + self._digest.encode() + b"\n" + body)
             self._told.unlink(missing_ok=True)
         self._saved = events
@@ -254,16 +254,9 @@ class CheckpointFile:
         """Remember, until the next checkpoint, that a detection of that event is told."""
         self.noted = event
         new = self._told.with_suffix(".new")
-        with self._writing():
+        with telling("cannot write", self.path):
             new.write_text(f"{self._digest} {event}\n", encoding="ascii")
             new.replace(self._told)
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise OSError(error.errno, f"cannot write: {error.strerror}", str(self.path)) from error
 
     def load(self) -> tuple[Checkpoint, Any] | None:
         """The checkpoint to go on from, and the state; None where there is no file yet.

@@ -20,6 +20,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, finite
 from rvaft.monitors import Explanation, Pending
+from rvaft.support.terminal import cut
 
 PLACES: Final = ("time", "topic")
 """The fields of an event that say where it is from, in the logs of ROS."""
@@ -28,8 +29,6 @@ TIMEOUT: Final = 30.0
 _GRACE: Final = 1.0
 """Seconds between asking a command to end and killing it."""
 _SHELL_SAYS: Final = {126: " (cannot be executed)", 127: " (command not found)"}
-_SHOWN: Final = 80
-"""Characters of a command in a message."""
 _UNEXPLAINED: Final[Mapping[str, Json]] = {"branch": None, "kinds": [], "matched": [], "variables": {}}
 
 
@@ -179,12 +178,12 @@ class Hooks:
         `also` are kinds that were detected beside those of the match: a branch of a kind may be matched without a node of that kind.
         """
         text = f"{json.dumps(detected)}\n".encode()
-        failures = []
-        for command in (self.always, *(self.on.get(k) for k in Kind if k in also or k.value in detected["kinds"])):
-            if command is not None and (reason := _run(command, text)):
-                line = " ".join(command.split())
-                failures.append(f"the command {line if len(line) <= _SHOWN else f'{line[:_SHOWN]}…'!r} {reason}")
-        return failures
+        wanted = (self.always, *(self.on.get(k) for k in Kind if k in also or k.value in detected["kinds"]))
+        return [
+            f"the command {cut(' '.join(command.split()), 80)!r} {reason}"
+            for command in wanted
+            if command is not None and (reason := _run(command, text))
+        ]
 
 
 def _run(command: str, text: bytes) -> str | None:

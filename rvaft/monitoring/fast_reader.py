@@ -7,7 +7,7 @@ from contextlib import suppress
 from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
 from operator import attrgetter, methodcaller
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self, TypedDict
+from typing import Any, Final, NamedTuple, TypedDict
 
 import msgspec
 
@@ -77,6 +77,18 @@ def _blocks(stream: BufferedIOBase, file: str) -> Iterator[tuple[int, bytes]]:
         raise unreadable(failure, file, line) from failure
 
 
+def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
+    """The fields that a `FastReader` decodes, those to keep `also`; none for a tree whose logs are left to `rvaft.monitoring.reader`.
+
+    Such a tree tells no events apart by strings, wants more than fields, or fields whose names a line could write in more ways
+    than one, escapes of ASCII by their number aside.
+    """
+    patterns = [one for one in reads.patterns if isinstance(one, ObjectPattern)]
+    fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))
+    plain = all(name.isascii() and name.isprintable() and not set(name) & set('"\\/') for name in fields)
+    return fields if plain and reads.discriminators.fields and len(patterns) == len(reads.patterns) else ()
+
+
 class FastReader:
     """Reads logs for one tree; `possible` says whether events with given values in the discriminating fields are of interest.
 
@@ -84,12 +96,7 @@ class FastReader:
     """
 
     def __init__(
-        self,
-        reads: TreeReads,
-        possible: Callable[[Iterable[Hashable]], bool],
-        fields: Sequence[str],
-        *,
-        strict: bool = False,
+        self, reads: TreeReads, possible: Callable[[Iterable[Hashable]], bool], fields: Sequence[str], *, strict: bool
     ) -> None:
         self._reads = reads
         self._strict = strict
@@ -116,27 +123,6 @@ class FastReader:
         self._resting = 0
         self._dense = False
         """Whether most lines of late were of interest: then all are decoded as events at once."""
-
-    @classmethod
-    def of(
-        cls,
-        reads: TreeReads,
-        possible: Callable[[Iterable[Hashable]], bool],
-        also: Iterable[str] = (),
-        *,
-        strict: bool = False,
-    ) -> Self | None:
-        """A reader of the logs of a tree, or None for a tree that is left to `rvaft.monitoring.reader`; `also` are fields to keep.
-
-        Such a tree tells no events apart by strings, wants more than fields, or fields whose names a line could write in more ways
-        than one, escapes of ASCII by their number aside.
-        """
-        patterns = [one for one in reads.patterns if isinstance(one, ObjectPattern)]
-        if not reads.discriminators.fields or len(patterns) < len(reads.patterns):
-            return None
-        fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))
-        plain = all(name.isascii() and name.isprintable() and not set(name) & set('"\\/') for name in fields)
-        return cls(reads, possible, fields, strict=strict) if plain else None
 
     def read(self, stream: BufferedIOBase, file: str) -> Iterator[Batch]:
         """All events of a stream in batches; raises `TraceError` after the events before it."""

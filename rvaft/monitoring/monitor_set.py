@@ -56,19 +56,16 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
     """
     found = [Column("tree", "φ", narrowed(tree))]
     wanted: list[tuple[str, str, int | None, Kind | None]] = []
-    match per:
-        case Per.TREE:
-            pass
-        case Per.BRANCH:
-            numbers = [branch.number for branch in islice(branches(tree), MOST + 1)]
-            if len(numbers) > MOST:
-                error = TooLarge(f"a monitor for each branch of {tree.root}", limit=MOST)
-                error.add_note("take one for each kind with --per kind, or one branch with --branch N")
-                raise error
-            wanted = [(str(number), f"φ{number}", number, None) for number in numbers]
-        case Per.KIND:
-            present = {node.kind for node in tree.top_down()}
-            wanted = [(kind.value, kind.value, None, kind) for kind in Kind if kind in present]
+    if per is Per.BRANCH:
+        numbers = [branch.number for branch in islice(branches(tree), MOST + 1)]
+        if len(numbers) > MOST:
+            error = TooLarge(f"a monitor for each branch of {tree.root}", limit=MOST)
+            error.add_note("take one for each kind with --per kind, or one branch with --branch N")
+            raise error
+        wanted = [(str(number), f"φ{number}", number, None) for number in numbers]
+    elif per is Per.KIND:
+        present = {node.kind for node in tree.top_down()}
+        wanted = [(kind.value, kind.value, None, kind) for kind in Kind if kind in present]
     for label, title, branch, kind in wanted:
         try:
             found.append(Column(label, title, narrowed(tree, branch, kind)))

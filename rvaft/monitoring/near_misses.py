@@ -11,15 +11,13 @@ from rvaft.model.expressions import pattern_text
 from rvaft.model.guards import Predicate
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
+from rvaft.model.values import Json, at
+from rvaft.support.terminal import cut
 
 LOOKED_AT: Final = 20
 """Near misses are looked for in so many events of those that match nothing and have the same strings in the discriminating fields."""
 MOST: Final = 10_000
 """How many different such strings are told apart; events with others are not looked at."""
-_SHOWN: Final = 40
-"""Characters of a value in a warning."""
-
 UNSEEN: Final[tuple[int, ...]] = (-1,)
 """In place of letters where oversights did not look yet, or where the shape does not say which there are."""
 
@@ -237,11 +235,8 @@ def _only_miss(
     binding: dict[str, Json] = {}
     miss: tuple[Path, Pattern, str | None] | None = None
     for path, expected in leaves:
-        held, found = True, event
-        for name in path:
-            held = held and isinstance(found, Mapping) and name in found
-            found = found[name] if held else None
-        extended = match(expected, found, binding) if held else None
+        found = at(event, path, UNSEEN)
+        extended = None if found is UNSEEN else match(expected, found, binding)
         if extended is not None:
             binding = extended
             continue
@@ -250,6 +245,5 @@ def _only_miss(
         misspelt = isinstance(expected, Literal) and _spelling(expected.value) == _spelling(found)
         if len(path) == 1 and path[0] in telling and not misspelt:
             return None
-        text = json.dumps(found, ensure_ascii=False)
-        miss = path, expected, (text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…") if held else None
+        miss = path, expected, None if found is UNSEEN else cut(json.dumps(found, ensure_ascii=False))
     return miss

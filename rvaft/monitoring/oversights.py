@@ -20,7 +20,7 @@ from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, value, variables, walk
 from rvaft.model.patterns import match, rigid
 from rvaft.model.patterns import variables as pattern_variables
-from rvaft.model.values import Json
+from rvaft.model.values import Json, at
 from rvaft.monitoring.detection import counted
 from rvaft.monitoring.near_misses import UNSEEN, EventTypeIndex, Sight
 from rvaft.monitoring.reader import NonFiniteEvent, described
@@ -130,15 +130,9 @@ class Oversights:
         if self._time is None or not sight.entries or self._time.read(event) is not None:
             return
         if not any(admits(event) for admits in sight.ignored):
-            found: Json = event
-            for name in self._time.field:
-                found = found.get(name, UNSEEN) if isinstance(found, Mapping) else UNSEEN
-            name = ".".join(self._time.field)
-            missing = found is UNSEEN
-            said = (
-                f"the field {name} is missing" if missing else f"{name} is {described(found)}, not {self._time.format}"
-            )
-            self.note(Reason.TIME, "", place, said)
+            name, found = ".".join(self._time.field), at(event, self._time.field, UNSEEN)
+            wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self._time.format}"
+            self.note(Reason.TIME, "", place, wrong or f"the field {name} is missing")
 
     def note(self, reason: Reason, about: str, place: str, example: str) -> None:
         """Count one event."""

@@ -23,6 +23,7 @@ from rvaft.analysis.pattern_index import Reads, Scope
 from rvaft.errors import TraceError
 from rvaft.model.values import Json
 from rvaft.support.files import SUFFIXES, damage, opened
+from rvaft.support.terminal import cut
 
 MAX_LINE: Final = 64 * 1024 * 1024
 """The longest line, in bytes: a log without line ends is refused before it fills the memory."""
@@ -44,8 +45,6 @@ _ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-f
 _PERHAPS_WORD: Final = re.compile(r"NaN|Infinity")
 _PERHAPS_HUGE: Final = re.compile(r"[0-9][eE]\+?0*[1-9][0-9][0-9]|[0-9]{200}")
 _HUGE: Final = "a number beyond the range of a double"
-_SHOWN: Final = 40
-"""Characters of a value in a message."""
 _WILD: Final = frozenset("*?[")
 
 
@@ -185,7 +184,7 @@ def described(value: Json) -> str:
     """
     text = json.dumps(value, ensure_ascii=False)
     kind = "an object" if isinstance(value, dict) else _KINDS[type(value)]
-    return kind if value is None else f"{kind} ({text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'})"
+    return kind if value is None else f"{kind} ({cut(text)})"
 
 
 _NAMES: Final = {list: "a list", str: "a string", int: "a number", float: "a number", bool: "a boolean"}
@@ -209,8 +208,7 @@ def _check_read(event: dict[str, Json], reads: Reads) -> None:
         if isinstance(value, dict):
             for key in sorted(value.repeated) if isinstance(value, RepeatingObject) else ():
                 if here.whole or key in here.fields:
-                    shown = json.dumps(key if len(key) <= 40 else f"{key[:40]}…")
-                    raise ValueError(f"the key {shown} is repeated")
+                    raise ValueError(f"the key {json.dumps(cut(key))} is repeated")
             if here.whole:
                 agenda.extend((inner, here) for inner in value.values())
             else:

@@ -16,11 +16,11 @@ from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.errors import OptionError, RvaftError, TooLarge
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.nodes import Kind
-from rvaft.model.values import Json, is_finite, is_number
+from rvaft.model.values import Json, at, is_finite, is_number
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.detection import PLACES, counted, matched_events, unlike
-from rvaft.monitoring.fast_reader import Batch, FastReader
+from rvaft.monitoring.fast_reader import Batch, FastReader, plain_fields
 from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
 from rvaft.monitoring.near_misses import Statistics
@@ -69,11 +69,8 @@ class Field:
         """The value, in a tuple since it may be null, or None where the event has none."""
         if isinstance(event, Mapping) and self.text in event:
             return (event[self.text],)
-        for name in self.path:
-            if not isinstance(event, Mapping) or name not in event:
-                return None
-            event = event[name]
-        return (event,)
+        found = at(event, self.path, _END)
+        return None if found is _END else (found,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,7 +339,8 @@ class MonitoringPlan:
         also = (TIME, *self.told, *(self.monitors.time.field[:1] if self.monitors.time else ()))
         every = self.monitors.may_be_late  # then the time of each event counts
         possible = (lambda _: True) if every else self.monitors.types.possible
-        return FastReader.of(self.reads, possible, also, strict=self.strict_json)
+        fields = plain_fields(self.reads, also)
+        return FastReader(self.reads, possible, fields, strict=self.strict_json) if fields else None
 
 
 class TraceRun:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from keyword import iskeyword
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.api import narrowed, translate
-from rvaft.errors import OptionError, RvaftError, ToolMissing
+from rvaft.errors import OptionError, RvaftError, installed
 from rvaft.model.nodes import Kind, Node, Place, absolute, topic_of, wrong_name
 from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
@@ -21,9 +21,6 @@ from rvaft.monitoring.monitor_set import Per, columns
 from rvaft.ros.server import LOCAL, PORT, REMEDY, is_address, require_host
 from rvaft.rules.rule import listing
 from rvaft.support.budget import Undecided
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
 """The backends of the texts for ROSMonitoring's RML oracle, and how their files end."""
@@ -130,12 +127,10 @@ def planned(
             raise NoConfiguration("no branch has a kind: mark nodes with fault or attack, or use --per tree")
     if options.port + len(wanted) - 1 > _LAST_PORT:
         raise OptionError(f"{len(wanted)} monitors need as many ports, and there are none above {_LAST_PORT}")
-    made = []
-    for index, (id_, part) in enumerate(wanted):
-        actions = [
-            (topic, _action(topic, options, alone=len(wanted) == 1)) for topic in _topics(part, options.semantics)
-        ]
-        made.append(Planned(id_, part, options.port + index, tuple(actions)))
+    made, alone = list[Planned](), len(wanted) == 1
+    for port, (id_, part) in enumerate(wanted, options.port):
+        topics = tuple((one, _action(one, options, alone=alone)) for one in _topics(part, options.semantics))
+        made.append(Planned(id_, part, port, topics))
     return tuple(made)
 
 
@@ -272,7 +267,7 @@ def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
         entries.append({"monitor": entry})
     nodes: list[Json] = [{"node": {"name": name}} for name in publishers]
     value = {"ros_version": options.ros_version.value, "nodes": nodes, "monitors": entries}
-    return f"{_HEADER}{_library().safe_dump(value, sort_keys=False, allow_unicode=True)}"
+    return f"{_HEADER}{installed('yaml', 'PyYAML', REMEDY).safe_dump(value, sort_keys=False, allow_unicode=True)}"
 
 
 def leftover(folder: Path, text: str) -> Iterator[str]:
@@ -280,7 +275,7 @@ def leftover(folder: Path, text: str) -> Iterator[str]:
 
     By their names and by how they begin; none where the text is any other.
     """
-    library = _library()
+    library = installed("yaml", "PyYAML", REMEDY)
     try:
         value = library.safe_load(text) if text.startswith(_HEADER) else {}
         ids = [entry["monitor"]["id"] for entry in value["monitors"]]
@@ -292,15 +287,6 @@ def leftover(folder: Path, text: str) -> Iterator[str]:
                 with path.open("rb") as stream:
                     if stream.read(len(_BEGINNINGS[name])) == _BEGINNINGS[name]:
                         yield path.name
-
-
-def _library() -> "ModuleType":
-    """The library, imported now."""
-    try:
-        import yaml  # noqa: PLC0415 -- imported on use
-    except ImportError:
-        raise ToolMissing("PyYAML", remedy=REMEDY) from None
-    return yaml
 
 
 def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str, configuration: str) -> str:

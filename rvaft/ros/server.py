@@ -23,14 +23,12 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
-from rvaft.errors import OptionError, ToolMissing
+from rvaft.errors import OptionError, installed
 from rvaft.model.verdict import Verdict
 from rvaft.monitoring.detection import counted
 from rvaft.ros.protocol import Protocol, Session
 
 if TYPE_CHECKING:
-    from types import ModuleType
-
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
@@ -188,7 +186,7 @@ class _Server:
                     self.say(f"{name}: {line}")
                 read += session.events - events
                 await connection.send(json.dumps(reply))
-        except _library().exceptions.ConnectionClosed:
+        except _library("exceptions").ConnectionClosed:
             pass
         except Exception as error:
             _LOG.error("rvaft: error: a defect in rvaft ended a connection: %s: %s", type(error).__name__, error)
@@ -223,7 +221,7 @@ async def serve(
     `say` is told, a line each, of connections, of messages that are no events, and of detections. Raises `ToolMissing` without the
     library, and `OSError` where the address cannot be listened at.
     """
-    library = _library()
+    library = _library("asyncio.server")
     least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = address.connections + _SPARE
     if least != resource.RLIM_INFINITY and least < wanted:
@@ -235,7 +233,7 @@ async def serve(
     loop.set_exception_handler(server.failed)
     host = f"[{address.host}]" if ":" in address.host else address.host
     async with AsyncExitStack() as stack:
-        serving = library.asyncio.server.serve(
+        serving = library.serve(
             server.handle,
             address.host,
             address.port,
@@ -265,14 +263,8 @@ async def serve(
             loop.call_later(2 * _PATIENCE, connection.transport.abort)
 
 
-def _library() -> "ModuleType":
-    """The library, imported now."""
-    try:
-        import websockets.asyncio.server  # noqa: PLC0415 -- imported on use
-        import websockets.exceptions  # noqa: PLC0415 -- imported on use
-    except ImportError:
-        raise ToolMissing("websockets", remedy=REMEDY) from None
-    return websockets
+def _library(part: str) -> Any:
+    return installed(f"websockets.{part}", "websockets", REMEDY)
 
 
 def _peer(connection: "ServerConnection") -> str:

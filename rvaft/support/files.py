@@ -15,7 +15,7 @@ from typing import Any, BinaryIO, Final, cast
 
 import click
 
-from rvaft.errors import ToolMissing
+from rvaft.errors import ToolMissing, installed
 
 # Opening a file that may be compressed: `.gz` by the standard library, `.zst` by the package `zstandard`.
 
@@ -81,20 +81,15 @@ def damage() -> tuple[type[Exception], ...]:
 
 
 def _zstandard() -> Any:
-    try:
-        import zstandard  # noqa: PLC0415 -- imported on use
-    except ImportError as error:
-        raise ToolMissing(
-            "zstandard", remedy="pip install '.[zstd]' in a checkout of rvaft, or decompress the file first"
-        ) from error
-    return zstandard
+    remedy = "pip install '.[zstd]' in a checkout of rvaft, or decompress the file first"
+    return installed("zstandard", "zstandard", remedy)
 
 
 # Where the output of a command goes: standard output, or files that are whole or not there.
 
 
 @contextmanager
-def _telling(what: str, path: Path) -> Iterator[None]:
+def telling(what: str, path: Path) -> Iterator[None]:
     """An `OSError` says what could not be done, and with which path."""
     try:
         yield
@@ -116,7 +111,7 @@ def write_whole(path: Path, data: bytes) -> None:
     What is no regular file (a device, a pipe) is written to as it is; so are the links below /dev and /proc, which stand for open files:
     `/dev/stdout` resolves to a name such as `pipe:[123]`, which nobody can open. Raises `OSError` with the path in it.
     """
-    with _telling("cannot write", path):
+    with telling("cannot write", path):
         odd = path.exists() and not stat.S_ISREG(path.stat().st_mode)
         if odd or (path.absolute().parts[1:2] in (("dev",), ("proc",)) and path.is_symlink()):
             with path.open("ab") as stream:  # what standard output holds already stays
@@ -151,18 +146,18 @@ def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False)
         if _made(folder):
             unmake.callback(folder.rmdir)
         changed = {path: content for path, content in data.items() if _differs(path, content, force=force)}
-        with _telling("cannot write into the folder", folder):
+        with telling("cannot write into the folder", folder):
             staged = Path(tempfile.mkdtemp(prefix=".rvaft-", dir=folder))
         unmake.callback(shutil.rmtree, staged)
         with ExitStack() as undo:
             for target, content in changed.items():
-                with _telling("cannot write", target):
+                with telling("cannot write", target):
                     if content is not None:
                         (staged / target.name).write_bytes(content)
                         if target.exists():
                             shutil.copymode(target, staged / target.name)
             for target in changed:
-                with _telling("cannot write", target):
+                with telling("cannot write", target):
                     new, old = staged / target.name, staged / f"{target.name}.old"
                     if target.exists() or target.is_symlink():
                         target.rename(old)
@@ -178,7 +173,7 @@ def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False)
 def _made(folder: Path) -> bool:
     """Whether the folder had to be made."""
     try:
-        with _telling("cannot make the folder", folder):
+        with telling("cannot make the folder", folder):
             folder.mkdir()
     except OSError as error:
         if error.errno == errno.EEXIST and folder.is_dir():

@@ -29,6 +29,15 @@ def visible(text: str) -> str:
     return text if text.isprintable() else "".join(map(shown, text))
 
 
+def cut(text: str, most: int = 40) -> str:
+    """The text, or the start of one that is too long.
+
+    >>> cut("a long story", 6)
+    'a long…'
+    """
+    return text if len(text) <= most else f"{text[:most]}…"
+
+
 def columns(rows: Iterable[Sequence[str]]) -> list[str]:
     """Rows of cells as lines with aligned columns, two spaces between them; nothing is ever cut or wrapped."""
     from rich.table import Table  # noqa: PLC0415 -- imported on use

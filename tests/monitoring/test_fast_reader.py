@@ -18,7 +18,7 @@ from rvaft import RVAFT, TraceError, loads
 from rvaft.analysis.pattern_index import LONGEST, PatternIndex, TreeReads
 from rvaft.model.patterns import ObjectPattern, match
 from rvaft.monitoring import fast_reader, reader
-from rvaft.monitoring.fast_reader import Batch, FastReader
+from rvaft.monitoring.fast_reader import Batch, FastReader, plain_fields
 from rvaft.monitoring.near_misses import EventTypeIndex, Statistics
 from rvaft.monitoring.reader import read
 from rvaft.support.files import opened
@@ -42,8 +42,8 @@ Event = dict[str, Any]
 
 
 def fast(tree: RVAFT, *, dense: bool = False, strict: bool = False) -> FastReader:
-    found = FastReader.of(TreeReads(tree), EventTypeIndex(tree).possible, strict=strict)
-    assert found is not None
+    reads = TreeReads(tree)
+    found = FastReader(reads, EventTypeIndex(tree).possible, plain_fields(reads), strict=strict)
     found._dense = dense
     return found
 
@@ -209,7 +209,7 @@ def test_statistics_are_the_same(name: str, some: list[dict[str, Any]]) -> None:
 def test_trees_that_are_left_to_the_other_way() -> None:
     for field in ("", '"a/b": "t", ', 'topic: "t", "ö": 1, ', 'topic: "t", "a\\"b": 1, '):
         tree = loads(f"event e(v) = {{ {field}value: v }}; toplevel a; a on e(V);")
-        assert FastReader.of(TreeReads(tree), EventTypeIndex(tree).possible) is None
+        assert not plain_fields(TreeReads(tree))
 
 
 # -- where reading quickly takes something for granted ------------------------------------------------------------------

@@ -26,7 +26,6 @@ from cross_check.participants import (
     engine_of,
     faithful_backends,
     handwritten,
-    is_finite,
     reference_of,
     translated,
 )
@@ -40,7 +39,7 @@ from rvaft.api import narrowed
 from rvaft.errors import NotExpressible, RvaftError, TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
+from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.budget import Expired, within
 

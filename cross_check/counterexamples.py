@@ -22,7 +22,7 @@ import msgspec
 
 from cross_check.campaign import Task
 from cross_check.comparison import Roster
-from cross_check.participants import REFERENCE, Absent, Enlisted, Handwritten, is_finite, verdicts_of
+from cross_check.participants import REFERENCE, Absent, Enlisted, Handwritten, verdicts_of
 from cross_check.results import Difference, Job, Result, Status
 from cross_check.shrink import shrink
 from rvaft.api import load as load_tree
@@ -31,7 +31,7 @@ from rvaft.errors import RvaftError
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
+from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.reader import read
 from rvaft.support.terminal import visible

@@ -1,6 +1,5 @@
 """Who takes part in a comparison: the reference, the engine, and the text of each backend run by its own reader."""
 
-import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -134,17 +133,6 @@ def times_matter(tree: RVAFT) -> bool:
         for node in tree.top_down()
     )
     return tree.time is not None and (asks or tree.time.late is not None)
-
-
-def is_finite(value: Json) -> bool:
-    """Whether all numbers in a value are finite: JSON has no others.
-
-    >>> is_finite({"v": [1.5]}), is_finite({"v": [float("nan")]})
-    (True, False)
-    """
-    if isinstance(value, (dict, list)):
-        return all(map(is_finite, value.values() if isinstance(value, dict) else value))
-    return not isinstance(value, float) or math.isfinite(value)
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:

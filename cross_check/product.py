@@ -11,8 +11,8 @@ state after either, wherever it is, has forgotten which value it was, and whatev
 from collections.abc import Hashable, Sequence
 
 from cross_check.letters import Letters
-from cross_check.participants import Participant, is_finite
-from rvaft.model.values import Json
+from cross_check.participants import Participant
+from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 

@@ -10,6 +10,7 @@ from typing import Any, Final, TypeAlias
 
 Json: TypeAlias = Any
 Scalar: TypeAlias = str | int | float | bool | None
+_PLAIN: Final = (str, int, float, bool, type(None))
 
 
 def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:
@@ -36,6 +37,8 @@ def is_finite(value: Json) -> bool:
     >>> is_finite({"a": [1.5]}), is_finite([float("nan")])
     (True, False)
     """
+    if type(value) in _PLAIN:  # by far most are
+        return type(value) is not float or bool(value - value == 0)
     todo = [value]
     while todo:
         part = todo.pop()
@@ -102,9 +105,6 @@ def _flattened(value: Json, *, exactly: bool) -> Hashable:
         else:
             out.append((type(v), v) if exactly else v)
     return out[0] if len(out) == 1 else tuple(out)
-
-
-_PLAIN: Final = (str, int, float, bool, type(None))
 
 
 def exact(value: Json) -> Hashable:

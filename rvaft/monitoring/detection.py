@@ -6,7 +6,6 @@ monitor waits for it: end the line with `&` for what shall go on by itself. What
 """
 
 import json
-import math
 import os
 import signal
 import sys
@@ -18,7 +17,7 @@ from typing import Final
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, finite
+from rvaft.model.values import Json, finite, is_finite
 from rvaft.monitors import Explanation, Pending
 from rvaft.support.terminal import cut
 
@@ -74,7 +73,7 @@ def places(event: Json, tree: RVAFT) -> dict[str, Json]:
 def kept(event: Json, fields: Sequence[str]) -> dict[str, Json]:
     """What an event has in some fields. A number that is none in JSON, as infinity, says nothing."""
     found = {name: event[name] for name in fields if name in event} if isinstance(event, Mapping) else {}
-    return {name: value for name, value in found.items() if not isinstance(value, float) or math.isfinite(value)}
+    return {name: value for name, value in found.items() if is_finite(value)}
 
 
 def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> dict[str, Json]:

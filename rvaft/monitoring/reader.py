@@ -9,7 +9,6 @@ event says so (`NonFiniteEvent`), elsewhere it is taken for null. `strict` refus
 
 import errno
 import json
-import math
 import os
 import re
 from collections import Counter
@@ -21,7 +20,7 @@ from typing import BinaryIO, Final, TypeAlias
 
 from rvaft.analysis.pattern_index import Reads, Scope
 from rvaft.errors import TraceError
-from rvaft.model.values import Json
+from rvaft.model.values import Json, is_finite
 from rvaft.support.files import SUFFIXES, damage, opened
 from rvaft.support.terminal import cut
 
@@ -233,7 +232,7 @@ def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False,
             name = f"{path}.{place}" if path else str(place)
             if isinstance(part, (dict, list)):
                 agenda.append((part, inner, name))
-            elif isinstance(part, float) and not math.isfinite(part):
+            elif not is_finite(part):
                 if strict and (kept or inner is not None):
                     raise ValueError(_HUGE)
                 if inner is not None:

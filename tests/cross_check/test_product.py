@@ -7,12 +7,12 @@ from functools import partial
 import pytest
 
 from cross_check.letters import Letters
-from cross_check.participants import Participant, is_finite
+from cross_check.participants import Participant
 from cross_check.product import Exploration
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import ObjectPattern, Variable
-from rvaft.model.values import Json
+from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 

@@ -198,7 +198,7 @@ def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
     asked = [node.when for node in tree.top_down()]
     if semantics.projects:
         asked += [entry.when for entry in tree.alphabet] + [ignore.when for ignore in tree.ignores]
-    parts = [part for guard in asked if guard is not None for part in walk(guard)]
+    parts = [part for guard in asked for part in walk(guard)]
     if any(isinstance(part, Operation) and part.operator in OF_STRINGS for part in parts):
         return True
     ordering = [part for part in parts if isinstance(part, Operation) and part.operator in ORDERINGS]
@@ -425,7 +425,7 @@ def _variants(traces: Sequence[Trace]) -> list[Json]:
 def _answer(question: Observed, event: Json) -> object:
     """Whether an event matches and the guard holds; where other events share variables, the values that it gives them."""
     binding = match(question.pattern, event, {})
-    names = [*variables(question.pattern), *(() if question.when is None else guard_variables(question.when))]
+    names = [*variables(question.pattern), *guard_variables(question.when)]
     if binding is None or any(not name.startswith("_") for name in names):
         return None if binding is None else tuple((name, repr(value)) for name, value in binding.items())
     return question.when is None or (set(names) <= binding.keys() and holds(question.when, binding))

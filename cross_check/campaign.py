@@ -15,7 +15,7 @@ from cross_check.traces import Effort
 from rvaft.analysis.branches import branches, restrict
 from rvaft.api import loads
 from rvaft.errors import TreeError
-from rvaft.model.guards import FUNCTIONS, Operation, Operator, TimePoint
+from rvaft.model.guards import FUNCTIONS, Operation, Operator, time_points
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.tree import RVAFT
@@ -161,17 +161,18 @@ _IN_PRACTICE: Final = {
 def parts_of_language(tree: RVAFT) -> Iterator[str]:
     """What of the parts that not every language has is in a tree, by its word."""
     nodes = [*tree.top_down()]
-    guards = [part for node in nodes if node.when is not None for part in guard_walk(node.when)]
     if any(node.gate is Gate.PAND for node in nodes):
         yield "pand"
     if any(node.times > 1 for node in nodes):
         yield "times"
     if any(node.within is not None for node in nodes):
         yield "within"
-    yield from dict.fromkeys("at, start, end" for part in guards if isinstance(part, TimePoint))
+    if any(time_points(node.when) for node in nodes):
+        yield "at, start, end"
     if tree.time is not None and tree.time.late is not None:
         yield "late"
-    if any(isinstance(part, Operation) and part.operator in FUNCTIONS | {Operator.IN} for part in guards):
+    parts = (part for node in nodes for part in guard_walk(node.when))
+    if any(isinstance(part, Operation) and part.operator in FUNCTIONS | {Operator.IN} for part in parts):
         yield "functions"
 
 

@@ -12,13 +12,14 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 from cross_check.letters import ties, untied
 from cross_check.results import Status
 from rvaft.analysis.branches import restrict
+from rvaft.analysis.plain_trees import asks_for_time
 from rvaft.analysis.scenarios import SCENARIOS, most_scenarios
 from rvaft.api import loads
 from rvaft.backend import Observed, Specification, all_backends, backend, speaking
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed
 from rvaft.language.printer import dumps
-from rvaft.model.guards import Guard, TimePoint
+from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Kind
@@ -127,12 +128,7 @@ def faithful_backends() -> tuple[str, ...]:
 
 def times_matter(tree: RVAFT) -> bool:
     """Whether a verdict can depend on the times of events: then they tie events together."""
-    asks = any(
-        node.within is not None
-        or (node.when is not None and any(isinstance(part, TimePoint) for part in guard_walk(node.when)))
-        for node in tree.top_down()
-    )
-    return tree.time is not None and (asks or tree.time.late is not None)
+    return tree.time is not None and (tree.time.late is not None or any(map(asks_for_time, tree.top_down())))
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
@@ -163,8 +159,8 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
 
 def literals(question: Observed) -> Iterator[Json]:
     """The constants in a question."""
-    guard = () if question.when is None else guard_walk(question.when)
-    return (part.value for part in (*walk(question.pattern), *guard) if isinstance(part, Literal))
+    parts = (*walk(question.pattern), *guard_walk(question.when))
+    return (part.value for part in parts if isinstance(part, Literal))
 
 
 # -- the participants -----------------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ from rvaft.model.guards import (
     conjuncts,
     holds,
     substitute,
+    time_points,
     variables,
     walk,
 )
@@ -151,14 +152,9 @@ def unreadable(random: Random, form: TimeFormat) -> Json:
 # -- the conditions of a scenario -----------------------------------------------------------------------------------------
 
 
-def asks_for_time(guard: Guard) -> bool:
-    """Whether a guard has time points."""
-    return any(isinstance(part, TimePoint) for part in walk(guard))
-
-
 def durations(tree: RVAFT) -> list[int]:
     """The durations at which a verdict can change, in nanoseconds, 0 first."""
-    guards = [node.when for node in tree.top_down() if node.when is not None and asks_for_time(node.when)]
+    guards = [node.when for node in tree.top_down() if time_points(node.when)]
     found = [part.value for guard in guards for part in walk(guard) if isinstance(part, Literal)]
     found += [node.within for node in tree.top_down() if node.within is not None]
     late = [] if tree.time is None or tree.time.late is None else [tree.time.late]
@@ -178,8 +174,7 @@ class Conditions:
     def guards(self) -> Iterator[tuple[str, Guard]]:
         """The conjuncts with time points, each with its node."""
         for name in self.kept:
-            when = self.tree.nodes[name].when
-            yield from ((name, part) for part in conjuncts(when) if asks_for_time(part)) if when is not None else ()
+            yield from ((name, part) for part in conjuncts(self.tree.nodes[name].when) if time_points(part))
 
     @property
     def windows(self) -> list[str]:
@@ -207,7 +202,7 @@ class Conditions:
     def values(self, times: Sequence[int | None]) -> dict[str, Guard]:
         """The time points that guards ask for, as they are at these times; an undefined one is a value that is not finite."""
         found: dict[str, Guard] = {}
-        for point in {part for _, guard in self.guards for part in walk(guard) if isinstance(part, TimePoint)}:
+        for point in {point for _, guard in self.guards for point in time_points(guard)}:
             every = [times[event] for event in self.events(point)]
             known = [time for time in every if time is not None]
             defined = known and len(known) == len(every)
@@ -282,8 +277,7 @@ class Schedule:
         assert tree.time is not None
         self.random, self.tree, self.order, self.binding, self.plain = random, tree, order, binding, plain
         self.conditions = Conditions(random, tree, kept, order)
-        guards = [when for node in tree.top_down() if (when := node.when) is not None]
-        asked = {name for guard in guards for name in variables(guard)}
+        asked = {name for node in tree.top_down() for name in variables(node.when)}
         stands = [standing(tree.pattern(name) or Anything(), tree.time.field) for name in order]
         self.free = [part is None or isinstance(part, Anything) for part in stands]
         """For each event whether its pattern leaves its time open."""

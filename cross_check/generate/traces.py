@@ -9,7 +9,7 @@ from functools import partial
 from random import Random
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from cross_check.generate.times import Schedule, asks_for_time, in_between, timed, walked
+from cross_check.generate.times import Schedule, in_between, timed, walked
 from cross_check.generate.values import (
     LOGGED,
     Demand,
@@ -25,7 +25,7 @@ from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, edges_along, few
 from rvaft.analysis.scenarios import event as point_of
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge
-from rvaft.model.guards import holds
+from rvaft.model.guards import holds, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Anything, Binding, Literal, Pattern, match, rigid_variables
@@ -365,7 +365,7 @@ class _Making:
 
         guards = ((name, self.tree.nodes[name].when) for name in kept)
         demands = [demand for name, guard in guards if guard is not None for demand in guard_demands(name, guard)]
-        demands = [demand for demand in demands if demand.guard is None or not asks_for_time(demand.guard)]
+        demands = [demand for demand in demands if not time_points(demand.guard)]
         patterns = {name: self.tree.pattern(name) or Anything() for name in order}
         if self.semantics.projects and self.tree.ignores:
             demands += [

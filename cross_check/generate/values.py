@@ -40,9 +40,9 @@ def interesting_values(tree: RVAFT) -> list[Json]:
     for node in tree.top_down():
         pattern = tree.pattern(node.name)
         parts += walk(pattern) if pattern is not None else ()
-        parts += guard_walk(node.when) if node.when is not None else ()
+        parts += guard_walk(node.when)
     for ignore in tree.ignores:
-        parts += guard_walk(ignore.when) if ignore.when is not None else ()
+        parts += guard_walk(ignore.when)
     found: list[Json] = [part.value for part in parts if isinstance(part, Literal) and not isinstance(part, Duration)]
     found += [text for part in parts if isinstance(part, Operation) for text in _texts_for(part)]
     near = [value + d for value in found if is_number(value) for d in (-1, 1)]
@@ -167,8 +167,7 @@ class EventFields:
                 self.literals[field].append(leaf.value)
             elif isinstance(leaf, Variable):
                 self.of.setdefault(leaf.name, field)
-        guards = [node.when for node in tree.nodes.values() if node.when is not None]
-        guards += [ignore.when for ignore in tree.ignores if ignore.when is not None]
+        guards = [*(node.when for node in tree.nodes.values()), *(ignore.when for ignore in tree.ignores)]
         self.operations = [part for guard in guards for part in guard_walk(guard) if isinstance(part, Operation)]
 
     def bounds(self, field: str, trace: Sequence[Json]) -> tuple[list[Json], list[Json]]:

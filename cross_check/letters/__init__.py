@@ -119,14 +119,13 @@ def answers(questions: Iterable[Observed], event: Json) -> Answers:
 
 def ties(question: Observed) -> bool:
     """Whether a variable of the question belongs to other events too."""
-    names = (*variables(question.pattern), *(() if question.when is None else guard_variables(question.when)))
+    names = (*variables(question.pattern), *guard_variables(question.when))
     return not all(name.startswith("_") for name in names)
 
 
 def untied(question: Observed, names: Sequence[str] | None = None) -> Observed:
     """The same question with variables of its own, these or all of them: some value each, whatever they are elsewhere."""
-    guard = () if question.when is None else guard_variables(question.when)
-    every = (*rigid_variables(question.pattern), *guard) if names is None else names
+    every = (*rigid_variables(question.pattern), *guard_variables(question.when)) if names is None else names
     own = {name: f"_{name}" for name in every if not name.startswith("_")}
     pattern = substitute(question.pattern, {name: Variable(other) for name, other in own.items()})
     return Observed(pattern, None if question.when is None else renamed(question.when, own))
@@ -139,7 +138,7 @@ def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ..
     kept: list[Observed] = []
     gap = ""
     for question in questions:
-        names = () if question.when is None else guard_variables(question.when)
+        names = guard_variables(question.when)
         if not set(names) <= set(variables(question.pattern)):
             gap = UNBOUND
             continue

@@ -13,7 +13,7 @@ from typing import Final, Literal, TypeAlias
 from rvaft.analysis.normal_form import NormalForm, Op, normal_form
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import PLAIN, Style, event_text, guard_text
-from rvaft.model.guards import TimePoint, walk
+from rvaft.model.guards import time_points
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 
@@ -122,9 +122,8 @@ def formula(tree: RVAFT, choices: Mapping[str, str] | None = None) -> Formula:
 
 def _asked(form: NormalForm, tree: RVAFT) -> set[tuple[str, str]]:
     """The time points of nodes that guards ask for."""
-    guards = (tree.nodes[part.node].when for part in form.parts if part.op is Op.CONDITION)
-    points = (one for guard in guards if guard is not None for one in walk(guard) if isinstance(one, TimePoint))
-    return {(one.point, one.node) for one in points}
+    conditions = (tree.nodes[part.node].when for part in form.parts if part.op is Op.CONDITION)
+    return {(one.point, one.node) for guard in conditions for one in time_points(guard)}
 
 
 def _choice(parts: tuple[Formula, ...]) -> list[Formula]:

@@ -76,7 +76,7 @@ def is_constant(node: Node) -> bool:
 
 def is_impossible(node: Node) -> bool:
     """Whether the node has a guard without variables that does not hold."""
-    return node.when is not None and is_constant(node) and not holds(node.when, {})
+    return node.when is not None and not variables(node.when) and not holds(node.when, {})
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ def is_plain(tree: RVAFT) -> bool:
 
 def asks_for_time(node: Node) -> bool:
     """Whether a node has a window, or a guard with time points."""
-    return node.within is not None or bool(_points(node))
+    return node.within is not None or bool(time_points(node.when))
 
 
 def plain_trees(tree: RVAFT, *, limit: int = LIMIT) -> tuple[RVAFT, ...]:
@@ -133,7 +133,9 @@ def without_conditions(tree: RVAFT) -> RVAFT:
             gate=Gate.AND if node.gate is Gate.PAND else node.gate,
             times=1,
             within=None,
-            when=Literal(value=True) if _points(node) else node.when,  # a leaf with only a guard observes nothing
+            when=Literal(value=True)
+            if time_points(node.when)
+            else node.when,  # a leaf with only a guard observes nothing
             on=node.on or (On(f"{node.name}()", ()) if node.has_event else None),
         )
         for node in tree.nodes.values()
@@ -193,11 +195,6 @@ def _rebuilt(
         semantics=tree.semantics,
         part_of=part_of,
     )
-
-
-def _points(node: Node) -> tuple[TimePoint, ...]:
-    """The time points in the guard of a node."""
-    return () if node.when is None else time_points(node.when)
 
 
 # What is in a part, and how it ends.
@@ -266,7 +263,7 @@ class _Translation:
         self._nodes = dict(tree.nodes)
         self._events: dict[str, EventType] = {}
         self._times: dict[str, str] = {}
-        self._variables = {*tree.variables, *(v for n in tree.nodes.values() if n.when for v in variables(n.when))}
+        self._variables = {*tree.variables, *(v for n in tree.nodes.values() for v in variables(n.when))}
         self._moved: dict[str, tuple[str, ...]] = {}
         for node in tree.top_down():
             if node.times > 1:
@@ -275,7 +272,7 @@ class _Translation:
             if node.gate is Gate.PAND:
                 self._end_in_sequence(node)
         for node in tree.top_down():
-            if points := {one.name: self._point(one) for one in _points(node)}:
+            if points := {one.name: self._point(one) for one in time_points(node.when)}:
                 assert node.when is not None
                 self._change(node.name, when=substitute(_differences(node.when), points))
             if node.within is not None:
@@ -315,7 +312,7 @@ class _Translation:
 
     def _count(self, node: Node) -> None:
         """A leaf with `times N` as N leaves in sequence, all with its guard unless that asks for times."""
-        own = None if _points(node) else node.when
+        own = None if time_points(node.when) else node.when
         if node.times > MOST:
             error = TooLarge(f"events that {node.name} counts, {node.times:,}", limit=MOST)
             error.add_note("ask for fewer")

@@ -61,7 +61,7 @@ class CompiledTree:
     def _note_variables(self, tree: RVAFT, nodes: Sequence[Node]) -> None:
         patterns = [tree.pattern(name) for name in self.names]
         bound = [() if pattern is None else rigid_variables(pattern) for pattern in patterns]
-        needs = [() if node.when is None else guard_variables(node.when) for node in nodes]
+        needs = [guard_variables(node.when) for node in nodes]
         mentioned = Counter(name for both in zip(bound, needs, strict=True) for name in {*both[0], *both[1]})
         self.times = frozenset(time for name in self.names if (time := _time_variable(tree, name)) is not None)
         """The variables that the times of events bind."""

@@ -29,8 +29,7 @@ class Matching:
         self.asked: dict[int, tuple[TimeDifference, ...]] = {}
         """For the nodes with guards over times what these guards ask for, as far as that is known before all times are."""
         for node, guard in enumerate(compiled.guards if early else ()):
-            parts = () if guard is None else conjuncts(guard)
-            over_times = (part for part in parts if compiled.times.issuperset(variables(part)))
+            over_times = (part for part in conjuncts(guard) if compiled.times.issuperset(variables(part)))
             if found := tuple(one for part in over_times for one in differences(part) or ()):
                 self.asked[node] = found
 

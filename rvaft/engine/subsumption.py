@@ -201,7 +201,7 @@ def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
     floored = True
     waiting = {node for name in binding for node in compiled.guarded_by.get(name, ())}
     guards = [compiled.guards[node] for node in sorted(waiting) if not configuration.closed >> node & 1]
-    for part in (part for guard in guards if guard is not None for part in conjuncts(guard)):
+    for part in (part for guard in guards for part in conjuncts(guard)):
         bound = [name for name in variables(part) if name in binding]
         if bound and compiled.times.issuperset(variables(part)):
             asked = differences(part)

@@ -266,7 +266,7 @@ class Build(Transformer[Token, Any]):
     def ignore(self, items: Items) -> Statement:
         _, (name, on), token, guard, _ = items
         when = None if guard is None else self._condition(guard, token)
-        if when is not None and time_points(when):
+        if time_points(when):
             raise Slip("an `ignore` looks at one event, and has no nodes whose times it could ask for", token)
         return lambda page: page.draft.ignores.append(Ignore(on, when, page.said(name, on).place))
 

@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Final
 
 from rvaft.model.nodes import Place
-from rvaft.model.values import Json, at
+from rvaft.model.values import NUMBER, Json, at
 
 TIME: Final = "τ"
 """The field that the time of an event becomes where a tree is said without times."""
@@ -121,7 +121,6 @@ def scaled(number: str, unit: str) -> int | None:
 _MOST: Final = 30
 """The largest power of ten that a time may have, whatever its unit: no clock has more."""
 _EXACT: Final = Context(prec=5_000, Emax=999_999, Emin=-999_999)
-_NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?", re.ASCII)
 _LONGEST: Final = 1_000
 """The longest text of a time, in characters."""
 _ISO: Final = re.compile(
@@ -138,7 +137,7 @@ def _numeric(unit: str) -> Callable[[Json], int | None]:
             return value * UNITS[unit] if abs(value) < 10 ** (_MOST + 1) else None
         if type(value) is float:
             return scaled(repr(value), unit)
-        if isinstance(value, str) and len(value) <= _LONGEST and _NUMBER.fullmatch(value):
+        if isinstance(value, str) and len(value) <= _LONGEST and NUMBER.fullmatch(value):
             return scaled(value, unit)
         return None
 

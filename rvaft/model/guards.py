@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.patterns import Binding, Literal, Variable
-from rvaft.model.values import Json, equal, is_finite, is_number
+from rvaft.model.values import NUMBER, Json, equal, is_finite, is_number
 
 MAX_DEPTH: Final = 100
 
@@ -145,7 +145,7 @@ def _piece(piece: str) -> re.Pattern[str]:
 
 def _number(value: Json) -> Json:
     """A number as it is; of a text the number that it writes as JSON does."""
-    if isinstance(value, str) and _WRITTEN.fullmatch(value):
+    if isinstance(value, str) and NUMBER.fullmatch(value):
         try:
             value = json.loads(value)
         except ValueError:  # more digits than Python reads
@@ -153,7 +153,6 @@ def _number(value: Json) -> Json:
     return value if is_number(value) and is_finite(value) else UNDEFINED
 
 
-_WRITTEN: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?", re.ASCII)
 MAX_GLOB: Final = 1_000
 """The longest glob, in characters."""
 
@@ -256,19 +255,19 @@ class Duration(Literal):
 Guard: TypeAlias = Literal | Variable | Operation
 
 
-def variables(guard: Guard) -> tuple[str, ...]:
+def variables(guard: Guard | None) -> tuple[str, ...]:
     """The variables of a guard, each once, in order of first occurrence."""
     return tuple(dict.fromkeys(part.name for part in walk(guard) if isinstance(part, Variable)))
 
 
-def time_points(guard: Guard) -> tuple[TimePoint, ...]:
+def time_points(guard: Guard | None) -> tuple[TimePoint, ...]:
     """The time points of a guard, each once, in order of first occurrence."""
     return tuple(dict.fromkeys(part for part in walk(guard) if isinstance(part, TimePoint)))
 
 
-def walk(guard: Guard) -> Iterator[Guard]:
-    """The guard and all its parts, outermost first, in order."""
-    todo = [guard]
+def walk(guard: Guard | None) -> Iterator[Guard]:
+    """The guard and all its parts, outermost first, in order; nothing where there is none."""
+    todo = [] if guard is None else [guard]
     while todo:
         part = todo.pop()
         yield part
@@ -276,11 +275,11 @@ def walk(guard: Guard) -> Iterator[Guard]:
             todo.extend(reversed(part.operands))
 
 
-def conjuncts(guard: Guard) -> tuple[Guard, ...]:
-    """The guards that must all hold for this one to hold, nested conjunctions taken apart."""
+def conjuncts(guard: Guard | None) -> tuple[Guard, ...]:
+    """The guards that must all hold for this one to hold, nested conjunctions taken apart; none where there is none."""
     if isinstance(guard, Operation) and guard.operator is Operator.AND:
         return tuple(part for operand in guard.operands for part in conjuncts(operand))
-    return (guard,)
+    return () if guard is None else (guard,)
 
 
 def substitute(guard: Guard, by: Mapping[str, Guard]) -> Guard:

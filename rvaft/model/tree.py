@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from rvaft.errors import ToolFailed, ToolMissing, TreeError
 from rvaft.model.event_time import EventTime
-from rvaft.model.guards import TimePoint
+from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Causality, EventType, Ignore, Kind, Node, On, Relevant, Topic, by_name
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.model.patterns import variables as pattern_variables
@@ -90,8 +89,10 @@ class RVAFT:
                     raise TreeError(message, rule="unused-parameter")
         for node in self.nodes.values():
             _check_node(node, self.nodes)
-            if part_of is None:
-                _check_points(node, self.nodes)
+            for point in time_points(node.when) if part_of is None else ():
+                if point.node not in self.nodes:
+                    message = f"the guard of {node.name} asks for {point.name}, and there is no node {point.node}"
+                    raise TreeError(message, rule="unbound-time", nodes=[node.name])
             if node.on is not None:
                 _check_call(node.on, self.events, [node.name])
         for ignore in self.ignores:
@@ -339,13 +340,6 @@ def _check_node(node: Node, nodes: Mapping[str, Node]) -> None:
     if len(set(children)) < len(children):
         twice = next(child for child in children if children.count(child) > 1)
         raise TreeError(f"{name} lists its child {twice} twice", rule="duplicate-child", nodes=[name, twice])
-
-
-def _check_points(node: Node, nodes: Mapping[str, Node]) -> None:
-    for point in guard_walk(node.when) if node.when is not None else ():
-        if isinstance(point, TimePoint) and point.node not in nodes:
-            message = f"the guard of {node.name} asks for {point.name}, and there is no node {point.node}"
-            raise TreeError(message, rule="unbound-time", nodes=[node.name])
 
 
 def _check_call(on: On, events: Mapping[str, EventType], nodes: list[str]) -> None:

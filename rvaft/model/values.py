@@ -5,9 +5,12 @@ Python's own `==` will not do: it makes `True == 1`. Values are what a JSON deco
 """
 
 import json
+import re
 from collections.abc import Hashable, Iterable, Mapping
 from typing import Any, Final, TypeAlias
 
+NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?", re.ASCII)
+"""How JSON writes a number."""
 Json: TypeAlias = Any
 Scalar: TypeAlias = str | int | float | bool | None
 _PLAIN: Final = (str, int, float, bool, type(None))

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from rvaft.analysis.pattern_index import Reader, flat
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text
-from rvaft.model.guards import Guard, Operation, Operator, TimePoint, value, variables, walk
+from rvaft.model.guards import Guard, Operation, Operator, time_points, value, variables, walk
 from rvaft.model.patterns import match, rigid
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.values import Json, at
@@ -207,16 +207,16 @@ def _asked(types: EventTypeIndex) -> Iterator[tuple[int, _Asked]]:
 
 def _parts(guard: Guard, whose: str) -> Iterator[_Part]:
     """The comparisons of a guard that some value makes undefined, but for those of times."""
-    timed = any(isinstance(part, TimePoint) for part in walk(guard))
+    timed = bool(time_points(guard))
     agenda = [guard]
     while agenda:
         part = agenda.pop()
         if isinstance(part, Operation) and part.operator in _JUNCTIONS:
             agenda.extend(reversed(part.operands))
             continue
-        names, inside = variables(part), [*walk(part)]
+        names = variables(part)
         # Of values that are finite equality is always true or false.
         equality = isinstance(part, Operation) and part.operator in (Operator.EQ, Operator.NE, Operator.IN)
-        told = not equality or sum(isinstance(one, Operation) for one in inside) > 1
-        if told and 0 < len(names) <= 4 and not any(isinstance(one, TimePoint) for one in inside):
+        told = not equality or sum(isinstance(one, Operation) for one in walk(part)) > 1
+        if told and 0 < len(names) <= 4 and not time_points(part):
             yield _Part((part,) if timed else (part, guard), names, f"{guard_text(guard)} {whose}")

@@ -232,9 +232,8 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
     asked: list[tuple[Node, str]] = []  # a guard with a variable that its node's own event does not bind
     for node in tree.top_down():
         bound_here = set(rigid_variables(tree.pattern(node.name) or Anything()))
-        if node.when is not None:
-            bound_here.update(one.name for one in time_points(node.when))
-            asked += ((node, name) for name in variables(node.when) if name not in bound_here)
+        bound_here.update(one.name for one in time_points(node.when))
+        asked += ((node, name) for name in variables(node.when) if name not in bound_here)
     sure = borne_surely(tree, space.dead, [(node.name, name) for node, name in asked], binders)
     budget = space.budget()
     for node, name in asked if space.resolutions else ():
@@ -317,7 +316,7 @@ def _groups(space: ScenarioSpace) -> Iterable[Group]:
 
 def _without_times(guard: Guard | None) -> Guard | None:
     """What a guard says of values; conditions on time are looked at elsewhere."""
-    kept = [] if guard is None else [part for part in conjuncts(guard) if not time_points(part)]
+    kept = [part for part in conjuncts(guard) if not time_points(part)]
     return Operation(Operator.AND, tuple(kept)) if len(kept) > 1 else kept[0] if kept else None
 
 

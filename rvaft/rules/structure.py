@@ -211,7 +211,7 @@ def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
     """The guard of an `ignore` speaks of the event that is ignored, and of nothing else."""
     for ignore in tree.ignores:
         own = _arguments(ignore.on)
-        missing = [name for name in guard_variables(ignore.when) if name not in own] if ignore.when is not None else []
+        missing = [name for name in guard_variables(ignore.when) if name not in own]
         if missing:
             used = f"uses {listing(missing)}, which {ignore.on.event}(...) does not bind"
             message = f"the guard of this `ignore` {used}; the variables of an `ignore` are its own"
@@ -231,11 +231,10 @@ def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
         for name in _arguments(node.on):
             where.setdefault(name, (node.place("on"), name, (node.name,)))
         uses.update(_arguments(node.on) * min(node.times, 2))
-        uses.update(guard_variables(node.when) if node.when is not None else ())
+        uses.update(guard_variables(node.when))
     once = [found for name, found in where.items() if uses[name] == 1]
     for ignore in tree.ignores:
-        inside = Counter(_arguments(ignore.on))
-        inside.update(guard_variables(ignore.when) if ignore.when is not None else ())
+        inside = Counter([*_arguments(ignore.on), *guard_variables(ignore.when)])
         once += [(ignore.place, name, ()) for name in inside if inside[name] == 1]
     known = [name for name in uses if uses[name] > 1]
     for place, name, nodes in once:

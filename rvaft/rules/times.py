@@ -40,7 +40,7 @@ _WORDS: Final = {"when": "guard", "within": "window"}
 
 def _asked(node: Node) -> list[tuple[str, TimePoint]]:
     """The time points of the conditions of a node, each with the part that asks for it."""
-    asked = [("when", one) for one in time_points(node.when)] if node.when is not None else []
+    asked = [("when", one) for one in time_points(node.when)]
     return asked if node.within is None else [*asked, ("within", TimePoint.of("end", node.name))]
 
 
@@ -142,7 +142,7 @@ def _conditions(node: Node) -> Iterator[TimeBound]:
     """The bounds that a node's guard and its window ask for."""
     if node.within is not None:
         yield TimeBound(("end", node.name), ("start", node.name), node.within, node.name)
-    for guard in conjuncts(node.when) if node.when is not None else ():
+    for guard in conjuncts(node.when):
         match guard:
             case Operation(Operator.NOT, (Operation(operator, operands),)) if operator in COMPARISONS:
                 negated = OPERATORS[operator].negated

@@ -102,7 +102,7 @@ class Composition:
         if self._letters.remembered or tree.shared or any(map(is_impossible, tree.nodes.values())):
             return False
         for node in guarded:
-            if not node.has_event or not set(variables(node.when)) <= set(own_variables(node.on)):  # type: ignore[arg-type]
+            if not node.has_event or not set(variables(node.when)) <= set(own_variables(node.on)):
                 return False
         names = {node.name for node in guarded}
         for index, name in enumerate(tree.occurrences):

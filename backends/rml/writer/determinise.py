@@ -64,7 +64,7 @@ def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list
         ons = [tree.nodes[tree.occurrences[i]].on for i in bits(scenario.occurrences)] if scenario.guards else []
         bound = {name for on in ons for name in own_variables(on)}
         for name in sorted(scenario.guards):
-            for variable in variables(tree.nodes[name].when):  # type: ignore[arg-type]
+            for variable in variables(tree.nodes[name].when):
                 if variable not in bound:
                     message = f"the guard of {name} speaks of {variable}, which nothing binds in one of its scenarios"
                     raise TreeError(message, rule="unbound-variable", nodes=[name])
@@ -238,8 +238,8 @@ class Determinised:
             for name in scenario.guards:
                 self._guarded[name] |= 1 << number
         self._ready = {index: tuple(ways.items()) for index, ways in sorted(ready.items())}
-        guards = {name: self._tree.nodes[name].when for name in self._tree.order if name in self._guarded}
-        self._speaks = {name: frozenset(variables(when)) for name, when in guards.items() if when is not None}
+        guarded = (node for node in self._tree.top_down() if node.name in self._guarded)
+        self._speaks = {node.name: frozenset(variables(node.when)) for node in guarded}
         self._start: Partials = {(0, ()): (1 << len(scenarios)) - 1}
         start = MatchState(frozenset(self._start.items()))
         self._number = {start: 0}

@@ -30,7 +30,7 @@ def own_variables(on: On | None) -> tuple[str, ...]:
 
 def closed(on: On, when: Guard | None) -> tuple[Call, Guard | None]:
     """An event type applied to arguments, for any values of its variables, and a guard where it speaks of no others."""
-    used = set(guard_variables(when)) if when is not None else set[str]()
+    used = set(guard_variables(when))
     if when is None or not used <= set(own_variables(on)):
         return Call(on.event, _template(on, set())), None
     return Call(on.event, _template(on, used)), renamed(when, _places(on))

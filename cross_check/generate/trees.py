@@ -233,16 +233,7 @@ class _Additions:
         late = r.choice(_DURATIONS) if self._so(0.3) else None
         time = EventTime(r.choice(_FIELDS), r.choice(list(TimeFormat)), late) if self.timed else None
         meant = r.choice(list(Semantics)) if self._so(0.1) else None
-        return RVAFT(
-            old.root,
-            nodes,
-            old.events.values(),
-            ignores=old.ignores,
-            topics=old.topics.values(),
-            causality=old.causality,
-            time=time,
-            semantics=meant,
-        )
+        return old.changed(nodes=nodes, time=time, semantics=meant)
 
     def _node(self, node: Node) -> Node:
         r = self.random

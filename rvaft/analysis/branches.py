@@ -314,17 +314,7 @@ def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None 
     if len(ways) > 1:
         root = f"{tree.root}#"
         nodes.insert(0, Node(root, Gate.OR, tuple(f"{tree.root}#{number}" for number in range(1, len(ways) + 1))))
-    return RVAFT(
-        root,
-        nodes,
-        tree.events.values(),
-        ignores=tree.ignores,
-        topics=tree.topics.values(),
-        causality=tree.causality,
-        time=tree.time,
-        semantics=tree.semantics,
-        part_of=Whole(tree, branch, kind, origins),
-    )
+    return tree.changed(root=root, nodes=nodes, part_of=Whole(tree, branch, kind, origins))
 
 
 def _ways_to_kind(tree: RVAFT, kind: Kind, limit: int) -> list[Allowed]:

@@ -9,7 +9,7 @@ its choices and to end the parts of its `pand` gates: a trace has the verdict tr
 it for all. The alphabet always is that of the tree as it was.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import count, product
 from math import prod
@@ -17,9 +17,9 @@ from typing import Final
 
 from rvaft.analysis.branches import number_of
 from rvaft.analysis.normal_form import Op, body
-from rvaft.analysis.scenarios import ScenarioSpace, path, precedence, resolutions
+from rvaft.analysis.scenarios import ScenarioSpace, most_events, path, precedence, resolutions
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.event_time import TIME, EventTime
+from rvaft.model.event_time import TIME
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint, substitute, time_points, variables
 from rvaft.model.nodes import Causality, EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
@@ -79,12 +79,13 @@ def one_plain_tree(tree: RVAFT, *, limit: int = LIMIT) -> RVAFT:
         raise TreeError(f"no scenario of {tree.root} is feasible", rule="no-scenario", nodes=[tree.root])
     time = tree.time if timed else None
     if len(trees) == 1:
-        return trees[0] if trees[0].time == time else _rebuilt(trees[0], trees[0].nodes.values(), trees[0].part_of)
+        return trees[0] if trees[0].time == time else trees[0].changed(time=None)
     union = _Union(tree)
     root = Node(tree.root, Gate.OR, tuple(dict.fromkeys(map(union.add, trees))))
     part_of = tree.part_of or Whole(tree)
     part_of = replace(part_of, origins={**part_of.origins, **union.origins})
-    return _rebuilt(tree, [root, *union.nodes.values()], part_of, union.events, time)
+    events = [*tree.events.values(), *union.events.values()]
+    return tree.changed(nodes=[root, *union.nodes.values()], events=events, part_of=part_of, time=time)
 
 
 class _Union:
@@ -140,8 +141,8 @@ def without_conditions(tree: RVAFT) -> RVAFT:
         )
         for node in tree.nodes.values()
     ]
-    types = {f"{n.name}()": EventType(f"{n.name}()", (), p) for n in nodes if (p := tree.pattern(n.name)) is not None}
-    return _rebuilt(tree, nodes, tree.part_of or Whole(tree), types, tree.time)
+    own = [EventType(f"{n.name}()", (), p) for n in nodes if (p := tree.pattern(n.name)) is not None]
+    return tree.changed(nodes=nodes, events=[*tree.events.values(), *own], part_of=tree.part_of or Whole(tree))
 
 
 class _Open(Exception):
@@ -158,7 +159,7 @@ def _resolved(tree: RVAFT, whole: RVAFT, limit: int) -> Iterator[RVAFT]:
         choices = {origin.get(name, name): origin.get(child, child) for name, child in choosing.items()}
         number = number_of(whole, {name: child for name, child in choices.items() if name in whole.nodes})
         part_of = Whole(whole, number or 0, None, origin)  # 0 where finding the number would take too long
-        part = _rebuilt(tree, nodes, part_of, time=tree.time)
+        part = tree.changed(nodes=nodes, part_of=part_of)
         ended, known = [node for node in part.top_down() if node.gate is Gate.PAND], _Parts(part)
         # parts that have the same last nodes end with the same one of them
         ends = {known.last(child): None for gate in ended for child in gate.children if child not in known.silent}
@@ -176,25 +177,6 @@ def _resolved(tree: RVAFT, whole: RVAFT, limit: int) -> Iterator[RVAFT]:
 
 def _without_choice(node: Node, children: tuple[str, ...]) -> Node:
     return replace(node, gate=Gate.AND, threshold=None, children=children) if body(node).chooses else node
-
-
-def _rebuilt(
-    tree: RVAFT,
-    nodes: Iterable[Node],
-    part_of: Whole | None,
-    events: Mapping[str, EventType] | None = None,
-    time: EventTime | None = None,
-) -> RVAFT:
-    return RVAFT(
-        tree.root,
-        nodes,
-        {**tree.events, **(events or {})}.values(),
-        ignores=tree.ignores,
-        causality=tree.causality,
-        time=time,
-        semantics=tree.semantics,
-        part_of=part_of,
-    )
 
 
 # What is in a part, and how it ends.
@@ -217,9 +199,10 @@ class _Parts:
 
     def __init__(self, tree: RVAFT) -> None:
         self.tree = tree
-        self.silent: set[str] = set()
+        most = most_events(tree)
+        self.silent = {name for name, events in most.items() if events == 0}
         """The nodes of which no part has an event."""
-        self.single: set[str] = set()
+        self.single = {name for name, events in most.items() if events < 2}
         """The nodes of which no scenario has more than one event in the part."""
         self._open: set[str] = set()
         """The nodes below which choices are not made."""
@@ -229,11 +212,6 @@ class _Parts:
             if not self._open.isdisjoint(node.children) or (below.chooses and len(node.children) > below.need):
                 self._open.add(node.name)
             busy = [child for child in below.children if child not in self.silent]
-            few = self.single.issuperset(node.children) and (below.op is Op.ONE or len(busy) < 2)
-            if not node.has_event and not busy:
-                self.silent.add(node.name)
-            if node.leaf and node.times == 1 if node.has_event else few:
-                self.single.add(node.name)
             if node.has_event and (tree.causality is Causality.BOTTOM_UP or not busy):
                 lasts: tuple[str, ...] = (node.name,)
             elif busy and (below.op is Op.SEQUENCE or node.gate is Gate.PAND):
@@ -285,7 +263,8 @@ class _Translation:
             if before in origins:
                 origins[name] = f"{origins[before]}{bracket}{number}"
         part_of = replace(part_of, origins=origins)
-        self.tree = _rebuilt(tree, self._nodes.values(), part_of, self._events, tree.time)
+        events = {**tree.events, **self._events}.values()
+        self.tree = tree.changed(nodes=self._nodes.values(), events=events, part_of=part_of)
 
     def _change(self, name: str, **parts: object) -> None:
         self._nodes[name] = replace(self._nodes[name], **parts)  # type: ignore[arg-type]

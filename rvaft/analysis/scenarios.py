@@ -112,18 +112,27 @@ def in_sequence(tree: RVAFT) -> RVAFT:
     """
     if not any(node.gate is Gate.PAND for node in tree.top_down()):
         return tree
-    most: dict[str, int] = {}  # events in the part of a node, in no scenario more; two stand for many
-    changed = {}
+    most = most_events(tree)
+    nodes = dict(tree.nodes)
+    for node in tree.top_down():
+        if node.gate is Gate.PAND and all(most[child] < 2 for child in node.children):
+            nodes[node.name] = replace(node, gate=Gate.SAND)
+    return tree.changed(nodes=nodes.values())
+
+
+def most_events(tree: RVAFT) -> dict[str, int]:
+    """How many events the part of each node has in no scenario more than; two stand for many.
+
+    >>> from rvaft import loads
+    >>> most_events(loads("top or a b; b and c d;"))["top"]
+    2
+    """
+    most: dict[str, int] = {}
     for node in tree.bottom_up():
         below = [most[child] for child in node.children]
-        inside = max(below, default=0) if body(node).op is Op.ONE else sum(below)
+        inside = max(below) if body(node).op is Op.ONE else sum(below)
         most[node.name] = min(2, inside + node.times * node.has_event)
-        if node.gate is Gate.PAND and max(below) < 2:
-            changed[node.name] = replace(node, gate=Gate.SAND)
-    stated = {"ignores": tree.ignores, "topics": tree.topics.values(), "causality": tree.causality}
-    times = {"time": tree.time, "semantics": tree.semantics, "part_of": tree.part_of}
-    nodes = [changed.get(name, node) for name, node in tree.nodes.items()]
-    return RVAFT(tree.root, nodes, tree.events.values(), **stated, **times) if changed else tree  # type: ignore[arg-type]
+    return most
 
 
 class Standstill(NamedTuple):

@@ -5,7 +5,7 @@ The constructor checks what makes a structure a tree at all; the rules about sce
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from heapq import heappop, heappush
 from importlib import import_module
 from types import MappingProxyType
@@ -102,10 +102,16 @@ class RVAFT:
         if len(self.order) < len(self.nodes) and (cycle := find_cycle({n: self.nodes[n].children for n in self.nodes})):
             raise TreeError(f"the tree has a cycle: {' -> '.join([*cycle, cycle[0]])}", rule="cycle", nodes=cycle)
 
+    def changed(self, **parts: Any) -> "RVAFT":
+        """The tree with other arguments of the constructor; raises as that does.
+
+        >>> from rvaft import loads
+        >>> loads("semantics strict; top and a b;").changed(semantics=None).semantics
+        """
+        return RVAFT(**{**_stated(self), **parts})
+
     def __reduce__(self) -> tuple[Any, ...]:
-        parts = self.root, tuple(self.nodes.values()), tuple(self.events.values())
-        stated = {"ignores": self.ignores, "topics": tuple(self.topics.values()), "causality": self.causality}
-        return _rebuilt, (parts, {**stated, "time": self.time, "semantics": self.semantics, "part_of": self.part_of})
+        return partial(RVAFT, **_stated(self)), ()
 
     @cached_property
     def graph(self) -> "nx.DiGraph":
@@ -315,8 +321,10 @@ def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
     return [knot for knot in nx.strongly_connected_components(graph) if graph.subgraph(knot).size()]
 
 
-def _rebuilt(arguments: tuple[Any, ...], keywords: dict[str, Any]) -> RVAFT:
-    return RVAFT(*arguments, **keywords)
+def _stated(tree: RVAFT) -> dict[str, Any]:
+    """The arguments of the constructor that make a tree."""
+    kept = {name: getattr(tree, name) for name in ("root", "ignores", "causality", "time", "semantics", "part_of")}
+    return {**kept, **{name: tuple(getattr(tree, name).values()) for name in ("nodes", "events", "topics")}}
 
 
 def _check_node(node: Node, nodes: Mapping[str, Node]) -> None:

@@ -11,9 +11,9 @@ from itertools import pairwise
 from random import Random
 from typing import Final, TypeAlias
 
+from rvaft.analysis.time_differences import point_bounds
 from rvaft.model.event_time import UNITS, TimeFormat
 from rvaft.model.guards import (
-    COMPARISONS,
     OPERATORS,
     Guard,
     Operation,
@@ -224,36 +224,14 @@ class Conditions:
                 some = operands if (junction is Operator.AND) is truth else [self.random.choice(operands)]
                 for operand in some:
                     yield from self._demanded(operand, truth=truth)
-            case Operation(operator, (left, right)) if operator in COMPARISONS:
-                negated = OPERATORS[operator].negated
-                yield from self._compared(operator if truth or negated is None else negated, left, right)
+            case Operation(operator, operands) if negated := OPERATORS[operator].negated:
+                asked = operator if truth else negated
+                if asked is Operator.NE and time_points(guard):
+                    asked = self.random.choice((Operator.LT, Operator.GT))
+                for bound in point_bounds(Operation(asked, operands)):
+                    yield from self._at_most(*bound)
             case _:
                 pass
-
-    def _compared(self, operator: Operator, left: Guard, right: Guard) -> Iterator[Bound]:
-        plus, minus, most = list[TimePoint](), list[TimePoint](), 0  # left <= right is plus - minus <= most
-        todo = [(left, 1), (right, -1)]
-        while todo:
-            part, sign = todo.pop()
-            match part:
-                case TimePoint():
-                    (plus if sign > 0 else minus).append(part)
-                case Literal(value) if type(value) is int:
-                    most -= sign * value
-                case Operation(Operator.ADD, (one, other)):
-                    todo += [(one, sign), (other, sign)]
-                case Operation(Operator.SUB, (one, other)):
-                    todo += [(one, sign), (other, -sign)]
-                case _:
-                    return
-        if len(plus) != 1 or len(minus) != 1:
-            return
-        if operator is Operator.NE:
-            operator = self.random.choice((Operator.LT, Operator.GT))
-        if operator in (Operator.LT, Operator.LE, Operator.EQ):
-            yield from self._at_most(plus[0], minus[0], most - (operator is Operator.LT))
-        if operator in (Operator.GT, Operator.GE, Operator.EQ):
-            yield from self._at_most(minus[0], plus[0], -most - (operator is Operator.GT))
 
     def _at_most(self, one: TimePoint, other: TimePoint, most: int) -> Iterator[Bound]:
         first, second = self.events(one), self.events(other)

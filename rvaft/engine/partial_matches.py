@@ -5,10 +5,10 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from typing import Any, Self
 
+from rvaft.analysis.time_differences import TimeDifference, differences
 from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
 from rvaft.engine.shared_nodes import SharedNodes
-from rvaft.engine.time_differences import TimeDifference, differences
 from rvaft.errors import TooLarge
 from rvaft.model.guards import conjuncts, variables
 from rvaft.model.values import Json, equal

@@ -16,13 +16,13 @@ from functools import partial
 from itertools import chain, islice, product
 from typing import Any, Final, NamedTuple
 
+from rvaft.analysis.time_differences import Extreme, TimeDifference, differences
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import SURE, Configuration, Witness, history
 from rvaft.engine.independent_parts import IndependentPart, independent_parts
 from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.stage_group import Bound, Member, StageGroup, in_order
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
-from rvaft.engine.time_differences import Extreme, TimeDifference, differences
 from rvaft.model.guards import (
     OPERATORS,
     ORDERINGS,

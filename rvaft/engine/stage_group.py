@@ -10,9 +10,9 @@ from heapq import heappop, heappush
 from operator import ge
 from typing import Final, NamedTuple, TypeAlias
 
+from rvaft.analysis.time_differences import TimeDifference
 from rvaft.engine.configuration import Configuration
 from rvaft.engine.subsumption import Rank, Ranking, Term, scale
-from rvaft.engine.time_differences import TimeDifference
 from rvaft.model.values import Json, exact, is_number, key
 
 _PLAIN: Final = (str, int, float)

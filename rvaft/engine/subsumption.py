@@ -46,10 +46,10 @@ from operator import ge
 from typing import Any, Final, NamedTuple, assert_never
 
 from rvaft.analysis.normal_form import Op
+from rvaft.analysis.time_differences import Extreme, differences
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
-from rvaft.engine.time_differences import Extreme, differences
 from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json, exact, is_number, key

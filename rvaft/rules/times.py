@@ -1,28 +1,17 @@
 """Rules about time: whether a tree says where its events have one, what time points are of, and whether conditions on time can hold together."""
 
-from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
-from operator import itemgetter
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.analysis.normal_form import body
 from rvaft.analysis.plain_trees import MOST
 from rvaft.analysis.scenarios import Edge, Kept, ScenarioSpace, borne_surely
+from rvaft.analysis.time_differences import point_bounds
 from rvaft.model.expressions import guard_text
-from rvaft.model.guards import (
-    COMPARISONS,
-    OPERATORS,
-    Guard,
-    Operation,
-    Operator,
-    TimePoint,
-    conjuncts,
-    holds,
-    time_points,
-)
+from rvaft.model.guards import POINTS, TimePoint, conjuncts, time_points
 from rvaft.model.nodes import Node
-from rvaft.model.patterns import Anything, Literal, rigid_variables
+from rvaft.model.patterns import Anything, rigid_variables
 from rvaft.rules.rule import RuleReport, branch_of, listing
 from rvaft.support.bits import in_at_least
 
@@ -94,8 +83,8 @@ Need: TypeAlias = str | Edge
 class TimeBound(NamedTuple):
     """One time is at most another one and so many nanoseconds, in every scenario that has what it needs."""
 
-    time: tuple[str, str]
-    other: tuple[str, str]
+    time: str
+    other: str
     more: int
     need: Need
 
@@ -141,66 +130,24 @@ def _impossible(space: ScenarioSpace, core: tuple[str, ...], kept: Kept) -> Rule
 def _conditions(node: Node) -> Iterator[TimeBound]:
     """The bounds that a node's guard and its window ask for."""
     if node.within is not None:
-        yield TimeBound(("end", node.name), ("start", node.name), node.within, node.name)
+        yield TimeBound(f"end({node.name})", f"start({node.name})", node.within, node.name)
     for guard in conjuncts(node.when):
-        match guard:
-            case Operation(Operator.NOT, (Operation(operator, operands),)) if operator in COMPARISONS:
-                negated = OPERATORS[operator].negated
-                assert negated is not None
-                yield from _bounds(node.name, negated, operands)
-            case Operation(operator, operands) if operator in COMPARISONS:
-                yield from _bounds(node.name, operator, operands)
-
-
-def _bounds(name: str, operator: Operator, operands: tuple[Guard, ...]) -> Iterator[TimeBound]:
-    """The bounds that a true comparison of times says."""
-    found: Counter[tuple[str, str]] = Counter()
-    parts = [_sum(operand, sign, found) for operand, sign in zip(operands, (1, -1), strict=True)]
-    if None in parts:
-        return
-    constant = sum(filter(None, parts))
-    points = sorted(((point, sign) for point, sign in found.items() if sign), key=itemgetter(1))
-    if found and not points and not holds(Operation(operator, (Literal(constant), Literal(0))), {}):
-        yield TimeBound(some := next(iter(found)), some, -1, name)  # a time compared with itself
-    if [sign for _, sign in points] != [-1, 1]:
-        return
-    (low, _), (high, _) = points
-    strictly = operator in (Operator.LT, Operator.GT)
-    if operator in (Operator.LE, Operator.LT, Operator.EQ):
-        yield TimeBound(high, low, -constant - strictly, name)
-    if operator in (Operator.GE, Operator.GT, Operator.EQ):
-        yield TimeBound(low, high, constant - strictly, name)
-
-
-def _sum(guard: Guard, sign: int, found: Counter[tuple[str, str]]) -> int | None:
-    """Count the time points of a sum with their signs, and return the durations in it; None where it is made of other things."""
-    match guard:
-        case TimePoint(point=point, node=node):
-            found[point, node] += sign
-            return 0
-        case Operation(Operator.ADD | Operator.SUB as operator, (left, right)):
-            first = _sum(left, sign, found)
-            second = _sum(right, sign if operator is Operator.ADD else -sign, found)
-            return None if first is None or second is None else first + second
-        case Literal(value=int(value)) if type(value) is int:
-            return sign * value
-        case _:
-            return None
+        yield from (TimeBound(one.name, other.name, most, node.name) for one, other, most in point_bounds(guard))
 
 
 def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
     """What is so in every scenario: an event lies between the start and the end of its part, and a part within that of its parent."""
     for name, children in space.resolutions.union.items():
         node = space.tree.nodes[name]
-        at, start, end = ((point, name) for point in ("at", "start", "end"))
+        at, start, end = (f"{point}({name})" for point in POINTS)
         if node.has_event:
             yield from (TimeBound(start, at, 0, ("", name)), TimeBound(at, end, 0, ("", name)))
             if node.leaf and node.times == 1:
                 yield from (TimeBound(at, start, 0, ("", name)), TimeBound(end, at, 0, ("", name)))
         for child in children:
             yield from (
-                TimeBound(start, ("start", child), 0, (name, child)),
-                TimeBound(("end", child), end, 0, (name, child)),
+                TimeBound(start, f"start({child})", 0, (name, child)),
+                TimeBound(f"end({child})", end, 0, (name, child)),
             )
 
 
@@ -214,9 +161,9 @@ def _contradiction(bounds: list[TimeBound]) -> list[Need]:
             return [need]
         if time != other and more < graph.get_edge_data(other, time, {"weight": more + 1})["weight"]:
             graph.add_edge(other, time, weight=more, need=need)
-    graph.add_edges_from((("", ""), point, {"weight": 0}) for point in list(graph))
+    graph.add_edges_from(("", point, {"weight": 0}) for point in list(graph))
     try:
-        circle = nx.find_negative_cycle(graph, ("", ""))
+        circle = nx.find_negative_cycle(graph, "")
     except nx.NetworkXError:
         return []
     return list(dict.fromkeys(graph.edges[step]["need"] for step in pairwise(circle)))

@@ -6,10 +6,10 @@ lost already: the greatest only grows, the least only falls. And where no event 
 `late` says, it may be lost without any further event.
 """
 
-from collections.abc import Collection, Mapping
-from typing import Final, NamedTuple
+from collections.abc import Collection, Iterator, Mapping
+from typing import NamedTuple
 
-from rvaft.model.guards import OPERATORS, Guard, Operation, Operator
+from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, TimePoint, time_points, variables
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json
 
@@ -67,9 +67,6 @@ class TimeDifference(NamedTuple):
         return int(least) + self.most
 
 
-_SWAPPED: Final = (Operator.GE, Operator.GT)
-
-
 def differences(guard: Guard) -> tuple[TimeDifference, ...] | None:
     """The differences that a conjunct over times asks for; None for one that is not of this kind.
 
@@ -80,41 +77,53 @@ def differences(guard: Guard) -> tuple[TimeDifference, ...] | None:
     match guard:
         case Operation(Operator.NOT, (Operation(operator, operands),)) if negated := OPERATORS[operator].negated:
             return differences(Operation(negated, operands))
-        case Operation(operator, (left, right)) if OPERATORS[operator].negated and operator is not Operator.NE:
-            sides: dict[int, list[tuple[Operator | None, tuple[str, ...]]]] = {1: [], -1: []}
-            first, second = _collect(left, 1, sides), _collect(right, -1, sides)
-            if first is None or second is None or any(len(side) != 1 for side in sides.values()):
+        case Operation(operator, (left, right)) if OPERATORS[operator].negated:
+            todo, most = [(left, 1), (right, -1)], 0
+        case _:
+            return None
+    sides: dict[int, list[tuple[Operator | None, tuple[str, ...]]]] = {1: [], -1: []}
+    for part, sign in todo:
+        match part:
+            case Literal(value) if type(value) is int:
+                most -= sign * value
+            case Variable(name):
+                sides[sign].append((None, (name,)))
+            case Operation(Operator.MAX | Operator.MIN as extreme, terms) if all(
+                isinstance(one, Variable) for one in terms
+            ):
+                sides[sign].append((extreme, variables(part)))
+            case Operation(Operator.ADD | Operator.SUB as sum_, (one, other)):
+                todo += [(one, sign), (other, sign if sum_ is Operator.ADD else -sign)]
+            case _:
                 return None
-            ((plus,), (minus,)), most = (sides[1], sides[-1]), -first - second
-            strict = operator in (Operator.LT, Operator.GT)
-            upper = _difference(plus, minus, most - strict)
-            lower = _difference(minus, plus, -most - strict)
-            return (upper, lower) if operator is Operator.EQ else (lower,) if operator in _SWAPPED else (upper,)
-        case _:
-            return None
+    if any(len(side) != 1 for side in sides.values()):
+        return None
+    ((plus,), (minus,)), strict = sides.values(), operator in (Operator.LT, Operator.GT)
+    upper, lower = (
+        TimeDifference(
+            Extreme(one[0] or Operator.MAX, one[1]), Extreme(other[0] or Operator.MIN, other[1]), bound - strict
+        )
+        for one, other, bound in ((plus, minus, most), (minus, plus, -most))
+    )
+    match operator:
+        case Operator.EQ:
+            return upper, lower
+        case Operator.LT | Operator.LE:
+            return (upper,)
+        case Operator.GT | Operator.GE:
+            return (lower,)
+        case _:  # times are unequal in one of two ways, or never where one is compared with itself
+            return (upper._replace(most=-1),) if plus == minus and most == 0 else None
 
 
-def _difference(
-    plus: tuple[Operator | None, tuple[str, ...]], minus: tuple[Operator | None, tuple[str, ...]], most: int
-) -> TimeDifference:
-    return TimeDifference(Extreme(plus[0] or Operator.MAX, plus[1]), Extreme(minus[0] or Operator.MIN, minus[1]), most)
+def point_bounds(guard: Guard) -> Iterator[tuple[TimePoint, TimePoint, int]]:
+    """What a conjunct of a tree asks: that a time point is at most so much after another one.
 
-
-def _collect(term: Guard, sign: int, sides: Mapping[int, list[tuple[Operator | None, tuple[str, ...]]]]) -> int | None:
-    """The constant in a sum, with what else it adds and subtracts put on the sides; None for what is no such sum."""
-    match term:
-        case Literal(value) if type(value) is int:
-            return sign * value
-        case Variable(name):
-            sides[sign].append((None, (name,)))
-            return 0
-        case Operation(Operator.MAX | Operator.MIN as operator, operands):
-            names = tuple(one.name for one in operands if isinstance(one, Variable))
-            sides[sign].append((operator, names))
-            return 0 if len(names) == len(operands) else None
-        case Operation(Operator.ADD | Operator.SUB as operator, (left, right)):
-            first = _collect(left, sign, sides)
-            second = _collect(right, sign if operator is Operator.ADD else -sign, sides)
-            return None if first is None or second is None else first + second
-        case _:
-            return None
+    >>> from rvaft.language.parser import parse_guard
+    >>> [(one.name, other.name, most) for one, other, most in point_bounds(parse_guard("at(b) <= end(a) + 1 s"))]
+    [('at(b)', 'end(a)', 1000000000)]
+    """
+    points = {point.name: point for point in time_points(guard)}
+    for (_, names), (_, others), most in differences(guard) or () if points else ():
+        if len(names) == len(others) == 1 and points.keys() >= {*names, *others}:
+            yield points[names[0]], points[others[0]], most

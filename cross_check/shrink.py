@@ -22,7 +22,7 @@ from typing import Any, Final, TypeAlias
 from cross_check.generate.times import with_time, without_time, written
 from rvaft.errors import OptionError, RvaftError, TreeError
 from rvaft.model.event_time import EventTime, TimeFormat
-from rvaft.model.guards import ARITHMETIC, JUNCTIONS, Duration, Guard, Operation, TimePoint, time_points
+from rvaft.model.guards import ARITHMETIC, JUNCTIONS, Duration, Guard, Operation, TimePoint
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Node, On
 from rvaft.model.patterns import (
     Anything,
@@ -341,8 +341,9 @@ def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
                 return [Duration(0), Duration(value // 2)]
             case TimePoint():
                 return []
-            case Operation(operator, operands) if operator in ARITHMETIC and time_points(part):
-                # the difference of two points is compared with a duration, a point with a point
+            case Operation(operator, operands) if operator in ARITHMETIC and any(
+                isinstance(one, TimePoint) for one in operands
+            ):  # the difference of two points is compared with a duration, a point with a point
                 return [operands[0]] if isinstance(operands[1], Duration) else []
         return [Literal(True), Literal(False), *(part.operands if isinstance(part, Operation) else ())]
 

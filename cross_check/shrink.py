@@ -22,7 +22,7 @@ from typing import Any, Final, TypeAlias
 from cross_check.generate.times import with_time, without_time, written
 from rvaft.errors import OptionError, RvaftError, TreeError
 from rvaft.model.event_time import EventTime, TimeFormat
-from rvaft.model.guards import ARITHMETIC, JUNCTIONS, Duration, Guard, Operation, TimePoint
+from rvaft.model.guards import ARITHMETIC, COMPARISONS, JUNCTIONS, Duration, Guard, Operation, TimePoint, time_points
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Node, On
 from rvaft.model.patterns import (
     Anything,
@@ -345,6 +345,8 @@ def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
                 isinstance(one, TimePoint) for one in operands
             ):  # the difference of two points is compared with a duration, a point with a point
                 return [operands[0]] if isinstance(operands[1], Duration) else []
+            case Operation(operator) if operator in COMPARISONS and time_points(part):  # a time alone is no condition
+                return [Literal(True), Literal(False)]
         return [Literal(True), Literal(False), *(part.operands if isinstance(part, Operation) else ())]
 
     return iter(()) if guard is None else chain([None], simpler(guard), _smaller(guard, simpler))

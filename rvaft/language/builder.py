@@ -5,8 +5,8 @@ which are strings that know their place, until a statement is written into a dra
 """
 
 import json
-import math
 import re
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
@@ -131,11 +131,7 @@ def integer_of(digits: str, token: Token) -> int:
 def number_of(token: Token) -> int | float:
     """The number that a token stands for: integers exact, the rest finite doubles, none larger than those."""
     number = integer_of(token, token) if token.isdigit() else float(token)
-    try:
-        finite = math.isfinite(number)
-    except OverflowError:
-        finite = False
-    if not finite:
+    if abs(number) > sys.float_info.max:
         raise Slip(f"the number {shown(token)} is too large for a double", token)
     return number
 

@@ -6,14 +6,13 @@ decides. The parser bounds the nesting of an expression (`MAX_DEPTH`), so the re
 """
 
 import json
-import math
 import operator as python
 import re
 import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.patterns import Binding, Literal, Variable
@@ -97,28 +96,23 @@ def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json
     return compared
 
 
-def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
-    """An operation on numbers."""
+def _calculating(calculate: Callable[..., Any], *, texts: bool = False) -> Callable[..., Json]:
+    """An operation on numbers, or on texts."""
 
     def calculated(*arguments: Json) -> Json:
-        if not all(is_number(argument) and is_finite(argument) for argument in arguments):
-            return UNDEFINED
+        for argument in arguments:
+            if not (isinstance(argument, str) if texts else is_number(argument) and is_finite(argument)):
+                return UNDEFINED
         try:
             result = calculate(*arguments)
         except (ZeroDivisionError, OverflowError):
             return UNDEFINED
-        return result if isinstance(result, int) or math.isfinite(result) else UNDEFINED
+        return result if is_finite(result) else UNDEFINED
 
     return calculated
 
 
-def _texts(asked: Callable[..., Json]) -> Callable[..., Json]:
-    """A question about texts."""
-
-    def answered(*arguments: Json) -> Json:
-        return asked(*arguments) if all(isinstance(argument, str) for argument in arguments) else UNDEFINED
-
-    return answered
+_texts: Final = partial(_calculating, texts=True)
 
 
 def _like(text: str, glob: str) -> bool:

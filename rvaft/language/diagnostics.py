@@ -138,6 +138,12 @@ class _Situation(NamedTuple):
     def is_on_new_line(self) -> bool:
         return self.last.line < self.bad.line
 
+    def misspelt(self, *words: str) -> "Advice":
+        """What stands there may be meant for one of these words that could."""
+        known = _meant(self.bad.text, tuple(word for word in words if self.can(word.upper())))
+        if self.bad.is_word and known:
+            yield f"unknown word {shown(self.bad.text)}: did you mean {known}?", self.bad.start
+
 
 def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
     """The error to raise for what the parser library reports."""
@@ -243,8 +249,6 @@ def _topic_slips(at: _Situation) -> Advice:
             yield f"unknown word {shown(following.text)}: did you mean type?", following.start
         if bad.is_string:
             yield f"the message type of topic {shown(bad.text)[1:-1]} is missing, {_TOPIC_EXAMPLE}", bad.end
-    if at.can("FROM") and not at.is_on_new_line and bad.is_word and _meant(bad.text, ("from",)):
-        yield f"unknown word {shown(bad.text)}: did you mean from?", bad.start
     if at.can("COMMA", "SEMICOLON") and (bad.is_word or bad.is_string) and not at.is_on_new_line:
         yield "publishers are separated by commas", bad.start
     if at.can("NAME") and bad.text in ("/", "~") and words[:1] == [TOPIC]:
@@ -268,44 +272,27 @@ _MEASURE: Final = re.compile(r"(0|[1-9][0-9]*)(\w*)")
 def _time_slips(at: _Situation) -> Advice:
     """Slips in `time`, `semantics`, `times`, and in durations."""
     bad, last, following = at.bad, at.last, at.following
-    starts = len(at.before) == 1 and at.can("K_OF_N") and not at.is_on_new_line
     goes_on = bad.is_gate or bad.text in (*CLAUSES, *DYNAMIC, ";", "") or following.text == "="
-    if (
-        starts
-        and not goes_on
-        and last.text != "time"
-        and _meant(last.text, ("time",))
-        and following.text in ("as", ".")
-    ):
-        yield f"unknown statement {shown(last.text)}: did you mean time?", last.start
-    if starts and not goes_on and last.text == "time":
-        at_sign = f'"@{following.text}"' if bad.text == "@" else "FIELD"
-        field = shown(bad.text)[1:-1] if (bad.is_word or bad.is_string) and bad.text not in ("as", "in") else at_sign
-        yield f"`time` says where events have their time, as in time {field} as iso8601;", bad.start
-    if (
-        starts
-        and not goes_on
-        and _meant(last.text, ("semantics",))
-        and (bad.text in tuple(Semantics) or last.text == "semantics")
-    ):
-        if last.text != "semantics":
-            yield f"unknown statement {shown(last.text)}: did you mean semantics?", last.start
-        yield f"`semantics` is followed by one word, {', '.join(Semantics)}, and `;`", bad.start
+    if len(at.before) == 1 and at.can("K_OF_N") and not at.is_on_new_line and not goes_on:
+        meant = {"time": following.text in ("as", "."), "semantics": bad.text in tuple(Semantics)}
+        known = _meant(last.text, tuple(meant))
+        if known is not None and known != last.text and meant[known]:
+            yield f"unknown statement {shown(last.text)}: did you mean {known}?", last.start
+        if last.text == "time":
+            at_sign = f'"@{following.text}"' if bad.text == "@" else "FIELD"
+            own = (bad.is_word or bad.is_string) and bad.text not in ("as", "in")
+            field = shown(bad.text)[1:-1] if own else at_sign
+            yield f"`time` says where events have their time, as in time {field} as iso8601;", bad.start
+        if last.text == "semantics":
+            yield f"`semantics` is followed by one word, {', '.join(Semantics)}, and `;`", bad.start
     if at.possible == {"WORD"} and last.text == "as":
         yield f"the format of times is one of {', '.join(TimeFormat)}, without quotes", bad.start
-    if at.can("LATE") and bad.is_word and _meant(bad.text, ("late",)):
-        yield f"unknown word {shown(bad.text)}: did you mean late?", bad.start
     if at.can("NUMBER") and last.text == "times":
         yield WHOLE_NUMBER, bad.start if bad.text else last.end
     if at.can("ON") and bad.text.isdigit() and following.text == "times":
         yield f"`times` stands before its number: times {shown(bad.text)[1:-1]}", bad.start
-    if (
-        bad.is_word
-        and following.text[:1].isdigit()
-        and (known := _meant(bad.text, ("times", "within")))
-        and at.can(known.upper())
-    ):
-        yield f"unknown word {shown(bad.text)}: did you mean {known}?", bad.start
+    if following.text[:1].isdigit():
+        yield from at.misspelt("times", "within")
     unit_alone = bad.text in _UNIT_NAMES and last.text[:1].isdigit() and at.can("PLUS")
     number = last if unit_alone else bad
     if unit_alone or (at.can("DURATION") and not at.can("NUMBER") and bad.text not in ("-", ".")):
@@ -347,10 +334,7 @@ def _statement_slips(at: _Situation) -> Advice:
         known = _meant(bad.text, (*GATES, *DYNAMIC_GATES, *CLAUSES))
         mend = f"did you mean {known}?" if known else f"the gates are {', '.join(GATES)} and KofN (2of3)"
         yield f"unknown {'word' if known in CLAUSES else 'gate'} {shown(bad.text)}: {mend}", bad.start
-    words = (*OPERATOR_WORDS, *CLAUSES, "top_down", "bottom_up")
-    possible = tuple(word for word in words if word.upper() in at.possible)
-    if bad.is_word and (known := _meant(bad.text, possible)):
-        yield f"unknown word {shown(bad.text)}: did you mean {known}?", bad.start
+    yield from at.misspelt(*OPERATOR_WORDS, *CLAUSES, "top_down", "bottom_up", "late", "from")
     if last.text in ("NOT", "AND", "OR") and at.can("PLUS"):
         yield f"{shown(last.text)} is written {last.text.lower()}", last.start
     if at.can("NAME", "ON", "SEMICOLON") and not bad.is_word and bad.text:  # `a or b whn X > 1`: read as children
@@ -405,10 +389,8 @@ def _function_slips(at: _Situation) -> Advice:
     bad, last, following = at.bad, at.last, at.following
     pieces = [lexeme.text for lexeme in (*at.before[-4:], bad, following)]
     if "in" in pieces and (bad.text in ("in", "not") or "in" in pieces[-4:-2] or pieces[-5:-3] == ["in", "("]):
-        yield (
-            'membership is written `X in (1, "a")`, or `not X in (1, "a")`: of numbers, strings and constants',
-            bad.start,
-        )
+        said = 'membership is written `X in (1, "a")`, or `not X in (1, "a")`: of numbers, strings and constants'
+        yield said, bad.start
     calls = bad.text == "(" and last.is_word and at.can("COMPARISON")
     if bad.text == "." and last.is_word and at.can("COMPARISON") and at.after[-1:] and at.after[-1].text == "(":
         yield f"a function stands before its values: {shown(f'{following.text}({last.text}, …)')}", bad.start

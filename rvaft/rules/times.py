@@ -4,16 +4,14 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.analysis.normal_form import body
 from rvaft.analysis.plain_trees import MOST
-from rvaft.analysis.scenarios import Edge, Kept, ScenarioSpace, borne_surely
+from rvaft.analysis.scenarios import Edge, Kept, ScenarioSpace, borne_surely, fewest_events
 from rvaft.analysis.time_differences import point_bounds
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import POINTS, TimePoint, conjuncts, time_points
 from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, rigid_variables
 from rvaft.rules.rule import RuleReport, branch_of, listing
-from rvaft.support.bits import in_at_least
 
 
 def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:
@@ -40,11 +38,7 @@ def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
     asked = [(node, part, one) for node in nodes for part, one in _asked(node)]
     if not asked:
         return
-    surely: dict[str, bool] = {}  # whether the part of a node has an event in every scenario
-    for node in tree.bottom_up():
-        missable = len(node.children) - body(node).need + 1
-        below = in_at_least(missable, [int(surely[child]) for child in node.children])
-        surely[node.name] = node.name in space.dead or node.has_event or bool(below)
+    fewest = fewest_events(tree.bottom_up(), without=space.dead)
     bearers = {one.node: [one.node] for _, _, one in asked}
     there = borne_surely(tree, space.dead, [(node.name, one.node) for node, _, one in asked], bearers)
     budget = space.budget()
@@ -65,7 +59,7 @@ def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
             where = f"{one.node} is not in {branch_of(tree, kept)}"
             message = f"{said} has no event: {where}; ask for the time of a node that is there whenever {name} is"
             yield RuleReport(node.place(part), message, (name,))
-        elif one.point != "at" and other is not None and not surely.get(one.node, False):
+        elif one.point != "at" and other is not None and one.node in fewest and not fewest[one.node].events:
             kept = space.feasible(budget, [name], silent=one.node)
             if kept is not None:
                 said = said if part == "when" else f"the window of {name}"

@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import Final, Generic, NamedTuple, TypeVar, assert_never
 
 from rvaft.errors import TreeError
@@ -80,17 +79,7 @@ def no_collections() -> Iterator[None]:
             gc.enable()
 
 
-class PruneFault(StrEnum):
-    """What can be wrong with a `prune`."""
-
-    UNKNOWN = "unknown"
-    """No statement mentions the pruned name."""
-    ROOT = "root"
-    """The pruned node is the root."""
-    VOTE = "vote"
-    """A KofN gate that stays would lose a child."""
-    EMPTY = "empty"
-    """A gate that stays would lose all its children."""
+UNMENTIONED: Final = "no statement mentions it"
 
 
 class DynamicGate(NamedTuple):
@@ -102,9 +91,9 @@ class DynamicGate(NamedTuple):
 
 
 class BrokenPrune(NamedTuple):
-    """A `prune` that cannot be carried out: `pruned` was pruned at `place`; `node` is the gate that suffers, if any."""
+    """A `prune` that cannot be carried out, and why: `pruned` was pruned at `place`; `node` is the gate that suffers, if any."""
 
-    fault: PruneFault
+    why: str
     pruned: str
     place: Place
     node: str | None = None
@@ -280,13 +269,13 @@ class Draft:
             pruned.setdefault(name, place)
         parents = Counter(name for node in self.nodes.values() for name in {child.value for child in node.children()})
         for name in [name for name in pruned if name not in self.nodes and name not in parents]:
-            self.broken_prunes.append(BrokenPrune(PruneFault.UNKNOWN, name, pruned.pop(name)))
+            self.broken_prunes.append(BrokenPrune(UNMENTIONED, name, pruned.pop(name)))
         kept = {said.value for said in self.toplevels}
         roots = kept or {node.name for node in self.parentless()}
         gone = self._unreached(set(pruned), kept, parents)
         if roots <= gone:
             root = min(roots & pruned.keys(), key=lambda name: pruned[name])
-            self.broken_prunes.append(BrokenPrune(PruneFault.ROOT, root, pruned[root]))
+            self.broken_prunes.append(BrokenPrune("it is the root", root, pruned[root]))
             return
         self.nodes = {name: node for name, node in self.nodes.items() if name not in gone}
         for node in self.nodes.values():
@@ -315,11 +304,11 @@ class Draft:
             case Gate.OR | Gate.AND | Gate.SAND | Gate.SAND_RL | Gate.PAND:  # fewer children ask for nothing new
                 if left:
                     return use._replace(children=left)
-                fault = PruneFault.EMPTY
+                why = f"the gate {name} would have no child left; prune {name} too"
             case Gate.VOT:
-                fault = PruneFault.VOTE
+                why = f"the KofN gate {name} would lose a child; prune {name} too, or rewrite it"
             case _ as never:
                 assert_never(never)
         lost = next(child.value for child in use.children if child.value in gone)
-        self.broken_prunes.append(BrokenPrune(fault, lost, pruned[lost], name))
+        self.broken_prunes.append(BrokenPrune(why, lost, pruned[lost], name))
         return use

@@ -106,6 +106,11 @@ class On:
     event: str
     arguments: tuple[Argument, ...]
 
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """The variables among the arguments, in order."""
+        return tuple([argument.name for argument in self.arguments if isinstance(argument, Variable)])
+
 
 @dataclass(frozen=True, slots=True)
 class Ignore:

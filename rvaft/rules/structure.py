@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from rvaft.analysis.scenarios import ScenarioSpace
-from rvaft.language.draft import Draft, DraftTopic, GateUse, PruneFault, Said
+from rvaft.language.draft import UNMENTIONED, Draft, DraftTopic, GateUse, Said
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
@@ -142,18 +142,10 @@ def cycle(draft: Draft) -> Iterator[RuleReport]:
 
 def prune(draft: Draft) -> Iterator[RuleReport]:
     """What is pruned exists, and what stays can do without it."""
-    for fault, pruned, place, gate in draft.broken_prunes:
-        match fault:
-            case PruneFault.UNKNOWN:
-                why = f"no statement mentions it{did_you_mean(pruned, draft.nodes)}"
-            case PruneFault.ROOT:
-                why = "it is the root"
-            case PruneFault.VOTE:
-                why = f"the KofN gate {gate} would lose a child; prune {gate} too, or rewrite it"
-            case PruneFault.EMPTY:
-                why = f"the gate {gate} would have no child left; prune {gate} too"
+    for why, pruned, place, gate in draft.broken_prunes:
+        guess = did_you_mean(pruned, draft.nodes) if why == UNMENTIONED else ""
         nodes = (pruned,) if gate is None else (gate, pruned)
-        yield RuleReport(place, f"cannot prune {pruned}: {why}", nodes)
+        yield RuleReport(place, f"cannot prune {pruned}: {why}{guess}", nodes)
 
 
 def dynamic_gate(draft: Draft) -> Iterator[RuleReport]:
@@ -210,16 +202,12 @@ def event_arity(draft: Draft) -> Iterator[RuleReport]:
 def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
     """The guard of an `ignore` speaks of the event that is ignored, and of nothing else."""
     for ignore in tree.ignores:
-        own = _arguments(ignore.on)
+        own = ignore.on.variables
         missing = [name for name in guard_variables(ignore.when) if name not in own]
         if missing:
             used = f"uses {listing(missing)}, which {ignore.on.event}(...) does not bind"
             message = f"the guard of this `ignore` {used}; the variables of an `ignore` are its own"
             yield RuleReport(ignore.place, message)
-
-
-def _arguments(on: On | None) -> list[str]:
-    return [argument.name for argument in on.arguments if isinstance(argument, Variable)] if on is not None else []
 
 
 def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
@@ -228,13 +216,14 @@ def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
     uses: Counter[str] = Counter()
     where: dict[str, tuple[Place, str, tuple[str, ...]]] = {}
     for node in tree.top_down():
-        for name in _arguments(node.on):
+        own = node.on.variables if node.on is not None else ()
+        for name in own:
             where.setdefault(name, (node.place("on"), name, (node.name,)))
-        uses.update(_arguments(node.on) * min(node.times, 2))
+        uses.update(own * min(node.times, 2))
         uses.update(guard_variables(node.when))
     once = [found for name, found in where.items() if uses[name] == 1]
     for ignore in tree.ignores:
-        inside = Counter([*_arguments(ignore.on), *guard_variables(ignore.when)])
+        inside = Counter([*ignore.on.variables, *guard_variables(ignore.when)])
         once += [(ignore.place, name, ()) for name in inside if inside[name] == 1]
     known = [name for name in uses if uses[name] > 1]
     for place, name, nodes in once:

@@ -8,7 +8,7 @@ import pytest
 
 from rvaft import LanguageError, dumps, load, loads
 from rvaft.errors import WrongType
-from rvaft.language.draft import Draft, PruneFault
+from rvaft.language.draft import UNMENTIONED, Draft
 from rvaft.language.parser import parse_file
 
 
@@ -116,19 +116,22 @@ def test_a_pruned_node_goes_with_what_only_it_reaches(
 @pytest.mark.parametrize(
     ("text", "faults"),
     [
-        ("r 2of3 a b c;\nprune b;", [(PruneFault.VOTE, "b", "r", 2)]),
-        ("r or a b; a and c d;\nprune c\nd;", [(PruneFault.EMPTY, "c", "a", 2)]),
-        ("r or a;\n\nprune x;", [(PruneFault.UNKNOWN, "x", None, 3)]),
-        ("r or a;\nprune r;", [(PruneFault.ROOT, "r", None, 2)]),
-        ("toplevel r; r or a;\nprune r;", [(PruneFault.ROOT, "r", None, 2)]),
-        ("r or a b c; a or x;\nprune x\ny;", [(PruneFault.UNKNOWN, "y", None, 3), (PruneFault.EMPTY, "x", "a", 2)]),
+        ("r 2of3 a b c;\nprune b;", [("the KofN gate r would lose a child; prune r too, or rewrite it", "b", "r", 2)]),
+        ("r or a b; a and c d;\nprune c\nd;", [("the gate a would have no child left; prune a too", "c", "a", 2)]),
+        ("r or a;\n\nprune x;", [(UNMENTIONED, "x", None, 3)]),
+        ("r or a;\nprune r;", [("it is the root", "r", None, 2)]),
+        ("toplevel r; r or a;\nprune r;", [("it is the root", "r", None, 2)]),
+        (
+            "r or a b c; a or x;\nprune x\ny;",
+            [(UNMENTIONED, "y", None, 3), ("the gate a would have no child left; prune a too", "x", "a", 2)],
+        ),
     ],
 )
 def test_a_prune_that_cannot_be_is_noted(
-    tmp_path: Path, text: str, faults: list[tuple[PruneFault, str, str | None, int]]
+    tmp_path: Path, text: str, faults: list[tuple[str, str, str | None, int]]
 ) -> None:
     broken = parse_file(write(tmp_path, main_rvaft=text)).broken_prunes
-    assert [(b.fault, b.pruned, b.node, b.place.line) for b in broken] == faults
+    assert [(b.why, b.pruned, b.node, b.place.line) for b in broken] == faults
 
 
 @pytest.mark.parametrize(

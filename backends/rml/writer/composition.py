@@ -23,7 +23,7 @@ from itertools import pairwise
 from typing import assert_never
 
 from backends.rml.writer.event_types import when_true
-from backends.rml.writer.letters import RmlLetter, RmlLetters, own_variables
+from backends.rml.writer.letters import RmlLetter, RmlLetters
 from backends.rml.writer.terms import ALL, AND, ANY, OR, SHUFFLE, THEN, Written, around, join, named, then
 from rvaft.analysis.normal_form import Op, Part, is_constant, is_impossible, normal_form
 from rvaft.analysis.unification import Overlaps
@@ -102,7 +102,7 @@ class Composition:
         if self._letters.remembered or tree.shared or any(map(is_impossible, tree.nodes.values())):
             return False
         for node in guarded:
-            if not node.has_event or not set(variables(node.when)) <= set(own_variables(node.on)):
+            if not node.has_event or not set(variables(node.when)) <= set(node.on.variables if node.on else ()):
                 return False
         names = {node.name for node in guarded}
         for index, name in enumerate(tree.occurrences):

@@ -15,7 +15,7 @@ from itertools import count, groupby
 from typing import Final, NamedTuple, TypeAlias
 
 from backends.rml.writer.event_types import Call
-from backends.rml.writer.letters import RmlLetter, RmlLetters, Where, own_variables
+from backends.rml.writer.letters import RmlLetter, RmlLetters, Where
 from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, RmlNames, Written, join, named, then
 from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import Kept, resolutions
@@ -62,7 +62,7 @@ def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list
         if not scenario.occurrences:
             raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario", nodes=[tree.root])
         ons = [tree.nodes[tree.occurrences[i]].on for i in bits(scenario.occurrences)] if scenario.guards else []
-        bound = {name for on in ons for name in own_variables(on)}
+        bound = {name for on in ons if on for name in on.variables}
         for name in sorted(scenario.guards):
             for variable in variables(tree.nodes[name].when):
                 if variable not in bound:

@@ -23,15 +23,10 @@ Where: TypeAlias = tuple[str, int]
 """An event type and the position of a parameter."""
 
 
-def own_variables(on: On | None) -> tuple[str, ...]:
-    """The variables among the arguments of an event."""
-    return tuple(a.name for a in on.arguments if isinstance(a, Variable)) if on else ()
-
-
 def closed(on: On, when: Guard | None) -> tuple[Call, Guard | None]:
     """An event type applied to arguments, for any values of its variables, and a guard where it speaks of no others."""
     used = set(guard_variables(when))
-    if when is None or not used <= set(own_variables(on)):
+    if when is None or not used <= set(on.variables):
         return Call(on.event, _template(on, set())), None
     return Call(on.event, _template(on, used)), renamed(when, _places(on))
 
@@ -73,7 +68,7 @@ class RmlLetters:
         self.types = types
         self._semantics = semantics
         self._ons = [tree.nodes[name].on for name in tree.occurrences]
-        self.variables = [frozenset(own_variables(on)) for on in self._ons]
+        self.variables = [frozenset(on.variables if on else ()) for on in self._ons]
         having: dict[str, set[int]] = {}
         for index, names in enumerate(self.variables):
             for name in names:

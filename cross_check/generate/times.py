@@ -7,7 +7,8 @@ at random; instants that keep all bounds are found by lowering, as Bellman and F
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from decimal import Decimal
-from itertools import pairwise
+from itertools import chain, combinations, pairwise
+from math import inf, nan
 from random import Random
 from typing import Final, TypeAlias
 
@@ -108,7 +109,10 @@ def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
                 yield dict(zip(names, (seconds, rest), strict=True))
             yield {"sec": seconds - 1, "nanosec": rest + SECOND}
         case _:
-            text = _decimal(instant, UNITS[form])
+            digits = len(str(UNITS[form])) - 1
+            whole, rest = divmod(abs(instant), UNITS[form])
+            long = f"{'-' if instant < 0 else ''}{whole}.{str(rest).zfill(digits)[:digits]}"
+            text = long.rstrip("0").rstrip(".")
             exact = Decimal(text)
             if exact == int(exact):
                 yield int(exact)
@@ -116,14 +120,8 @@ def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
                 yield float(text)
             yield text
             if instant % 2 == 0 and instant > 0:  # half a nanosecond more rounds to this even one
-                yield f"{text}{'' if '.' in text else '.'}{'0' * (len(str(UNITS[form])) - 1 - len(text.partition('.')[2]))}5"
+                yield f"{long}5"
             yield f"{text}e0" if random.random() < 0.5 else f"{exact:e}".replace("e", random.choice("eE"))
-
-
-def _decimal(instant: int, unit: int) -> str:
-    whole, rest = divmod(abs(instant), unit)
-    digits = str(rest).zfill(len(str(unit)) - 1).rstrip("0") if rest else ""
-    return f"{'-' if instant < 0 else ''}{whole}{'.' if digits else ''}{digits}"
 
 
 def _iso(instant: int, offset: str = "Z", between: str = "T", point: str = ".") -> str:
@@ -135,18 +133,20 @@ def _iso(instant: int, offset: str = "Z", between: str = "T", point: str = ".") 
     return f"{clock:%Y-%m-%d}{between}{clock:%H:%M:%S}{part}{offset}"
 
 
-def unreadable(random: Random, form: TimeFormat) -> Json:
-    """What nobody can read as a time of this format."""
-    numbers = ("", " 1", "1 s", "0x1", "01", "+1", "NaN", "2024-05-17T09:00:00Z", True, None, [1], {"sec": 1})
-    days = ("2024-05-17", "2024-02-30T00:00:00Z", "2024-05-17T24:00:00Z", "2024-05-17T09:00:61Z")
-    stamps = ({"sec": 1}, {"sec": 1, "nsecs": 2}, {"sec": 1.0, "nanosec": 0}, {"sec": True, "nanosec": 0}, 1, "1")
-    match form:
-        case TimeFormat.ISO8601:
-            return random.choice((*days, "17.5.2024 09:00", 1_700_000_000))
-        case TimeFormat.ROS:
-            return random.choice(stamps)
-        case _:
-            return random.choice(numbers)
+_UNREADABLE_TIMES: Final[Mapping[TimeFormat, Sequence[Json]]] = {
+    **dict.fromkeys(
+        TimeFormat, ("", " 1", "1 s", "0x1", "01", "+1", "NaN", "2024-05-17T09:00:00Z", True, [1], {"sec": 1})
+    ),
+    TimeFormat.ISO8601: (
+        *("2024-05-17", "2024-02-30T00:00:00Z", "2024-05-17T24:00:00Z", "2024-05-17T09:00:61Z"),
+        *("17.5.2024 09:00", 1_700_000_000),
+    ),
+    TimeFormat.ROS: (
+        *({"sec": 1}, {"sec": 1, "nsecs": 2}, {"sec": 1.0, "nanosec": 0}, {"sec": True, "nanosec": 0}),
+        *(1, "1"),
+    ),
+}
+"""What nobody can read as a time."""
 
 
 # -- the conditions of a scenario -----------------------------------------------------------------------------------------
@@ -154,63 +154,99 @@ def unreadable(random: Random, form: TimeFormat) -> Json:
 
 def durations(tree: RVAFT) -> list[int]:
     """The durations at which a verdict can change, in nanoseconds, 0 first."""
-    guards = [node.when for node in tree.top_down() if time_points(node.when)]
+    nodes = [*tree.top_down()]
+    guards = [node.when for node in nodes if time_points(node.when)]
     found = [part.value for guard in guards for part in walk(guard) if isinstance(part, Literal)]
-    found += [node.within for node in tree.top_down() if node.within is not None]
-    late = [] if tree.time is None or tree.time.late is None else [tree.time.late]
-    return list(dict.fromkeys([0, *(one for one in (*found, *late) if type(one) is int)]))
+    late = None if tree.time is None else tree.time.late
+    return list(dict.fromkeys(one for one in (0, *found, *(node.within for node in nodes), late) if type(one) is int))
 
 
-class Conditions:
-    """The conditions on time of one scenario whose events come in one order; `order` has the node of each event."""
+class Schedule:
+    """The times of the events of one scenario, and the values that variables get from them.
 
-    def __init__(self, random: Random, tree: RVAFT, kept: Kept, order: Sequence[str]) -> None:
-        self.random = random
-        self.tree = tree
-        self.kept = kept
-        self.order = order
+    `order` has the node of each event. A variable that stands where the time does, and for which guards ask, keeps its value; others
+    follow the time.
+    """
 
-    @property
-    def guards(self) -> Iterator[tuple[str, Guard]]:
-        """The conjuncts with time points, each with its node."""
-        for name in self.kept:
-            yield from ((name, part) for part in conjuncts(self.tree.nodes[name].when) if time_points(part))
+    def __init__(
+        self, random: Random, tree: RVAFT, kept: Kept, order: Sequence[str], binding: Binding, *, plain: bool
+    ) -> None:
+        assert tree.time is not None
+        self.random, self.tree, self.kept, self.order, self.binding, self.plain = (
+            random,
+            tree,
+            kept,
+            order,
+            binding,
+            plain,
+        )
+        guards = {name: [part for part in conjuncts(tree.nodes[name].when) if time_points(part)] for name in kept}
+        self._guards = [*chain.from_iterable(guards.values())]
+        self._windows = [name for name in kept if tree.nodes[name].within is not None]
+        self.asking = [*(name for name, some in guards.items() if some), *self._windows] or [*order]
+        """The nodes that have a condition on time, or all."""
+        asked = {name for node in tree.top_down() for name in variables(node.when)}
+        stands = [standing(tree.pattern(name) or Anything(), tree.time.field) for name in order]
+        self.free = [part is None or isinstance(part, Anything) for part in stands]
+        """For each event whether its pattern leaves its time open."""
+        self._following: dict[str, list[int]] = {}
+        """The variables that follow the time, with their events."""
+        self._fixed: dict[int, int | None] = {}
+        for number, part in enumerate(stands):
+            if isinstance(part, Variable) and (part.name not in asked or part.name not in binding):
+                self._following.setdefault(part.name, []).append(number)
+            elif not self.free[number]:
+                value = binding[part.name] if isinstance(part, Variable) else getattr(part, "value", None)
+                self._fixed[number] = tree.time.read(with_time({}, tree.time.field, value))
 
-    @property
-    def windows(self) -> list[str]:
-        """The nodes that have one."""
-        return [name for name in self.kept if self.tree.nodes[name].within is not None]
+    def times(self) -> list[int | None] | None:
+        """A time for each event, or None where the conditions were not met; some are undefined where that does no harm."""
+        bounds = [*self._bounds()]
+        for first, *others in self._following.values():
+            bounds += [bound for other in others for bound in ((other, first, 0), (first, other, 0))]
+        needed = {event for bound in bounds for event in bound[:2]}
+        found = None if any(self._fixed.get(event, 0) is None for event in needed) else self._instants(bounds)
+        if found is None:
+            return None
+        times: list[int | None] = [*found]
+        for number, free in enumerate(self.free):
+            lost = not self.plain and number not in needed and free and self.random.random() < _UNDEFINED
+            if lost or self._fixed.get(number, 0) is None:
+                times[number] = None
+        points: dict[str, Guard] = {}  # an undefined one is a value that is not finite
+        for point in chain.from_iterable(map(time_points, self._guards)):
+            every = [times[event] for event in self._events(point)]
+            known = [time for time in every if time is not None]
+            defined = known and len(known) == len(every)
+            points[point.name] = Literal((min if point.point == "start" else max)(known) if defined else nan)
+        return times if all(holds(substitute(guard, points), self.binding) for guard in self._guards) else None
 
-    def bounds(self) -> Iterator[Bound]:
+    def bound(self, times: Sequence[int | None]) -> Binding:
+        """The values of the variables, those that follow the time among them."""
+        assert self.tree.time is not None
+        found = dict(self.binding)
+        for name, (first, *_) in self._following.items():
+            if (time := times[first]) is not None:
+                found[name] = written(self.random, self.tree.time.format, time, plain=self.plain)
+        return found
+
+    def _bounds(self) -> Iterator[Bound]:
         """Bounds under which all conditions hold that are on time alone; where there is a choice, some."""
-        for _, guard in self.guards:
+        for guard in self._guards:
             yield from self._demanded(guard, truth=True)
-        for name in self.windows:
-            within = self.tree.nodes[name].within
-            assert within is not None
-            events = self.events(TimePoint.of("start", name))
+        for name in self._windows:
+            events = self._events(TimePoint.of("start", name))
             if len(events) > _PAIRS:
                 yield from ((a, b, 0) for a, b in pairwise(events))
                 events = [events[0], events[-1]]
-            yield from ((a, b, within) for a in events for b in events)
-        late = self.tree.time.late if self.tree.time is not None else None
-        if late is not None and len(self.order) > _PAIRS:
-            yield from ((a, b, 0) for a, b in pairwise(range(len(self.order))))
-        elif late is not None:
-            yield from ((a, b, late) for b in range(len(self.order)) for a in range(b))
+            yield from ((a, b, self.tree.nodes[name].within or 0) for a in events for b in events)
+        late = None if self.tree.time is None else self.tree.time.late
+        if late is not None:
+            every = range(len(self.order))
+            pairs, most = (pairwise(every), 0) if len(every) > _PAIRS else (combinations(every, 2), late)
+            yield from ((a, b, most) for a, b in pairs)
 
-    def values(self, times: Sequence[int | None]) -> dict[str, Guard]:
-        """The time points that guards ask for, as they are at these times; an undefined one is a value that is not finite."""
-        found: dict[str, Guard] = {}
-        for point in {point for _, guard in self.guards for point in time_points(guard)}:
-            every = [times[event] for event in self.events(point)]
-            known = [time for time in every if time is not None]
-            defined = known and len(known) == len(every)
-            time = (min if point.point == "start" else max)(known) if defined else float("nan")
-            found[point.name] = Literal(time)
-        return found
-
-    def events(self, point: TimePoint) -> list[int]:
+    def _events(self, point: TimePoint) -> list[int]:
         """The events that a time point is about."""
         part = {point.node} if point.point == "at" else set(reachable(point.node, lambda name: self.kept.get(name, ())))
         return [number for number, name in enumerate(self.order) if name in part]
@@ -234,7 +270,7 @@ class Conditions:
                 pass
 
     def _at_most(self, one: TimePoint, other: TimePoint, most: int) -> Iterator[Bound]:
-        first, second = self.events(one), self.events(other)
+        first, second = self._events(one), self._events(other)
         some = [self._either(first, 0)] if one.point == "start" else first
         others = [self._either(second, -1)] if other.point == "end" else second
         yield from ((a, b, most) for a in some for b in others)
@@ -242,104 +278,49 @@ class Conditions:
     def _either(self, events: Sequence[int], likely: int) -> int:
         return events[likely] if self.random.random() < 0.7 else self.random.choice(events)
 
+    def _instants(self, bounds: Sequence[Bound]) -> list[int] | None:
+        """Instants that keep these bounds, or None where there are none.
 
-class Schedule:
-    """The times of the events of one scenario, and the values that variables get from them.
+        Plain ones grow if they can, by some seconds each unless a bound wants it otherwise; others are often at a bound, or next to it.
+        """
+        random, plain, count = self.random, self.plain, len(self.order)
+        fixed = {number: time for number, time in self._fixed.items() if time is not None}
+        step = min([_STEPS * SECOND, *(most // (2 * count) for _, _, most in bounds if most > 0)])
+        steps = steps_of(self.tree)
+        required = [*bounds]
+        for event, instant in fixed.items():
+            required += [(event, count, instant), (count, event, -instant)]
+        growing = [*required, *((a, b, 0) for a, b in pairwise(range(count)))]
+        for every in (growing, required) if plain else (required,):
+            now = min(fixed.values(), default=TODAY if plain else random.choice((0, TODAY, -3 * SECOND)))
+            times = []
+            for _ in range(count):
+                times.append(now)
+                if not plain:
+                    now += random.choice(steps) + random.choice((0, 0, 1, SECOND))
+                else:
+                    now += random.randint(1, step // SECOND) * SECOND if step >= SECOND else random.randint(0, step)
+            found = _lowered([*times, 0], every)
+            if found is not None:
+                self._move(found, every)
+                return found[:-1]
+        return None
 
-    A variable that stands where the time does, and for which guards ask, keeps its value; others follow the time.
-    """
-
-    def __init__(
-        self, random: Random, tree: RVAFT, kept: Kept, order: Sequence[str], binding: Binding, *, plain: bool
-    ) -> None:
-        assert tree.time is not None
-        self.random, self.tree, self.order, self.binding, self.plain = random, tree, order, binding, plain
-        self.conditions = Conditions(random, tree, kept, order)
-        asked = {name for node in tree.top_down() for name in variables(node.when)}
-        stands = [standing(tree.pattern(name) or Anything(), tree.time.field) for name in order]
-        self.free = [part is None or isinstance(part, Anything) for part in stands]
-        """For each event whether its pattern leaves its time open."""
-        self.following = {
-            number: part.name
-            for number, part in enumerate(stands)
-            if isinstance(part, Variable) and (part.name not in asked or part.name not in binding)
-        }
-        """The variables that follow the time, by event."""
-        self.fixed: dict[int, int | None] = {}
-        for number, part in enumerate(stands):
-            if not self.free[number] and number not in self.following:
-                value = binding[part.name] if isinstance(part, Variable) else getattr(part, "value", None)
-                self.fixed[number] = tree.time.read(with_time({}, tree.time.field, value))
-
-    @property
-    def asking(self) -> list[str]:
-        """The nodes that have a condition on time, or all."""
-        found = [name for name, _ in self.conditions.guards]
-        return [*found, *self.conditions.windows] or [*self.order]
-
-    def times(self) -> list[int | None] | None:
-        """A time for each event, or None where the conditions were not met; some are undefined where that does no harm."""
-        bounds = [*self.conditions.bounds()]
-        first: dict[str, int] = {}
-        for number, name in self.following.items():
-            other = first.setdefault(name, number)
-            bounds += [(number, other, 0), (other, number, 0)]
-        fixed = {number: time for number, time in self.fixed.items() if time is not None}
-        needed = {event for bound in bounds for event in bound[:2]}
-        if not needed.isdisjoint(self.fixed.keys() - fixed.keys()):
-            return None
-        found = instants(self.random, len(self.order), bounds, fixed, steps_of(self.tree), plain=self.plain)
-        if found is None:
-            return None
-        times: list[int | None] = [*found]
-        for number in range(len(times)):
-            lost = not self.plain and number not in needed and self.free[number] and self.random.random() < _UNDEFINED
-            if lost or self.fixed.get(number, 0) is None:
-                times[number] = None
-        points = self.conditions.values(times)
-        met = all(holds(substitute(guard, points), self.binding) for _, guard in self.conditions.guards)
-        return times if met else None
-
-    def bound(self, times: Sequence[int | None]) -> Binding:
-        """The values of the variables, those that follow the time among them."""
-        assert self.tree.time is not None
-        found = dict(self.binding)
-        for number, name in self.following.items():
-            time = times[number]
-            if time is not None and (number == min(n for n, other in self.following.items() if other == name)):
-                found[name] = written(self.random, self.tree.time.format, time, plain=self.plain)
-        return found
+    def _move(self, times: list[int], bounds: Sequence[Bound]) -> None:
+        """Move some events to where a bound holds just so, or almost."""
+        for event in range(len(self.order)):
+            if self._fixed.get(event) is not None or self.random.random() < 0.5:
+                continue
+            most = min((times[b] + by for a, b, by in bounds if a == event), default=inf)
+            least = max((times[a] - by for a, b, by in bounds if b == event), default=-inf)
+            near = (least, most) if self.plain else (most, most - 1, least)
+            ends = [end for end in near if isinstance(end, int) and least <= end <= most]
+            ends = [end for end in ends if not self.plain or self.random.random() < 0.2]
+            if ends:
+                times[event] = self.random.choice(ends)
 
 
-def instants(
-    random: Random, count: int, bounds: Iterable[Bound], fixed: Mapping[int, int], steps: Sequence[int], *, plain: bool
-) -> list[int] | None:
-    """Instants for so many events that keep these bounds, or None where there are none; some may be fixed.
-
-    Plain ones grow if they can, by some seconds each unless a bound wants it otherwise; others are often at a bound, or next to it.
-    """
-    required = [*bounds]
-    step = min([_STEPS * SECOND, *(most // (2 * count) for _, _, most in required if most > 0)])
-    for event, instant in fixed.items():
-        required += [(event, count, instant), (count, event, -instant)]
-    growth = [(a, b, 0) for a, b in pairwise(range(count))]
-    for every in ([*required, *growth], required) if plain else (required,):
-        now = min(fixed.values(), default=TODAY if plain else random.choice((0, TODAY, -3 * SECOND)))
-        times = []
-        for _ in range(count):
-            times.append(now)
-            if plain:
-                now += random.randint(1, step // SECOND) * SECOND if step >= SECOND else random.randint(0, step)
-            else:
-                now += random.choice(steps) + random.choice((0, 0, 1, SECOND))
-        found = _kept([*times, 0], every)
-        if found is not None:
-            _move(random, found, every, fixed, plain=plain)
-            return found[:-1]
-    return None
-
-
-def _kept(times: list[int], bounds: Sequence[Bound]) -> list[int] | None:
+def _lowered(times: list[int], bounds: Sequence[Bound]) -> list[int] | None:
     """The times lowered until they keep all bounds; the last one, which stands for 0, stays."""
     for _ in times:
         changed = False
@@ -349,20 +330,6 @@ def _kept(times: list[int], bounds: Sequence[Bound]) -> list[int] | None:
         if not changed:
             return [time - times[-1] for time in times]
     return None
-
-
-def _move(random: Random, times: list[int], bounds: Sequence[Bound], fixed: Mapping[int, int], *, plain: bool) -> None:
-    """Move some events to where a bound holds just so, or almost."""
-    for event in range(len(times) - 1):
-        if event in fixed or random.random() < 0.5:
-            continue
-        most = min((times[b] + by for a, b, by in bounds if a == event), default=None)
-        least = max((times[a] - by for a, b, by in bounds if b == event), default=None)
-        near = (least, most) if plain else (most, None if most is None else most - 1, least)
-        ends = [end for end in near if end is not None and not (plain and random.random() >= 0.2)]
-        ends = [end for end in ends if (least is None or least <= end) and (most is None or end <= most)]
-        if ends:
-            times[event] = random.choice(ends)
 
 
 # -- times for a whole trace --------------------------------------------------------------------------------------------
@@ -378,7 +345,7 @@ def timed(random: Random, tree: RVAFT, event: Json, instant: int | None, *, plai
     assert tree.time is not None
     if instant is None:
         bare = without_time(event, tree.time.field)
-        wrong = None if random.random() < 0.5 else unreadable(random, tree.time.format)
+        wrong = None if random.random() < 0.5 else random.choice(_UNREADABLE_TIMES[tree.time.format])
         return bare if wrong is None else with_time(bare, tree.time.field, wrong) or bare
     value = written(random, tree.time.format, instant, plain=plain)
     return event if value is None else with_time(event, tree.time.field, value) or event
@@ -400,26 +367,26 @@ def in_between(random: Random, tree: RVAFT, trace: Sequence[Json], at: int, even
     """An event that comes in at a place, at a time between those around it: it makes none of them late."""
     if tree.time is None:
         return event
-    times = [tree.time.read(one) for one in trace]
-    before = next((time for time in reversed(times[:at]) if time is not None), None)
-    after = next((time for time in times[at:] if time is not None), before)
-    before = after if before is None else before
-    if before is None or after is None or (not plain and random.random() < _UNDEFINED):
-        return timed(random, tree, event, None, plain=plain) if not plain else event
-    between = before if after <= before else random.randint(before, after)
-    if plain and after > before + SECOND:
-        between = before + (between - before) // SECOND * SECOND
+    before, after = (
+        [time for one in part if (time := tree.time.read(one)) is not None] for part in (trace[:at], trace[at:])
+    )
+    around = [*before[-1:], *after[:1]]
+    if not around or (not plain and random.random() < _UNDEFINED):
+        return event if plain else timed(random, tree, event, None, plain=plain)
+    first, last = around[0], max(around)
+    between = random.randint(first, last)
+    if plain and last > first + SECOND:
+        between -= (between - first) % SECOND
     return timed(random, tree, event, between, plain=plain)
 
 
 def grown(random: Random, tree: RVAFT, trace: Sequence[Json]) -> list[Json]:
     """The trace with no time before an earlier one."""
+    found: list[Json] = []
     latest: int | None = None
-    found = []
     for event in trace:
         time = None if tree.time is None else tree.time.read(event)
-        if time is not None and latest is not None and time < latest:
-            event = timed(random, tree, event, latest, plain=True)  # noqa: PLW2901
-        latest = time if latest is None else max(latest, time or latest)
-        found.append(event)
+        early = time is not None and latest is not None and time < latest
+        found.append(timed(random, tree, event, latest, plain=True) if early else event)
+        latest = latest if early or time is None else time
     return found

@@ -31,7 +31,7 @@ import msgspec
 from msgspec.structs import replace
 
 from cross_check.generate.values import fitting, interesting_values
-from rvaft.api import loads
+from rvaft.api import loads, meant
 from rvaft.backend import Metrics, all_backends, backend
 from rvaft.engine import Engine
 from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
@@ -113,12 +113,15 @@ def default_languages() -> tuple[str, ...]:
     return tuple(name for _, name in sorted(found))
 
 
-def cells_of(subjects: Iterable[Subject], semantics: Iterable[Semantics], languages: Iterable[str]) -> tuple[Cell, ...]:
-    """Every tree under every semantics in every language, in this order.
+def cells_of(
+    subjects: Iterable[Subject], semantics: Iterable[Semantics] | None, languages: Iterable[str]
+) -> tuple[Cell, ...]:
+    """Every tree under every semantics, or with None the one that is meant, in every language, in this order.
 
     Raises `OptionError` for a comparison of nothing, and for two trees that reports would call the same.
     """
-    cells = tuple(Cell(*parts) for parts in product(subjects, semantics, languages))
+    parts = product(subjects, (None,) if semantics is None else semantics, languages)
+    cells = tuple(Cell(subject, meant(subject.tree, one), language) for subject, one, language in parts)
     for name, count in Counter(subject.name for subject in dict.fromkeys(cell.subject for cell in cells)).items():
         if count > 1:
             raise OptionError(

@@ -23,7 +23,7 @@ from cross_check.benchmark.measurement import (
     unmeasured,
 )
 from cross_check.benchmark.tables import Width, csv_text, headline, latex_text, pandas, read_rows, text_lines
-from rvaft.api import load, narrowed
+from rvaft.api import narrowed
 from rvaft.backend import backend
 from rvaft.cli import FAILED, FOUND, INTERRUPTED, Failures, Stopped, options, report
 from rvaft.cli.cross_check import progress
@@ -34,14 +34,16 @@ from rvaft.support.files import deliver, write_whole
 
 _GATES: Final = "These gates; without a TREE all are compared."
 _MEMORY: Final = "For one tree in one language; needing more is `too large`."
+_SEMANTICS: Final = "Default: what each tree states, or projected."
 _WIDTH: Final = "Of tables and figures; only with --latex or --plots.  [default: page]"
 
 
 @click.command("compare")
 @click.argument("trees", nargs=-1, metavar="[TREE]...")
 @click.option("--gates", callback=options.some(Gate), metavar="and,or,...", help=_GATES)
+@options.strict_galileo
 @options.number("--max-arity", default=MAX_ARITY, text="Gates with 1 to N children, VOT with every threshold.")
-@click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help="Default: projected.")
+@click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help=_SEMANTICS)
 @click.option("--languages", metavar="A,B", help="These backends.  [default: rml-paper and all faithful ones]")
 @options.number("--limit", text="Of translations, in the language's own unit.")
 @options.timeout_option("Of the processor, for one tree in one language.", default=Settings().timeout)
@@ -84,7 +86,7 @@ def compare_command(
         _check_outputs(trees, csv, latex, plots)
         spoken = options.some_backends(languages)
         spoken = default_languages() if spoken is None else spoken
-        cells = cells_of(subjects, semantics or (Semantics.PROJECTED,), spoken)
+        cells = cells_of(subjects, semantics, spoken)
     except OptionError as error:
         raise click.UsageError(str(error)) from error
     rows = _measured(cells, Settings(**settings), csv, resume=resume, jobs=jobs)
@@ -111,7 +113,7 @@ def compare_command(
 
 
 def _subject(path: str) -> Subject:
-    tree = load(path)
+    tree = options.load_tree(path)
     narrowed(tree)  # refuses what breaks a rule
     return Subject(click.format_filename(path), tree)
 

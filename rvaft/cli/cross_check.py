@@ -22,7 +22,7 @@ from cross_check.counterexamples import load as load_case
 from cross_check.participants import handwritten, is_specification
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
-from rvaft.api import load, narrowed
+from rvaft.api import meant, narrowed
 from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
 from rvaft.model.nodes import Kind
 from rvaft.model.verdict import Semantics, Verdict
@@ -144,7 +144,7 @@ _TRACES: Final = (
     f"without TREE {CATALOGUE.traces}]"
 )
 _STATES: Final = f"Of a proof.  [default: {ONE_TREE.states}; with --random {RANDOM.states}]"
-_SEMANTICS: Final = "Default: all; with --against, projected."
+_SEMANTICS: Final = "Default: all; with --against, what each tree states, or projected."
 _PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a checkout."
 
 
@@ -153,6 +153,7 @@ _PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a ch
 @click.option("--against", multiple=True, metavar="[LANG:]FILE", help="A specification to hold against each TREE.")
 @click.option("--backends", metavar="A,B", help="These backends instead of all faithful ones.")
 @click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help=_SEMANTICS)
+@options.strict_galileo
 @options.part_options
 @options.number("--random", text="Compare N random trees.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="The seed of everything random.")
@@ -233,16 +234,23 @@ def cross_check_command(
         entries, count = [], 0
     chosen_effort = {name: given[name] for name in ("traces", "states", "length") if given[name] is not None}
     effort = replace(effort, seed=str(given["seed"]), seconds=timeout, **chosen_effort)
-    chosen = semantics or ((Semantics.PROJECTED,) if against else tuple(Semantics))
-    tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e in entries for s in chosen)
+    one = against and not semantics
+    chosen = semantics or tuple(Semantics)
+    tasks = (
+        Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort)
+        for e in entries
+        for s in ((meant(e.tree),) if one else chosen)
+    )
     jobs = given["jobs"] or os.cpu_count() or 1
-    collected.compare(tasks, count * len(chosen), jobs, bogus=given["save_bogus"], stop=given["stop_on_error"])
+    collected.compare(
+        tasks, count if one else count * len(chosen), jobs, bogus=given["save_bogus"], stop=given["stop_on_error"]
+    )
     fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
     asked = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}
     return FAILED if failures.met else exit_status(collected.results, failing=asked)
 
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:
-    tree = load(path)
+    tree = options.load_tree(path)
     narrowed(tree, branch, kind)  # refuses what breaks a rule, and a part that is not there
     return Entry(click.format_filename(path), tree, branch, kind)

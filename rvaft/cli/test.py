@@ -12,7 +12,7 @@ import msgspec
 
 from rvaft.analysis.branches import branches
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.api import load, monitor
+from rvaft.api import monitor
 from rvaft.cli import FAILED, FOUND, Failures, options, warn
 from rvaft.errors import OptionError, TreeError
 from rvaft.model.tree import RVAFT
@@ -61,6 +61,7 @@ class Expectation(NamedTuple):
 @click.command("test")
 @click.argument("trees", nargs=-1, required=True, metavar="TREE...")
 @click.option("--update", is_flag=True, help="Write NAME.verdicts.json anew from what the engine says now.")
+@options.strict_galileo
 @options.output_format("text", "junit")
 def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
     """Run the traces NAME.traces/*.jsonl beside each TREE, and compare with the verdicts in NAME.verdicts.json.
@@ -123,7 +124,7 @@ def _update(name: str) -> None:
 def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
     """The file of verdicts, the tree and its traces by name."""
     folder = Path(name).with_suffix(".traces")
-    tree = load(name)
+    tree = options.load_tree(name)
     files = sorted(folder.glob("*.jsonl"))
     if not files:
         raise OptionError(f"{name}: no traces: put them into {folder}/ as NAME.jsonl")

@@ -172,14 +172,8 @@ class Schedule:
         self, random: Random, tree: RVAFT, kept: Kept, order: Sequence[str], binding: Binding, *, plain: bool
     ) -> None:
         assert tree.time is not None
-        self.random, self.tree, self.kept, self.order, self.binding, self.plain = (
-            random,
-            tree,
-            kept,
-            order,
-            binding,
-            plain,
-        )
+        self.random, self.tree, self.kept = random, tree, kept
+        self.order, self.binding, self.plain = order, binding, plain
         guards = {name: [part for part in conjuncts(tree.nodes[name].when) if time_points(part)] for name in kept}
         self._guards = [*chain.from_iterable(guards.values())]
         self._windows = [name for name in kept if tree.nodes[name].within is not None]

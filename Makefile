@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 RUNTIME := $(VENV)/.installed-rvaft
+# Modules are compiled once they are imported, not in each of the many processes of the tests, nor all when they are installed.
+unexport PYTHONDONTWRITEBYTECODE
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
@@ -13,16 +15,15 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
 	@echo "Making $(VENV)"
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --upgrade pip
 
 $(RUNTIME): pyproject.toml | $(BIN)/python
 	@echo "Installing rvaft and what it needs into $(VENV); once, about a minute"
-	@$(BIN)/python -m pip install --quiet --editable .
+	@$(BIN)/python -m pip install --quiet --no-compile --editable .
 	@touch $@
 
 $(STAMP): pyproject.toml | $(BIN)/python
 	@echo "Installing rvaft and the tools of its developers into $(VENV); once, one or two minutes"
-	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@$(BIN)/python -m pip install --quiet --no-compile --editable '.[dev]'
 	@touch $@ $(RUNTIME)
 
 TREE := trees/remote_inspection/pruned.rvaft
@@ -46,7 +47,7 @@ paper: $(STAMP)
 	$(BIN)/python -m papers.fmas2022
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto -m "not slow" --ignore tests/benchmarks
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow" --ignore tests/benchmarks
 
 # The tests that start programs, on a PATH with no program but Python, a shell, `sleep` and make.
 bare: $(STAMP)

@@ -66,7 +66,7 @@ def test_the_files_are_for_people(tmp_path: Path) -> None:
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=20, suppress_health_check=list(HealthCheck))
 @given(st.data(), trees_with_traces(max_length=4))
 def test_every_case_reads_back(data: st.DataObject, pair: tuple[Any, list[Any]]) -> None:
     tree, trace = pair

@@ -313,7 +313,7 @@ def test_the_same_seed_gives_the_same_traces(semantics: Semantics) -> None:
     assert len({all_of(seed) for seed in (0, 0, 1, 1, 2, 2, 3, 3)}) == 4
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck), database=None)
+@settings(max_examples=10, suppress_health_check=list(HealthCheck), database=None)
 @given(st.data(), strategies.semantics(), strategies.trees_with_guided_traces())
 def test_strategies(data: st.DataObject, semantics: Semantics, example: tuple[RVAFT, Semantics, list[Json]]) -> None:
     tree, chosen, trace = example

@@ -189,7 +189,7 @@ def merged(one: Json, other: Json) -> Json:
     return other
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.lists(questions(), min_size=2, max_size=4), randoms())
 def test_no_event_is_outside_the_letters(asked: list[Observed], random: Random) -> None:
     """Random questions (nested, lists, equality, guards) and random events that have to do with them."""

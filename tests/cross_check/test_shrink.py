@@ -60,7 +60,7 @@ FAULTS = st.sampled_from(
     ["K+1 for K", "a sand reversed", "a sand_rl from left to right", "an or that wants all", "no guard on an event"]
 )
 """Those that random trees show often, under every semantics."""
-SETTINGS = settings(max_examples=7, deadline=None)
+SETTINGS = settings(max_examples=7)
 SHAPE = Shape(max_nodes=7, sharing=0.4, guards=0.4, ignores=0.4)
 
 

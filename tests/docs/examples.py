@@ -22,10 +22,10 @@ SETUP = re.compile(r"^(make|pip|git clone|python3? -m venv|source) ?")
 """Commands that set up a machine; the tests run inside the result."""
 
 ALONE = re.compile(
-    r"""rvaft (?![^|]*/dev/)(?P<words>(?:'[^']*'|"[^"$`]*"|[^|;&<>$*`("'])+)"""
+    r"""(?:(?P<before>(?:printf|echo) [^|]+) \| )?rvaft (?![^|]*/dev/)(?P<words>(?:'[^']*'|"[^"$`]*"|[^|;&<>$*`("'])+)"""
     r"""(?:\| (?P<rest>.+)|(?P<status>; echo "exit status \$\?"))?"""
 )
-"""The command, and then what filters its output or says its status."""
+"""What writes its input, the command, and then what filters its output or says its status."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,7 @@ def run(command: str, data: str = "") -> str:
     """What a command prints, errors included: as a shell runs it, or, to spare a start, here where it needs no shell."""
     environment = {"LC_ALL": "C.UTF-8", "COLUMNS": "100", "NO_COLOR": "1"}
     if (found := ALONE.fullmatch(command)) is not None:
+        data = run(found["before"]) if found["before"] else data
         result = CliRunner().invoke(main, shlex.split(found["words"]), input=data, env=environment)
         if found["rest"]:
             return result.stderr + run(found["rest"], result.stdout)

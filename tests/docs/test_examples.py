@@ -11,6 +11,7 @@ from _pytest.mark.structures import ParameterSet
 
 from tests.docs.examples import ROOT, SETUP, Block, blocks, commands, run
 
+pytestmark = pytest.mark.usefixtures("quick")
 NEEDS_SPOT = re.compile(r'--backend (ltlf|automaton)|"ltlf"|rvaft cross-check|rvaft compare|rvaft backends')
 
 

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import LanguageError, TreeError, dumps, loads
@@ -120,7 +120,6 @@ def only_own_errors(text: str) -> None:
             parse_one(text)
 
 
-@settings(deadline=None)
 @given(st.lists(st.sampled_from(TOKENS), max_size=25), st.sampled_from(["", " "]), st.text(max_size=30), st.data())
 def test_whatever_the_text(tokens: list[str], between: str, wild: str, data: st.DataObject) -> None:
     only_own_errors(between.join(tokens))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from rvaft import LanguageError, dumps, loads
 from rvaft.language.parser import parse, parse_guard, parse_pattern
@@ -23,7 +23,6 @@ READ: dict[str, Callable[[str], Any]] = {
 }
 
 
-@settings(deadline=None)
 @given(some.trees())
 def test_trees(tree: RVAFT) -> None:
     text = dumps(tree)
@@ -32,7 +31,6 @@ def test_trees(tree: RVAFT) -> None:
     assert dumps(again) == text
 
 
-@settings(deadline=None)
 @given(some.guards, some.patterns(some.literals | some.variables), some.names)
 def test_parts_of_trees(guard: Guard, pattern: Pattern, name: str) -> None:
     assert parse_guard(guard_text(guard)) == guard

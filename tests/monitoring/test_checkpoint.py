@@ -227,7 +227,7 @@ def test_a_checkpoint_of_another_version_is_refused(
         assert "no checkpoint of rvaft" in refused(path, trace)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
 @given(st.floats(0, 0.999), st.integers(0, 1), st.binary(max_size=3))
 def test_a_damaged_file_is_refused(tmp_path: Path, trace: Path, where: float, gone: int, more: bytes) -> None:
     whole, path = tmp_path / "whole", tmp_path / "kept"

@@ -157,7 +157,7 @@ logs = st.builds(
 @example("one", b'{"topic":"t","value":1} 5\n\n{"topic":"t","value":1}\n', 1 << 16)
 @example("one", b'{"topic":"t","value":"\\\\"}\n{"topic":"t","value":"\\1"}\n', 1 << 16)
 @example("one", b'{"topic":"t","topic":null}\n{"\\u0074opic":"t","value":0}\n', 1 << 16)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_any_bytes(name: str, data: bytes, size: int) -> None:
     same(TREES[name], data, size=size)
 
@@ -185,7 +185,6 @@ def test_one_line_among_many(row: list[Any]) -> None:
 
 
 @given(st.sampled_from(sorted(TREES)), st.lists(objects, max_size=40))
-@settings(deadline=None)
 def test_statistics_are_the_same(name: str, some: list[dict[str, Any]]) -> None:
     tree = TREES[name]
     data = b"".join(json.dumps(event).encode() + b"\n" for event in some)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import loads
@@ -54,7 +54,6 @@ def test_guards(guard: str, events: list[dict[str, Any]], count: int, first: int
 
 
 @given(st.lists(st.sampled_from([0, 1, 2.5, "a", "b", True, None]), min_size=1, max_size=6), st.integers(0, 5))
-@settings(deadline=None)
 def test_the_guard_of_one_event_is_told_exactly_where_it_is_undefined(values: list[Any], which: int) -> None:
     guards = ("X > 1", "X == 1 or X > 1", "not 1 / X > 1", "X * 2 > 1 and X != 2.5", "number(X) > 0", "min(X, 1) < 1")
     tree = loads(f"{EVENTS} top or a b; a on e(X) when {guards[which]}; b;")

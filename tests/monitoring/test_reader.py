@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 import zstandard
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError, loads
@@ -169,7 +169,6 @@ def test_no_recursion_error_leaks_from_a_full_stack() -> None:
         deeply(sys.getrecursionlimit() - 350)
 
 
-unhurried = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
@@ -177,13 +176,11 @@ JSON = st.recursive(
 )
 
 
-@unhurried
 @given(st.dictionaries(st.text(max_size=5), JSON, max_size=4), st.booleans())
 def test_every_object_is_read_back(value: dict[str, Any], ascii_only: bool) -> None:
     assert decode(json.dumps(value, ensure_ascii=ascii_only).encode()) == value
 
 
-@unhurried
 @given(st.dictionaries(st.text(max_size=3), JSON, max_size=3), st.integers(0), st.binary(min_size=1, max_size=2))
 def test_damage_is_refused_or_still_json(value: dict[str, Any], where: int, damage: bytes) -> None:
     text = json.dumps(value).encode()

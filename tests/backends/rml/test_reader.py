@@ -93,7 +93,7 @@ NAMES = "a b x S T Main matches not with all empty let var if else any none true
 SIGNS = "( ) { } [ ] < > << >> >= <= == != = ; : , . ... | || /\\ \\/ & && * + - / ^ ? !"
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     st.lists(st.sampled_from(["\n", *NAMES.split(), *SIGNS.split()]), max_size=30).map(" ".join) | st.text(max_size=40)
 )

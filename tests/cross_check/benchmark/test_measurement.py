@@ -42,6 +42,7 @@ from rvaft.monitors import Monitor
 from rvaft.rules import require_valid
 from tests.cli.runs import PRUNED
 
+pytestmark = pytest.mark.usefixtures("quick")
 SUBJECTS = {subject.name: subject for subject in gate_subjects()}
 STRICT, PROJECTED, CONSECUTIVE, SCATTERED = Semantics
 

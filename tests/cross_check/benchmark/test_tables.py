@@ -158,24 +158,28 @@ def test_panels() -> None:
     assert points == [(1, 3), (2, 9), (3, 27), (4, None), (5, None), (6, None)]
 
 
-MANY = [*TREES, *(replace(ROW, tree=f"{number}", gate=None) for number in range(7))]
+MANY = [*TREES, *(replace(ROW, tree=f"{number}", gate=None) for number in range(4))]
 
 
 @pytest.mark.parametrize(
     ("few", "width", "centimetres", "names"),
     [
-        (ROWS, Width.COLUMN, 8.5, ["gates-symbols-strict.pdf", "gates-symbols-strict.png", "gates-seconds-strict.pdf"]),
-        (MANY, Width.PAGE, 17.4, ["trees-symbols-1.pdf", "trees-symbols-1.png", "trees-symbols-2.pdf"]),
+        (ROWS, Width.PAGE, 17.4, ["gates-symbols-strict.pdf", "gates-symbols-strict.png"]),
+        (MANY, Width.COLUMN, 8.5, ["trees-symbols-1.pdf", "trees-symbols-1.png", "trees-symbols-2.pdf"]),
     ],
 )
 def test_pictures(few: list[Measurement], width: Width, centimetres: float, names: list[str]) -> None:
-    """As wide as it should be, with something in it but not full of it; the same picture each time."""
+    """As wide as it should be, with something in it but not full of it."""
     image = pytest.importorskip("matplotlib.image")
-    files = dict(islice(plots(few, width), 3))
+    files = dict(islice(plots(few, width), len(names)))
     assert [*files] == names
     pdf, png = list(files.values())[:2]
     assert pdf.startswith(b"%PDF-")
-    assert next(plots(ROWS[:4])) == next(plots(ROWS[:4]))
     pixels = image.imread(io.BytesIO(png), format="png")
     assert abs(pixels.shape[1] - centimetres / 2.54 * 300) <= 1
     assert 0.005 < (pixels[:, :, :3].min(axis=2) < 0.5).mean() < 0.2
+
+
+def test_a_picture_is_the_same_each_time() -> None:
+    pytest.importorskip("matplotlib")
+    assert next(plots(ROWS[:1])) == next(plots(ROWS[:1]))

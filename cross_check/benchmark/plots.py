@@ -3,6 +3,7 @@
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import PurePath
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -36,7 +37,7 @@ _LETTERS: Final = dict(zip(list(Outcome)[1:], "NLT+*", strict=True))
 _RING: Final[dict[str, Any]] = dict(zip(_LOOK, ("black", "o", "none", "none", 8.0), strict=True))
 """Drawn around a value of a text that gives other verdicts than the tree."""
 _SETTINGS: Final = {
-    "font.family": "DejaVu Sans",
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
     "axes.titlesize": "medium",
     "axes.linewidth": 0.6,
     "lines.linewidth": 0.9,
@@ -123,33 +124,44 @@ def _trees(rows: Sequence[Measurement]) -> Iterator[Panel]:
         yield Panel(PurePath(tree).stem.replace("_", " "), "", points, order)
 
 
-def library() -> ModuleType:
-    """Matplotlib; raises `ToolMissing`."""
+def library(otherwise: str = "") -> ModuleType:
+    """Matplotlib; raises `ToolMissing`, which says what to do otherwise."""
     try:
         import matplotlib  # noqa: PLC0415 (an extra)
         from matplotlib import figure, font_manager, lines, ticker  # noqa: F401, PLC0415 (an extra)
     except ImportError:
-        remedy = "pip install '.[papers]' in a checkout, or leave --plots out"
-        raise ToolMissing("Matplotlib", remedy=remedy) from None
+        raise ToolMissing("Matplotlib", remedy=f"pip install '.[papers]' in a checkout{otherwise}") from None
     return matplotlib
+
+
+@contextmanager
+def style(**settings: Any) -> Iterator[ModuleType]:
+    """The settings of Matplotlib for what is drawn in here, whatever the user's own are: the same picture everywhere; raises `ToolMissing`."""
+    matplotlib = library()
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update({**_SETTINGS, **settings})
+        yield matplotlib
+
+
+def saved(drawing: "Figure") -> Iterator[tuple[str, bytes]]:
+    """The figure as a PDF and as a PNG, the same bytes every time."""
+    for form, silent in _SILENT.items():
+        stream = io.BytesIO()
+        drawing.savefig(stream, format=form, dpi=300, metadata=silent)
+        yield form, stream.getvalue()
 
 
 def plots(rows: Sequence[Measurement], width: Width = Width.PAGE) -> Iterator[tuple[str, bytes]]:
     """Each figure as a PDF and as a PNG, with its file name; none where nothing has a value. Raises `ToolMissing`."""
-    matplotlib = library()
     size, across = (8, 3) if width is Width.PAGE else (7, 2)
     for figure in figures(rows):
         parts = range(0, len(figure.panels), across * _ROWS)
         for number, start in enumerate(parts, 1):
             name = figure.name if len(parts) == 1 else f"{figure.name}-{number}"
-            with matplotlib.rc_context():
-                matplotlib.rcdefaults()  # not the user's own: the same picture everywhere
-                matplotlib.rcParams.update({**_SETTINGS, "font.size": size})
+            with style(**{"font.size": size}):
                 drawing = _drawn(figure._replace(panels=figure.panels[start : start + across * _ROWS]), width, across)
-                for form, silent in _SILENT.items():
-                    stream = io.BytesIO()
-                    drawing.savefig(stream, format=form, dpi=300, metadata=silent)
-                    yield f"{name}.{form}", stream.getvalue()
+                yield from ((f"{name}.{form}", data) for form, data in saved(drawing))
 
 
 def _drawn(plot: Plot, width: Width, across: int) -> "Figure":

@@ -21,19 +21,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=OUT, metavar="FOLDER", help="where to write (default: out/)")
     parser.add_argument("--texts", action="store_true", help="LaTeX and Markdown only: no figures, no measurements")
     options = parser.parse_args(arguments)
-    return ended("papers.fmas2022", lambda: _made(options.out, texts=options.texts))
 
+    def made() -> int:
+        folder, page = make(options.out, texts=options.texts)
+        sys.stdout.writelines(f"{file}\n" for file in folder.files)
+        sys.stderr.writelines(f"papers.fmas2022: not run: {reason}\n" for reason in folder.not_run)
+        for state in (State.PARTLY, State.UNCONFIRMED):
+            sys.stderr.writelines(f"papers.fmas2022: {state}: {title}\n" for title in page.having(state))
+        return 2 if folder.not_run else 1 if page.having(State.UNCONFIRMED) else 0
 
-def _made(out: Path, *, texts: bool) -> int:
-    made = make(out, texts=texts)
-    for file in made.files:
-        sys.stdout.write(f"{file}\n")
-    for reason in made.not_run:
-        sys.stderr.write(f"papers.fmas2022: not run: {reason}\n")
-    for state in (State.PARTLY, State.UNCONFIRMED):
-        for title in made.page.having(state):
-            sys.stderr.write(f"papers.fmas2022: {state}: {title}\n")
-    return 2 if made.not_run else 1 if made.page.having(State.UNCONFIRMED) else 0
+    return ended("papers.fmas2022", made)
 
 
 if __name__ == "__main__":

@@ -7,11 +7,11 @@ from rvaft.cli import FAILED, Stopped, guarded
 from rvaft.errors import RvaftError
 
 
-def ended(name: str, run: Callable[[], int]) -> int:
-    """The exit status: that of the run, or 2 where it cannot be done, 141 where nobody reads on, 130 where it was interrupted."""
+def ended(name: str, run: Callable[[], int | None]) -> int:
+    """The exit status: that of the run, 0 where it has none, or 2 where it cannot be done, 141 where nobody reads on, 130 where it was interrupted."""
     try:
         with guarded():
-            return run()
+            return run() or 0
     except Stopped as stopped:
         return stopped.status
     except RvaftError as error:

@@ -56,8 +56,8 @@ def findings(chosen: Iterable[Finding] = FINDINGS) -> Page:
     """Run all commands, in a scratch folder, and write down what they print; raises `ToolFailed`, `OSError`."""
     with TemporaryDirectory(prefix="rvaft-") as folder:
         sections = [_section(finding, Path(folder)) for finding in chosen]
-    states = [(section.title, section.state) for section in sections]
-    parts = [f"## {number}. {section.text()}" for number, section in enumerate(sections, 1)]
+    states = [(title, state) for title, state, _ in sections]
+    parts = [f"## {number}. {title}\n\n{text}" for number, (title, _, text) in enumerate(sections, 1)]
     return Page("\n".join([HEAD, _summary([state for _, state in states]), *parts]), states)
 
 
@@ -71,31 +71,13 @@ def _summary(states: Sequence[State]) -> str:
     return f"Of {len(states)} findings: {'; '.join(words)}.\n"
 
 
-@dataclass(frozen=True, slots=True)
-class _Section:
-    """One finding and what its commands came to."""
-
-    finding: Finding
-    state: State
-    lines: Sequence[str]
-
-    @property
-    def title(self) -> str:
-        """The claim, or what is asked where commands on which it hangs were not run."""
-        finding = self.finding
-        return finding.asked or finding.title if self.state is State.PARTLY else finding.title
-
-    def text(self) -> str:
-        """The section below the number."""
-        body = "\n".join(self.lines)
-        seen = f"\n\n{self.finding.seen}" if self.finding.seen and self.state is State.CONFIRMED else ""
-        return f"{self.title}\n\n{_NOTES[self.state]}{self.finding.text}{seen}\n\n{body}"
-
-
-def _section(finding: Finding, scratch: Path) -> _Section:
+def _section(finding: Finding, scratch: Path) -> tuple[str, State, str]:
+    """The claim, or what is asked where commands on which it hangs were not run; what they came to; the section below that title."""
     shell = _Shell(scratch)
-    lines = list(shell.blocks(finding.steps))
-    return _Section(finding, shell.state, lines)
+    body, state = "\n".join(shell.blocks(finding.steps)), shell.state
+    title = finding.asked or finding.title if state is State.PARTLY else finding.title
+    seen = f"\n\n{finding.seen}" if finding.seen and state is State.CONFIRMED else ""
+    return title, state, f"{_NOTES[state]}{finding.text}{seen}\n\n{body}"
 
 
 @dataclass

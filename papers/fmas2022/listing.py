@@ -1,4 +1,4 @@
-"""What the Listing of section 4.3 says, φ, in RML that compiles: the tree, translated by the backend `rml`."""
+"""φ₁ to φ₄ and φ of section 4.2, extracted from the tree, as LaTeX; and what the Listing of section 4.3 says, φ, in RML that compiles."""
 
 from typing import Final
 
@@ -6,9 +6,15 @@ import rvaft
 from papers.fmas2022 import tex
 from rvaft.backend import backend
 from rvaft.export.latex import listing
+from rvaft.export.property_text import align_latex
 from rvaft.model.tree import RVAFT
 
 _CAPTION: Final = r"$\varphi$ in RML, from the tree: what the Listing of the paper is to express."
+
+
+def formulas_tex(tree: RVAFT) -> str:
+    """The formulas of the branches and that of the whole tree, one below the other; what choices share stands once."""
+    return "\n".join([*align_latex([*tree.branches(), tree]), ""])
 
 
 def listing_rml(tree: RVAFT) -> str:

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -10,9 +10,8 @@ import rvaft
 from papers.fmas2022 import tex
 from papers.fmas2022.figures import figures
 from papers.fmas2022.findings import Page, findings
-from papers.fmas2022.formulas_tex import formulas_tex
 from papers.fmas2022.gate_table import gate_table
-from papers.fmas2022.listing import listing_rml, listing_tex
+from papers.fmas2022.listing import formulas_tex, listing_rml, listing_tex
 from papers.fmas2022.node_table import node_table
 from papers.fmas2022.overhead import overhead
 from papers.fmas2022.places import GATES, PRUNED, TREES
@@ -32,20 +31,27 @@ PRINTED: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
-    """The files that were written, what was not and why, and the page of the findings."""
+class Folder:
+    """The files that were written into it, and what was not and why."""
 
-    files: tuple[Path, ...]
-    not_run: tuple[str, ...]
-    page: Page
+    path: Path
+    files: list[Path] = field(default_factory=list)
+    not_run: list[str] = field(default_factory=list)
+
+    def write(self, name: str, data: str | bytes) -> None:
+        """Write one file."""
+        file = self.path / name
+        file.write_bytes(data.encode() if isinstance(data, str) else data)
+        self.files.append(file)
 
 
-def make(out: Path, *, texts: bool = False) -> Made:
+def make(out: Path, *, texts: bool = False) -> tuple[Folder, Page]:
     """Write everything into a folder, which is made where it is not there; `texts` leaves out figures and measurements.
 
     Raises `Disagreement`, `ToolFailed`, and `OSError` where a file cannot be written; what lacks a tool is left out and said.
     """
-    folder = _Folder(out)
+    out.mkdir(parents=True, exist_ok=True)
+    folder = Folder(out)
     _say("tables, formulas and listings")
     for name, text in latex_texts(TREES).items():
         folder.write(name, text)
@@ -54,7 +60,7 @@ def make(out: Path, *, texts: bool = False) -> Made:
     page = findings()
     folder.write("findings.md", page.text + measured)
     folder.write("paper.tex", tex.document(_parts({file.name for file in folder.files})))
-    return Made(tuple(folder.files), tuple(folder.not_run), page)
+    return folder, page
 
 
 def latex_texts(trees: Path, gates: Path = GATES) -> dict[str, str]:
@@ -77,23 +83,7 @@ def _say(what: str) -> None:
         sys.stderr.write(f"papers.fmas2022: {what}\n")
 
 
-class _Folder:
-    """Where files go, and the account of it."""
-
-    def __init__(self, path: Path) -> None:
-        path.mkdir(parents=True, exist_ok=True)
-        self.path = path
-        self.files: list[Path] = []
-        self.not_run: list[str] = []
-
-    def write(self, name: str, data: str | bytes) -> None:
-        """Write one file."""
-        file = self.path / name
-        file.write_bytes(data.encode() if isinstance(data, str) else data)
-        self.files.append(file)
-
-
-def _pictures(folder: _Folder) -> str:
+def _pictures(folder: Folder) -> str:
     """Figures and measurements; what the measurements say, as a section of the findings."""
     _say("figures")
     try:
@@ -103,12 +93,12 @@ def _pictures(folder: _Folder) -> str:
         folder.not_run.append(f"figures 4a and 4b: {error}")
     _say("measurements of missions")
     try:
-        measured = overhead(folder.path, tree=PRUNED)
+        measured = overhead(folder.path)
     except ToolMissing as error:
         folder.not_run.append(f"overhead: {error}")
         said = f"not run: {error}\n"
     else:
-        folder.files += measured.files
+        folder.files.extend(measured.files)
         said = measured.statement
     return f"\n## What monitoring costs a mission\n\nMeasured on this machine by `python -m papers.fmas2022.overhead`.\n\n{said}"
 

@@ -224,13 +224,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--mode", type=Mode, default=Mode.NOMINAL, help=" or ".join(Mode))
     parser.add_argument("--seed", type=int, default=1, help="another one is another mission (default 1)")
     options = parser.parse_args(arguments)
-    return ended("mission", lambda: _told(Mission(options.waypoints, options.mode, options.seed)))
 
+    def told() -> None:
+        for event in Mission(options.waypoints, options.mode, options.seed).events():
+            sys.stdout.write(f"{json.dumps(event)}\n")
 
-def _told(mission: Mission) -> int:
-    for event in mission.events():
-        sys.stdout.write(f"{json.dumps(event)}\n")
-    return 0
+    return ended("mission", told)
 
 
 if __name__ == "__main__":

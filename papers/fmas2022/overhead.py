@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import rvaft
-from papers import plots
+from cross_check.benchmark.plots import library
 from papers.fmas2022.command import ended
 from papers.fmas2022.mission import Mode
 from papers.fmas2022.overhead_cells import Cell, cells
@@ -22,7 +22,6 @@ from papers.fmas2022.overhead_tables import cells_csv, detected_tex, nominal_tex
 from papers.fmas2022.places import OUT, PRUNED
 
 WAYPOINTS: Final = (5, 10, 20, 40, 80)
-_QUICK: Final = (2, 4)
 REPETITIONS: Final = 15
 
 
@@ -35,23 +34,15 @@ class Overhead:
     cells: tuple[Cell, ...]
 
 
-def overhead(
-    folder: Path,
-    *,
-    quick: bool = False,
-    tree: Path = PRUNED,
-    waypoints: Sequence[int] | None = None,
-    repetitions: int | None = None,
-) -> Overhead:
+def overhead(folder: Path, *, quick: bool = False) -> Overhead:
     """Measure, and write into a folder, which is made where it is not there: two CSV files, two LaTeX tables, a text, and the figure twice.
 
     `quick` is for tests: two small missions, twice. Raises `ToolMissing`, and `OSError` where the folder cannot be written.
     """
-    with plots.style():  # what is missing is said before anything is measured
-        folder.mkdir(parents=True, exist_ok=True)
-    sizes = waypoints or (_QUICK if quick else WAYPOINTS)
-    times = repetitions or (2 if quick else REPETITIONS)
-    watched = rvaft.load(tree)
+    library()  # what is missing is said before anything is measured
+    folder.mkdir(parents=True, exist_ok=True)
+    sizes, times = ((2, 4), 2) if quick else (WAYPOINTS, REPETITIONS)
+    watched = rvaft.load(PRUNED)
     measured = tuple(run for mode in Mode for run in runs(watched, sizes, times, mode=mode))
     found = cells(measured)
     said = statement(found)
@@ -73,12 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, nargs="?", default=OUT, metavar="FOLDER", help="default: out/")
     parser.add_argument("--quick", action="store_true", help="two small missions, twice")
     options = parser.parse_args(arguments)
-    return ended("overhead", lambda: _said(options.folder, quick=options.quick))
-
-
-def _said(folder: Path, *, quick: bool) -> int:
-    sys.stdout.write(overhead(folder, quick=quick).statement)
-    return 0
+    return ended("overhead", lambda: sys.stdout.writelines([overhead(options.folder, quick=options.quick).statement]))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from papers import plots
+from cross_check.benchmark.plots import saved, style
 from papers.fmas2022.mission import Mode
 from papers.fmas2022.overhead_cells import Cell, Spread
 from papers.fmas2022.overhead_runs import NONE, SETUPS
@@ -19,16 +19,45 @@ TITLES: Final[Mapping[str, str]] = {
     Per.KIND: "one per kind",
     Per.BRANCH: "one per branch",
 }
-NAME: Final = "overhead"
+LINES: Final[tuple[Mapping[str, Any], ...]] = tuple(
+    {"color": colour, "linestyle": line, "marker": marker, "fillstyle": fill, "markersize": size}
+    for colour, line, marker, fill, size in (
+        ("#000000", "-", "o", "full", 3.5),
+        ("#0072B2", "--", "s", "none", 5.5),
+        ("#D55E00", "-.", "^", "full", 3.5),
+        ("#56B4E9", ":", "D", "none", 5.5),
+    )
+)
+"""What tells the setups apart: colours of Okabe and Ito (Color Universal Design, 2008), and beside the colour a line and a marker.
+
+Every other marker is open and larger, so that the one below it is seen where two lines coincide.
+"""
+STYLE: Final[Mapping[str, Any]] = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7.0),
+    "legend.frameon": False,
+    "legend.handlelength": 3.0,  # a dashed line shows its dashes
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#D9D9D9",
+    "grid.linewidth": 0.4,
+    "lines.linewidth": 1.1,
+    "lines.markeredgewidth": 1.0,
+    "errorbar.capsize": 2.0,
+}
 
 
 def draw(cells: Sequence[Cell], folder: Path) -> tuple[Path, ...]:
     """Write the figure as PDF and PNG, and return the files; raises `ToolMissing`, `OSError`."""
-    with plots.style():
-        figure = plots.figure(height=16.0)
+    with style(**STYLE) as matplotlib:
+        figure = matplotlib.figure.Figure(figsize=(8.5 / 2.54, 16.0 / 2.54), layout="constrained")
         whole, each, calm, attacked = figure.subplots(4, 1, sharex=True)
         attacked.sharey(calm)
-        for line, setup in zip(plots.LINES, SETUPS, strict=False):
+        for line, setup in zip(LINES, SETUPS, strict=True):
             mine = [cell for cell in cells if cell.setup == setup]
             quiet = [cell for cell in mine if cell.mode is Mode.NOMINAL]
             _spreads(whole, quiet, lambda cell: _milliseconds(cell.cpu), line)
@@ -49,7 +78,10 @@ def draw(cells: Sequence[Cell], folder: Path) -> tuple[Path, ...]:
         for axes in (calm, attacked):
             axes.yaxis.set_major_formatter("{x:g}")
         whole.legend(loc="upper left")
-        return plots.write(figure, folder, NAME)
+        files = {folder / f"overhead.{form}": data for form, data in saved(figure)}
+    for file, data in files.items():
+        file.write_bytes(data)
+    return tuple(files)
 
 
 def _milliseconds(seconds: Spread) -> Spread:

@@ -1,7 +1,7 @@
 """What monitors cost a mission: runs of the simulation with and without them, timed."""
 
 import gc
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter, process_time, process_time_ns
 from typing import Final, TypedDict
@@ -80,8 +80,12 @@ def _run(mission: Mission, setup: str, repetition: int, trees: Sequence[RVAFT]) 
     start = process_time()
     monitors = _monitors(trees)
     made = process_time() - start
+    steps, events, last = [one.step for one in monitors], 0, Event()
     wall, cpu = perf_counter(), process_time()
-    events, last = _loop(mission.events(), [one.step for one in monitors])
+    for last in mission.events():  # the mission's loop: the simulation says its events, and each monitor reads them
+        events += 1
+        for step in steps:
+            step(last)
     cpu, wall = process_time() - cpu, perf_counter() - wall
     return Run(
         mode=mission.mode,
@@ -94,24 +98,13 @@ def _run(mission: Mission, setup: str, repetition: int, trees: Sequence[RVAFT]) 
         made=made,
         cpu=cpu,
         wall=wall,
-        verdicts=_signs(monitors),
+        verdicts="".join(one.verdict.symbol for one in monitors),
         **_singly(mission.events(), _monitors(trees)),
     )
 
 
 def _monitors(trees: Iterable[RVAFT]) -> list[Monitor]:
     return [monitor(tree, semantics=SEMANTICS) for tree in trees]
-
-
-def _loop(events: Iterable[Event], steps: Sequence[Callable[[Event], Verdict]]) -> tuple[int, Event]:
-    """The mission's loop: let the simulation say its events, and each monitor read them. How many there were, and the last."""
-    count = 0
-    event: Event = {}
-    for event in events:
-        count += 1
-        for step in steps:
-            step(event)
-    return count, event
 
 
 class _Singly(TypedDict):
@@ -131,16 +124,8 @@ def _singly(events: Iterable[Event], monitors: Sequence[Monitor]) -> _Singly:
             one.step(message)
         took = process_time_ns() - start
         if monitors and took > dearest:
-            dearest, event, topic = took, number, _topic(message)
+            name = message.get("name", "")  # a command has one
+            dearest, event, topic = took, number, f"{message['topic']} {name}".rstrip()
         if not detected and any(one.verdict is Verdict.TRUE for one in monitors):
             detected = number
     return _Singly(dearest=dearest / 1e9, dearest_event=event, dearest_on=topic, detected=detected)
-
-
-def _topic(message: Event) -> str:
-    """The topic of a message, and for a command its name."""
-    return f"{message['topic']} {message.get('name', '')}".rstrip()
-
-
-def _signs(monitors: Iterable[Monitor]) -> str:
-    return "".join(one.verdict.symbol for one in monitors)

@@ -5,8 +5,6 @@ Run as `python -m papers.fmas2022.verdict_table`; exits 1 if two participants di
 
 import json
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
@@ -15,24 +13,13 @@ import rvaft
 from cross_check.participants import Absent, Outside, Participant
 from papers.fmas2022.command import ended
 from papers.fmas2022.places import PRUNED
-from papers.fmas2022.verdicts import Enlisted, absent, enlist, listed, present, said, symbols
+from papers.fmas2022.verdicts import absent, enlist, listed, present, said, symbols
 from rvaft.model.values import Json
 
 
-def rows(enlisted: Enlisted, folder: Path) -> Iterator[tuple[str, str, dict[str, str]]]:
-    """For each trace of the two tables and each monitor: the verdicts of each participant, or why it gives none."""
-    for path in sorted(folder.glob("table[23]_row?.jsonl")):
-        events = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-        for sign, participants in enlisted.items():
-            yield path.stem, sign, {name: _cell(one, events) for name, one in participants.items()}
-
-
 def _cell(participant: Participant | Outside | Absent, events: list[Json]) -> str:
-    if isinstance(participant, Absent):
-        return f"({participant.status})"
-    verdicts = said(participant, events)
-    assert verdicts is not None, "nobody asked for a program of others"
-    return symbols(verdicts)
+    """The verdicts of a participant, or why it gives none."""
+    return f"({participant.status})" if isinstance(participant, Absent) else symbols(said(participant, events) or ())
 
 
 def printed() -> int:
@@ -43,11 +30,13 @@ def printed() -> int:
     for column in table.columns:
         column.no_wrap = True
     differ = False
-    for trace, sign, cells in rows(enlisted, PRUNED.with_suffix(".traces")):
-        agree = len({cells[name] for name in names}) == 1
-        differ |= not agree
-        words = [cells[name] for name in (*names, *missing)]
-        table.add_row(trace, sign, *words, style=None if agree else "bold red", end_section=sign == "φ₄")
+    for path in sorted(PRUNED.with_suffix(".traces").glob("table[23]_row?.jsonl")):
+        events = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        for sign, everybody in enlisted.items():
+            words = [_cell(everybody[name], events) for name in (*names, *missing)]
+            agree = len(set(words[: len(names)])) == 1
+            differ |= not agree
+            table.add_row(path.stem, sign, *words, style=None if agree else "bold red", end_section=sign == "φ₄")
     Console(width=100).print(table)
     sys.stdout.write("the rows in red differ\n" if differ else f"{listed(names)} agree\n")
     for name, reason in missing.items():

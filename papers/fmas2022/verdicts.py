@@ -13,6 +13,7 @@ from cross_check.participants import ENGINE, Absent, Outside, Participant
 from cross_check.results import Job
 from papers.fmas2022 import printed
 from rvaft.errors import RvaftError
+from rvaft.export.property_text import property_sign
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -51,8 +52,7 @@ class Trace:
 
 def monitors(tree: RVAFT) -> Monitors:
     """φ for the tree and φ₁, φ₂, … for its branches."""
-    digits = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-    return {"φ": None, **{f"φ{str(one.number).translate(digits)}": one.number for one in tree.branches()}}
+    return {property_sign(tree): None, **{property_sign(one): one.number for one in tree.branches()}}
 
 
 def enlist(tree: RVAFT) -> Enlisted:

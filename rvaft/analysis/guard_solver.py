@@ -46,12 +46,7 @@ def contradictory(guards: Iterable[Guard]) -> bool | None:
     given = list(guards)
     if witness(given) is not None:
         return False
-    return refuted(given) or _refuted_over_reals(given, weaken=True) or None
-
-
-def contradictory_over_reals(guards: Iterable[Guard]) -> bool | None:
-    """Whether the guards could hold at most through rounding: no real numbers make them hold. None where sympy cannot tell."""
-    return _refuted_over_reals(list(guards), weaken=False) or None
+    return refuted(given) or contradictory_over_reals(given, weaken=True)
 
 
 # What must be true for guards to hold, as alternatives of comparisons (a disjunctive normal form).
@@ -289,14 +284,17 @@ _CALCULATED: Final[dict[Operator, Callable[..., Any]]] = {
 }
 
 
-def _refuted_over_reals(guards: list[Guard], *, weaken: bool) -> bool:
-    """Whether no real numbers make the guards hold; with `weaken`, comparisons that rounding could make true are left out."""
+def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -> bool | None:
+    """Whether the guards could hold at most through rounding: no real numbers make them hold. None where sympy cannot tell.
+
+    With `weaken`, comparisons that rounding could make true are left out.
+    """
     try:
         ways = _alternatives(guards)
     except TooManyAlternatives:
-        return False
-    kept = [[one for one in way if not weaken or _survives_rounding(one)] for way in ways]
-    return all(not _real_solutions(way) for way in kept)
+        return None
+    kept = ([one for one in way if not weaken or _survives_rounding(one)] for way in ways)
+    return None if any(map(_real_solutions, kept)) else True
 
 
 def _survives_rounding(comparison: GuardComparison) -> bool:

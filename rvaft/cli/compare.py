@@ -180,7 +180,7 @@ def _check_outputs(trees: Iterable[str], csv: str | None, latex: str | None, plo
     if latex is not None:
         pandas()
     if plots is not None:
-        drawing.library()
+        drawing.library(", or leave --plots out")
         folder = Path(plots).resolve()
         folders[plots] = next(there for there in (folder, *folder.parents) if there.exists())
     for output, folder in folders.items():

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from itertools import combinations, islice
+from itertools import chain, combinations, islice
 from math import inf
 from typing import Final, NamedTuple, Self
 
@@ -92,10 +92,15 @@ class LackingEvents:
         while agenda:
             kept, reached = agenda.pop()
             waiting = next((name for name in reached if name in self.core and name not in kept), None)
+            if waiting in dead:
+                continue
             if waiting is not None:
-                if waiting not in dead:
-                    ways = self._ways(waiting, parts, forced)
-                    agenda.extend(({**kept, waiting: children}, (*reached, *children)) for children in ways)
+                children = self.tree.nodes[waiting].children
+                able = [child for child in children if child in self.core or child in parts]
+                sizes = range(self.thresholds.get(waiting, len(children)), len(able) + 1)
+                ways = chain.from_iterable(combinations(able, size) for size in sizes)
+                possible = (way for way in ways if all(child in way for child in children if child in forced))
+                agenda.extend(({**kept, waiting: way}, (*reached, *way)) for way in possible)
                 continue
             tried += 1
             if tried > _WAYS:
@@ -104,21 +109,9 @@ class LackingEvents:
                 error = TooLarge(what, limit=_WAYS)
                 error.add_note("choose a branch without them with --branch N, or prune the tree")
                 raise error
-            if all(name in self.core or name in parts for name in reached):
-                roots = [name for name in reached if name not in self.core]
-                below = (name for root in roots for name in reachable(root, lambda name: parts[name].kept))
-                yield kept | {name: parts[name].kept for name in below}
-
-    def _ways(self, name: str, parts: Mapping[str, Fewest], forced: Collection[str]) -> Iterator[tuple[str, ...]]:
-        """The children that a core gate may keep."""
-        children = self.tree.nodes[name].children
-        if name not in self.thresholds:
-            yield children
-            return
-        able = [child for child in children if child in self.core or child in parts]
-        must = {child for child in children if child in forced}
-        for size in range(self.thresholds[name], len(able) + 1):
-            yield from (chosen for chosen in combinations(able, size) if must <= set(chosen))
+            roots = [name for name in reached if name not in self.core]
+            below = (name for root in roots for name in reachable(root, lambda name: parts[name].kept))
+            yield kept | {name: parts[name].kept for name in below}
 
 
 def _keeps_order(tree: RVAFT, kept: Kept, taken: Mapping[str, int]) -> bool:

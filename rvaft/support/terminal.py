@@ -75,7 +75,6 @@ class ProgressBar:
         self._before = 0
         self._next = time.monotonic() + _PATIENCE
         self._bar: Bar | None = None
-        self._shown = False
 
     def finish(self, size: int) -> None:
         """A file of that size has been read."""
@@ -89,9 +88,7 @@ class ProgressBar:
         self._next = now + _PAUSE
         if self._bar is None:
             self._bar = _bar(self._total)
-        if not self._shown:
-            self._bar.start()
-            self._shown = True
+        self._bar.start()
         place = 0
         with suppress(OSError, ValueError, AttributeError):
             place = int(getattr(stream, "fileobj", stream).tell())  # type: ignore[attr-defined]
@@ -99,9 +96,8 @@ class ProgressBar:
 
     def hide(self) -> None:
         """Make room for what is printed; the bar comes back with the next bytes."""
-        if self._shown and self._bar is not None:
+        if self._bar is not None and self._bar.live.is_started:
             self._bar.stop()
-            self._shown = False
 
 
 def _bar(total: int) -> "Bar":

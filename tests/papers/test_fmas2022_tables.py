@@ -14,8 +14,7 @@ import rvaft
 from backends.rml import RmlBackend
 from cross_check.participants import Absent
 from papers.fmas2022 import tex, verdict_tex, verdicts
-from papers.fmas2022.formulas_tex import formulas_tex
-from papers.fmas2022.listing import listing_rml
+from papers.fmas2022.listing import formulas_tex, listing_rml
 from papers.fmas2022.making import latex_texts
 from papers.fmas2022.notes import Notes, difference
 from papers.fmas2022.places import GATES, PRUNED, TREES

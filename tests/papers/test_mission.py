@@ -201,7 +201,7 @@ def test_what_cannot_be_done_is_one_line_and_nothing_is_measured(
     error = f"{tmp_path / 'taken'}"
     if not matplotlib:
         monkeypatch.setitem(sys.modules, "matplotlib", None)
-        error = "overhead: error: matplotlib is not installed: pip install '.[papers]' in a checkout\n"
+        error = "overhead: error: Matplotlib is not installed: pip install '.[papers]' in a checkout\n"
     assert measuring.main([str(tmp_path / "taken"), "--quick"]) == 2
     said = capsys.readouterr()
     assert (said.out, said.err.count("\n"), error in said.err) == ("", 1, True)

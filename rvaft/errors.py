@@ -79,16 +79,18 @@ class NotExpressible(RvaftError, ValueError):
 
 
 class TooLarge(RvaftError, RuntimeError):
-    """A computation would exceed a limit that the caller can raise.
+    """A computation would exceed a limit that the caller can raise; a `remedy` is noted.
 
     >>> print(TooLarge("states of the automaton", limit=60))
     too large: states of the automaton (limit 60)
     """
 
-    def __init__(self, what: str, *, limit: int) -> None:
+    def __init__(self, what: str, *, limit: int, remedy: str = "") -> None:
         self.what = what
         self.limit = limit
         super().__init__(f"too large: {what} (limit {limit})")
+        if remedy:
+            self.add_note(remedy)
 
 
 class CheckpointError(RvaftError, ValueError):

@@ -293,9 +293,7 @@ class _Translation:
         """A leaf with `times N` as N leaves in sequence, all with its guard unless that asks for times."""
         own = None if time_points(node.when) else node.when
         if node.times > MOST:
-            error = TooLarge(f"events that {node.name} counts, {node.times:,}", limit=MOST)
-            error.add_note("ask for fewer")
-            raise error
+            raise TooLarge(f"events that {node.name} counts, {node.times:,}", limit=MOST, remedy="ask for fewer")
         copies = []
         for number in range(1, node.times + 1):
             copies.append(self._add(Node(f"{node.name}[{number}]", on=node.on, when=own)))

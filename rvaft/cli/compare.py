@@ -1,9 +1,7 @@
 """`rvaft compare`: sizes and speeds of the same trees in every specification language."""
 
-import os
 from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
-from errno import EACCES, EISDIR, ENOTDIR
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,7 +25,6 @@ from rvaft.api import narrowed
 from rvaft.backend import backend
 from rvaft.cli import FAILED, FOUND, INTERRUPTED, Failures, Stopped, options, report
 from rvaft.cli.cross_check import progress
-from rvaft.errors import OptionError
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole
@@ -58,17 +55,12 @@ _WIDTH: Final = "Of tables and figures; only with --latex or --plots.  [default:
 def compare_command(
     *,
     trees: tuple[str, ...],
-    gates: tuple[Gate, ...] | None,
-    max_arity: int,
-    semantics: tuple[Semantics, ...] | None,
-    languages: str | None,
     csv: str | None,
     resume: bool,
     latex: str | None,
     plots: str | None,
     width: Width | None,
-    jobs: int,
-    **settings: Any,
+    **given: Any,
 ) -> int:
     """Compare specification languages: how large the same TREE is in each, how long it takes to translate, how fast it runs.
 
@@ -79,17 +71,20 @@ def compare_command(
     options.refuse(nothing, "--width is that of tables and figures: ask for some with --latex or --plots")
     failures = Failures()
     subjects = list(failures.collect(_subject, dict.fromkeys(trees)))
-    subjects += gate_subjects(gates if gates is not None else () if trees else tuple(Gate), max_arity)
+    gates = (() if trees else tuple(Gate)) if given["gates"] is None else given["gates"]
+    subjects += gate_subjects(gates, given["max_arity"])
     if failures.met and not subjects:
         return FAILED
-    try:
-        _check_outputs(trees, csv, latex, plots)
-        spoken = options.some_backends(languages)
-        spoken = default_languages() if spoken is None else spoken
-        cells = cells_of(subjects, semantics, spoken)
-    except OptionError as error:
-        raise click.UsageError(str(error)) from error
-    rows = _measured(cells, Settings(**settings), csv, resume=resume, jobs=jobs)
+    options.require_writable([one for one in (csv, latex) if one is not None], trees, plots)
+    if latex is not None:
+        pandas()
+    if plots is not None:
+        drawing.library(", or leave --plots out")
+    spoken = options.some_backends(given["languages"])
+    spoken = default_languages() if spoken is None else spoken
+    cells = cells_of(subjects, given["semantics"], spoken)
+    settings = Settings(given["limit"], given["timeout"], given["seed"], given["memory"])
+    rows = _measured(cells, settings, csv, resume=resume, jobs=given["jobs"])
     if "-" not in (csv, latex):
         click.echo("\n".join([*text_lines(rows), headline(rows)]))
     if len(rows) < len(cells):
@@ -113,9 +108,7 @@ def compare_command(
 
 
 def _subject(path: str) -> Subject:
-    tree = options.load_tree(path)
-    narrowed(tree)  # refuses what breaks a rule
-    return Subject(click.format_filename(path), tree)
+    return Subject(click.format_filename(path), narrowed(options.load_tree(path)))  # which refuses what breaks a rule
 
 
 def _measured(
@@ -159,32 +152,3 @@ def _measured(
     elif csv is not None:
         deliver(data(known.values()), csv)
     return list(known.values())
-
-
-def _check_outputs(trees: Iterable[str], csv: str | None, latex: str | None, plots: str | None) -> None:
-    """Refuse what cannot be written at the end, or would cost what is there, before anything runs.
-
-    Raises `OptionError` for two reports in one place or one over a tree, `OSError` for what cannot be written, `ToolMissing`.
-    """
-    places = {file: Path(file).resolve() for file in (csv, latex) if file is not None and file != "-"}
-    if csv is not None and latex is not None and (csv == latex or len({*places.values()}) < len(places)):
-        raise OptionError("two reports go to one file")
-    folders: dict[str, Path] = {}
-    for file, place in places.items():
-        if place in {Path(tree).resolve() for tree in trees}:
-            raise OptionError(f"{file} would be written over, but it is one of the trees: name another file")
-        if place.is_dir():
-            raise IsADirectoryError(EISDIR, "cannot write: it is a folder; name a file", file)
-        if place.is_file() or not place.exists():  # a pipe or a device is written to where it is
-            folders[file] = place.parent
-    if latex is not None:
-        pandas()
-    if plots is not None:
-        drawing.library(", or leave --plots out")
-        folder = Path(plots).resolve()
-        folders[plots] = next(there for there in (folder, *folder.parents) if there.exists())
-    for output, folder in folders.items():
-        if not folder.is_dir():
-            raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", output)
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise PermissionError(EACCES, f"cannot write: no permission for {folder}", output)

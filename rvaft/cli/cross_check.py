@@ -5,7 +5,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
-from errno import ENOTDIR
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -200,10 +199,7 @@ def cross_check_command(
     options.refuse(narrow and not trees, "--branch and --kind need a TREE")
     options.refuse(against and not trees, "--against needs a TREE to compare with")
     options.refuse(cases and semantics, "a saved case has its semantics: leave --semantics out with --replay")
-    options.refuse(len(set(files.values())) < len(files), "two reports go to one file")
-    for path in files.values():
-        if not (folder := Path(path).absolute().parent).is_dir():
-            raise NotADirectoryError(ENOTDIR, f"cannot write: {folder} is no folder", path)
+    options.require_writable(files.values(), trees)
     collected = Reports(files, every=bool(trees))
     failures = collected.failures
     roster = Roster(

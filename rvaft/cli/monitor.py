@@ -139,7 +139,6 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             every=given["checkpoint_every"] or EVERY,
             settings={name: str(value) for name, value in asked.items() if value is not None},
         )
-    named = {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}
     reads = TreeReads(whole, [field.path for field in (*(key.fields if key else ()), *([order] if order else []))])
     order_by, window, max_keys = given["order_by"], given["window"] or DEFAULT_WINDOW, given["max_keys"] or MAX_KEYS
     settings = MonitorSettings(
@@ -152,7 +151,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         detections=given["detections"],
         drawn=given["explain"] == TERMINAL,
         drawing=None if given["explain"] == TERMINAL else given["explain"],
-        hooks=Hooks(given["execute"], {kind: command for kind, command in named.items() if command is not None}),
+        hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
         checkpoints=checkpoints,
         follow=given["follow"],
         unchosen=given["semantics"] is None and whole.semantics is None and backend is None,

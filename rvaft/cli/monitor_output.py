@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TextIO
 
@@ -17,9 +17,9 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitoring import detection
 from rvaft.monitoring.checkpoint import CheckpointFile
 from rvaft.monitoring.detection import Hooks, counted
-from rvaft.monitoring.monitor_set import DetectionCount, Per
+from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per
 from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, VerdictChange
+from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, Totals, VerdictChange
 from rvaft.monitors import Ended, Explanation
 from rvaft.support.terminal import ProgressBar, columns, cut, visible
 
@@ -111,6 +111,10 @@ class MonitorSettings:
         """Whether there is a summary at the end."""
         return self.several or self.plan.key is not None
 
+    def key(self, watch: MonitoredTrace) -> dict[str, Json]:
+        """What of several in a trace was watched, as JSON has it."""
+        return {} if watch.key is None or self.plan.key is None else {"key": self.plan.key.told(watch.key)}
+
 
 class SummaryRow(NamedTuple):
     """How the monitors of one trace or key ended, for the summary; `since` are the events that made the verdicts final, `found` counts detections."""
@@ -139,7 +143,6 @@ class Reporter(Listener):
 
     def __init__(self, settings: MonitorSettings, sink: Sink) -> None:
         self.settings = settings
-        self.key = settings.plan.key
         self.columns = settings.plan.monitors.columns
         self.sink = sink
         self.fields = detection.told_fields(settings.tree)
@@ -157,14 +160,13 @@ class Reporter(Listener):
                 self.sink.warn(f"{ENDS} keys can no longer match: for others it is not said what was waited for")
         return found
 
-    def finish(
-        self, rows: Sequence[SummaryRow], statistics: Statistics, doubts: Iterable[str], note: str | None
-    ) -> None:
-        """All traces have been read, one at least to its end; `doubts` are what could have been missed, `note` what ⊥ means."""
-        if self.sums:
-            meant = [f"note: {note}"] if note else []
+    def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
+        """All traces have been read, one at least to its end; `totals` are what they held, what could have been missed, and what ⊥ means."""
+        doubts, hindsight = totals.oversights.lines, totals.hindsight
+        if self.sums and totals.statistics is not None:
+            meant = [f"note: {hindsight.line}"] if hindsight is not None and hindsight.line else []
             summed = _summary(self.settings, rows) if self.settings.summed else ()
-            for line in (*_held(statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
+            for line in (*_held(totals.statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
                 self.sink.line(line)
         else:
             for line in doubts:
@@ -179,11 +181,9 @@ class _JsonLines(Reporter):
         self.every = not settings.detections
 
     def event(self, watch: MonitoredTrace, number: int, event: Json, change: VerdictChange | None = None) -> None:  # noqa: ARG002
-        said: dict[str, Json] = {"trace": watch.trace} if self.settings.several else {}
-        if watch.key is not None and self.key is not None:
-            said["key"] = self.key.told(watch.key)
         verdicts = watch.monitors.verdicts
-        said |= {"event": number, "verdict": verdicts[0].value}
+        said: dict[str, Json] = {"trace": watch.trace} if self.settings.several else {}
+        said |= {**self.settings.key(watch), "event": number, "verdict": verdicts[0].value}
         if self.settings.per is not Per.TREE:
             said["verdicts"] = {one.label: verdict.value for one, verdict in zip(self.columns, verdicts, strict=True)}
         if change is not None:
@@ -229,21 +229,15 @@ class _Text(Reporter):
             ended = f"{counted(found[0].told, 'detection')} in {counted(watch.events)}{last}{final}"
         self.sink.line(f"{self.where(watch)}{ended}")
         if len(self.columns) > 1:
-            head = ("MONITOR", "DETECTIONS", "LAST", "FALSE SINCE") if repeat else ("MONITOR", "VERDICT", "EVENT")
-            rows = [
-                (one.title, *_repeated(found[at], since.get(at)))
-                if repeat
-                else (one.title, str(verdicts[at]), str(since.get(at, "-")))
-                for at, one in enumerate(self.columns)
-            ]
-            for line in columns([head, *rows]):
+            rows = [(one.title, *_ended(watch.monitors, at, repeat=repeat)) for at, one in enumerate(self.columns)]
+            for line in columns([("MONITOR", *_ENDS[repeat]), *rows]):
                 self.sink.line(f"  {line}")
 
     def where(self, watch: MonitoredTrace) -> str:
         """The trace and the key that a line is about, where there are several."""
         parts = [watch.trace] if self.settings.several else []
-        if watch.key is not None and self.key is not None:
-            values = zip(self.key.fields, watch.key, strict=True)
+        if watch.key is not None and self.settings.plan.key is not None:
+            values = zip(self.settings.plan.key.fields, watch.key, strict=True)
             parts.append(", ".join(f"{field.text}={_json(value)}" for field, value in values))
         return "".join(f"{part}: " for part in parts)
 
@@ -359,8 +353,7 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
     fields = () if settings.plan.key is None else settings.plan.key.fields
     titles = [column.title for column in settings.plan.monitors.columns]
     repeat = settings.plan.monitors.repeat
-    ends = ["DETECTIONS", "LAST", "FALSE SINCE"] if repeat else ["VERDICT", "EVENT"]
-    verdicts = titles if 1 < len(titles) <= WIDE else ends
+    verdicts = titles if 1 < len(titles) <= WIDE else _ENDS[repeat]
     detected = ["DETECTED"] if len(titles) > WIDE else []
     trace = ["TRACE"] if settings.several else []
     table = [[*trace, *(field.text for field in fields), "EVENTS", *verdicts, "BRANCH", "KINDS", *detected, ""]]
@@ -376,10 +369,8 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
         if 1 < len(titles) <= WIDE:
             each = [f"{one} {row.since.get(at, '')}".rstrip() for at, one in enumerate(row.verdicts)]
             cells += [f"{one.told}, last {one.last}" if one.last else "0" for one in row.found] if repeat else each
-        elif repeat:
-            cells += _repeated(row.found[0], row.since.get(0))
         else:
-            cells += [str(row.verdicts[0]), str(row.since.get(0, "-"))]
+            cells += _ended(row, 0, repeat=repeat)
         branch, kinds = (None, []) if row.explanation is None else (row.explanation.branch, row.explanation.kinds)
         cells += ["-" if branch is None else str(branch), ", ".join(sorted(kinds)) or "-"]
         if len(titles) > WIDE:  # the columns beside the first that were detected, each with its event
@@ -402,9 +393,13 @@ def _numbered(count: DetectionCount | None) -> str:
     return f" (detection {count.told}{f', {count.between} suppressed before it' if count.between else ''})"
 
 
-def _repeated(count: DetectionCount, ended: int | None) -> tuple[str, str, str]:
-    """How many detections there were, the events of the last, and since when there can be none."""
-    return str(count.told), str(count.last or "-"), str(ended or "-")
+_ENDS: Final = {True: ("DETECTIONS", "LAST", "FALSE SINCE"), False: ("VERDICT", "EVENT")}
+
+
+def _ended(own: SummaryRow | MonitorSet, column: int, *, repeat: bool) -> tuple[str, ...]:
+    """How a monitor ended and since when, or how many detections there were, the event of the last, and since when there can be none."""
+    since, count = str(own.since.get(column, "-")), own.found[column]
+    return (str(count.told), str(count.last or "-"), since) if repeat else (str(own.verdicts[column]), since)
 
 
 def _json(value: Json) -> str:

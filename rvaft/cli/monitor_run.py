@@ -3,6 +3,7 @@
 import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
+from functools import partial
 from io import BytesIO
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
@@ -15,14 +16,14 @@ from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Sink, SummaryRo
 from rvaft.errors import OptionError, RvaftError, TooLarge
 from rvaft.export import fired_dot, fired_text, picture
 from rvaft.model.values import Json
-from rvaft.monitoring.checkpoint import CheckpointFile, LinesRead, open_at
+from rvaft.monitoring.checkpoint import LinesRead, open_at
 from rvaft.monitoring.detection import detection
 from rvaft.monitoring.follow import FollowedFile, stopping
 from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights
 from rvaft.monitoring.reader import open_log
-from rvaft.monitoring.run import EventBuffer, Listener, TraceRun, VerdictChange
+from rvaft.monitoring.run import EventBuffer, Listener, Totals, TraceRun, VerdictChange
 from rvaft.support.files import deliver
 from rvaft.support.terminal import ProgressBar
 
@@ -70,24 +71,16 @@ class _OnDetection(Listener):
         self._deliver = deliver
 
     def change(self, change: VerdictChange) -> None:
-        settings, watch, key = self._settings, change.watch, self._settings.plan.key
+        settings, watch = self._settings, change.watch
+        again = {"again": True} if change.number <= self.told_before else {}
+        about = {"tree": settings.name, "trace": watch.trace, **settings.key(watch), "event": change.number, **again}
         for explanation, kinds, count in change.detections:
             self.count += 1
             if settings.hooks:
                 with suppress(BrokenPipeError):  # that nobody reads what is printed is no reason not to run the command
                     self._sink.flush()
-                named = None if key is None or watch.key is None else (key.told(watch.key),)
-                again, about = change.number <= self.told_before, {"name": settings.name, "trace": watch.trace}
-                told = detection(
-                    explanation,
-                    change.events,
-                    settings.tree,
-                    event=change.number,
-                    key=named,
-                    again=again,
-                    count=None if count is None else count.fields,
-                    **about,
-                )
+                counted = {} if count is None else count.fields
+                told = detection({**about, **counted}, explanation, change.events, settings.tree)
                 for failure in settings.hooks.run(told, kinds):
                     self._sink.warn(str(failure))
             if settings.drawing is None or explanation is None or self.first is not None or self.failed:
@@ -120,16 +113,17 @@ class _Run(Listener):
         self.settings = settings
         self.sink = sink
         self.progress = progress
-        self.statistics = Statistics(settings.plan.monitors.types)
-        self.oversights = Oversights(settings.plan.monitors.types)
-        asked = settings.unchosen and settings.form == "text"
-        tree, tried = settings.plan.monitors.columns[0].part, settings.checkpoints is None
-        self.hindsight = Hindsight(tree, tried=tried) if asked else None
+        monitors, tried = settings.plan.monitors, settings.checkpoints is None
+        is_text = settings.form == "text"
+        self.totals = Totals(
+            Statistics(monitors.types) if is_text or not tried else None,  # what is told now, or when the run goes on
+            Oversights(monitors.types),
+            Hindsight(monitors.columns[0].part, tried=tried) if settings.unchosen and is_text else None,
+        )
         self.reporter = REPORTERS[settings.form](settings, sink)
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
         self.listeners: list[Listener] = [self, self.reporter, *([self.reaction] if reacts else [])]
-        self._flushed = 0
 
     def change(self, change: VerdictChange) -> None:
         kept = self.settings.checkpoints
@@ -143,18 +137,7 @@ class _Run(Listener):
         again = trace.file is not None and path.is_file() and plan.plain and not settings.follow
         buffer = EventBuffer(path if again else None, reads=plan.reads)
         prefix = f"{trace.name}: " if settings.several else ""
-        kept = settings.form == "text" or settings.checkpoints is not None  # what is told now, or when the run goes on
-        counts = self.statistics if kept else None
-        run = TraceRun(
-            plan,
-            trace.name,
-            self.listeners,
-            buffer=buffer,
-            statistics=counts,
-            oversights=self.oversights,
-            hindsight=self.hindsight,
-            prefix=prefix,
-        )
+        run = TraceRun(plan, trace.name, self.listeners, self.totals, buffer=buffer, prefix=prefix)
         before, failed = reaction.count, False
         try:
             self._read(run, trace)
@@ -170,7 +153,6 @@ class _Run(Listener):
             self.sink.report(error)
         for said in run.warnings:
             self.sink.warn(f"{prefix}{said}")
-        self.statistics, self.oversights = run.statistics or self.statistics, run.oversights
         rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if settings.summed else []
         status = FAILED if failed else FOUND if run.found else 0
         key = settings.plan.key
@@ -180,7 +162,24 @@ class _Run(Listener):
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Give a run all events of its trace, from the last checkpoint on; after each batch of them somebody may wait for something."""
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
-        offset = line = 0
+        stream: LinesRead | FollowedFile | None = None
+        offset = line = flushed = 0
+
+        def keep(*, ended: bool = False, idle: bool = False) -> None:
+            """Write a checkpoint where one is due; what was printed before it would not be printed again, so it leaves us first.
+
+            Events that were held back until the end have none: they come again when the trace goes on.
+            """
+            nonlocal flushed
+            if kept is None or stream is None:
+                return
+            if not run.ended and (ended or kept.is_due(run.number, idle=idle)):
+                sink.flush()
+                kept.save(run.state, run.number, stream, stream.file if isinstance(stream, FollowedFile) else None)
+            elif run.detected > flushed:
+                sink.flush()
+            flushed = run.detected
+
         if kept is not None and (found := kept.load()) is not None:
             checkpoint, state = found
             offset, line = checkpoint.offset, checkpoint.line
@@ -195,10 +194,8 @@ class _Run(Listener):
         run.begin()
         with ExitStack() as stack:
             source: Iterable[Json] | BinaryIO = trace.events
-            stream: LinesRead | FollowedFile | None = None
             if trace.file is not None and follow:
-                stop = stack.enter_context(stopping())
-                idle = lambda: None if kept is None else self._keep(run, kept, stream, idle=True)  # noqa: E731
+                stop, idle = stack.enter_context(stopping()), partial(keep, idle=True)
                 stream = FollowedFile(trace.file, stop=stop, changed=sink.warn, idle=idle, offset=offset, line=line)
                 stack.callback(stream.close)
             elif trace.file is not None and kept is not None:
@@ -211,35 +208,13 @@ class _Run(Listener):
             for going_on in run.read(read, trace.name, line=line + 1, by_blocks=by_blocks):
                 if at_once:
                     sink.flush()
-                if kept is not None:
-                    self._keep(run, kept, stream, ended=not going_on)
+                keep(ended=not going_on)
                 if self.progress is not None:
                     self.progress.reach(source)
             if isinstance(stream, FollowedFile) and stream.unfinished:
                 sink.warn(f"{trace.name}: the last line has no end yet and is not read ({stream.unfinished} bytes)")
         if self.progress is not None:
             self.progress.finish(trace.size)
-
-    def _keep(
-        self,
-        run: TraceRun,
-        kept: CheckpointFile,
-        stream: LinesRead | FollowedFile | None,
-        *,
-        ended: bool = False,
-        idle: bool = False,
-    ) -> None:
-        """Write a checkpoint where one is due; what was printed before it would not be printed again, so it leaves us first.
-
-        Events that were held back until the end have none: they come again when the trace goes on.
-        """
-        assert stream is not None
-        if not run.ended and (ended or kept.is_due(run.number, idle=idle)):
-            self.sink.flush()
-            kept.save(run.state, run.number, stream, stream.file if isinstance(stream, FollowedFile) else None)
-        elif run.detected > self._flushed:
-            self.sink.flush()
-        self._flushed = run.detected
 
 
 def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> int:
@@ -257,8 +232,7 @@ def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> 
             outcomes = [alone.watch(trace) for trace in traces]
         rows = [row for one in outcomes for row in one.rows]
         if any(outcome.status != FAILED for outcome in outcomes):
-            note = None if alone.hindsight is None else alone.hindsight.line
-            alone.reporter.finish(rows, alone.statistics, alone.oversights.lines, note)
+            alone.reporter.finish(rows, alone.totals)
         if (names := "".join({one.keyless for one in outcomes})) and not rows:
             sink.report(OptionError(f"no event has what --key names ({names}), so nothing was monitored"))
             return FAILED
@@ -281,11 +255,11 @@ def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iter
     sink = alone.sink
     with TemporaryDirectory(prefix="rvaft-") as folder:
 
-        def work(number: int) -> tuple[TraceOutcome, Statistics, Oversights, Hindsight | None, list[str]]:
+        def work(number: int) -> tuple[TraceOutcome, Totals, list[str]]:
             with (Path(folder) / str(number)).open("w", encoding="utf-8", errors="backslashreplace") as file:
                 own = _Run(alone.settings, Sink(file), None, deliver=False)
                 outcome = own.watch(traces[number])
-                return outcome, own.statistics, own.oversights, own.hindsight, own.sink.errors
+                return outcome, own.totals, own.sink.errors
 
         with closing(in_processes(work, range(len(traces)), jobs=min(jobs, len(traces)))) as running:
             for number, result in running:
@@ -302,12 +276,9 @@ def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iter
                     sink.report(click.ClickException(killed))
                     yield TraceOutcome(FAILED)
                     continue
-                outcome, statistics, oversights, hindsight, errors = result
+                outcome, totals, errors = result
                 sink.errors += errors
                 sink.pass_on()
-                alone.statistics.merge(statistics)
-                alone.oversights.merge(oversights)
-                if alone.hindsight is not None and hindsight is not None:
-                    alone.hindsight.merge(hindsight)
+                alone.totals.merge(totals)
                 alone.reaction.take(outcome)
                 yield outcome

@@ -1,13 +1,16 @@
 """Options that several commands share, as decorators, and how their values are checked."""
 
 import math
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from enum import StrEnum
+from errno import EACCES, EISDIR, ENOTDIR
 from functools import wraps
+from pathlib import Path
 from typing import Any, BinaryIO, Final, TypeVar, cast
 
 import click
@@ -130,6 +133,30 @@ def exclusive(**options: object) -> None:
     """Refuse that more than one of these options is given; the keywords are the options' names."""
     given = [f"--{name}" for name, value in options.items() if value is not None and value is not False]
     refuse(len(given) > 1, f"{' and '.join(given)} exclude each other")
+
+
+def require_writable(outputs: Iterable[str], trees: Iterable[str] = (), folder: str | None = None) -> None:
+    """Refuse what cannot be written at the end, or would cost what is there, before anything runs; raises `OSError`, and `OptionError`."""
+    given = list(outputs)
+    places = {file: Path(file).resolve() for file in given if file != "-"}
+    if len({*places.values()}) + ("-" in given) < len(given):
+        raise OptionError("two reports go to one file")
+    folders: dict[str, Path] = {}
+    for file, place in places.items():
+        if place in {Path(tree).resolve() for tree in trees}:
+            raise OptionError(f"{file} would be written over, but it is one of the trees: name another file")
+        if place.is_dir():
+            raise IsADirectoryError(EISDIR, "cannot write: it is a folder; name a file", file)
+        if place.is_file() or not place.exists():  # a pipe or a device is written to where it is
+            folders[file] = place.parent
+    if folder is not None:
+        absolute = Path(folder).resolve()
+        folders[folder] = next(there for there in (absolute, *absolute.parents) if there.exists())
+    for output, there in folders.items():
+        if not there.is_dir():
+            raise NotADirectoryError(ENOTDIR, f"cannot write: {there} is no folder", output)
+        if not os.access(there, os.W_OK | os.X_OK):
+            raise PermissionError(EACCES, f"cannot write: no permission for {there}", output)
 
 
 def standard_input(argument: str) -> BinaryIO:

@@ -16,7 +16,7 @@ from rvaft.model.nodes import Kind
 from rvaft.monitoring.monitor_set import Per
 from rvaft.ros import configuration as ros
 from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
-from rvaft.ros.server import CONNECTIONS, LOCAL, PORT, Address, origin, serve
+from rvaft.ros.server import CONNECTIONS, LOCAL, PORT, Server, origin, require_host
 from rvaft.support.files import place
 from rvaft.support.terminal import visible
 
@@ -50,17 +50,7 @@ _ORACLE: Final = "Who answers the monitors: rvaft serve, or the RML oracle of RO
 )
 @click.option("--id", "name", metavar="NAME", help="What the monitors are called; default: as the root of the tree.")
 @click.option("--force", is_flag=True, help="Replace files that are there already, and remove those of an earlier run.")
-def rosmonitoring_command(
-    *,
-    tree: str,
-    output: str,
-    per: Per,
-    branch: int | None,
-    kind: Kind | None,
-    name: str | None,
-    force: bool,
-    **how: Any,
-) -> int:
+def rosmonitoring_command(*, tree: str, output: str, force: bool, **how: Any) -> int:
     """Write a configuration of ROSMonitoring for a tree, its monitors in RML, and the commands that run them, to a folder.
 
     All files are written or none.
@@ -68,13 +58,14 @@ def rosmonitoring_command(
     options.refuse(output in ("", "-"), f"-o names a folder, and '{output}' is none")
     options.refuse(how["repeat"] and how["oracle"] is ros.Oracle.RML, "--repeat is for --oracle rvaft")
     loaded = options.load_tree(tree)
+    parts = {name: how.pop(name) for name in ("per", "branch", "kind", "name")}
     wanted = ros.RosOptions(**{**how, "semantics": meant(loaded, how["semantics"])})
     if wanted.oracle is ros.Oracle.RVAFT:
         folder = Path(tree).parent.resolve()
         passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)
         if passing or not Path(tree).is_file():  # a stream, or standard input by a name of its own
             raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
-    monitors = ros.planned(loaded, wanted, per=per, branch=branch, kind=kind, name=name)
+    monitors = ros.planned(loaded, wanted, **parts)
     files: dict[str, str | None] = {CONFIGURATION: ros.configuration_text(monitors, wanted)}
     left_out: list[str] = []
     for monitor in monitors:
@@ -131,7 +122,8 @@ def serve_command(
 
     Runs until it is interrupted or terminated; the exit status is then 0, whatever was detected.
     """
-    address = Address(how["host"], how["port"], tuple(map(origin, how["origin"])), how["max_connections"])
+    require_host(how["host"])
+    origins = tuple(map(origin, how["origin"]))
     part = narrowed(options.load_tree(tree), branch, kind)
     words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive", "strict_json")}
     speaking = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
@@ -147,7 +139,9 @@ def serve_command(
             asyncio.get_running_loop().add_signal_handler(sign, stop.set)
         listening = lambda url: click.echo(visible(f"listening at {url}"))  # noqa: E731
         fresh = (lambda: first) if shared else first.fork
-        await serve(speaking, fresh, stop, address=address, listening=listening, say=say)
+        await Server(speaking, fresh, say, how["host"], how["port"], origins, how["max_connections"]).serve(
+            stop, listening
+        )
 
     asyncio.run(until_stopped())
     return 0

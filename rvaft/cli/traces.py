@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 import click
 
@@ -13,9 +13,7 @@ from cross_check.generate import near_miss as missing
 from cross_check.generate.traces import random_trace
 from rvaft.api import meant, narrowed
 from rvaft.cli import options
-from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, telling, write_whole
 
 DEFAULT_NUMBER: Final = 5
@@ -38,29 +36,18 @@ _REDRAWS: Final = 20
 @options.part_options
 @click.option("-o", "--output", metavar="DIR", help="Write DIR/detect-1.jsonl and so on instead of to standard output.")
 def traces_command(
-    *,
-    tree: str,
-    detect: bool,
-    near_miss: bool,
-    chance: bool,
-    wanted: int | None,
-    semantics: Semantics | None,
-    seed: int,
-    length: int | None,
-    branch: int | None,
-    kind: Kind | None,
-    output: str | None,
+    *, tree: str, near_miss: bool, chance: bool, length: int | None, output: str | None, **given: Any
 ) -> int:
     """Write example logs for a tree: N traces as JSON Lines, one to standard output or each to a file of a folder.
 
     The same options give the same traces. A folder that is not there is made; files of the same names are replaced.
     """
-    options.exclusive(**{"detect": detect, "near-miss": near_miss, "random": chance})
+    options.exclusive(**{"detect": given["detect"], "near-miss": near_miss, "random": chance})
     folder = None if output in (None, "-") else Path(output or "")
-    wanted = wanted or (DEFAULT_NUMBER if folder is not None else 1)
+    wanted = given["wanted"] or (DEFAULT_NUMBER if folder is not None else 1)
     options.refuse(folder is None and wanted > 1, f"{wanted} traces need a folder: name it with -o")
-    part, manner = narrowed(options.load_tree(tree), branch, kind), replace(PLAIN, longest=length)
-    meaning = meant(part, semantics)
+    part, manner = narrowed(options.load_tree(tree), given["branch"], given["kind"]), replace(PLAIN, longest=length)
+    meaning = meant(part, given["semantics"])
     name = "near-miss" if near_miss else "random" if chance else "detect"
 
     def make(random: Random) -> list[Json]:
@@ -72,7 +59,7 @@ def traces_command(
 
     texts: list[str] = []
     for place in range(1, wanted + 1):  # each of a seed of its own: asking for more does not change the first ones
-        random = Random(f"{seed} {name} {place}")  # noqa: S311 (no secret)
+        random = Random(f"{given['seed']} {name} {place}")  # noqa: S311 (no secret)
         for _ in range(_REDRAWS):
             try:
                 text = "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in make(random))

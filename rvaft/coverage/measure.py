@@ -106,9 +106,8 @@ class LackingEvents:
             if tried > _WAYS:
                 gates = [name for name in self.tree.order if name in self.core & self.thresholds.keys()]
                 what = f"ways to keep children of {', '.join(gates[:10])}, which share nodes"
-                error = TooLarge(what, limit=_WAYS)
-                error.add_note("choose a branch without them with --branch N, or prune the tree")
-                raise error
+                remedy = "choose a branch without them with --branch N, or prune the tree"
+                raise TooLarge(what, limit=_WAYS, remedy=remedy)
             roots = [name for name in reached if name not in self.core]
             below = (name for root in roots for name in reachable(root, lambda name: parts[name].kept))
             yield kept | {name: parts[name].kept for name in below}
@@ -342,9 +341,8 @@ class Coverage:
         number = {name: node for node, name in enumerate(self._compiled.names)}
         chosen = [numbered(tree, branch)] if branch is not None else list(islice(branches(tree), limit + 1))
         if branch is None and len(chosen) > limit:
-            error = TooLarge(f"a monitor for each branch of {tree.root}", limit=limit)
-            error.add_note("--limit allows more; or choose one with --branch N, or prune the tree")
-            raise error
+            remedy = "--limit allows more; or choose one with --branch N, or prune the tree"
+            raise TooLarge(f"a monitor for each branch of {tree.root}", limit=limit, remedy=remedy)
         for one in chosen:
             if kind is not None and Kind(kind) not in one.kinds:
                 continue

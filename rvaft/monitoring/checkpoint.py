@@ -42,6 +42,7 @@ from rvaft.monitoring.oversights import Oversight, Oversights, Reason
 from rvaft.monitoring.reader import MAX_DEPTH, NonFiniteEvent, RepeatingObject, failures_of, unreadable
 from rvaft.monitoring.run import Backwards, Field, Ordering
 from rvaft.monitors import Awaited, Ended, Explanation, Pending
+from rvaft.rules.rule import listing
 from rvaft.support.files import SUFFIXES, opened, telling
 
 EVERY: Final = 10_000
@@ -52,8 +53,6 @@ _EDGE: Final = 1 << 16
 """Bytes at the start of a trace, and before the place that was reached, by which it is known again."""
 _MAGIC: Final = b"rvaft checkpoint 2\n"
 _BLOCK: Final = 1 << 20
-_SHOWN: Final = 5
-"""Columns that a message names."""
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
 _OF_TREES: Final = (EventTime, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TimeFormat, Verdict)
@@ -302,10 +301,6 @@ class CheckpointFile:
         def with_(name: str, value: str | None) -> str:
             return f"without {name}" if value is None else f"with {name} {value}".rstrip()
 
-        def listed(labels: Sequence[str]) -> str:
-            more = len(labels) - _SHOWN
-            return ", ".join([*labels[:_SHOWN], *([f"{more} more"] if more > 0 else [])])
-
         about = self._about
         if found.version != about.version:
             raise self._other(f"of rvaft {found.version}, this is {about.version}")
@@ -314,7 +309,7 @@ class CheckpointFile:
         if found.semantics != about.semantics:
             raise self._other(f"of a run with --semantics {found.semantics}, not {about.semantics}")
         if found.columns != about.columns:
-            raise self._other(f"of other monitors ({listed(found.columns)}, not {listed(about.columns)})")
+            raise self._other(f"of other monitors ({listing(found.columns)}, not {listing(about.columns)})")
         for name in sorted({*about.settings, *found.settings}):
             was, now = found.settings.get(name), about.settings.get(name)
             if was != now:

@@ -127,38 +127,18 @@ def unlike(explanations: Mapping[int, Explanation]) -> Collection[tuple[list[int
 
 
 def detection(
-    explanation: Explanation | None,
-    events: Mapping[int, Json],
-    tree: RVAFT,
-    *,
-    name: str,
-    trace: str,
-    event: int,
-    key: tuple[Json] | None = None,
-    again: bool = False,
-    count: Mapping[str, Json] | None = None,
+    about: Mapping[str, Json], explanation: Explanation | None, events: Mapping[int, Json], tree: RVAFT
 ) -> dict[str, Json]:
-    """What a command is told: one JSON object.
+    """What a command is told: one JSON object, which begins with what it is `about`.
 
-    `tree` and `trace` are their names, `event` is the number of the event that detected; `key` says what the monitor is for, in a tuple
-    since it may be null, and is only there where there is one for each. From the explanation come `branch`, `kinds`, `matched` (nodes with the numbers of
-    their events) and `variables`; without one, as from a backend that does not explain, they are null or empty. `events`
-    are those that were matched, by their numbers as text, as far as they are known. With `again` an earlier run has told this already; `count` says which
-    of several detections this is, where monitors repeat.
+    From the explanation come `branch`, `kinds`, `matched` (nodes with the numbers of their events) and `variables`; without one, as from a
+    backend that does not explain, they are null or empty. `events` are those that were matched, by their numbers as text, as far as they are known.
     """
     told, numbers = _UNEXPLAINED, set[int]()
     if explanation is not None:
         told, numbers = explained(explanation, tree, events, told_fields(tree)), matched_events([explanation])
-    return {
-        "tree": name,
-        "trace": trace,
-        **({} if key is None else {"key": key[0]}),
-        "event": event,
-        **({"again": True} if again else {}),
-        **(count or {}),
-        **told,
-        "events": {str(number): finite(events[number]) for number in sorted(numbers) if number in events},
-    }
+    known = {str(number): finite(events[number]) for number in sorted(numbers) if number in events}
+    return {**about, **told, "events": known}
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,10 +146,10 @@ class Hooks:
     """The commands: `always` for every detection, `on` for those whose explanation has the kind."""
 
     always: str | None = None
-    on: Mapping[Kind, str] = field(default_factory=dict)
+    on: Mapping[Kind, str | None] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
-        return self.always is not None or bool(self.on)
+        return any(command is not None for command in (self.always, *self.on.values()))
 
     def run(self, detected: Mapping[str, Json], also: Collection[Kind] = ()) -> list[str]:
         """Run the commands for a `detection`, one after the other (that for all, then for faults, then for attacks), and say what failed.

@@ -59,9 +59,8 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
     if per is Per.BRANCH:
         numbers = [branch.number for branch in islice(branches(tree), MOST + 1)]
         if len(numbers) > MOST:
-            error = TooLarge(f"a monitor for each branch of {tree.root}", limit=MOST)
-            error.add_note("take one for each kind with --per kind, or one branch with --branch N")
-            raise error
+            remedy = "take one for each kind with --per kind, or one branch with --branch N"
+            raise TooLarge(f"a monitor for each branch of {tree.root}", limit=MOST, remedy=remedy)
         wanted = [(str(number), f"φ{number}", number, None) for number in numbers]
     elif per is Per.KIND:
         present = {node.kind for node in tree.top_down()}
@@ -151,7 +150,7 @@ class MonitorSet:
         self.since: dict[int, int] = {}
         self.found = [DetectionCount() for _ in columns]
         self.serves = self.concerned = self.late = False
-        self.may_be_late = self.time is not None and self.time.late is not None
+        self.may_be_late = bool(self.engines) and self.time is not None and self.time.late is not None
         self._live = tuple(range(len(self.monitors)))
         self._resting: tuple[int, ...] = ()
         """The columns that detected with the last event and begin afresh with the next."""

@@ -343,8 +343,25 @@ class MonitoringPlan:
         return FastReader(self.reads, possible, fields, strict=self.strict_json) if fields else None
 
 
+@dataclass(slots=True)
+class Totals:
+    """What several traces held, if that is wanted, what was doubtful about them, and what other semantics makes of those that ended in ⊥."""
+
+    statistics: Statistics | None
+    oversights: Oversights
+    hindsight: Hindsight | None = None
+
+    def merge(self, other: Self) -> None:
+        """Add those of later traces."""
+        if self.statistics is not None and other.statistics is not None:
+            self.statistics.merge(other.statistics)
+        self.oversights.merge(other.oversights)
+        if self.hindsight is not None and other.hindsight is not None:
+            self.hindsight.merge(other.hindsight)
+
+
 class TraceRun:
-    """One trace; `statistics`, where they are wanted, count its events too, and `prefix` is what they put before a place in it.
+    """One trace, which `totals` count, too; `prefix` is what they put before a place in it.
 
     `read` takes the events, from wherever they come, and `begin` and `end` (or `stop`) go before and after it. `number` is that of the last
     event, `detected` that of the last one that detected something; once it has `ended` only events that were held back come.
@@ -355,20 +372,16 @@ class TraceRun:
         plan: MonitoringPlan,
         trace: str,
         listeners: Sequence[Listener],
+        totals: Totals,
         *,
         buffer: EventBuffer,
-        statistics: Statistics | None = None,
-        oversights: Oversights | None = None,
-        hindsight: Hindsight | None = None,
         prefix: str = "",
     ) -> None:
         self.plan = plan
         self.listeners = tuple(listeners)
-        self.statistics = statistics
-        self.oversights = oversights or Oversights(plan.monitors.types)
-        self.hindsight = hindsight
-        if hindsight is not None:
-            hindsight.forget()
+        self.totals = totals
+        if totals.hindsight is not None:
+            totals.hindsight.forget()
         self.prefix = prefix
         time, by = plan.monitors.time, plan.order_by
         self.ordering = None if by is None else Ordering(by, window=plan.window, time=time)
@@ -401,14 +414,13 @@ class TraceRun:
         Gives False once where the trace has ended; events that were held back come after that. `line` is the number of the line where a
         stream goes on; `by_blocks` says that it need not be read as it comes. Raises what `rvaft.monitoring.reader.read` raises.
         """
-        plan, prefix, semantics = self.plan, self.prefix, self.plan.monitors.semantics
+        prefix, key, fresh = self.prefix, self.plan.key, self.plan.monitors
         every = tuple(listener for listener in self.listeners if listener.every)
-        skips = semantics.projects and bool(plan.monitors.engines)  # what is not relevant changes nothing
-        may_be_late = plan.monitors.may_be_late and bool(plan.monitors.engines)
-        strict, key, look_up = semantics is Semantics.STRICT, plan.key, plan.monitors.types.of
-        oversights, hindsight = self.oversights, self.hindsight
+        skips = fresh.semantics.projects and bool(fresh.engines)  # what is not relevant changes nothing
+        strict, look_up, may_be_late = fresh.semantics is Semantics.STRICT, fresh.types.of, fresh.may_be_late
+        oversights, hindsight = self.totals.oversights, self.totals.hindsight
         for batch in self._batches(source, name, line, by_blocks=by_blocks):
-            before, statistics, clock = self.number, self.statistics, self.clock
+            before, statistics, clock = self.number, self.totals.statistics, self.clock
             watch: MonitoredTrace | None = self.watch
             # From here on every call counts: this is done for each event of a log.
             for place, event in batch.events:
@@ -448,8 +460,12 @@ class TraceRun:
                         continue
                 for listener in every:
                     listener.event(watch, number, event)
-            if batch.total > len(batch.events):
-                self._pass(before, batch)
+            if passed := batch.total - len(batch.events):  # they concern nothing
+                if strict:
+                    self._fill(before + batch.total + 1)
+                if statistics is not None:
+                    statistics.events += passed
+                self.number, self.watch.events = before + batch.total, self.watch.events + passed
             yield batch is not _END
 
     def _batches(self, source: BinaryIO | Iterable[Json], name: str, line: int, *, by_blocks: bool) -> Iterator[Batch]:
@@ -477,16 +493,6 @@ class TraceRun:
             yield Batch(1, ((0, event),))
         if failure is not None:
             raise failure
-
-    def _pass(self, before: int, batch: Batch) -> None:
-        """Count the events of a batch that concern nothing."""
-        passed = batch.total - len(batch.events)
-        if self.plan.monitors.semantics is Semantics.STRICT:
-            self._fill(before + batch.total + 1)
-        if self.statistics is not None:
-            self.statistics.events += passed
-        self.number = before + batch.total
-        self.watch.events += passed
 
     def _tell(self, change: VerdictChange) -> None:
         monitors = change.watch.monitors
@@ -518,9 +524,8 @@ class TraceRun:
         if watch is None:
             if len(self._keyed) >= self.plan.max_keys:
                 what = " and ".join(field.text for field in key.fields)
-                error = TooLarge(f"different values of {what}", limit=self.plan.max_keys)
-                error.add_note("raise it with --max-keys N, or name another field")
-                raise error
+                remedy = "raise it with --max-keys N, or name another field"
+                raise TooLarge(f"different values of {what}", limit=self.plan.max_keys, remedy=remedy)
             watch = MonitoredTrace(self.watch.trace, self.watch.monitors.fork(), found, self.watch.buffer)
             self._keyed[name] = watch
             for listener in self.listeners:
@@ -531,17 +536,17 @@ class TraceRun:
     def state(self) -> Any:
         """What `restore` needs to go on from here, in classes that hold data only."""
         watches = [(watch.key, watch.monitors.snapshot, watch.events) for watch in self.watches]
-        without = self._without_key, self._first_without_key
-        return watches, without, self.watch.buffer.known, self.clock, self.ordering, self.statistics, self.oversights
+        without, totals = (self._without_key, self._first_without_key), (self.totals.statistics, self.totals.oversights)
+        return watches, without, self.watch.buffer.known, self.clock, self.ordering, totals
 
     def restore(self, state: Any, number: int) -> None:
         """Go on from a state after the event of that number."""
-        watches, without, known, self.clock, self.ordering, statistics, self.oversights = state
-        self.oversights.attach(self.plan.monitors.types)
+        watches, without, known, self.clock, self.ordering, (statistics, self.totals.oversights) = state
+        self.totals.oversights.attach(self.plan.monitors.types)
         self.number = number
         self._without_key, self._first_without_key = without
         if statistics is not None:
-            self.statistics = statistics
+            self.totals.statistics = statistics
             statistics.types = self.plan.monitors.types
         self.watch.buffer.known.update(known)
         for key, snapshot, events in watches:
@@ -557,8 +562,8 @@ class TraceRun:
         for watch in self.watches:
             for listener in self.listeners:
                 listener.end(watch)
-            if self.hindsight is not None and watch.monitors.verdicts[0] is Verdict.FALSE:
-                self.hindsight.look(id(watch), self.prefix)
+            if self.totals.hindsight is not None and watch.monitors.verdicts[0] is Verdict.FALSE:
+                self.totals.hindsight.look(id(watch), self.prefix)
 
     def stop(self) -> None:
         """The trace cannot be read further; where it never began, nobody is told."""

@@ -3,7 +3,7 @@
 import re
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from keyword import iskeyword
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Final
 from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.api import narrowed, translate
 from rvaft.errors import OptionError, RvaftError, installed
-from rvaft.model.nodes import Kind, Node, Place, absolute, topic_of, wrong_name
+from rvaft.model.nodes import Kind, Node, Topic, absolute, topic_of, wrong_name
 from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -77,23 +77,13 @@ class NoConfiguration(RvaftError, ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Subscription:
-    """A topic as the patterns of the tree spell it, and what was declared of it."""
-
-    name: str
-    type: str
-    publishers: tuple[str, ...]
-    place: Place = field(default=Place(), compare=False)
-
-
-@dataclass(frozen=True, slots=True)
 class Planned:
-    """A monitor: what it is called, what it looks at, where it asks, which topics it filters and which it only logs."""
+    """A monitor: what it is called, what it looks at, where it asks, which topics, as the patterns spell them, it filters and which it only logs."""
 
     id: str
     tree: RVAFT
     port: int
-    topics: tuple[tuple[Subscription, Action], ...]
+    topics: tuple[tuple[Topic, Action], ...]
 
 
 def planned(
@@ -140,7 +130,7 @@ def monitor_id(name: str) -> str:
     return f"monitor_{word}" if not word.isidentifier() or iskeyword(word) else word
 
 
-def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Subscription, ...]:
+def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
     """The topics that a monitor of this tree, or of this part of a tree, needs; in the order of its nodes.
 
     That is more than those of a branch. Under `projected` an event that is relevant to the whole tree ends the matches of a
@@ -188,9 +178,8 @@ def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Subscription, ...]:
             f"{at(first[name])}: the topic {name} of {event(first[name])} has no message type: "
             f'add `topic "{name}" type "package.msg.Name";`{more}'
         )
-    declared = {name: tree.topics[absolute(name)] for name in first}
-    wanted = tuple(Subscription(name, topic.type, topic.publishers, topic.place) for name, topic in declared.items())
-    packages: dict[str, Subscription] = {}
+    wanted = tuple(replace(tree.topics[absolute(name)], name=name) for name in first)
+    packages: dict[str, Topic] = {}
     for one in wanted:  # the generated monitor imports message types by their last word, and the later import would win
         word = one.type.rpartition(".")[2]
         same = packages.setdefault(word, one)
@@ -217,7 +206,7 @@ def _in_feasible(tree: RVAFT) -> Iterator[str]:
             yield name
 
 
-def _action(topic: Subscription, options: RosOptions, *, alone: bool) -> Action:
+def _action(topic: Topic, options: RosOptions, *, alone: bool) -> Action:
     """To filter takes publishers to come between, a single monitor, and an oracle that answers false at a detection alone."""
     if options.action is not Action.FILTER:
         possible = topic.publishers and alone and options.oracle is Oracle.RVAFT

@@ -107,30 +107,21 @@ def allowed(origins: Sequence[str], host: str | None, extra: Collection[str]) ->
     return name == "localhost" or is_address(name)  # nothing that is looked up
 
 
-@dataclass(frozen=True, slots=True)
-class Address:
-    """Where to listen; port 0 is any that is free. `origins` are allowed beside those of programs, as `origin` gives them.
+@dataclass(eq=False)
+class Server:
+    """Answers the messages of all connections; `fresh` gives the session of a new one.
 
-    `connections` is how many there may be at once. Raises `OptionError` for what is no host.
+    `say` is told, a line each, of connections, of messages that are no events, and of detections. Port 0 is any that is free; `origins` are
+    allowed beside those of programs, as `origin` gives them; `connections` is how many there may be at once.
     """
 
+    protocol: Protocol
+    fresh: Callable[[], Session]
+    say: Callable[[str], object]
     host: str = LOCAL
     port: int = PORT
     origins: Collection[str] = ()
     connections: int = CONNECTIONS
-
-    def __post_init__(self) -> None:
-        require_host(self.host)
-
-
-@dataclass(eq=False)
-class _Server:
-    """Answers the messages of all connections; `fresh` gives the session of a new one, `say` is told what happens, a line each."""
-
-    protocol: Protocol
-    fresh: Callable[[], Session]
-    address: Address
-    say: Callable[[str], object]
 
     def __post_init__(self) -> None:
         self.present: set[ServerConnection] = set()
@@ -140,12 +131,10 @@ class _Server:
     def admit(self, connection: "ServerConnection", request: "Request") -> "Response | None":
         """Refuse a connection whose origin is not allowed, or for which there is no room."""
         hosts = request.headers.get_all("Host")
-        if len(self.present) >= self.address.connections:
+        if len(self.present) >= self.connections:
             why = f"there are {len(self.present)}, the most that --max-connections allows"
             status, answer = HTTPStatus.SERVICE_UNAVAILABLE, "too many connections; try again later"
-        elif not allowed(
-            request.headers.get_all("Origin"), hosts[0] if len(hosts) == 1 else None, self.address.origins
-        ):
+        elif not allowed(request.headers.get_all("Origin"), hosts[0] if len(hosts) == 1 else None, self.origins):
             why = "its origin is not allowed; allow it with --origin"
             status, answer = HTTPStatus.FORBIDDEN, "this origin is not allowed; allow it with --origin"
         else:
@@ -206,61 +195,50 @@ class _Server:
         else:
             loop.default_exception_handler(context)
 
+    async def serve(self, stop: asyncio.Event, listening: Callable[[str], object]) -> None:
+        """Answer messages until `stop` is set; `listening` is told the URL.
 
-async def serve(
-    protocol: Protocol,
-    fresh: Callable[[], Session],
-    stop: asyncio.Event,
-    *,
-    address: Address = Address(),
-    listening: Callable[[str], object] = lambda url: None,  # noqa: ARG005 (the interface)
-    say: Callable[[str], object] = lambda line: None,  # noqa: ARG005 (the interface)
-) -> None:
-    """Answer messages until `stop` is set; `fresh` gives the session of a new connection, `listening` is told the URL.
-
-    `say` is told, a line each, of connections, of messages that are no events, and of detections. Raises `ToolMissing` without the
-    library, and `OSError` where the address cannot be listened at.
-    """
-    library = _library("asyncio.server")
-    least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = address.connections + _SPARE
-    if least != resource.RLIM_INFINITY and least < wanted:
-        with suppress(ValueError, OSError):
-            enough = wanted if most == resource.RLIM_INFINITY else min(wanted, most)
-            resource.setrlimit(resource.RLIMIT_NOFILE, (enough, most))
-    server = _Server(protocol, fresh, address, say)
-    loop = asyncio.get_running_loop()
-    loop.set_exception_handler(server.failed)
-    host = f"[{address.host}]" if ":" in address.host else address.host
-    async with AsyncExitStack() as stack:
-        serving = library.serve(
-            server.handle,
-            address.host,
-            address.port,
-            process_request=server.admit,
-            compression=None,
-            ping_interval=None,  # the client of ROSMonitoring answers pings only while it waits for a reply
-            open_timeout=_HANDSHAKE,
-            close_timeout=_PATIENCE,
-            max_size=protocol.longest * _OVERSIZE,
-            logger=_LIBRARY,
-            backlog=_BACKLOG,
-        )
-        try:
-            listener = await stack.enter_async_context(serving)
-        except OSError as error:
-            code = error.errno or 0
-            remedy = {
-                errno.EADDRINUSE: "the port is in use: choose another with --port",
-                errno.EACCES: "not permitted: choose a --port above 1023",
-                errno.EADDRNOTAVAIL: "no address of this machine: choose another --host",
-            }
-            unknown = f"no such host: {error.strerror}" if isinstance(error, socket.gaierror) else os.strerror(code)
-            raise OSError(code, remedy.get(code, unknown), f"ws://{host}:{address.port}") from error
-        listening(f"ws://{host}:{listener.sockets[0].getsockname()[1]}")
-        await stop.wait()
-        for connection in server.present:  # who reads no replies does not read either that the server goes away
-            loop.call_later(2 * _PATIENCE, connection.transport.abort)
+        Raises `ToolMissing` without the library, and `OSError` where the address cannot be listened at.
+        """
+        library = _library("asyncio.server")
+        least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+        wanted = self.connections + _SPARE
+        if least != resource.RLIM_INFINITY and least < wanted:
+            with suppress(ValueError, OSError):
+                enough = wanted if most == resource.RLIM_INFINITY else min(wanted, most)
+                resource.setrlimit(resource.RLIMIT_NOFILE, (enough, most))
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(self.failed)
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        async with AsyncExitStack() as stack:
+            serving = library.serve(
+                self.handle,
+                self.host,
+                self.port,
+                process_request=self.admit,
+                compression=None,
+                ping_interval=None,  # the client of ROSMonitoring answers pings only while it waits for a reply
+                open_timeout=_HANDSHAKE,
+                close_timeout=_PATIENCE,
+                max_size=self.protocol.longest * _OVERSIZE,
+                logger=_LIBRARY,
+                backlog=_BACKLOG,
+            )
+            try:
+                listener = await stack.enter_async_context(serving)
+            except OSError as error:
+                code = error.errno or 0
+                remedy = {
+                    errno.EADDRINUSE: "the port is in use: choose another with --port",
+                    errno.EACCES: "not permitted: choose a --port above 1023",
+                    errno.EADDRNOTAVAIL: "no address of this machine: choose another --host",
+                }
+                unknown = f"no such host: {error.strerror}" if isinstance(error, socket.gaierror) else os.strerror(code)
+                raise OSError(code, remedy.get(code, unknown), f"ws://{host}:{self.port}") from error
+            listening(f"ws://{host}:{listener.sockets[0].getsockname()[1]}")
+            await stop.wait()
+            for connection in self.present:  # who reads no replies does not read either that the server goes away
+                loop.call_later(2 * _PATIENCE, connection.transport.abort)
 
 
 def _library(part: str) -> Any:

@@ -6,7 +6,6 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -19,30 +18,27 @@ from tests.cli.runs import soon
 TREE = rvaft.loads(
     "event e(v) = { v: v }; top or x y; x sand a b; a fault on e(V); b on e(W) when W > V; y attack on e(_);"
 )
-DETECTED = detection(None, {}, TREE, name="t.rvaft", trace="log", event=1)
+DETECTED = detection({"event": 1}, None, {}, TREE)
 
 
-def detected(**more: Any) -> dict[str, object]:
+def detected() -> dict[str, object]:
     monitor = rvaft.monitor(TREE, semantics="scattered", kind="fault")
     events = {number: {"v": number, "time": number / 2} for number in (1, 2)}
     for event in events.values():
         monitor.step(event)
-    return detection(monitor.explanation, events, TREE, name="t.rvaft", trace="log", event=2, **more)
+    return detection({"tree": "t.rvaft", "key": "robot"}, monitor.explanation, events, TREE)
 
 
 def test_the_command_is_told_the_detection(tmp_path: Path) -> None:
     said, events = tmp_path / "said", {"1": {"v": 1, "time": 0.5}, "2": {"v": 2, "time": 1.0}}
-    assert Hooks(f"cat > {said}").run(detected(key=("robot",))) == []
+    assert Hooks(f"cat > {said}").run(detected()) == []
     text = said.read_text(encoding="utf-8")
     assert (text[-2:], text.count("\n")) == ("}\n", 1)
     matched = [{"node": "a", "event": 1, "time": 0.5}, {"node": "b", "event": 2, "time": 1.0}]
-    place = {"tree": "t.rvaft", "trace": "log"}
     found = {"branch": 1, "kinds": ["fault"], "matched": matched, "variables": {"V": 1, "W": 2}, "events": events}
-    assert json.loads(text) == {**place, "key": "robot", "event": 2, **found}
-    assert "key" not in detected()
-    assert (detected(key=(None,))["key"], detected(again=True)["again"]) == (None, True)
+    assert json.loads(text) == {"tree": "t.rvaft", "key": "robot", **found}
     # a backend does not explain
-    assert {**place, "event": 1, "branch": None, "kinds": [], "matched": [], "variables": {}, "events": {}} == DETECTED
+    assert DETECTED == {"event": 1, "branch": None, "kinds": [], "matched": [], "variables": {}, "events": {}}
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from rvaft.monitoring import fast_reader
 from rvaft.monitoring.detection import told_fields
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.oversights import Reason
+from rvaft.monitoring.oversights import Oversights, Reason
 from rvaft.monitoring.reader import read
 from rvaft.monitoring.run import (
     Backwards,
@@ -34,6 +34,7 @@ from rvaft.monitoring.run import (
     MonitoringPlan,
     OrderedField,
     Ordering,
+    Totals,
     TraceRun,
     VerdictChange,
 )
@@ -213,8 +214,8 @@ def plan_of(
 
 
 def run_of(plan: MonitoringPlan, told: Told) -> TraceRun:
-    statistics = Statistics(plan.monitors.types)
-    return TraceRun(plan, "log", [told], buffer=EventBuffer(reads=plan.reads), statistics=statistics)
+    totals = Totals(Statistics(plan.monitors.types), Oversights(plan.monitors.types))
+    return TraceRun(plan, "log", [told], totals, buffer=EventBuffer(reads=plan.reads))
 
 
 def outcome(plan: MonitoringPlan, data: bytes) -> Any:
@@ -227,10 +228,10 @@ def outcome(plan: MonitoringPlan, data: bytes) -> Any:
             list(run.read(io.BytesIO(data), "log", by_blocks=by_blocks))
         except TraceError as failure:
             error = str(failure)
-        statistics = run.statistics
+        statistics = run.totals.statistics
         assert statistics is not None
         counted = statistics.events, statistics.relevant, statistics.never_seen, statistics.near_misses
-        monitors, missed = run.watch.monitors, run.oversights.found
+        monitors, missed = run.watch.monitors, run.totals.oversights.found
         watched = monitors.verdicts, monitors.found, missed, run.watch.events, run.number, list(run.warnings)
         found.append((told.said, watched, counted, error))
     assert found[0] == found[1]

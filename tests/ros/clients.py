@@ -14,7 +14,7 @@ import pytest
 from rvaft import loads
 from rvaft.model.values import Json
 from rvaft.ros.protocol import Protocol, Session
-from rvaft.ros.server import Address, serve
+from rvaft.ros.server import Server
 from tests.cli.runs import started
 
 websockets = pytest.importorskip("websockets", reason="needs websockets")
@@ -43,10 +43,10 @@ async def served(
     """The URL of a server, which is stopped at the end and has then let go of everything; each connection has a `fresh` session."""
     stop = asyncio.Event()
     url: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    speaking, address = Protocol(SEQUENCE, longest=longest), Address(port=0, origins=origins)
+    speaking, make = Protocol(SEQUENCE, longest=longest), fresh or Session(SEQUENCE).fork
     async with asyncio.TaskGroup() as group:
-        make = fresh or Session(SEQUENCE).fork
-        group.create_task(serve(speaking, make, stop, address=address, listening=url.set_result))
+        server = Server(speaking, make, lambda _: None, port=0, origins=origins)
+        group.create_task(server.serve(stop, url.set_result))
         try:
             yield await url
         finally:

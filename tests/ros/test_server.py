@@ -18,7 +18,7 @@ import pytest
 from rvaft.errors import OptionError
 from rvaft.ros import server
 from rvaft.ros.protocol import Session
-from rvaft.ros.server import Address, allowed
+from rvaft.ros.server import allowed, require_host
 from rvaft.ros.server import origin as origin_of
 from tests.cli.runs import SAND, TREES, failed, run, written
 from tests.ros.clients import SEQUENCE, A, B, asked, connected, live, served, serving, websockets
@@ -180,10 +180,10 @@ def test_hosts_and_origins(what: str, first: str, second: str | None) -> None:
             with pytest.raises(OptionError, match="is no origin"):
                 origin_of(first)
         case "host":
-            assert Address(first).host == first
+            require_host(first)
         case "no host":
             with pytest.raises(OptionError, match="is no IP address and no host name"):
-                Address(first)
+                require_host(first)
         case _:
             raise AssertionError(what)
 

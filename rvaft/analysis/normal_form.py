@@ -52,12 +52,10 @@ def body(node: Node) -> Body:
     2
     """
     match node.gate:
-        case None | Gate.AND:
+        case None | Gate.AND | Gate.PAND:  # `pand` is said in other words before (`plain_trees`)
             return Body(Op.ALL, node.children, len(node.children))
         case Gate.OR:
             return Body(Op.ONE, node.children, 1)
-        case Gate.PAND:  # said in other words before (`plain_trees`)
-            return Body(Op.ALL, node.children, len(node.children))
         case Gate.SAND:
             return Body(Op.SEQUENCE, node.children, len(node.children))
         case Gate.SAND_RL:

@@ -120,8 +120,8 @@ def in_sequence(tree: RVAFT) -> RVAFT:
     return tree.changed(nodes=nodes.values())
 
 
-def most_events(tree: RVAFT) -> dict[str, int]:
-    """How many events the part of each node has in no scenario more than; two stand for many.
+def most_events(tree: RVAFT, own: Callable[[Node], int] = lambda node: node.times * node.has_event) -> dict[str, int]:
+    """How many events, or of what is `own` of a node, its part has in no scenario more than; two stand for many.
 
     >>> from rvaft import loads
     >>> most_events(loads("top or a b; b and c d;"))["top"]
@@ -131,7 +131,7 @@ def most_events(tree: RVAFT) -> dict[str, int]:
     for node in tree.bottom_up():
         below = [most[child] for child in node.children]
         inside = max(below) if body(node).op is Op.ONE else sum(below)
-        most[node.name] = min(2, inside + node.times * node.has_event)
+        most[node.name] = min(2, inside + own(node))
     return most
 
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from typing import Any, Final, assert_never
 
 from rvaft.analysis.normal_form import Op, body
+from rvaft.analysis.scenarios import most_events
 from rvaft.errors import OptionError
 from rvaft.model.expressions import WORD, bare_value, guard_text
 from rvaft.model.nodes import Causality, Gate, Node
@@ -91,8 +92,8 @@ def galileo_text(tree: RVAFT) -> str:
 def losses(tree: RVAFT) -> Iterator[str]:
     """What the Galileo text does not say, one clause each."""
     nodes = list(tree.top_down())
-    single = _single(tree)
-    ordered = sum(body(node).op is Op.SEQUENCE and not single.issuperset(node.children) for node in nodes)
+    most = most_events(tree, lambda node: int(node.leaf))
+    ordered = sum(body(node).op is Op.SEQUENCE and any(most[one] > 1 for one in node.children) for node in nodes)
     unwritable = sum(not _is_plain(*pair) for node in nodes for pair in node.attributes)
     unrated = sum(node.leaf and not node.attributes for node in nodes)
     for lost, what in (
@@ -119,15 +120,6 @@ def losses(tree: RVAFT) -> Iterator[str]:
         yield "the time of events left out"
     if unrated:
         yield f"{unrated} basic event{'s' * (unrated != 1)} without a rate or probability, which most tools require"
-
-
-def _single(tree: RVAFT) -> set[str]:
-    """The nodes of which no scenario has more than one leaf in the part."""
-    found: set[str] = set()
-    for node in tree.bottom_up():
-        if found.issuperset(node.children) and (len(node.children) < 2 or body(node).op is Op.ONE):
-            found.add(node.name)
-    return found
 
 
 _GATES: Final = {Op.ALL: "and", Op.ONE: "or", Op.SEQUENCE: "pand", Op.AT_LEAST: "{}of{}"}

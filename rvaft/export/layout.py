@@ -22,7 +22,7 @@ from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json
 from rvaft.monitors import Explanation
-from rvaft.support.terminal import visible
+from rvaft.support.terminal import cut, visible
 
 LONGEST: Final = 120
 """Characters of a value; what is longer is cut, and a sign says so."""
@@ -92,7 +92,7 @@ def _note(number: int, event: Json, tree: RVAFT) -> Iterator[str]:
     if tree.time is not None and (written := tree.time.written(event)) is not None:
         told = {**told, "time": written}
     for field, value in sorted(told.items()):
-        yield f"{field} {_cut(value) if isinstance(value, str) else _written(value)}"
+        yield f"{field} {cut(value, LONGEST) if isinstance(value, str) else _written(value)}"
 
 
 def _title(number: int | None, kinds: Collection[Kind]) -> str:
@@ -102,13 +102,9 @@ def _title(number: int | None, kinds: Collection[Kind]) -> str:
 
 def _written(value: Json) -> str:
     try:
-        return _cut(json.dumps(value, ensure_ascii=False, default=repr))
+        return cut(json.dumps(value, ensure_ascii=False, default=repr), LONGEST)
     except ValueError:  # an integer of more digits than Python writes
         return "…"
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,10 +204,10 @@ def view(tree: RVAFT, look: Look) -> View:
         drawn.update(level)
         reached += 1
     nodes = tuple(node for node in tree.top_down() if node.name in drawn)
-    cut = [node.name for node in nodes if not drawn.issuperset(node.children)]
-    cut += [name for name in look.collapse if tree.nodes[name].children and name in drawn]
+    folded = [node.name for node in nodes if not drawn.issuperset(node.children)]
+    folded += [name for name in look.collapse if tree.nodes[name].children and name in drawn]
     return View(
-        nodes, {name: len(set(reachable(name, lambda above: tree.nodes[above].children)) - drawn) for name in cut}
+        nodes, {name: len(set(reachable(name, lambda above: tree.nodes[above].children)) - drawn) for name in folded}
     )
 
 
@@ -380,7 +376,7 @@ class _LineFiller:
     def add(self, blank: str, text: str, *, room: int) -> None:
         """A piece; what is wider than `room` may be broken behind blanks and signs such as `/`, or anywhere where these are too far."""
         whole = _columns(text) <= room
-        for part in [text] if whole else [cut for piece in _PART.findall(text) for cut in self._cut(piece)]:
+        for part in [text] if whole else [one for piece in _PART.findall(text) for one in self._cut(piece)]:
             columns = _columns(part)
             if self.pieces[-1] and self._used + len(blank) + columns > self.width:
                 self.pieces.append([])

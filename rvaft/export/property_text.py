@@ -163,7 +163,4 @@ def _index(part: RVAFT | Branch) -> str:
     """What tells the property from others of the same tree: a number, a kind, or nothing."""
     if isinstance(part, Branch):
         return str(part.number)
-    whole = part.part_of
-    if whole is None or (whole.branch is None and whole.kind is None):
-        return ""
-    return str(whole.branch) if whole.kind is None else whole.kind.value
+    return str((part.part_of and (part.part_of.kind or part.part_of.branch)) or "")

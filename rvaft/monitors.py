@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
-from copy import copy
 from dataclasses import dataclass, field
 from typing import Final, Self
 
@@ -139,7 +138,9 @@ class Monitor(ABC):
 
         A subclass that changes its parts in place, instead of replacing them, copies those here.
         """
-        return copy(self)
+        twin = object.__new__(type(self))  # as `copy` would, and faster: the product forks at every step
+        vars(twin).update(vars(self))
+        return twin
 
     def go_on_after(self, earlier: Self) -> None:
         """Go on in the trace after the events that another monitor of the same has read; this one has read none.
@@ -232,7 +233,7 @@ class Repetition(Monitor):
 
     def fork(self) -> Self:
         """An independent monitor that has read the same events."""
-        twin = copy(self)
+        twin = super().fork()
         twin.current = self.current.fork()
         return twin
 

@@ -20,13 +20,14 @@ from cross_check.generate.values import (
     guard_demands,
     interesting_values,
 )
+from cross_check.letters import answers
 from rvaft.analysis.normal_form import Op, body, is_impossible
 from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, edges_along, fewest_events, path, precedence
 from rvaft.analysis.scenarios import event as point_of
+from rvaft.backend import Observed
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge
-from rvaft.model.guards import holds, time_points
-from rvaft.model.guards import variables as guard_variables
+from rvaft.model.guards import time_points
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Anything, Binding, Literal, Pattern, match, rigid_variables
 from rvaft.model.tree import RVAFT, find_cycle, reachable
@@ -87,13 +88,7 @@ def is_relevant(tree: RVAFT, event: Json) -> bool:
 
 def is_ignored(tree: RVAFT, event: Json) -> bool:
     """Whether an `ignore` declaration takes the event."""
-    for ignore in tree.ignores:
-        found = match(tree.instantiate(ignore.on), event, {})
-        if found is not None and (
-            ignore.when is None or (set(guard_variables(ignore.when)) <= set(found) and holds(ignore.when, found))
-        ):
-            return True
-    return False
+    return any(answers((Observed(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores), event))
 
 
 # Random scenarios of a tree (semantics, section 2), drawn from the root down without enumerating them.
@@ -363,9 +358,8 @@ class _Making:
                     return True
             return False
 
-        guards = ((name, self.tree.nodes[name].when) for name in kept)
-        demands = [demand for name, guard in guards if guard is not None for demand in guard_demands(name, guard)]
-        demands = [demand for demand in demands if not time_points(demand.guard)]
+        every = (demand for name in kept for demand in guard_demands(name, self.tree.nodes[name].when))
+        demands = [demand for demand in every if not time_points(demand.guard)]
         patterns = {name: self.tree.pattern(name) or Anything() for name in order}
         if self.semantics.projects and self.tree.ignores:
             demands += [
@@ -438,9 +432,10 @@ class _Making:
 
 def _objection(nodes: Sequence[str], refusing: Sequence[Demand]) -> str:
     """Why a scenario has no events: what the demands of these nodes were that refused."""
-    of_guards = {demand.node for demand in refusing if demand.guard is not None}
-    guarded = [name for name in nodes if name in of_guards]
-    dropped = [name for name in nodes if any(demand.node == name and demand.guard is None for demand in refusing)]
+    of_guards, of_events = (
+        {demand.node for demand in refusing if (demand.guard is None) is so} for so in (False, True)
+    )
+    guarded, dropped = ([name for name in nodes if name in some] for some in (of_guards, of_events))
     said = []
     if guarded:
         whose = f"the guards of {listing(guarded)} do" if len(guarded) > 1 else f"the guard of {guarded[0]} does"

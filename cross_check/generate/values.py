@@ -68,7 +68,7 @@ def _texts_for(part: Operation) -> Iterator[Json]:
                 pass
 
 
-def operations(guard: Guard) -> Iterator[Operation]:
+def operations(guard: Guard | None) -> Iterator[Operation]:
     """The operations in a guard."""
     return (part for part in guard_walk(guard) if isinstance(part, Operation))
 
@@ -168,7 +168,7 @@ class EventFields:
             elif isinstance(leaf, Variable):
                 self.of.setdefault(leaf.name, field)
         guards = [*(node.when for node in tree.nodes.values()), *(ignore.when for ignore in tree.ignores)]
-        self.operations = [part for guard in guards for part in guard_walk(guard) if isinstance(part, Operation)]
+        self.operations = [part for guard in guards for part in operations(guard)]
 
     def bounds(self, field: str, trace: Sequence[Json]) -> tuple[list[Json], list[Json]]:
         """The numbers that values of a field are compared with: constants, and those in a trace in fields of the same comparisons."""
@@ -207,7 +207,7 @@ class Unmet(Exception):
         super().__init__([demand.node for demand in refusing])
 
 
-def guard_demands(node: str, guard: Guard) -> list[Demand]:
+def guard_demands(node: str, guard: Guard | None) -> list[Demand]:
     """That a guard holds: a conjunction does when all its parts do, each of which can be looked at on its own."""
     return [Demand(node, guard_variables(part), partial(holds, part), part) for part in conjuncts(guard)]
 
@@ -338,10 +338,9 @@ class LogValues:
         self._numeric: set[str] = set()
         for part in fields.operations:
             names = {fields.of[name] for name in guard_variables(part) if name in fields.of}
-            if part.operator in COMPARISONS and len(guard_variables(part)) == 2:
-                inner = [one for one in guard_walk(part) if isinstance(one, Operation)]
-                if any(one.operator in (Operator.ADD, Operator.SUB) for one in inner):
-                    self._times |= names
+            steps = any(one.operator in (Operator.ADD, Operator.SUB) for one in operations(part))
+            if steps and part.operator in COMPARISONS and len(guard_variables(part)) == 2:
+                self._times |= names
             constants = [one.value for one in part.operands if isinstance(one, Literal)]
             if part.operator in ARITHMETIC or any(map(is_number, constants)):
                 self._numeric |= names

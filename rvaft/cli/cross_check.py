@@ -62,7 +62,7 @@ class Reports:
 
     def compare(self, tasks: Iterable[Task], count: int, jobs: int, *, bogus: str | None, stop: bool) -> None:
         """Run so many comparisons, and report at the end; an interrupt ends the program after the report."""
-        done, note = 0, ""
+        done, every, note = 0, 0, ""
         with progress(count) as advance, closing(run(tasks, jobs=jobs)) as running:
             try:
                 for task, results in running:
@@ -71,7 +71,7 @@ class Reports:
                     self.results += results
                     self.parts[task.job.title] = tuple(parts_of_language(task.tree))
                     differing = [result for result in results if result.status is Status.DIFFERS]
-                    every = sum(result.status is Status.DIFFERS for result in self.results)
+                    every += len(differing)
                     for result in differing if every <= _SHOWN else ():
                         baseline = "the others" if result.difference is None else result.difference.baseline
                         where = f"{result.participant} differs from {baseline}: {_job(result)}"

@@ -89,22 +89,18 @@ class Reference(Monitor):
 
         No position is used twice: an event extends a partial match by one occurrence at most.
         """
-        matters = not late and relevant(self.tree, event)
         match self.semantics:
-            case Semantics.STRICT:
-                passes, takes, begins = False, not late, False
-            case Semantics.PROJECTED:
-                passes, takes, begins = not matters, matters, False
-            case Semantics.CONSECUTIVE:
-                passes, takes, begins = not matters, matters, True
-            case Semantics.SCATTERED:
-                passes, takes, begins = True, not late, False
+            case Semantics.STRICT | Semantics.SCATTERED:
+                takes, passes = not late, self.semantics is Semantics.SCATTERED
+            case Semantics.PROJECTED | Semantics.CONSECUTIVE:
+                takes = not late and relevant(self.tree, event)
+                passes = not takes
         for partial in self._partials.values():
             if passes:
                 yield partial
             if takes:
                 yield from self._extended(partial, event, time)
-        if begins:
+        if self.semantics is Semantics.CONSECUTIVE:
             yield from self._starts
 
     def _extended(self, partial: Partial, event: Any, time: int | None) -> Iterator[Partial]:

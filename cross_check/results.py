@@ -59,6 +59,7 @@ class Status(StrEnum):
 
 _RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
 _SKIPPED: Final = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
+_JUNIT: Final = {**dict.fromkeys(_RAN, ""), Status.DIFFERS: "failure", **dict.fromkeys(_SKIPPED, "skipped")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,7 +290,7 @@ def junit_text(results: Iterable[Result], note: str = "") -> str:
     """
     root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
     for job, group in groupby(results, key=lambda result: result.job):
-        cases = [(case, _junit_kind(case.status)) for case in group]
+        cases = [(case, _JUNIT.get(case.status, "error")) for case in group]
         suite = ET.SubElement(root, "testsuite", name=_printable(f"{job.title} ({job.semantics})"))
         suite.set("tests", str(len(cases)))
         for name, kind in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
@@ -304,12 +305,6 @@ def junit_text(results: Iterable[Result], note: str = "") -> str:
                 said.text = _printable("\n".join(difference_lines(case))) or None
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
-
-
-def _junit_kind(status: Status) -> str:
-    if status in _RAN:
-        return "failure" if status is Status.DIFFERS else ""
-    return "skipped" if status in _SKIPPED else "error"
 
 
 def _printable(text: str) -> str:

@@ -337,11 +337,13 @@ def steps_of(tree: RVAFT) -> list[int]:
 def timed(random: Random, tree: RVAFT, event: Json, instant: int | None, *, plain: bool) -> Json:
     """The event at an instant, or without a time that can be read; as it is where its field cannot have one."""
     assert tree.time is not None
-    if instant is None:
-        bare = without_time(event, tree.time.field)
-        wrong = None if random.random() < 0.5 else random.choice(_UNREADABLE_TIMES[tree.time.format])
-        return bare if wrong is None else with_time(bare, tree.time.field, wrong) or bare
-    value = written(random, tree.time.format, instant, plain=plain)
+    value: Json = None
+    if instant is not None:
+        value = written(random, tree.time.format, instant, plain=plain)
+    else:
+        event = without_time(event, tree.time.field)
+        if random.random() < 0.5:
+            value = random.choice(_UNREADABLE_TIMES[tree.time.format])
     return event if value is None else with_time(event, tree.time.field, value) or event
 
 

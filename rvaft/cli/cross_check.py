@@ -230,17 +230,11 @@ def cross_check_command(
         entries, count = [], 0
     chosen_effort = {name: given[name] for name in ("traces", "states", "length") if given[name] is not None}
     effort = replace(effort, seed=str(given["seed"]), seconds=timeout, **chosen_effort)
-    one = against and not semantics
-    chosen = semantics or tuple(Semantics)
-    tasks = (
-        Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort)
-        for e in entries
-        for s in ((meant(e.tree),) if one else chosen)
-    )
+    chosen = semantics or (() if against else tuple(Semantics))
+    pairs = ((e, s) for e in entries for s in chosen or [meant(e.tree)])
+    tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e, s in pairs)
     jobs = given["jobs"] or os.cpu_count() or 1
-    collected.compare(
-        tasks, count if one else count * len(chosen), jobs, bogus=given["save_bogus"], stop=given["stop_on_error"]
-    )
+    collected.compare(tasks, count * (len(chosen) or 1), jobs, bogus=given["save_bogus"], stop=given["stop_on_error"])
     fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
     asked = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}
     return FAILED if failures.met else exit_status(collected.results, failing=asked)

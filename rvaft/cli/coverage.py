@@ -15,6 +15,8 @@ from rvaft.monitoring.reader import expanded, read
 _NARROWEST: Final = 60
 """Columns below which the table is not made narrower."""
 
+_CONFIGURATIONS: Final = "Partial matches that are followed in each branch."
+
 
 @click.command("coverage")
 @options.tree_argument
@@ -29,12 +31,7 @@ _NARROWEST: Final = 60
     metavar="PERCENT",
     help="Exit with 1 if fewer of the branches are exercised.",
 )
-@options.number(
-    "--max-configurations",
-    "configurations",
-    default=DEFAULT_LIMIT,
-    text="Partial matches that are followed in each branch.",
-)
+@options.number("--max-configurations", "configurations", default=DEFAULT_LIMIT, text=_CONFIGURATIONS)
 @options.strict_json
 @options.output_format("text", "json")
 def coverage_command(

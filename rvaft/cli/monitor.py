@@ -20,7 +20,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
 from rvaft.monitoring.checkpoint import EVERY, CheckpointFile
-from rvaft.monitoring.detection import Hooks, told_fields
+from rvaft.monitoring.detection import Hooks
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.reader import expanded
 from rvaft.monitoring.run import DEFAULT_WINDOW, MAX_KEYS, Field, Key, MonitoringPlan
@@ -142,18 +142,15 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     reads = TreeReads(whole, [field.path for field in (*(key.fields if key else ()), *([order] if order else []))])
     order_by, window, max_keys = given["order_by"], given["window"] or DEFAULT_WINDOW, given["max_keys"] or MAX_KEYS
     settings = MonitorSettings(
-        MonitoringPlan(monitors, reads, key, max_keys, order_by, window, told_fields(whole), given["strict_json"]),
+        MonitoringPlan(monitors, reads, key, max_keys, order_by, window, given["strict_json"]),
         whole,
         name=click.format_filename(tree),
-        per=given["per"],
+        **{option: given[option] for option in ("per", "form", "detections", "follow")},
         several=several,
-        form=given["form"],
-        detections=given["detections"],
         drawn=given["explain"] == TERMINAL,
         drawing=None if given["explain"] == TERMINAL else given["explain"],
         hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
         checkpoints=checkpoints,
-        follow=given["follow"],
         unchosen=given["semantics"] is None and whole.semantics is None and backend is None,
     )
     status = run(settings, traces, given["jobs"])

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from enum import StrEnum
 from errno import EACCES, EISDIR, ENOTDIR
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any, BinaryIO, Final, TypeVar, cast
 
@@ -59,6 +59,8 @@ def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
     )
 
 
+flag: Final = partial(click.option, is_flag=True, default=None)
+"""An option that is given, refused by its other name, or left open."""
 _STRICT: Final = "strict_galileo"
 
 

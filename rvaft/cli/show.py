@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, Final
 
 import click
 
@@ -26,48 +26,26 @@ from rvaft.monitoring.reader import read
 from rvaft.support.files import deliver
 from rvaft.support.terminal import visible
 
+_FORMAT: Final = "The format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz."
+_EVENTS: Final = "Runtime events and guards under the label; by default in the terminal only."
+
 
 @click.command("show")
 @options.tree_argument
-@options.choice(
-    "--format",
-    "form",
-    words=Format,
-    text="The format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz.",
-)
-@click.option(
-    "--events/--no-events",
-    default=None,
-    is_flag=True,
-    help="Runtime events and guards under the label; by default in the terminal only.",
-)
-@click.option(
-    "--names/--no-names", default=None, is_flag=True, help="The names of nodes that have a label; by default shown."
-)
+@options.choice("--format", "form", words=Format, text=_FORMAT)
+@options.flag("--events/--no-events", help=_EVENTS)
+@options.flag("--names/--no-names", help="The names of nodes that have a label; by default shown.")
 @options.number("--wrap", least=NARROWEST, text=f"Columns of text in a box, {WIDTH} by default.")
 @options.number("--depth", least=0, text="Only so many levels below the root.")
 @click.option("--collapse", multiple=True, metavar="NODE", help="Leave out what is below this node; repeatable.")
 @click.option("--highlight", multiple=True, metavar="branch:N|TRACE", help="Mark a branch, or what a trace detects.")
 @options.semantics_option
-@click.option("--legend", default=None, is_flag=True, help="Say below the tree what its signs mean.")
-@click.option(
-    "--stagger",
-    default=None,
-    is_flag=True,
-    help="Set every other leaf of a gate lower: a narrower tree (Graphviz only).",
-)
+@options.flag("--legend", help="Say below the tree what its signs mean.")
+@options.flag("--stagger", help="Set every other leaf of a gate lower: a narrower tree (Graphviz only).")
 @options.output_option
-def show_command(
-    *,
-    tree: str,
-    form: Format | None,
-    output: str | None,
-    highlight: tuple[str, ...],
-    semantics: Semantics | None,
-    **look: Any,
-) -> int:
+def show_command(*, tree: str, form: Format | None, output: str | None, highlight: tuple[str, ...], **look: Any) -> int:
     """Draw a tree, or write it in another format. The TREE - is standard input."""
-    chosen = form or _suggested(output)
+    chosen, semantics = form or _suggested(output), look.pop("semantics")
     given = {name: value for name, value in {**look, "highlight": highlight}.items() if value not in (None, ())}
     everywhere, in_boxes = ("events", "depth", "collapse", "highlight"), ("names", "wrap", "legend", "stagger")
     for useless, refused, why in (

@@ -19,7 +19,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.values import Json, at, is_finite, is_number
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.detection import PLACES, counted, matched_events, unlike
+from rvaft.monitoring.detection import counted, matched_events, told_fields, unlike
 from rvaft.monitoring.fast_reader import Batch, FastReader, plain_fields
 from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
@@ -315,7 +315,7 @@ class Listener:
 
 @dataclass(frozen=True)
 class MonitoringPlan:
-    """What is done with every trace: `monitors` have read nothing; `reads` is what is read of an event; `told` are fields that are told."""
+    """What is done with every trace: `monitors` have read nothing; `reads` is what is read of an event."""
 
     monitors: MonitorSet
     reads: Scope
@@ -323,7 +323,6 @@ class MonitoringPlan:
     max_keys: int = MAX_KEYS
     order_by: str | None = None
     window: int = DEFAULT_WINDOW
-    told: tuple[str, ...] = PLACES
     strict_json: bool = False
 
     @property
@@ -336,10 +335,9 @@ class MonitoringPlan:
         """What reads files quickly, or None where every event has to be seen as it stands."""
         if not self.plain or not self.monitors.engines or not isinstance(self.reads, TreeReads):
             return None
-        also = (TIME, *self.told, *(self.monitors.time.field[:1] if self.monitors.time else ()))
-        every = self.monitors.may_be_late  # then the time of each event counts
-        possible = (lambda _: True) if every else self.monitors.types.possible
-        fields = plain_fields(self.reads, also)
+        types, every = self.monitors.types, self.monitors.may_be_late  # then the time of each event counts
+        possible = (lambda _: True) if every else types.possible
+        fields = plain_fields(self.reads, (TIME, *told_fields(types.tree)))
         return FastReader(self.reads, possible, fields, strict=self.strict_json) if fields else None
 
 

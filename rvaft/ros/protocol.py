@@ -110,13 +110,13 @@ class Session:
                     monitors.step(event, self.events)
                 except TooLarge as error:
                     self.failures[label] = str(error)
-                else:
-                    if label == _WHOLE and monitors.serves:
-                        self.buffer.remember(self.events, kept(came, self.fields))
-                    if label == _WHOLE and monitors.late:
-                        self.oversights.note_late(event, self.events, "", monitors.engines[0].latest)
-                    elif label == _WHOLE:
-                        self.oversights.see(event, self.events, "", monitors.types.of(event))
+        whole = self.monitors[_WHOLE]
+        if _WHOLE not in self.failures and whole.serves:
+            self.buffer.remember(self.events, kept(came, self.fields))
+        if _WHOLE not in self.failures and whole.late:
+            self.oversights.note_late(event, self.events, "", whole.engines[0].latest)
+        elif _WHOLE not in self.failures:
+            self.oversights.see(event, self.events, "", whole.types.of(event))
 
     def begin_again(self) -> None:
         """Let the monitors that repeat and have detected with the last event begin afresh."""

@@ -20,7 +20,6 @@ from rvaft.errors import OptionError, TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitoring import fast_reader
-from rvaft.monitoring.detection import told_fields
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights, Reason
@@ -210,7 +209,7 @@ def plan_of(
 ) -> MonitoringPlan:
     make = lambda part: monitor(part, semantics=semantics)  # noqa: E731
     monitors = MonitorSet(columns(tree, per), make, Semantics(semantics), repeat=repeat)
-    return MonitoringPlan(monitors, TreeReads(tree), told=told_fields(tree), **options)
+    return MonitoringPlan(monitors, TreeReads(tree), **options)
 
 
 def run_of(plan: MonitoringPlan, told: Told) -> TraceRun:

@@ -11,14 +11,14 @@ import re
 import warnings
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from functools import cache, lru_cache, partial
-from importlib import import_module
 from typing import Any, Final, TypeAlias
 
 from backends import slices
 from backends.automaton.hoa_writer import ALIVE
 from backends.automaton.letters import apart
 from rvaft.backend import Observed
-from rvaft.errors import LanguageError, TooLarge, ToolMissing
+from rvaft.errors import LanguageError, TooLarge, ToolMissing, installed
+from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard, holds, renamed
@@ -43,13 +43,7 @@ LIMIT: Final = 100_000
 """The most states that a nondeterministic text may turn into."""
 
 
-def error_at(text: str, position: int, message: str) -> LanguageError:
-    """The error for a place in a HOA text."""
-    before = text[:position]
-    number = before.count("\n") + 1
-    source = text.split("\n")[number - 1].rstrip("\r")
-    return LanguageError(message, file="<hoa>", line=number, column=position - before.rfind("\n"), source=source)
-
+_error: Final = partial(error_at, file="<hoa>")
 
 # The table: what Spot has read, determinised.
 
@@ -149,13 +143,9 @@ class HoaTable:
 
 def _tools() -> tuple[Any, Any]:
     remedy = "pip install spottl (Linux x86-64, Python below 3.14), or build Spot with its Python bindings"
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            spot = import_module("spot")
-            buddy = import_module("buddy")  # becomes visible with Spot
-    except ImportError as error:
-        raise ToolMissing("Spot", remedy=remedy) from error
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        spot, buddy = (installed(name, "Spot", remedy) for name in ("spot", "buddy"))  # which becomes visible with Spot
     if not hasattr(spot, "automaton_stream_parser"):
         raise ToolMissing("Spot (the module named spot is another one)", remedy=remedy)
     return spot, buddy
@@ -166,9 +156,9 @@ def _parsed(spot: Any, text: str) -> Any:
     start = re.match(r"(?:\s|/\*.*?\*/)*", text, re.DOTALL)
     position = start.end() if start else 0
     if not text.startswith("HOA:", position):
-        raise error_at(text, position, "a HOA text begins with HOA: v1")
+        raise _error("a HOA text begins with HOA: v1", text, position)
     if "\0" in text:
-        raise error_at(text, text.index("\0"), "binary data (a zero byte), not a text")
+        raise _error("binary data (a zero byte), not a text", text, text.index("\0"))
     options = spot.automaton_parser_options()
     options.trust_hoa = False
     options.raise_errors = True
@@ -184,9 +174,9 @@ def _parsed(spot: Any, text: str) -> Any:
         source = [*text.split("\n"), ""][line - 1].rstrip("\r")
         raise LanguageError(what, file="<hoa>", line=line, column=column, source=source) from None
     if first.aut is None or first.aborted:
-        raise error_at(text, position, "the text has no complete automaton")
+        raise _error("the text has no complete automaton", text, position)
     if second.aut is not None:
-        raise error_at(text, position, "the text has more than one automaton")
+        raise _error("the text has more than one automaton", text, position)
     return first.aut
 
 
@@ -288,12 +278,12 @@ class HoaProgram:
                 try:
                     self._take(start.group(), values)
                 except LanguageError as error:
-                    raise error_at(text, start.start(), error.message) from None
+                    raise _error(error.message, text, start.start()) from None
         self.table = HoaTable(text)
         explained = dict.fromkeys((*self._patterns, *self.guards, *self.relevant))
         for number in explained:
             if number >= len(self.table.names):
-                raise error_at(text, 0, f"the text has no proposition {number}, but says what it means")
+                raise _error(f"the text has no proposition {number}, but says what it means", text, 0)
         for number, name in enumerate(self.table.names):
             if number not in explained and name != ALIVE:
                 self._patterns[number] = atoms.get(name, ObjectPattern((("event", Literal(name)),)))
@@ -317,17 +307,13 @@ class HoaProgram:
         texts = [re.sub(r"\\(.)", r"\1", value[1:-1], flags=re.DOTALL) for value in quoted]
         if name == "relevant:":
             self.relevant.add(int(values[0]))
-            return
-        if name == "time:":
+        elif name == "time:":
             self.time = parse_time(f"time {texts[0]}")
-            return
-        if name == "guard:":
+        elif name == "guard:":
             self.guards[int(values[0])] = parse_guard(texts[0])
-            return
-        pattern = parse_pattern(texts[0])
-        if not isinstance(pattern, ObjectPattern | Anything):
+        elif not isinstance(pattern := parse_pattern(texts[0]), ObjectPattern | Anything):
             raise LanguageError("an event is an object: expected a pattern such as { field: 1 }, or _")
-        if name == "event:":
+        elif name == "event:":
             self._patterns[int(values[0])] = pattern
         else:
             fit = Observed(pattern, parse_guard(texts[1]) if len(texts) == 2 else None)

@@ -22,7 +22,7 @@ import networkx as nx
 from backends.ltlf.formulas import JUNCTIONS, Connective, Formulas
 from backends.ltlf.monitor import Atom, atoms_of
 from backends.ltlf.reader import Header, formula_of
-from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
+from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing, installed
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
@@ -62,13 +62,10 @@ def _program(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
             texts[number] = f"({f' {row.op.value} '.join(operands)})"
         else:
             texts[number] = symbols[row.name] if row.op is Connective.ATOM else _WRITTEN[row.op].format(*operands)
+    remedy = "pip install '.[mona]' in a checkout of rvaft"
+    base, parser = (installed(f"ltlf2dfa.{name}", "ltlf2dfa", remedy) for name in ("base", "parser.ltlf"))
     try:
-        from ltlf2dfa.base import MonaProgram  # noqa: PLC0415 -- not there on every machine
-        from ltlf2dfa.parser.ltlf import LTLfParser  # noqa: PLC0415 -- not there on every machine
-    except ImportError as error:
-        raise ToolMissing("ltlf2dfa", remedy="pip install '.[mona]' in a checkout of rvaft") from error
-    try:
-        return str(MonaProgram(LTLfParser()(texts[root])).mona_program())
+        return str(base.MonaProgram(parser.LTLfParser()(texts[root])).mona_program())
     except RecursionError:
         raise TooLarge("the formula is nested too deep for ltlf2dfa", limit=OPERATORS) from None
     except Exception as error:

@@ -15,10 +15,12 @@ import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
-from rvaft.errors import LanguageError, ToolMissing
+from rvaft.errors import LanguageError, installed
+from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import guard_text, pattern_text, time_text
@@ -141,10 +143,7 @@ def _read(parser: Callable[[str], Any], text: str, start: int, stop: int) -> Any
         raise _malformed(error.message, text, start + error.column - 1) from None
 
 
-def _malformed(message: str, text: str, offset: int) -> LanguageError:
-    line = text.count("\n", 0, offset)
-    column = offset - text.rfind("\n", 0, offset)
-    return LanguageError(message, file="<ltlf>", line=line + 1, column=column, source=text.split("\n")[line])
+_malformed: Final = partial(error_at, file="<ltlf>")
 
 
 # Formulas, read by Spot's own parser.
@@ -184,13 +183,9 @@ _OPERATORS: Final[Mapping[str, Callable[..., int]]] = {
 
 def spot() -> Any:
     """Spot's Python module; raises `ToolMissing`."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # one that is turned into an error while Spot loads ends in a crash
-            import spot as module  # noqa: PLC0415 -- takes a second to load, and is not there on every machine
-    except ImportError as error:
-        raise ToolMissing("Spot", remedy=_REMEDY) from error
-    return module
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # one that is turned into an error while Spot loads ends in a crash
+        return installed("spot", "Spot", _REMEDY)
 
 
 def formula_of(text: str, formulas: Formulas) -> tuple[Header, int]:

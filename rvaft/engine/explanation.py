@@ -137,9 +137,9 @@ class MatchFinder:
         """The matches with these steps that can be made under choices too; with None as they are."""
         assert isinstance(self.strategy, Following), "the linear way follows no matches"
         matching, node_of = self.strategy.matching, {node: node for node in range(len(self._names))}
-        if choices is not None:
-            of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
-            base = self.tree if of_branch or is_all(self.tree) else whole(self.tree)
+        of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
+        base = self.tree if of_branch or is_all(self.tree) else whole(self.tree)
+        if choices or (choices is not None and base is not self.tree):
             kept = kept_nodes(base, choices)
             histories = [steps for steps in histories if all(self._names[step.node] in kept for step in steps)]
             if not histories:

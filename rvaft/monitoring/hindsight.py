@@ -3,6 +3,7 @@
 The events that fit the tree are kept, as far as there is room, and read again at the end, as far as that is cheap.
 """
 
+from functools import cached_property
 from time import monotonic
 from typing import Final
 
@@ -11,6 +12,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import Monitor
 
 ROOM: Final = 10_000
 """How many events of a trace are kept, of all keys together."""
@@ -37,6 +39,10 @@ class Hindsight:
         self.ended = self.detecting = self.unread = 0
         self.first = self.last_read = ""
 
+    @cached_property
+    def _fresh(self) -> Monitor:
+        return monitor(self._tree, semantics=Semantics.SCATTERED, limit=LIMIT)
+
     def keep(self, watch: int, number: int, event: Json) -> None:
         """Keep an event that fits the tree, of the trace or key of that number."""
         if self._room > 0 and self._tried:
@@ -51,7 +57,7 @@ class Hindsight:
         if not self._tried:
             return
         stop, number, begun = self._full.get(watch), 0, monotonic()
-        again = monitor(self._tree, semantics=Semantics.SCATTERED, limit=LIMIT)
+        again = self._fresh.fork()
         try:
             for number, event in self._kept.get(watch, ()):
                 if again.step(event) is Verdict.TRUE:

@@ -116,7 +116,10 @@ class OrderedField:
         """The number or time that an event has there; a boolean is none, nor is what is not finite."""
         if self.time is not None:
             return self.time.read(event)
-        value = (self.field.of(event) or (None,))[0]
+        plain = type(event) is dict and self.field.text in event  # mostly; asked of every event
+        value = event[self.field.text] if plain else (self.field.of(event) or (None,))[0]
+        if type(value) is float and self._holds is False and value - value == 0:
+            return value
         is_time = isinstance(value, str)
         place: int | float | None = _ISO.read(value) if is_time else value if is_number(value) else None
         if place is None or place - place != 0 or self._holds is (not is_time):

@@ -157,7 +157,8 @@ def _resolved(tree: RVAFT, whole: RVAFT, limit: int) -> Iterator[RVAFT]:
         origin = tree.origins
         choosing = {name: children[0] for name, children in kept.items() if body(tree.nodes[name]).op is Op.ONE}
         choices = {origin.get(name, name): origin.get(child, child) for name, child in choosing.items()}
-        number = number_of(whole, {name: child for name, child in choices.items() if name in whole.nodes})
+        asked = None if tree.part_of is None else tree.part_of.branch  # a scenario may be without its choices
+        number = asked or number_of(whole, {name: child for name, child in choices.items() if name in whole.nodes})
         part_of = Whole(whole, number or 0, None, origin)  # 0 where finding the number would take too long
         part = tree.changed(nodes=nodes, part_of=part_of)
         ended, known = [node for node in part.top_down() if node.gate is Gate.PAND], _Parts(part)

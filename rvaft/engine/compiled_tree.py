@@ -12,12 +12,14 @@ configuration has to remember, and the guards that wait for them.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
 from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, reader
+from rvaft.analysis.time_differences import TimeDifference, differences
 from rvaft.model.event_time import TIME
-from rvaft.model.guards import Predicate, predicate
+from rvaft.model.guards import Guard, Predicate, conjuncts, predicate
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Node
 from rvaft.model.patterns import ObjectPattern, Variable, rigid_variables
@@ -46,7 +48,7 @@ class CompiledTree:
         self.children = tuple(tuple(number[child] for child in one.children) for one in bodies)
         self.need = tuple(one.need for one in bodies)
         """The least number of children that a scenario with a node keeps."""
-        self.chooses = mask_of(node for node, one in enumerate(bodies) if one.chooses)
+        self.chooses = mask_of(node for node, one in enumerate(bodies) if one.chooses and len(one.children) > one.need)
         """The nodes that need not keep all of their children."""
         self.own = tuple(node.has_event for node in nodes)
         self.top_down = tree.causality is Causality.TOP_DOWN
@@ -89,6 +91,11 @@ class CompiledTree:
             for name in self.exported[node]:
                 self.mentions[name] = self.mentions.get(name, 0) | 1 << node
 
+    @cached_property
+    def conditions(self) -> tuple[tuple["Condition", ...], ...]:
+        """For each node what its guard asks for: that all of these hold."""
+        return tuple(tuple(Condition.of(part, self.times) for part in conjuncts(guard)) for guard in self.guards)
+
     def _note_parts(self, core: set[int]) -> None:
         """The shared nodes with their ancestors, and the parts below them."""
         size = len(self.names)
@@ -111,6 +118,22 @@ class CompiledTree:
                 later = self.ops[node] is Op.SEQUENCE and slot + 1 < len(children)
                 self.freezer[child] = child if later or ends else self.freezer[node]
         self.parts = tuple(node for node in range(size) if node not in core and self.parent[node] < 0)
+
+
+class Condition(NamedTuple):
+    """A guard, its variables, and whether these are times; then the differences that it asks for, or None."""
+
+    guard: Guard
+    names: tuple[str, ...]
+    over_times: bool
+    differences: tuple[TimeDifference, ...] | None
+
+    @classmethod
+    def of(cls, guard: Guard, times: frozenset[str]) -> "Condition":
+        """What there is to know of a guard."""
+        names = guard_variables(guard)
+        over_times = times.issuperset(names)
+        return cls(guard, names, over_times, differences(guard) if over_times else None)
 
 
 class Hit(NamedTuple):

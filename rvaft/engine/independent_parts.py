@@ -1,4 +1,4 @@
-"""The parts of an AND that nothing ties together: no variable, no guard, and no event that may serve two of them.
+"""The parts of an AND, also through ANDs below it, that nothing ties together: no variable, no guard, and no event that may serve two of them.
 
 Their partial matches are followed side by side, so that their numbers add up where they would multiply. Together the parts have what they need when
 each has: any match of the one goes with any match of the other. Those that leave choices are one part, for the branch of a match depends
@@ -15,7 +15,7 @@ from rvaft.support.bits import bits, union
 
 
 class IndependentPart(NamedTuple):
-    """Some children of the root, and all nodes below them."""
+    """Some of what the root joins, and all nodes below them."""
 
     children: tuple[int, ...]
     nodes: int
@@ -24,16 +24,21 @@ class IndependentPart(NamedTuple):
 
 def independent_parts(compiled: CompiledTree, letters: TreeLetters) -> tuple[IndependentPart, ...]:
     """The independent parts of a tree, none where it is one."""
-    root = compiled.root
-    waits = compiled.guards[root] is not None or compiled.own[root]
-    if compiled.core or waits or compiled.ops[root] is not Op.ALL or len(compiled.children[root]) < 2:
+    if compiled.core:
         return ()
-    below = {child: 1 << child for child in compiled.children[root]}
-    part_of: dict[int, int] = {}
-    for node in range(1, len(compiled.names)):  # parents come first
-        above = compiled.parent[node]
-        part_of[node] = node if above == root else part_of[above]
+    joins, below, part_of = set[int](), dict[int, int](), dict[int, int]()
+    for node, children in enumerate(compiled.children):  # parents come first
+        if node == compiled.root or compiled.parent[node] in joins:
+            silent = compiled.guards[node] is None and not compiled.own[node]
+            if silent and children and compiled.ops[node] is Op.ALL:
+                joins.add(node)
+                continue
+            part_of[node], below[node] = node, 0
+        else:
+            part_of[node] = part_of[compiled.parent[node]]
         below[part_of[node]] |= 1 << node
+    if len(below) < 2:
+        return ()
     together = {child: child for child in below}
 
     def first(child: int) -> int:

@@ -5,12 +5,11 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from typing import Any, Self
 
-from rvaft.analysis.time_differences import TimeDifference, differences
+from rvaft.analysis.time_differences import TimeDifference
 from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
 from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.errors import TooLarge
-from rvaft.model.guards import conjuncts, variables
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.bits import bits, union
@@ -28,9 +27,8 @@ class Matching:
         self.shared = SharedNodes(compiled, self.progress, limit=limit)
         self.asked: dict[int, tuple[TimeDifference, ...]] = {}
         """For the nodes with guards over times what these guards ask for, as far as that is known before all times are."""
-        for node, guard in enumerate(compiled.guards if early else ()):
-            over_times = (part for part in conjuncts(guard) if compiled.times.issuperset(variables(part)))
-            if found := tuple(one for part in over_times for one in differences(part) or ()):
+        for node, parts in enumerate(compiled.conditions if early else ()):
+            if found := tuple(one for part in parts for one in part.differences or ()):
                 self.asked[node] = found
 
     def start(self) -> Configuration:

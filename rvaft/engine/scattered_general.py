@@ -16,7 +16,7 @@ from functools import partial
 from itertools import chain, islice, product
 from typing import Any, Final, NamedTuple
 
-from rvaft.analysis.time_differences import Extreme, TimeDifference, differences
+from rvaft.analysis.time_differences import Extreme, TimeDifference
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import SURE, Configuration, Witness, history
 from rvaft.engine.independent_parts import IndependentPart, independent_parts
@@ -31,12 +31,10 @@ from rvaft.model.guards import (
     Operation,
     Operator,
     Predicate,
-    conjuncts,
     predicate,
     value,
-    variables,
 )
-from rvaft.model.patterns import Literal, Variable
+from rvaft.model.patterns import Variable
 from rvaft.model.values import Json, exact, is_number
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, mask_of
@@ -192,14 +190,14 @@ class Stages:
                 one for one in joint if not self.outcome(move, move.alone, tuple(other != one for other in joint))
             ]
             far = set(move.stage.names).difference(own)
-            for part in (part for one in needed for part in conjuncts(compiled.guards[one] or Literal(value=True))):
-                if compiled.times.issuperset(variables(part)):
-                    for one_difference in differences(part) or ():
+            for part, names, over_times, asked in chain(*(compiled.conditions[one] for one in needed)):
+                if over_times:
+                    for one_difference in asked or ():
                         for term, bound in _time_bounds(one_difference, far, own):
                             orders.setdefault(term, []).append(bound)
                     continue
-                distant = [name for name in variables(part) if name in far]
-                if len(distant) == 1 and {*own, *distant}.issuperset(variables(part)):
+                distant = [name for name in names if name in far]
+                if len(distant) == 1 and {*own, *distant}.issuperset(names):
                     name = distant[0]
                     if (other := repeats(part, name)) is not None and name not in joined:
                         joined[name] = other
@@ -440,7 +438,7 @@ class ScatteredMatches(Following):
             return _UNKNOWN
         found: dict[Hashable, NewMatch] = {}
         ended: dict[int, tuple[StageGroup, Member]] = {}
-        begun = self._begun
+        begun, followed = self._begun, sum(len(group.members) for group in self._groups.values())
         for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
                 scan = move.scan or self._stages.scan(move)
@@ -460,7 +458,8 @@ class ScatteredMatches(Following):
                             binding = {name: bound[name] for name in stage.names}
                             at = (member.number, order, place)
                             rank = stage.ranking.of(binding)
-                            self._note(NewMatch(at, before, move.node, values, stage, binding, rank), found, len(ended))
+                            new = NewMatch(at, before, move.node, values, stage, binding, rank)
+                            self._note(new, found, followed - len(ended))
                             if enough is not None and all(
                                 one.value(binding) == one.extreme.of(values) for one in enough
                             ):
@@ -489,14 +488,14 @@ class ScatteredMatches(Following):
         order, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
         return [(in_order(*lane, last_first=order.last_first), order.enough) for lane in lanes]
 
-    def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], ended: int) -> None:
+    def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], others: int) -> None:
         """Keep what is not there yet; of two that are alike the first."""
         group = self._groups.get(new.stage)
         if group is None or not group.excels(new.rank):
             other = found.get((new.stage, new.rank))
             if other is None or new.order < other.order:
                 found[new.stage, new.rank] = new
-                self._bound(sum(len(group.members) for group in self._groups.values()) + len(found) - ended)
+                self._bound(others + len(found))
 
     def _change(self, found: Iterable[NewMatch], ended: Iterable[tuple[StageGroup, Member]], position: int) -> Verdict:
         """The verdict with these partial matches and without those."""

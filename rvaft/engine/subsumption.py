@@ -42,15 +42,16 @@ if nothing can tell the values apart (`fingerprint`).
 """
 
 from collections.abc import Hashable, Mapping, Sequence
+from itertools import chain
 from operator import ge
 from typing import Any, Final, NamedTuple, assert_never
 
 from rvaft.analysis.normal_form import Op
-from rvaft.analysis.time_differences import Extreme, differences
+from rvaft.analysis.time_differences import Extreme
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
-from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables
+from rvaft.model.guards import Guard, Operation, Operator, variables
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json, exact, is_number, key
 
@@ -62,7 +63,7 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
         return False
     if any(name not in before.binding for name in compiled.exported[node]):
         return False
-    if compiled.core and (matching.shared.free or not matching.shared.settled(before, node)):
+    if compiled.core and not matching.shared.settled(before, node):
         return False
 
     def ends(node: int, flags: int) -> bool:  # nothing more comes of it in the same branch
@@ -200,11 +201,10 @@ def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
     differing: dict[Guard, list[str]] = {}
     floored = True
     waiting = {node for name in binding for node in compiled.guarded_by.get(name, ())}
-    guards = [compiled.guards[node] for node in sorted(waiting) if not configuration.closed >> node & 1]
-    for part in (part for guard in guards for part in conjuncts(guard)):
-        bound = [name for name in variables(part) if name in binding]
-        if bound and compiled.times.issuperset(variables(part)):
-            asked = differences(part)
+    guards = [compiled.conditions[node] for node in sorted(waiting) if not configuration.closed >> node & 1]
+    for part, mentioned, over_times, asked in chain(*guards):
+        bound = [name for name in mentioned if name in binding]
+        if bound and over_times:
             if asked is None:
                 fixed.update(bound)
             for one in asked or ():

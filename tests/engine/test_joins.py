@@ -7,6 +7,7 @@ from typing import Any, Final
 import pytest
 
 from rvaft.engine import Engine
+from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.language.parser import parse
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
@@ -96,6 +97,7 @@ FEW: Final = {
     "three that differ": ('top sand a b c; a on e("a", V); b on e("a", W) when V != W; c on e("c", X) when X != V and X != W;', 8),
     "the greatest": ('top sand a b; a on e("a", V); b on e("b", W) when W < V;', 2),
     "independent parts": ('top and x y; x sand a b; y sand c d; a on e("a", V); b on e("b", V); c on e("a2", W); d on e("d", W);', 202),
+    "nested ands": ('top and p z; p and q x; q and y; x sand a b; y sand c d; z sand g h; a on e("a", V); b on e("b", V); c on e("a2", W); d on e("d", W); g on e("g", X); h on e("h", X);', 202),
     "a window with late": ('time t as s late 2 s; top and a b within 5 s; a on e("a", _); b on e("b", _);', 10),
     "a count with late": ('time t as s late 2 s; top sand x b; x and a within 5 s; a on e("a", _) times 9; b on e("b", _);', 30),
 }  # fmt: skip
@@ -107,6 +109,30 @@ def test_how_many_are_followed(name: str) -> None:
     text, most = FEW[name]
     monitor = Engine(parse(f"event e(n, v) = {{ e: n, v: v }}; {text}").build(), "scattered")
     for number in range(200):
-        event = {"e": "a2" if name == "independent parts" and number % 2 else "a", "v": number, "t": number}
+        event = {
+            "e": "a2" if name in ("independent parts", "nested ands") and number % 2 else "a",
+            "v": number,
+            "t": number,
+        }
         assert monitor.step(event) is Verdict.UNKNOWN
     assert len(monitor._strategy.partial) <= most  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("last", ["or x", "or x y"])
+def test_nested_orders_do_not_multiply(last: str) -> None:
+    """An event that every scenario has, and before which nothing is left to come, is taken: passing over it is of no use."""
+    gates = " ".join(f"g{number} pand l{number} g{number + 1};" for number in range(12))
+    monitor = Engine(parse(f"toplevel g0; {gates} g12 {last};").build(), "scattered")
+    for number in range(12):
+        monitor.step({"event": f"l{number}"})
+        parts = getattr(monitor._strategy, "parts", [(None, monitor._strategy)])
+        assert [len(strategy.partial) for _, strategy in parts if isinstance(strategy, ScatteredMatches)] == [1] * len(
+            parts
+        )
+    assert monitor.step({"event": "x"}) is Verdict.TRUE
+
+
+def test_a_branch_has_its_number_where_its_choice_is_not_made() -> None:
+    """Also where the tree is said as several, one for each way to make the choices."""
+    tree = parse("time t as s; top 1of2 a p within 3 s; p or x y;").build()
+    assert compare(tree, [{"event": "a", "t": 1}], "scattered", branch=2) is not None

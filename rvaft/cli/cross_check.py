@@ -176,11 +176,7 @@ def cross_check_command(
     *,
     trees: tuple[str, ...],
     against: tuple[str, ...],
-    semantics: tuple[Semantics, ...] | None,
-    branch: int | None,
-    kind: Kind | None,
     random: int | None,
-    timeout: float | None,
     **given: Any,
 ) -> int:
     """Compare the reference, the engine and all faithful backends: on each TREE, or without one on every gate.
@@ -188,7 +184,9 @@ def cross_check_command(
     Proves agreement on all traces where it can, tests it otherwise, and says which. The exit status is 1 when some differ, 2 when
     something could not be read or run.
     """
-    cases, limit, narrow = given["replay"], given["limit"], branch is not None or kind is not None
+    cases, limit, semantics, timeout = (given[name] for name in ("replay", "limit", "semantics", "timeout"))
+    part = {name: given[name] for name in ("branch", "kind")}
+    narrow = any(one is not None for one in part.values())
     options.exclusive(random=random, replay=cases)
     # What follows the first FILE of --against is a specification too, where its name says so.
     texts = [tree for tree in trees if is_specification(tree)] if against else []
@@ -218,7 +216,7 @@ def cross_check_command(
         entries, count = campaign(random, given["seed"], given["max_nodes"]), random
         effort = RANDOM
     elif trees:
-        entries = found = list(failures.collect(partial(_entry, branch=branch, kind=kind), trees))
+        entries = found = list(failures.collect(partial(_entry, **part), trees))
         if not found and not failures.met:
             click.echo("nothing to compare: these files only declare what trees import")
             return 0

@@ -183,18 +183,6 @@ def _without_choice(node: Node, children: tuple[str, ...]) -> Node:
 # What is in a part, and how it ends.
 
 
-def _below(tree: RVAFT, name: str) -> dict[str, tuple[str, ...]]:
-    """The nodes of a part with their children; raises `_Open` where choices say which these are."""
-    if name not in tree.nodes:  # in no feasible scenario with who asks
-        raise _Open
-    found = {one: tree.nodes[one].children for one in reachable(name, lambda one: tree.nodes[one].children)}
-    if any(
-        body(tree.nodes[one]).chooses and len(children) > body(tree.nodes[one]).need for one, children in found.items()
-    ):
-        raise _Open
-    return found
-
-
 class _Parts:
     """What the parts of the nodes of a tree have in every scenario, and how they end."""
 
@@ -221,14 +209,19 @@ class _Parts:
                 lasts = tuple(dict.fromkeys(last for child in busy for last in self._lasts[child]))
             self._lasts[node.name] = lasts
 
+    def below(self, name: str) -> dict[str, tuple[str, ...]]:
+        """The nodes of a part with their children; raises `_Open` where choices say which these are."""
+        nodes = self.tree.nodes
+        if name not in nodes or name in self._open:  # what is not there is in no feasible scenario with who asks
+            raise _Open
+        return {one: nodes[one].children for one in reachable(name, lambda one: nodes[one].children)}
+
     def last(self, name: str) -> tuple[str, ...]:
         """The nodes with whose event a part may end, as far as the part itself says; raises `_Open` where choices say more."""
-        lasts = self._lasts[name]
-        if name in self._open:
-            raise _Open
+        lasts, below = self._lasts[name], self.below(name)
         if len(lasts) < 2 or not self.tree.shared:
             return lasts
-        graph = precedence(self.tree, _below(self.tree, name))  # a shared node may come before others in a sequence
+        graph = precedence(self.tree, below)  # a shared node may come before others in a sequence
         return tuple(one for one in lasts if not any(path(graph, one, other) for other in lasts if other != one))
 
 
@@ -305,7 +298,7 @@ class _Translation:
         self._change(node.name, gate=Gate.SAND, children=tuple(copies), on=None, when=when, times=1)
 
     def _point(self, point: TimePoint) -> Guard:
-        below = _below(self._old, point.node)
+        below = self._parts.below(point.node)
         names = [point.node] if point.point == "at" else [*below]
         observing = [name for name in names if self._old.nodes[name].has_event]
         times = tuple(Variable(self._time(one)) for name in observing for one in self._moved.get(name, (name,)))

@@ -58,18 +58,13 @@ def _static(draft: Draft, node: DraftNode, said: Said[GateUse], note: str) -> Dy
     use, place = said
     kind = use.dynamic
     if kind == "spare":
-        cold = all(_is_cold(draft, spare.value) for spare in use.children[1:])
+        spares = (draft.nodes.get(spare.value, DraftNode("")) for spare in use.children[1:])
+        cold = all(any(key == "dorm" and _is(value, 0) for (key, value), _ in spare.attributes) for spare in spares)
         kind = "csp" if cold else "wsp"
-        use = use._replace(gate=DYNAMIC_GATES["csp" if cold else "wsp"])
+        use = use._replace(gate=DYNAMIC_GATES[kind])
         node.gates = [Said(use, other.place) if other == said else other for other in node.gates]
     how = "is read so" if use.dynamic == use.gate else f"is read as `{use.gate}`"
     return DynamicGate(place, f"`{use.dynamic}` of {node.name} {how}: {_WHY[kind]}{note}", (node.name,))
-
-
-def _is_cold(draft: Draft, name: str) -> bool:
-    """Whether a spare states a dormancy of 0."""
-    pairs = [said.value for said in draft.nodes[name].attributes] if name in draft.nodes else []
-    return any(key == "dorm" and _is(value, 0) for key, value in pairs)
 
 
 def _is(text: str, number: float) -> bool:

@@ -115,26 +115,13 @@ def _calculating(calculate: Callable[..., Any], *, texts: bool = False) -> Calla
 _texts: Final = partial(_calculating, texts=True)
 
 
-def _like(text: str, glob: str) -> bool:
-    """Whether a glob matches the whole text: the pieces between stars are looked for from the left, each once."""
-    first, *others = re.split(r"\*+", glob)
-    begins = _piece(first).match(text)
-    if begins is None or not others:
-        return begins is not None and begins.end() == len(text)
-    *inner, last = others
-    at = begins.end()
-    for piece in inner:
-        found = _piece(piece).search(text, at)
-        if found is None:
-            return False
-        at = found.end()
-    tail = len(text) - len(last)
-    return tail >= at and _piece(last).match(text, tail) is not None
-
-
 @lru_cache(maxsize=1_000)
-def _piece(piece: str) -> re.Pattern[str]:
-    return re.compile("".join("." if sign == "?" else re.escape(sign) for sign in piece), re.DOTALL)
+def _glob(glob: str) -> re.Pattern[str]:
+    """What matches the whole of a text: the pieces between stars are looked for from the left, each once, and the last at the end."""
+    first, *others = [["." if sign == "?" else re.escape(sign) for sign in piece] for piece in re.split(r"\*+", glob)]
+    inner = "".join(f"(?>.*?{''.join(piece)})" for piece in others[:-1])
+    last = "".join(f"(?=.{{{len(piece)}}})(?>.*)(?<={''.join(piece)})" for piece in others[-1:])
+    return re.compile("".join(first) + inner + last, re.DOTALL)
 
 
 def _number(value: Json) -> Json:
@@ -173,7 +160,7 @@ OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
     _O.STARTSWITH: OperatorFacts(8, "startswith", _texts(str.startswith)),
     _O.ENDSWITH: OperatorFacts(8, "endswith", _texts(str.endswith)),
     _O.CONTAINS: OperatorFacts(8, "contains", _texts(str.__contains__)),
-    _O.LIKE: OperatorFacts(8, "like", _texts(_like)),
+    _O.LIKE: OperatorFacts(8, "like", _texts(lambda text, glob: _glob(glob).fullmatch(text) is not None)),
     _O.LOWER: OperatorFacts(8, "lower", _texts(lambda text: "".join(map(str.lower, text))), arity=1),
     _O.ABS: OperatorFacts(8, "abs", _calculating(abs), arity=1),
     _O.MIN: OperatorFacts(8, "min", _calculating(min), None),

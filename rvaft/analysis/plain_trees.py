@@ -11,7 +11,7 @@ it for all. The alphabet always is that of the tree as it was.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import count, product
+from itertools import product
 from math import prod
 from typing import Final
 
@@ -80,50 +80,30 @@ def one_plain_tree(tree: RVAFT, *, limit: int = LIMIT) -> RVAFT:
     time = tree.time if timed else None
     if len(trees) == 1:
         return trees[0] if trees[0].time == time else trees[0].changed(time=None)
-    union = _Union(tree)
-    root = Node(tree.root, Gate.OR, tuple(dict.fromkeys(map(union.add, trees))))
-    part_of = tree.part_of or Whole(tree)
-    part_of = replace(part_of, origins={**part_of.origins, **union.origins})
-    events = [*tree.events.values(), *union.events.values()]
-    return tree.changed(nodes=[root, *union.nodes.values()], events=events, part_of=part_of, time=time)
-
-
-class _Union:
-    """The nodes of several trees: those that are alike once, others under new names."""
-
-    def __init__(self, tree: RVAFT) -> None:
-        self._old = tree
-        self._known: dict[tuple[object, ...], str] = {}
-        self._taken = {tree.root}
-        self.nodes: dict[str, Node] = {}
-        self.events: dict[str, EventType] = {}
-        self.origins: dict[str, str] = {}
-
-    def add(self, tree: RVAFT) -> str:
-        """Add the nodes of a tree; the name that its root has here."""
+    known: dict[tuple[object, ...], str] = {}
+    roots, nodes, events = list[str](), dict[str, Node](), dict(tree.events)
+    origins = dict(tree.origins)
+    for plain in trees:
         names: dict[str, str] = {}
-        for node in tree.bottom_up():
-            pattern, children = tree.pattern(node.name), tuple(names[child] for child in node.children)
+        for node in plain.bottom_up():
+            pattern, children = plain.pattern(node.name), tuple(names[child] for child in node.children)
             alike = node.name, node.gate, children, node.threshold, node.when, pattern
-            if alike not in self._known:
-                self._known[alike] = name = self._free(node.name)
-                on = node.on
-                if on is not None and on.event not in self._old.events and pattern is not None:
+            if alike not in known:
+                number, name, on = 1, node.name, node.on
+                while name in nodes or name == tree.root:
+                    number += 1
+                    name = f"{node.name}/{number}"
+                known[alike] = name
+                if on is not None and on.event not in tree.events and pattern is not None:
                     on = On(f"{name}()", ())
-                    self.events[on.event] = EventType(on.event, (), pattern)
-                self.nodes[name] = replace(node, name=name, children=children, on=on)
-                self.origins[name] = tree.origins.get(node.name, node.name)
-            names[node.name] = self._known[alike]
-        return names[tree.root]
-
-    def _free(self, name: str) -> str:
-        found = name
-        for number in count(2):
-            if found not in self._taken:
-                break
-            found = f"{name}/{number}"
-        self._taken.add(found)
-        return found
+                    events[on.event] = EventType(on.event, (), pattern)
+                nodes[name] = replace(node, name=name, children=children, on=on)
+                origins[name] = plain.origins.get(node.name, node.name)
+            names[node.name] = known[alike]
+        roots.append(names[plain.root])
+    root = Node(tree.root, Gate.OR, tuple(dict.fromkeys(roots)))
+    part_of = replace(tree.part_of or Whole(tree), origins=origins)
+    return tree.changed(nodes=[root, *nodes.values()], events=events.values(), part_of=part_of, time=time)
 
 
 def without_conditions(tree: RVAFT) -> RVAFT:

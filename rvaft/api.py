@@ -6,13 +6,12 @@
 import os
 from collections.abc import Iterable
 from enum import StrEnum
-from types import UnionType
 from typing import Final, TypeVar
 
 from rvaft.analysis.branches import restrict
 from rvaft.backend import Specification, backend
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
-from rvaft.errors import OptionError, TreeError, WrongType
+from rvaft.errors import OptionError, TreeError, expect
 from rvaft.language.draft import Draft, no_collections
 from rvaft.language.parser import parse, parse_file
 from rvaft.model.nodes import Kind
@@ -44,10 +43,10 @@ def translate(
     >>> print(translate(loads("top or a b;"), "rml", semantics="strict").text.splitlines()[-1])
     Main = (a \/ b) all;
     """
-    _expect("tree", tree, RVAFT, _TREE)
-    _expect("language", language, str, "a str, the name of a backend")
-    _expect("branch", branch, int | None, "an int")
-    _expect("limit", limit, int | None, "an int")
+    expect("tree", tree, RVAFT, _TREE)
+    expect("language", language, str, "a str, the name of a backend")
+    expect("branch", branch, int | None, "an int")
+    expect("limit", limit, int | None, "an int")
     return backend(language).translate(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
 
 
@@ -71,10 +70,10 @@ def monitor(
     >>> [watching.step({"event": name}).symbol for name in "cxa"]
     ['?', '?', '⊤']
     """
-    _expect("tree", tree, RVAFT, _TREE)
-    _expect("branch", branch, int | None, "an int")
-    _expect("limit", limit, int, "an int")
-    _expect("repeat", repeat, bool, "a bool")
+    expect("tree", tree, RVAFT, _TREE)
+    expect("branch", branch, int | None, "an int")
+    expect("limit", limit, int, "an int")
+    expect("repeat", repeat, bool, "a bool")
     engine = Engine(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
     return Repetition(engine) if repeat else engine
 
@@ -85,13 +84,8 @@ def check(tree: RVAFT) -> list[Finding]:
     >>> for finding in check(loads("top or a b; a; b when 1 > 2;")): print(finding.code, finding.severity, *finding.nodes)
     infeasible-scenario warning b
     """
-    _expect("tree", tree, RVAFT, _TREE)
+    expect("tree", tree, RVAFT, _TREE)
     return check_tree(tree)
-
-
-def _expect(name: str, value: object, kind: type | UnionType, expected: str) -> None:
-    if not isinstance(value, kind):
-        raise WrongType(name, value, expected)
 
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:
@@ -140,8 +134,7 @@ def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False) -> R
     >>> loads("top sand a b;")
     <RVAFT top: 3 nodes>
     """
-    if not isinstance(text, str):
-        raise WrongType("the text of a tree", text, "a str")
+    expect("the text of a tree", text, str, "a str")
     return _checked(parse(text, file, strict_galileo=strict_galileo))
 
 
@@ -152,8 +145,7 @@ def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False) -> RVAFT
     >>> load("trees/gates/and.rvaft")
     <RVAFT top: 4 nodes>
     """
-    if not isinstance(path, (str, os.PathLike)):
-        raise WrongType("the path of a tree", path, "a str or a path")
+    expect("the path of a tree", path, str | os.PathLike, "a str or a path")
     return _checked(parse_file(path, strict_galileo=strict_galileo))
 
 

@@ -5,7 +5,7 @@ from inspect import iscoroutinefunction
 from typing import Final, TypedDict, TypeVar, Unpack
 
 from rvaft.api import monitor
-from rvaft.errors import OptionError, WrongType
+from rvaft.errors import OptionError, WrongType, expect
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -46,8 +46,7 @@ def watch(
     ['?', '⊤']
     """
     watching = _watching(tree, options)
-    if not isinstance(events, (AsyncIterable, Iterable)):
-        raise WrongType("events", events, "an iterable, or an asynchronous one")
+    expect("events", events, AsyncIterable | Iterable, "an iterable, or an asynchronous one")
 
     async def watched() -> AsyncIterator[tuple[Event, Verdict]]:
         if isinstance(events, AsyncIterable):

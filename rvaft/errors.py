@@ -7,6 +7,7 @@ well as in the one-line text.
 import os
 from collections.abc import Iterable
 from importlib import import_module
+from types import UnionType
 from typing import Any
 
 
@@ -169,6 +170,12 @@ class WrongType(RvaftError, TypeError):
         self.value = value
         self.expected = expected
         super().__init__(f"{what} must be {expected}, not {type(value).__name__}")
+
+
+def expect(what: str, value: object, kind: type | UnionType, expected: str) -> None:
+    """Raise `WrongType` where an argument is not of this type."""
+    if not isinstance(value, kind):
+        raise WrongType(what, value, expected)
 
 
 class OptionError(RvaftError, ValueError):

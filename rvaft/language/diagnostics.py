@@ -237,9 +237,6 @@ _NAME_IN_QUOTES: Final = 'a name with other characters than letters, digits and 
 def _topic_slips(at: _Situation) -> Advice:
     bad, following = at.bad, at.following
     words = [lexeme.text for lexeme in at.before]
-    starts_topic = len(words) == 1 and bad.is_string and following.text == "type"
-    if starts_topic and words != [TOPIC] and _meant(words[0], (TOPIC,)):
-        yield f"unknown statement {shown(words[0])}: did you mean {TOPIC}?", at.before[0].start
     if words == [TOPIC] and at.can("K_OF_N"):
         if bad.text in ("/", "~") or (bad.is_word and following.text == "type"):
             yield f"the name of a topic stands in quotes, {_TOPIC_EXAMPLE}", bad.start
@@ -275,6 +272,7 @@ def _time_slips(at: _Situation) -> Advice:
     goes_on = bad.is_gate or bad.text in (*CLAUSES, *DYNAMIC, ";", "") or following.text == "="
     if len(at.before) == 1 and at.can("K_OF_N") and not at.is_on_new_line and not goes_on:
         meant = {"time": following.text in ("as", "."), "semantics": bad.text in tuple(Semantics)}
+        meant[TOPIC] = bad.is_string and following.text == "type"
         known = _meant(last.text, tuple(meant))
         if known is not None and known != last.text and meant[known]:
             yield f"unknown statement {shown(last.text)}: did you mean {known}?", last.start

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from rvaft.errors import WrongType
+from rvaft.errors import expect
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import (
     guard_text,
@@ -35,8 +35,7 @@ def dumps(tree: RVAFT) -> str:
     toplevel top;
     top and a b;
     """
-    if not isinstance(tree, RVAFT):
-        raise WrongType("a tree to print", tree, "an RVAFT")
+    expect("a tree to print", tree, RVAFT, "an RVAFT")
     blocks = [
         [*_settings(tree)],
         _aligned(

@@ -230,7 +230,9 @@ class _Translation:
             if node.within is not None:
                 self._open_window(node)
         for name, variable in self._times.items():
-            self._observe(name, _timed(self._pattern(name), variable))
+            pattern = self._pattern(name)
+            fields = pattern.fields if isinstance(pattern, ObjectPattern) else ()
+            self._observe(name, ObjectPattern((*fields, (TIME, Variable(variable)))))
         origins = dict(part_of.origins)
         for name in [name for name in self._nodes if name not in tree.nodes]:
             before, bracket, number = name.rpartition("[")
@@ -298,15 +300,14 @@ class _Translation:
     def _open_window(self, node: Node) -> None:
         start, end = (self._point(TimePoint.of(point, node.name)) for point in ("start", "end"))
         guard = Operation(Operator.LE, (Operation(Operator.SUB, (end, start)), Literal(node.within)))
-        self._change(node.name, within=None)
         changed = self._nodes[node.name]
         if changed.when is None:
-            self._change(node.name, when=guard)
-            return
-        if body(changed).chooses:
+            self._change(node.name, within=None, when=guard)
+        elif body(changed).chooses:
             raise _Open
-        window = self._add(Node(f"{node.name}[within]", when=guard))  # decided maybe later than the node's own guard
-        self._change(node.name, children=(*changed.children, window))
+        else:  # decided maybe later than the node's own guard
+            window = self._add(Node(f"{node.name}[within]", when=guard))
+            self._change(node.name, within=None, children=(*changed.children, window))
 
     def _end_in_sequence(self, node: Node) -> None:
         """A `pand` as all of its parts, and the events with which they end in sequence."""
@@ -350,11 +351,6 @@ class _Translation:
         self._moved[name] = (own,)
         self._change(name, gate=Gate.SAND, children=(inner, own), threshold=None, on=None)
         return own
-
-
-def _timed(pattern: Pattern, variable: str) -> Pattern:
-    fields = pattern.fields if isinstance(pattern, ObjectPattern) else ()
-    return ObjectPattern((*fields, (TIME, Variable(variable))))
 
 
 def _differences(guard: Guard) -> Guard:

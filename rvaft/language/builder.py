@@ -58,9 +58,13 @@ class Page:
     draft: Draft
     toplevels: list[Said[str]]
 
+    def place(self, word: "Word") -> Place:
+        """Where a word stands."""
+        return Place(self.file, word.line or 1, word.column or 1)
+
     def said(self, word: "Word", value: T) -> Said[T]:
         """A value, said where the word stands."""
-        return Said(value, Place(self.file, word.line or 1, word.column or 1))
+        return Said(value, self.place(word))
 
     def names(self, words: Iterable["Word"]) -> tuple[Said[str], ...]:
         """Names where they stand."""
@@ -247,11 +251,9 @@ class Build(Transformer[Token, Any]):
         (start, time), late = items[0], items[2]
         latest = None if late is None else self.duration([late]).value.value
 
-        def add(page: Page) -> None:
-            place = page.said(start, None).place
-            page.draft.times.append(Said(replace(time, late=latest, place=place), place))
-
-        return add
+        return lambda page: page.draft.times.append(
+            page.said(start, replace(time, late=latest, place=page.place(start)))
+        )
 
     def import_(self, items: Items) -> ImportStatement:
         return ImportStatement(self.name(items[1:2]))
@@ -264,7 +266,7 @@ class Build(Transformer[Token, Any]):
         when = None if guard is None else self._condition(guard, token)
         if time_points(when):
             raise Slip("an `ignore` looks at one event, and has no nodes whose times it could ask for", token)
-        return lambda page: page.draft.ignores.append(Ignore(on, when, page.said(name, on).place))
+        return lambda page: page.draft.ignores.append(Ignore(on, when, page.place(name)))
 
     def event(self, items: Items) -> Statement:
         name, words, term = items[1], items[3] or [], items[6]
@@ -275,11 +277,7 @@ class Build(Transformer[Token, Any]):
             if word not in parameters:
                 raise Slip(f"{shown(word)} is no parameter of {shown(name)}; text stands in quotes", word)
 
-        def add(page: Page) -> None:
-            said = page.said(name, name.value)
-            page.draft.events.append(EventType(said.value, parameters, term.value, said.place))
-
-        return add
+        return lambda page: page.draft.events.append(EventType(name.value, parameters, term.value, page.place(name)))
 
     def topic(self, items: Items) -> Statement:
         words = [self.name(items[1:2]), self.name(items[3:4]), *(items[5] or [])]
@@ -297,7 +295,7 @@ class Build(Transformer[Token, Any]):
 
         def add(page: Page) -> None:
             node = page.draft.nodes.setdefault(name.value, DraftNode(name.value))
-            node.statements.append(page.said(name, None).place)
+            node.statements.append(page.place(name))
             for part, start, value in filter(None, clauses):
                 if part == "gates":
                     children, *numbers = value

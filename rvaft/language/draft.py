@@ -136,17 +136,9 @@ class DraftNode:
         return [child for gate in self.gates for child in gate.value.children]
 
     def build(self) -> Node:
-        """The node; raises `TreeError` where a part is set twice or the children are not as many as K`of`N says."""
-        places = {"name": self.place}
-        for part, where in self.settings().items():
-            if len(where) > 1:
-                message = f"{where[1]}: the {part} of {self.name} is set twice"
-                raise TreeError(message, rule="duplicate-setting", nodes=[self.name])
-            places[part] = where[0]
+        """The node, with the first that was said of each part."""
+        places = {"name": self.place, **{part: where[0] for part, where in self.settings().items()}}
         use = _first(self.gates)
-        if use is not None and use.out_of not in (None, len(use.children)):
-            message = f"{places['gate']}: {self.name} has {len(use.children)} children, not {use.out_of}"
-            raise TreeError(message, rule="threshold", nodes=[self.name])
         return Node(
             self.name,
             use and use.gate,
@@ -224,21 +216,12 @@ class Draft:
 
     @no_collections()
     def build(self) -> RVAFT:
-        """The tree; raises `TreeError` for what is wrong with its structure (the first thing found)."""
+        """The tree of a draft in which `rvaft.rules` finds no error; raises `TreeError` for what is no tree."""
         root = self.root
         if root is None:
             raise TreeError("the tree has no root: say which node is `toplevel`", rule="no-root")
-        if self.broken_prunes:
-            broken = self.broken_prunes[0]
-            raise TreeError(f"{broken.place}: cannot prune {broken.pruned}", rule="prune", nodes=[broken.pruned])
-        for name, count in Counter(event.name for event in self.events).items():
-            if count > 1:
-                raise TreeError(f"event type {name} is declared twice", rule="duplicate-setting")
         nodes = [node.build() for node in self.nodes.values()]
         nodes += [Node(c.value, declared=False, places={"name": c.place}) for c in self.undeclared()]
-        for word, settings in self.settings().items():
-            if any(said.value != settings[0].value for said in settings):
-                raise TreeError(f"`{word}` is set twice", rule="duplicate-setting")
         topics: dict[tuple[str, str], Topic] = {}  # one per name and type, with the publishers of all its statements
         for topic in self.topics:
             key = absolute(topic.name.value), topic.type.value

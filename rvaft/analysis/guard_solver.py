@@ -75,8 +75,11 @@ class TooManyAlternatives(Exception):
 
 
 def _alternatives(guards: Iterable[Guard]) -> list[Way]:
-    """The ways in which all guards can hold; none where they surely cannot. Raises `TooManyAlternatives`."""
-    return _all_of([_when(guard, truth=True) for guard in guards])
+    """The ways in which all guards can hold, none where they surely cannot; where they are too many, one that says nothing."""
+    try:
+        return _all_of([_when(guard, truth=True) for guard in guards])
+    except TooManyAlternatives:
+        return [()]
 
 
 def _when(guard: Guard, *, truth: bool) -> list[Way]:
@@ -141,10 +144,7 @@ _NUMBER, _STRING = "number", "string"
 
 def refuted(guards: Iterable[Guard]) -> bool:
     """Whether it is proved that no values make all guards hold; False says nothing."""
-    try:
-        return all(_GuardFacts(way).contradict() for way in _alternatives(guards))
-    except TooManyAlternatives:
-        return False
+    return all(_GuardFacts(way).contradict() for way in _alternatives(guards))
 
 
 class _GuardFacts:
@@ -289,11 +289,7 @@ def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -
 
     With `weaken`, comparisons that rounding could make true are left out.
     """
-    try:
-        ways = _alternatives(guards)
-    except TooManyAlternatives:
-        return None
-    kept = ([one for one in way if not weaken or _survives_rounding(one)] for way in ways)
+    kept = ([one for one in way if not weaken or _survives_rounding(one)] for way in _alternatives(guards))
     return None if any(map(_real_solutions, kept)) else True
 
 

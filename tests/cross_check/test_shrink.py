@@ -20,6 +20,7 @@ from cross_check.shrink import NotReproduced, shrink
 from rvaft import RVAFT, Gate, Node, NotExpressible, OptionError, TreeError, Verdict, dumps, load, loads
 from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
+from rvaft.model.guards import time_points
 from rvaft.model.patterns import Literal
 from rvaft.model.values import Json
 from rvaft.rules import require_valid
@@ -92,6 +93,12 @@ def test_every_result_disagrees_is_valid_and_minimal(seed: int, wrong: str, sema
             assert not disagrees(less, events)
     again = shrink(smaller, left, disagrees)
     assert (dumps(again[0]), repr(again[1])) == (dumps(smaller), repr(left))
+
+
+def test_a_guard_about_times_stays_one_that_can_be_written() -> None:
+    tree = loads("time t as s; event e() = {}; top on e() when at(top) - start(top) > 1 ms;")
+    smaller, _ = shrink(tree, [{"t": 0}], lambda less, _: any(time_points(node.when) for node in less.nodes.values()))
+    assert loads(dumps(smaller)) == smaller
 
 
 def one_less(tree: RVAFT, trace: Trace) -> Iterator[tuple[RVAFT, Trace]]:

@@ -54,7 +54,7 @@ ONE_TREE: Final = Effort(traces=200)
 """For a tree that somebody names."""
 AGAINST: Final = Effort(traces=1_000)
 """For a specification that somebody wrote: finding one condition that was forgotten takes many traces."""
-CATALOGUE: Final = Effort(words=100, traces=24, recheck=False)
+CATALOGUE: Final = Effort(words=100, traces=16, recheck=False)
 """For each of the trees of every gate, which are small."""
 RANDOM: Final = Effort(states=300, words=0)
 """For each of many random trees, which say more than one that is looked at long."""

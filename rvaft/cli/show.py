@@ -76,7 +76,8 @@ def _suggested(output: str | None) -> Format:
         return Format.TREE
     found = format_of(output)
     if found is None:
-        raise OptionError(f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format")
+        said = f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format"
+        raise click.UsageError(said, click.get_current_context())
     return found
 
 

@@ -1,6 +1,5 @@
 """The engine against the reference on random trees: verdicts, explanations, what equal states promise, and ways to the same events."""
 
-import copy
 import pickle
 from contextlib import suppress
 from itertools import islice
@@ -51,7 +50,7 @@ def test_equal_states_have_equal_futures(shape: str, semantics: str) -> None:
                 if monitor.step(event).final:
                     break
                 reference.step(event)
-                by_state.setdefault(monitor.state, []).append((monitor.fork(), copy.deepcopy(reference)))
+                by_state.setdefault(monitor.state, []).append((monitor.fork(), reference.fork()))
         for alike in by_state.values():
             for event in dense_trace(random, SHAPES[shape], 5):
                 assert len({monitor.state for monitor, _ in alike}) == 1

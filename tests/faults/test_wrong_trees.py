@@ -80,6 +80,7 @@ def is_killed(participant: str, wrong: Callable[[RVAFT], RVAFT], **others: Any) 
     """Whether a mistake shows on some tree where the right one does not; skips the test where the language can say none of them."""
     unseen: list[tuple[Entry, Semantics, RVAFT]] = []
     asking = [entry for entry in CATALOGUE if entry.tree.time or any(node.when for node in entry.tree.top_down())]
+    asking.sort(key=lambda entry: entry.tree.time is None)
     for entry in asking if others else CATALOGUE:
         right = restrict(entry.tree, branch=entry.branch, kind=entry.kind)
         given = wrong(right)

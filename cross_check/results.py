@@ -148,7 +148,7 @@ def exit_status(results: Iterable[Result], *, failing: Collection[Status] = ()) 
     return 1 if any(result.status is Status.DIFFERS for result in every) else 0
 
 
-class Totals:
+class ComparisonTotals:
     """Counts over all results; `unable` are those that are neither proved nor tested, and do not differ."""
 
     def __init__(self, results: Iterable[Result]) -> None:
@@ -207,7 +207,7 @@ def _sizes(result: Result) -> list[str]:
     return ["" if size is None else str(size) for size in (result.symbols, result.states)]
 
 
-def summary_lines(totals: Totals) -> list[str]:
+def summary_lines(totals: ComparisonTotals) -> list[str]:
     """One line per participant, with how often what under each semantics."""
     head, *lines = totals.table
     return columns([[cell.upper() for cell in head], *lines])
@@ -259,7 +259,7 @@ def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 
 def json_text(results: Iterable[Result], note: str = "") -> str:
     """The totals and every result, with the traces that show differences."""
     every = list(results)
-    totals = Totals(every)
+    totals = ComparisonTotals(every)
     counts = {**{f"{what}s": number for what, number in totals.counts.items()}, "disagreements": len(totals.differing)}
     found = {"version": version("rvaft"), "note": note, "totals": counts, "results": [_object(one) for one in every]}
     return json.dumps(found, indent=1) + "\n"
@@ -314,7 +314,7 @@ def _printable(text: str) -> str:
 
 def markdown_text(results: Iterable[Result], note: str = "") -> str:
     """The totals as a table, then each disagreement with its trace, then what could not be compared."""
-    totals = Totals(results)
+    totals = ComparisonTotals(results)
     lines = ["## rvaft cross-check", "", f"{'; '.join(filter(None, [totals.headline, note]))}.", ""]
     if not totals.statuses:
         return "\n".join(lines)

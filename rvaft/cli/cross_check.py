@@ -85,7 +85,7 @@ class Reports:
                         break
             except KeyboardInterrupt:
                 note = f"interrupted after {done} of {count} comparisons"
-        totals = reports.Totals(self.results)
+        totals = reports.ComparisonTotals(self.results)
         if self.results:
             click.echo("\n".join(reports.result_lines(self.results) if self.every else reports.summary_lines(totals)))
         if not self.every:

@@ -8,11 +8,11 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from cross_check.results import (
+    ComparisonTotals,
     Difference,
     Job,
     Result,
     Status,
-    Totals,
     csv_text,
     difference_lines,
     json_text,
@@ -43,7 +43,7 @@ def results(name: str = "tree") -> list[Result]:
 
 
 def test_totals_and_words_that_are_not_blurred() -> None:
-    totals = Totals(results())
+    totals = ComparisonTotals(results())
     assert list(totals.counts.values()) == [2, 2, 34, 1]
     assert [result.participant for result in totals.differing] == ["rml"]
     assert [result.participant for result in totals.unable] == ["rml", "automaton", "other"]
@@ -88,5 +88,5 @@ def test_names_never_break_out(name: str) -> None:
     table = [line for line in markdown_text(every).splitlines() if line.startswith("|")]
     assert {line.replace("\\|", "").count("|") for line in table} == {4}
     assert "<b>" not in markdown_text(every).replace("\\<", "")
-    for line in [*result_lines(every), *summary_lines(Totals(every)), *difference_lines(every[2])]:
+    for line in [*result_lines(every), *summary_lines(ComparisonTotals(every)), *difference_lines(every[2])]:
         assert line.isprintable(), line

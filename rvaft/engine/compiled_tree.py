@@ -50,6 +50,11 @@ class CompiledTree:
         """The least number of children that a scenario with a node keeps."""
         self.chooses = mask_of(node for node, one in enumerate(bodies) if one.chooses and len(one.children) > one.need)
         """The nodes that need not keep all of their children."""
+        self.certain = 1 << self.root
+        """The nodes that every scenario has, whatever is chosen."""
+        for node, children in enumerate(self.children):
+            if self.certain >> node & ~self.chooses >> node & 1:
+                self.certain |= mask_of(children)
         self.own = tuple(node.has_event for node in nodes)
         self.top_down = tree.causality is Causality.TOP_DOWN
         self._note_variables(tree, nodes)

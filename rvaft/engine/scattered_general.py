@@ -23,6 +23,7 @@ from rvaft.engine.independent_parts import IndependentPart, independent_parts
 from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.stage_group import Bound, Member, StageGroup, in_order
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
+from rvaft.errors import TooLarge
 from rvaft.model.guards import (
     OPERATORS,
     ORDERINGS,
@@ -37,14 +38,18 @@ from rvaft.model.guards import (
 from rvaft.model.patterns import Variable
 from rvaft.model.values import Json, exact, is_number
 from rvaft.model.verdict import Verdict
-from rvaft.support.bits import bits, mask_of
+from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 500_000
 """How much is remembered of stages: each with the nodes that it knows flags of."""
 QUIET: Final = 20_000
 """How many values are remembered that change nothing."""
+FEW: Final = 1_000
+"""Stages that are followed at once whatever the limit."""
+DEARER: Final = 10
+"""How many partial matches cost what one more stage does."""
 _MANY: Final = 4
-"""Guards of which all outcomes are looked at."""
+"""Guards of which all outcomes are looked at, and partial matches."""
 _UNKNOWN: Final = Verdict.UNKNOWN
 
 
@@ -143,7 +148,9 @@ class Stages:
 
     def _has_to_hold(self, sample: Configuration, node: int) -> bool:
         trial = sample.copy()
-        return not (self.matching.fail(trial, node) and any(self.matching.standing(trial)))
+        return self.matching.compiled.certain >> node & 1 > 0 or not (
+            self.matching.fail(trial, node) and any(self.matching.standing(trial))
+        )
 
     def move(self, stage: Stage, node: int) -> StageMove | None:
         """A node's event from a stage on; None where it cannot come there."""
@@ -187,7 +194,10 @@ class Stages:
             own, joined = compiled.exported[move.node], dict[str, Guard]()
             orders: dict[Term, list[Bound]] = {}
             needed = [
-                one for one in joint if not self.outcome(move, move.alone, tuple(other != one for other in joint))
+                one
+                for one in joint
+                if compiled.certain >> one & 1
+                or not self.outcome(move, move.alone, tuple(other != one for other in joint))
             ]
             far = set(move.stage.names).difference(own)
             for part, names, over_times, asked in chain(*(compiled.conditions[one] for one in needed)):
@@ -441,8 +451,12 @@ class ScatteredMatches(Following):
         begun, followed = self._begun, sum(len(group.members) for group in self._groups.values())
         for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
-                scan = move.scan or self._stages.scan(move)
-                parts = self._concerned(group, scan, values) if scan.terms or scan.orders else group.everyone
+                parts: Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]] = group.everyone
+                if (
+                    move.scan or move.compared or len(group.members) > _MANY
+                ):  # for a few finding costs more than looking
+                    scan = move.scan or self._stages.scan(move)
+                    parts = self._concerned(group, scan, values) if scan.terms or scan.orders else parts
                 for members, enough in parts:
                     for member in members:
                         before = member.configuration
@@ -539,6 +553,12 @@ class ScatteredMatches(Following):
     def _add(self, stage: Stage, configuration: Configuration, rank: Rank | None = None) -> None:
         group = self._groups.get(stage)
         if group is None:
+            if len(self._groups) > (most := max(self.limit // DEARER, FEW)):
+                names = [self.compiled.names[node] for node in bits(union(one.sample.taken for one in self._groups))]
+                named = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
+                raise TooLarge(
+                    f"sets of events that partial matches have; any of {named} may be passed over", limit=most
+                )
             group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
             group.floor = self._floor
         group.add(Member(self._added, configuration, rank or stage.ranking.of(configuration.binding)))

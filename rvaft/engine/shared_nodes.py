@@ -35,11 +35,6 @@ class SharedNodes:
         self.progress = progress
         self.limit = limit
         self._mask = mask_of(compiled.core)
-        self._certain = 1 << compiled.root
-        """The elements that every scenario has, whatever is chosen."""
-        for node in compiled.core:
-            if self._certain >> node & ~compiled.chooses >> node & 1:
-                self._certain |= mask_of(compiled.children[node])
         inner = [node for node in compiled.core if compiled.children[node]]
         self._ordered = any(compiled.own[node] or compiled.ops[node] is Op.SEQUENCE for node in inner)
         """Whether the core orders anything: by a sequence, or by an event that is not at a childless node."""
@@ -78,7 +73,7 @@ class SharedNodes:
     def settled(self, configuration: Configuration, node: int) -> bool:
         """Whether every scenario has this node's element, and before it only what is taken."""
         own = self.compiled.part_of[node]
-        if not self._certain >> own & 1:
+        if not self.compiled.certain >> own & 1:
             return False
         for element in bits(self._before[own]):
             if element in self.compiled.members:

@@ -8,6 +8,7 @@ import pytest
 
 from rvaft.engine import Engine
 from rvaft.engine.scattered_general import ScatteredMatches
+from rvaft.errors import TooLarge
 from rvaft.language.parser import parse
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
@@ -136,3 +137,13 @@ def test_a_branch_has_its_number_where_its_choice_is_not_made() -> None:
     """Also where the tree is said as several, one for each way to make the choices."""
     tree = parse("time t as s; top 1of2 a p within 3 s; p or x y;").build()
     assert compare(tree, [{"event": "a", "t": 1}], "scattered", branch=2) is not None
+
+
+def test_too_many_sets_of_events_are_refused_before_they_take_long() -> None:
+    """Of events that join in a window any may be passed over: each set of them is followed, up to a tenth of the limit."""
+    names = [f"l{number}" for number in range(14)]
+    tree = parse(f"time t as s; top and {' '.join(names)} within 100 s;").build()
+    monitor = Engine(tree, "scattered", limit=20_000)
+    events = [{"event": name, "t": time} for time, name in enumerate(names)]
+    with pytest.raises(TooLarge, match=r"sets of events .*; any of l0, l1, .* may be passed over \(limit 2000\)"):
+        list(map(monitor.step, events))

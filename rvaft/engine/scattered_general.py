@@ -404,7 +404,10 @@ class ScatteredMatches(Following):
                     hopeful = any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves)
                     watch.hopeful[held] = hopeful
                 if hopeful:
-                    name = (letter, *[v if type(v := values[n]) is str else exact(v) for n in watch.names])
+                    name = (
+                        letter,
+                        *[v if type(v := values[n]) is str or type(v) is int else exact(v) for n in watch.names],
+                    )
                     if name not in self._quiet:
                         loud.append(LoudHit(values, watch, held, name))
         return Reading(False, loud) if loud else _QUIET if fits else NOTHING

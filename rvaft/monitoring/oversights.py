@@ -117,22 +117,23 @@ class Oversights:
         if sight.looked_at == UNSEEN:
             sight = self._types.decided(sight, event) if sight.decided.open else sight
             sight.looked_at = tuple(number for number in sight.decided.fits if number in self._asked)
-        place, version = f"{prefix}event {number}", self._version
         if isinstance(event, NonFiniteEvent):
+            place = f"{prefix}event {number}"
             if sight.looked_at or self._time is None or event.field.split(".")[0] != self._time.field[0]:
                 self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
             return
+        version = self._version
         for letter in sight.looked_at:
             one = self._asked[letter]
             types = None if one.fields is None else tuple([type(event[field]) for field in one.fields])
             if types is None or one.version != version or types not in one.good:
-                self._ask(one, event, types, place)
+                self._ask(one, event, types, f"{prefix}event {number}")
         if self._time is None or not sight.entries or self._time.read(event) is not None:
             return
         if not any(admits(event) for admits in sight.ignored):
             name, found = ".".join(self._time.field), at(event, self._time.field, UNSEEN)
             wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self._time.format}"
-            self.note(Reason.TIME, "", place, wrong or f"the field {name} is missing")
+            self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
 
     def note(self, reason: Reason, about: str, place: str, example: str) -> None:
         """Count one event."""

@@ -124,6 +124,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     checkpoints = None
     if given["checkpoint"] is not None and traces and traces[0].file is not None:
         asked = {
+            "--semantics": semantics,
+            "--per": given["per"],
             "--key": ", ".join(given["key"]) or None,
             "--order-by": order and order.text,
             "--window": given["window"],
@@ -133,8 +135,6 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         checkpoints = CheckpointFile(
             Path(given["checkpoint"]),
             tree=part,
-            semantics=semantics,
-            columns=[column.label for column in monitors.columns],
             trace=Path(traces[0].file),
             every=given["checkpoint_every"] or EVERY,
             settings={name: str(value) for name, value in asked.items() if value is not None},

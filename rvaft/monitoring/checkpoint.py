@@ -12,18 +12,17 @@ could write to it, so keep it where only you can write. It is readable for its o
 `.NAME.told` with the number of the last event of which a detection was or was about to be told.
 """
 
-import errno
 import hashlib
 import io
 import os
 import pickle
 import sys
 from collections import Counter, OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic
-from typing import Any, BinaryIO, Final, TypedDict
+from typing import Any, BinaryIO, Final
 
 import msgspec
 
@@ -42,8 +41,7 @@ from rvaft.monitoring.oversights import Oversight, Oversights, Reason
 from rvaft.monitoring.reader import MAX_DEPTH, NonFiniteEvent, RepeatingObject, failures_of, unreadable
 from rvaft.monitoring.run import Backwards, Field, Ordering
 from rvaft.monitors import Awaited, Ended, Explanation, Pending
-from rvaft.rules.rule import listing
-from rvaft.support.files import SUFFIXES, opened, telling
+from rvaft.support.files import SUFFIXES, opened, telling, write_whole
 
 EVERY: Final = 10_000
 """Events between two checkpoints unless told otherwise."""
@@ -51,7 +49,7 @@ _GRACE: Final = 1.0
 """Seconds that writing checkpoints may take beyond what everything else takes: then they are written less often."""
 _EDGE: Final = 1 << 16
 """Bytes at the start of a trace, and before the place that was reached, by which it is known again."""
-_MAGIC: Final = b"rvaft checkpoint 2\n"
+_MAGIC: Final = b"rvaft checkpoint 3\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
@@ -124,16 +122,8 @@ def _is_compressed(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-class TraceIdentity(TypedDict):
-    """By what a trace is known again: digests of the first and of the last bytes among the first `length` of the file."""
-
-    length: int
-    head: str
-    tail: str
-
-
-def identity(trace: Path | BinaryIO, offset: int) -> TraceIdentity:
-    """The identity of a trace that was read up to this offset.
+def identity(trace: Path | BinaryIO, offset: int) -> tuple[int, str]:
+    """By what a trace that was read up to this offset is known again: how many bytes count, and a digest of the first and the last of them.
 
     Neither the path nor the inode counts: a log that was moved, restored or synchronised is the same trace as long as it begins with the
     same bytes. Of a compressed file these are the compressed bytes, all there are; more may follow in each case. A stream is an uncompressed
@@ -145,14 +135,13 @@ def identity(trace: Path | BinaryIO, offset: int) -> TraceIdentity:
             raise OptionError(f"{trace}: a checkpoint needs a trace in a regular file")
         with trace.open("rb") as stream:
             return identity(stream, size if _is_compressed(trace) else offset)
-    trace.seek(0)
-    head = trace.read(min(offset, _EDGE))
-    start = max(0, offset - _EDGE)
-    trace.seek(start)
-    tail = trace.read(offset - start)
-    if len(tail) < offset - start:
+    edge, edges = min(offset, _EDGE), b""
+    for start in (0, offset - edge):
+        trace.seek(start)
+        edges += trace.read(edge)
+    if len(edges) < 2 * edge:
         raise OptionError(f"the trace has fewer than {offset} bytes")
-    return TraceIdentity(length=offset, head=_sha(head), tail=_sha(tail))
+    return offset, _sha(edges)
 
 
 def _sha(data: bytes | memoryview) -> str:
@@ -167,10 +156,8 @@ class Checkpoint(msgspec.Struct, kw_only=True):
 
     version: str
     tree: str
-    semantics: str
-    columns: list[str]
     settings: dict[str, str]
-    trace: TraceIdentity
+    trace: tuple[int, str] = (0, "")
     offset: int = 0
     line: int = 0
     events: int = 0
@@ -180,7 +167,7 @@ class Checkpoint(msgspec.Struct, kw_only=True):
 class CheckpointFile:
     """Where checkpoints of a run over a trace are kept, and how often: every so many events.
 
-    `columns` are the labels of what has a verdict of its own, `settings` are other options on which the meaning of the rest depends, as text.
+    `settings` are the options on which the meaning of the rest depends, as text.
     What the event `noted`, and those before it, detected has been told, or was about to be.
     """
 
@@ -189,8 +176,6 @@ class CheckpointFile:
         path: Path,
         *,
         tree: RVAFT,
-        semantics: Semantics,
-        columns: Sequence[str],
         trace: Path,
         every: int = EVERY,
         settings: Mapping[str, str] | None = None,
@@ -204,10 +189,7 @@ class CheckpointFile:
         self._about = Checkpoint(
             version=rvaft.__version__,
             tree=_sha(f"{dumps(whole)}\n{branch} {kind}".encode()),
-            semantics=semantics.value,
-            columns=list(columns),
             settings=dict(settings or {}),
-            trace=TraceIdentity(length=0, head="", tail=""),
         )
         self._saved = 0
         self._digest = ""
@@ -244,7 +226,7 @@ class CheckpointFile:
         body = msgspec.json.encode(about) + b"\n" + payload.getvalue()
         self._digest = _sha(body)
         with telling("cannot write", self.path):
-            _replace(self.path, _MAGIC + self._digest.encode() + b"\n" + body)
+            write_whole(self.path, _MAGIC + self._digest.encode() + b"\n" + body, lasting=True)
             self._told.unlink(missing_ok=True)
         self._saved = events
         self._spent += monotonic() - begun
@@ -306,15 +288,11 @@ class CheckpointFile:
             raise self._other(f"of rvaft {found.version}, this is {about.version}")
         if found.tree != about.tree:
             raise self._other("of another tree, or of another part of it")
-        if found.semantics != about.semantics:
-            raise self._other(f"of a run with --semantics {found.semantics}, not {about.semantics}")
-        if found.columns != about.columns:
-            raise self._other(f"of other monitors ({listing(found.columns)}, not {listing(about.columns)})")
         for name in sorted({*about.settings, *found.settings}):
             was, now = found.settings.get(name), about.settings.get(name)
             if was != now:
                 raise self._other(f"of a run {with_(name, was)}, not {with_(name, now)}")
-        length = found.trace["length"]
+        length, _ = found.trace
         with self.trace.open("rb") as stream:
             size = os.fstat(stream.fileno()).st_size
             if size < length:
@@ -328,33 +306,6 @@ class CheckpointFile:
 
     def _other(self, which: str) -> CheckpointError:
         return CheckpointError(self.path, f"this is a checkpoint {which}: {_ANEW}")
-
-
-def _replace(path: Path, data: bytes) -> None:
-    """Write under another name in the same folder and rename, each on the disk before the next.
-
-    The other name is always the same: what a crash leaves is overwritten by the next checkpoint.
-    """
-    target = path.resolve()
-    if target.exists() and not target.is_file():
-        raise OSError(errno.EINVAL, "not a regular file")
-    new = target.with_name(f".{target.name[:100]}.new")
-    new.unlink(missing_ok=True)
-    try:
-        with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        new.replace(target)
-    except BaseException:
-        new.unlink(missing_ok=True)
-        raise
-    with suppress(OSError):  # some file systems have no such thing for folders, and the file is there
-        folder = os.open(target.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def _one_line(error: BaseException) -> str:

@@ -105,33 +105,55 @@ def deliver(data: bytes, output: str | None) -> None:
         click.echo(data, nl=False)
 
 
-def write_whole(path: Path, data: bytes) -> None:
+def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
     """Write a file under another name in its folder and rename it, so that nobody ever sees half of it.
 
     What is no regular file (a device, a pipe) is written to as it is; so are the links below /dev and /proc, which stand for open files:
     `/dev/stdout` resolves to a name such as `pipe:[123]`, which nobody can open. Raises `OSError` with the path in it.
+
+    A `lasting` file is a regular one, for its owner alone, on the disk before it is there; the other name is always the same, so that what a
+    crash leaves is overwritten the next time.
     """
     with telling("cannot write", path):
         odd = path.exists() and not stat.S_ISREG(path.stat().st_mode)
+        if odd and lasting:
+            raise OSError(errno.EINVAL, "not a regular file")
         if odd or (path.absolute().parts[1:2] in (("dev",), ("proc",)) and path.is_symlink()):
             with path.open("ab") as stream:  # what standard output holds already stays
                 stream.write(data)
             return
         target = path.resolve()
-        handle, name = tempfile.mkstemp(prefix=f".{target.name[:100]}.", dir=target.parent)
+        prefix = f".{target.name[:100]}."
+        if lasting:
+            new = target.with_name(f"{prefix}new")
+            new.unlink(missing_ok=True)
+            handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        else:
+            handle, name = tempfile.mkstemp(prefix=prefix, dir=target.parent)
+            new = Path(name)
         try:
             with os.fdopen(handle, "wb") as stream:
                 stream.write(data)
-            if target.exists():
-                shutil.copymode(target, name)
-            else:
+                if lasting:
+                    stream.flush()
+                    os.fsync(handle)
+            if not lasting and target.exists():
+                shutil.copymode(target, new)
+            elif not lasting:
                 mask = os.umask(0)
                 os.umask(mask)
-                Path(name).chmod(0o666 & ~mask)
-            Path(name).replace(target)
+                new.chmod(0o666 & ~mask)
+            new.replace(target)
         except BaseException:
-            Path(name).unlink(missing_ok=True)
+            new.unlink(missing_ok=True)
             raise
+        if lasting:
+            with suppress(OSError):  # some file systems have no such thing for folders, and the file is there
+                folder = os.open(target.parent, os.O_RDONLY)
+                try:
+                    os.fsync(folder)
+                finally:
+                    os.close(folder)
 
 
 def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False) -> None:

@@ -88,7 +88,7 @@ def test_a_restart_knows_the_lines_of_the_file_and_refuses_another_run(tmp_path:
     for tree, options, said in (
         (TREES / "gates" / "and.rvaft", "", "another tree"),
         (SAND, "--semantics strict", "--semantics"),
-        (SAND, "--per branch", "other monitors"),
+        (SAND, "--per branch", "with --per tree, not with --per branch"),
         (SAND, "--key robot", "--key robot"),
         (SAND, "--branch 1", "another part"),
         (SAND, "--semantics strict --format table", "--semantics"),

@@ -28,7 +28,7 @@ from rvaft.engine import Engine
 from rvaft.errors import CheckpointError, OptionError, TraceError
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics, Verdict
+from rvaft.model.verdict import Verdict
 from rvaft.monitoring import checkpoint
 from rvaft.monitoring.checkpoint import Checkpoint, CheckpointFile, LinesRead, identity, open_at
 from rvaft.monitoring.detection import Hooks
@@ -48,8 +48,7 @@ def trace(tmp_path: Path) -> Path:
 
 
 def kept(path: Path, log: Path, **changes: Any) -> CheckpointFile:
-    given = {"tree": TREE, "semantics": Semantics.SCATTERED, "columns": ("tree", "fault"), "trace": log}
-    return CheckpointFile(path, **{**given, "settings": {"--key": "robot"}, **changes})
+    return CheckpointFile(path, **{"tree": TREE, "trace": log, "settings": {"--key": "robot"}, **changes})
 
 
 def save(path: Path, log: Path, state: object = None, *, events: int = 1, offset: int = 15, **changes: Any) -> None:
@@ -113,7 +112,7 @@ def test_writing_takes_no_longer_than_all_the_rest(
     now = [0.0]
     monkeypatch.setattr(checkpoint, "monotonic", lambda: now[0])
     one = kept(tmp_path / "kept", trace, every=2)
-    monkeypatch.setattr(checkpoint, "_replace", lambda *_: now.__setitem__(0, now[0] + 1))
+    monkeypatch.setattr(checkpoint, "write_whole", lambda *_, **__: now.__setitem__(0, now[0] + 1))
     due = []
     for events in range(1, 40):
         now[0] += 0.1
@@ -190,10 +189,6 @@ def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, mon
         ({"tree": rvaft.loads("top or ab bc; ab sand b a fault; bc sand b c;")}, "a checkpoint of another tree"),
         ({"tree": narrowed(TREE, branch=1)}, "a checkpoint of another tree, or of another part of it"),
         ({"tree": narrowed(TREE, kind="fault")}, "a checkpoint of another tree, or of another part of it"),
-        ({"semantics": Semantics.STRICT}, "a run with --semantics scattered, not strict"),
-        ({"columns": ("tree",)}, "of other monitors (tree and fault, not tree)"),
-        ({"columns": ("fault", "tree")}, "of other monitors (tree and fault, not fault and tree)"),
-        ({"columns": tuple("abcdefg")}, "of other monitors (tree and fault, not a, b, c, d, e"),
         ({"settings": {}}, "of a run with --key robot, not without --key"),
         ({"settings": {"--key": "id"}}, "of a run with --key robot, not with --key id"),
         ({"settings": {"--key": "robot", "--order-by": "t"}}, "of a run without --order-by, not with --order-by t"),
@@ -220,7 +215,7 @@ def test_a_checkpoint_of_another_version_is_refused(
         patched.setattr(rvaft, "__version__", "0.0.9", raising=False)
         save(path, trace)
     assert f"a checkpoint of rvaft 0.0.9, this is {rvaft.__version__}" in refused(path, trace)
-    path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 2", b"rvaft checkpoint 3", 1))
+    path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 3", b"rvaft checkpoint 4", 1))
     assert "a checkpoint of another version of rvaft" in refused(path, trace)
     for data in (b"", b"{}", LINES, b"\x80\x05.", b"rvaft check", b"\xff" * 100):
         path.write_bytes(data)
@@ -246,7 +241,7 @@ def forged(path: Path, payload: bytes, header: bytes | None = None) -> None:
     """A file with the right digest, made by somebody who knows how."""
     line = path.read_bytes().split(b"\n", 3)[2] if header is None else header
     body = line + b"\n" + payload
-    path.write_bytes(b"rvaft checkpoint 2\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
+    path.write_bytes(b"rvaft checkpoint 3\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
 
 
 def text(data: str) -> bytes:

@@ -1,7 +1,8 @@
 """`rvaft test`: a tree's own traces against the verdicts that are expected of them; what the file does not state is not looked at."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Iterator
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
@@ -129,24 +130,12 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
     if not files:
         raise OptionError(f"{name}: no traces: put them into {folder}/ as NAME.jsonl")
     traces = {file.stem: list(read(str(file), reads=TreeReads(tree))) for file in files}
-    for line in _missed(tree, traces):
+    oversights = Oversights(EventTypeIndex(tree))
+    for trace, events in traces.items():
+        deque(oversights.over(events, f"{trace}: "), maxlen=0)
+    for line in oversights.lines:
         warn(f"{name}: {line}")
     return Path(name).with_suffix(".verdicts.json"), tree, traces
-
-
-def _missed(tree: RVAFT, traces: Mapping[str, Sequence[Json]]) -> Iterator[str]:
-    """What could have been part of a match and was not."""
-    types = EventTypeIndex(tree)
-    oversights = Oversights(types)
-    for trace, events in traces.items():
-        latest = None
-        for number, event in enumerate(events, 1):
-            late, latest = tree.time.is_late(event, latest) if tree.time else (False, None)
-            if late:
-                oversights.note_late(event, number, f"{trace}: ", latest)
-            else:
-                oversights.see(event, number, f"{trace}: ", types.of(event))
-    return oversights.lines
 
 
 def _signs(tree: RVAFT, semantics: Semantics, part: str, events: list[Json]) -> str:

@@ -362,16 +362,10 @@ class Coverage:
     def add(self, log: str, events: Iterable[Json]) -> None:
         """Read a whole log. Raises what reading its events raises, and `TooLarge`; a log that raises does not count."""
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
-        live, seen, number, latest = followers, set[int](), 0, None
-        oversights, prefix, look_up = Oversights(self._types), f"{log}: ", self._types.of
+        live, seen, number, oversights = followers, set[int](), 0, Oversights(self._types)
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         try:
-            for number, event in enumerate(events, 1):
-                late, latest = self.tree.time.is_late(event, latest) if self.tree.time else (False, None)
-                if late:
-                    oversights.note_late(event, number, prefix, latest)
-                elif (sight := look_up(event)).looked_at or type(event) is not dict:
-                    oversights.see(event, number, prefix, sight)
+            for number, event, late in oversights.over(events, f"{log}: "):
                 reading = NOTHING if late else self._letters.read(event)
                 counts = reading.relevant or not self.semantics.projects
                 hit = {node for hit in reading.hits for node in hit.nodes} if counts else set[int]()

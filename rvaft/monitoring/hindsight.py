@@ -3,6 +3,7 @@
 The events that fit the tree are kept, as far as there is room, and read again at the end, as far as that is cheap.
 """
 
+from contextlib import suppress
 from functools import cached_property
 from time import monotonic
 from typing import Final
@@ -33,9 +34,7 @@ class Hindsight:
         self._tree = tree
         self._tried = tried
         self._left = SECONDS
-        self._room = ROOM
-        self._kept: dict[int, list[tuple[int, Json]]] = {}
-        self._full: dict[int, int] = {}
+        self.forget()
         self.ended = self.detecting = self.unread = 0
         self.first = self.last_read = ""
 
@@ -44,42 +43,39 @@ class Hindsight:
         return monitor(self._tree, semantics=Semantics.SCATTERED, limit=LIMIT)
 
     def keep(self, watch: int, number: int, event: Json) -> None:
-        """Keep an event that fits the tree, of the trace or key of that number."""
-        if self._room > 0 and self._tried:
+        """Keep an event that fits the tree, of the trace or key of that number, or the place where there was no more room."""
+        kept = self._kept.setdefault(watch, [])
+        if self._room > 0:
             self._room -= 1
-            self._kept.setdefault(watch, []).append((number, event))
-        else:
-            self._full.setdefault(watch, number)
+            kept.append((number, event))
+        elif not kept or kept[-1][1] is not None:
+            kept.append((number, None))
 
     def look(self, watch: int, prefix: str) -> None:
         """Read again what was kept of a trace, or key, that ended in ⊥; `prefix` is what stands before a place in it."""
         self.ended += 1
         if not self._tried:
             return
-        stop, number, begun = self._full.get(watch), 0, monotonic()
-        again = self._fresh.fork()
-        try:
-            for number, event in self._kept.get(watch, ()):
-                if again.step(event) is Verdict.TRUE:
-                    self.detecting += 1
-                    self.first = self.first or f"{prefix}event {number}"
-                    stop = None
-                    break
-                if monotonic() - begun > self._left:
-                    stop = number
-                    break
-        except TooLarge:
-            stop = number
+        again, begun = self._fresh.fork(), monotonic()
+        for number, event in self._kept.get(watch, ()):
+            verdict = None
+            if event is not None and monotonic() - begun <= self._left:
+                with suppress(TooLarge):
+                    verdict = again.step(event)
+            if verdict is None:
+                self.unread += 1
+                self.last_read = self.last_read or f"{prefix}event {number}"
+                break
+            if verdict is Verdict.TRUE:
+                self.detecting += 1
+                self.first = self.first or f"{prefix}event {number}"
+                break
         self._left = max(self._left - (monotonic() - begun), 0)
-        if stop is not None:
-            self.unread += 1
-            self.last_read = self.last_read or f"{prefix}event {stop}"
 
     def forget(self) -> None:
-        """The trace has ended: what was kept of it is not needed any more."""
-        self._room = ROOM
-        self._kept.clear()
-        self._full.clear()
+        """A trace begins: what was kept of others is not needed any more."""
+        self._room = ROOM if self._tried else 0
+        self._kept: dict[int, list[tuple[int, Json]]] = {}
 
     def merge(self, other: "Hindsight") -> None:
         """Add what came of other traces."""

@@ -7,7 +7,7 @@ a variable of a comparison, together with the values that other events gave to t
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from enum import StrEnum
@@ -134,6 +134,17 @@ class Oversights:
             name, found = ".".join(self._time.field), at(event, self._time.field, UNSEEN)
             wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self._time.format}"
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
+
+    def over(self, events: Iterable[Json], prefix: str) -> Iterator[tuple[int, Json, bool]]:
+        """The events of a trace, with their numbers and whether they are late, each after it was looked at."""
+        latest: int | None = None
+        for number, event in enumerate(events, 1):
+            late, latest = self._time.is_late(event, latest) if self._time else (False, None)
+            if late:
+                self.note_late(event, number, prefix, latest)
+            elif (sight := self._types.of(event)).looked_at or type(event) is not dict:
+                self.see(event, number, prefix, sight)
+            yield number, event, late
 
     def note(self, reason: Reason, about: str, place: str, example: str) -> None:
         """Count one event."""

@@ -27,7 +27,7 @@ _CONFIGURATIONS: Final = "Partial matches that are followed in each branch."
 @click.option(
     "--fail-under",
     type=click.FloatRange(0, 100),
-    callback=options.finite("percentage"),
+    callback=options.finite,
     metavar="PERCENT",
     help="Exit with 1 if fewer of the branches are exercised.",
 )

@@ -10,7 +10,7 @@ from rvaft.api import meant, narrowed, translate
 from rvaft.backend import Backend, UnknownBackend, all_backends, backend
 from rvaft.cli import options
 from rvaft.errors import OptionError, TooLarge, ToolMissing
-from rvaft.export import Format, format_of, picture
+from rvaft.export import PICTURES, Format, format_of, picture
 from rvaft.export.latex import listing
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
@@ -18,7 +18,6 @@ from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver
 from rvaft.support.terminal import columns, visible
 
-_PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
 _FORMATS: Final = "latex: a listing for the package listings, with the definition of the language."
 _TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
 
@@ -34,7 +33,7 @@ _TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
 def emit_command(*, tree: str, language: str, form: str, output: str | None, **chosen: Any) -> int:
     """Write a specification of a tree that means the tree under the chosen semantics."""
     drawing = None if output is None else format_of(output)
-    drawn, suffix = drawing in (*_PICTURES, Format.DOT), PurePath(output or "").suffix
+    drawn, suffix = drawing in (*PICTURES, Format.DOT), PurePath(output or "").suffix
     if language == "dot":
         loaded = options.read_tree(tree)
         options.refuse(form != "text", f"--to dot is a drawing, which has no --format {form}")
@@ -46,9 +45,9 @@ def emit_command(*, tree: str, language: str, form: str, output: str | None, **c
         except TooLarge as error:
             error.add_note("raise it with --limit N, or draw one branch with --branch N")
             raise
-        deliver(picture(text, str(drawing)) if drawing in _PICTURES else text.encode(), output)
+        deliver(picture(text, str(drawing)) if drawing in PICTURES else text.encode(), output)
         return 0
-    if language in _PICTURES:
+    if language in PICTURES:
         raise OptionError(f"{language} is no language: --to dot -o FILE.{language} draws the automaton")
     mend = f"--to dot -o {output} draws the automaton"
     options.refuse(drawn, f"{language} is written as text, which {output} would not be: {mend}")

@@ -11,9 +11,10 @@ from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import meant, monitor, narrowed, translate
 from rvaft.cli import FAILED, Failures, options, warn
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
-from rvaft.cli.monitor_run import PICTURES, SUFFIXES, TraceSource, run
+from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge, ToolMissing
+from rvaft.export import PICTURES
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind

@@ -14,7 +14,7 @@ import click
 from rvaft.cli import FAILED, FOUND
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Sink, SummaryRow
 from rvaft.errors import OptionError, RvaftError, TooLarge
-from rvaft.export import fired_dot, fired_text, picture
+from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.monitoring.checkpoint import LinesRead, open_at
 from rvaft.monitoring.detection import detection
@@ -27,7 +27,6 @@ from rvaft.monitoring.run import EventBuffer, Listener, Totals, TraceRun, Verdic
 from rvaft.support.files import deliver
 from rvaft.support.terminal import ProgressBar
 
-PICTURES: Final = ("svg", "pdf", "png")
 SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 """Of the files that the path that fired is drawn to."""
 _CHUNK: Final = 1 << 20

@@ -6,7 +6,6 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from difflib import get_close_matches
 from enum import StrEnum
 from errno import EACCES, EISDIR, ENOTDIR
 from functools import partial, wraps
@@ -24,6 +23,7 @@ from rvaft.model.event_time import UNITS, scaled
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
+from rvaft.rules.rule import did_you_mean
 
 F = TypeVar("F", bound=Callable[..., Any])
 Word = TypeVar("Word", bound=StrEnum)
@@ -53,9 +53,9 @@ def output_format(*words: str, text: str = "What to print.") -> Callable[[F], F]
 
 def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
     """`--timeout SECONDS`."""
-    kind, shown, checked = click.FloatRange(0, 1_000_000, min_open=True), default is not None, finite("time")
+    kind, shown = click.FloatRange(0, 1_000_000, min_open=True), default is not None
     return click.option(
-        "--timeout", type=kind, callback=checked, default=default, show_default=shown, metavar="SECONDS", help=text
+        "--timeout", type=kind, callback=finite, default=default, show_default=shown, metavar="SECONDS", help=text
     )
 
 
@@ -205,11 +205,9 @@ def suggesting() -> Iterator[None]:
     try:
         yield
     except UnknownBackend as error:
-        close = get_close_matches(error.name.lower().removeprefix("."), error.known, n=1)
-        meant = speaking(error.name) or next(iter(close), None)
-        if meant is None:
-            raise
-        raise OptionError(f"{error}; did you mean {meant}?") from error
+        meant = speaking(error.name)
+        hint = f"; did you mean {meant}?" if meant else did_you_mean(error.name.removeprefix("."), error.known)
+        raise OptionError(f"{error}{hint}") from error
     except TooLarge as error:
         given = click.get_current_context().params
         has_limit = {"language", "limit"} <= given.keys()
@@ -221,15 +219,11 @@ def suggesting() -> Iterator[None]:
 # Callbacks of options: what a text stands for. Without the option it is None.
 
 
-def finite(what: str) -> Callable[[object, object, float | None], float | None]:
+def finite(_context: object, _parameter: object, value: float | None) -> float | None:
     """Refuse NaN, which is in every range, since no comparison with it holds."""
-
-    def checked(_context: object, _parameter: object, value: float | None) -> float | None:
-        if value is not None and math.isnan(value):
-            raise click.BadParameter(f"nan is no {what}")
-        return value
-
-    return checked
+    if value is not None and math.isnan(value):
+        raise click.BadParameter("nan is no number")
+    return value
 
 
 def some(words: type[Word]) -> Callable[[object, object, str | None], tuple[Word, ...] | None]:
@@ -240,9 +234,8 @@ def some(words: type[Word]) -> Callable[[object, object, str | None], tuple[Word
             return None if value is None else tuple(words)
         named = [word.lower() for word in _words(value)] or [value]
         for wrong in [word for word in named if word not in list(words)]:
-            close = get_close_matches(wrong, list(words), n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            raise click.BadParameter(f"unknown {words.__name__.lower()} {wrong}; known: {', '.join(words)}{hint}")
+            known = f"{', '.join(words)}{did_you_mean(wrong, words)}"
+            raise click.BadParameter(f"unknown {words.__name__.lower()} {wrong}; known: {known}")
         return tuple(dict.fromkeys(map(words, named)))
 
     return chosen

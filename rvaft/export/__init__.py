@@ -5,6 +5,7 @@ from enum import StrEnum
 from pathlib import PurePath
 from typing import Final
 
+from rvaft.engine.explanation import whole
 from rvaft.export.dot import dot_text, picture
 from rvaft.export.interchange import galileo_text, json_text, losses
 from rvaft.export.layout import PLAIN, TERMINAL, Look, looking, marks
@@ -16,6 +17,7 @@ from rvaft.model.values import Json
 from rvaft.monitors import Explanation
 
 __all__ = [
+    "PICTURES",
     "SUFFIXES",
     "Format",
     "Look",
@@ -64,7 +66,7 @@ _WRITTEN: Final[Mapping[Format, Callable[[RVAFT], str]]] = {
     Format.GALILEO: galileo_text,
     Format.RVAFT: dumps,
 }
-_PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
+PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
 SUFFIXES: Final[Mapping[str, Format]] = {
     ".txt": Format.TREE,
     ".gv": Format.DOT,
@@ -73,7 +75,7 @@ SUFFIXES: Final[Mapping[str, Format]] = {
     **{f".{form}": form for form in Format if form is not Format.TREE},
 }
 """The suffixes of file names and the formats that they suggest."""
-assert set(_DRAWN) | set(_WRITTEN) | set(_PICTURES) == set(Format), "every format is written in one way"
+assert set(_DRAWN) | set(_WRITTEN) | set(PICTURES) == set(Format), "every format is written in one way"
 
 
 def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
@@ -83,7 +85,7 @@ def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
     `OptionError` for what cannot be written or shown.
     """
     chosen = look if look is not None else TERMINAL if form is Format.TREE else PLAIN
-    if form in _PICTURES:
+    if form in PICTURES:
         return picture(dot_text(tree, chosen), form.value)
     text = _DRAWN[form](tree, chosen) if form in _DRAWN else _WRITTEN[form](tree)
     return text.encode("utf-8", errors="replace")
@@ -111,12 +113,12 @@ def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]
     <BLANKLINE>
     branch 1
     """
-    whole = tree if tree.part_of is None else tree.part_of.tree
-    return tree_text(whole, Look(events=True, marks=marks(whole, explanation, events)), colour=colour)
+    tree = whole(tree)
+    return tree_text(tree, Look(events=True, marks=marks(tree, explanation, events)), colour=colour)
 
 
 def fired_dot(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> str:
     """In the DOT language: marked nodes and edges bold, the others grey; branch and variables below the tree."""
-    whole = tree if tree.part_of is None else tree.part_of.tree
+    tree = whole(tree)
     wide = 26  # values of events are longer than labels, and such a picture is for a screen
-    return dot_text(whole, Look(events=True, wrap=wide, marks=marks(whole, explanation, events)))
+    return dot_text(tree, Look(events=True, wrap=wide, marks=marks(tree, explanation, events)))

@@ -108,16 +108,15 @@ def losses(tree: RVAFT) -> Iterator[str]:
     ):
         if lost:
             yield f"{lost} {what.format('s' * (lost != 1))}"
-    if tree.ignores:
-        yield "ignore declarations left out"
-    if tree.topics:
-        yield "topic declarations left out"
-    if tree.causality is Causality.BOTTOM_UP:
-        yield "causality bottom_up left out"
-    if tree.semantics is not None:
-        yield f"semantics {tree.semantics} left out"
-    if tree.time is not None:
-        yield "the time of events left out"
+    for said, what in (
+        (tree.ignores, "ignore declarations"),
+        (tree.topics, "topic declarations"),
+        (tree.causality is Causality.BOTTOM_UP, "causality bottom_up"),
+        (tree.semantics, f"semantics {tree.semantics}"),
+        (tree.time, "the time of events"),
+    ):
+        if said:
+            yield f"{what} left out"
     if unrated:
         yield f"{unrated} basic event{'s' * (unrated != 1)} without a rate or probability, which most tools require"
 

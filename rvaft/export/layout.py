@@ -9,7 +9,6 @@ import unicodedata
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from enum import Enum
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -22,6 +21,7 @@ from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json
 from rvaft.monitors import Explanation
+from rvaft.rules.rule import did_you_mean
 from rvaft.support.terminal import cut, visible
 
 LONGEST: Final = 120
@@ -192,9 +192,8 @@ def view(tree: RVAFT, look: Look) -> View:
     for name in look.collapse:
         if name not in tree.order:
             reason = "the root does not lead to it" if name in tree.nodes else "the tree has no such node"
-            close = [] if name in tree.nodes else get_close_matches(name, tree.order, n=1, cutoff=0.4)
-            hint = f"; did you mean {visible(close[0])}?" if close else ""
-            raise OptionError(f"cannot collapse {visible(name)}: {reason}{hint}")
+            hint = "" if name in tree.nodes else did_you_mean(name, tree.order, cutoff=0.4)
+            raise OptionError(f"cannot collapse {visible(name)}: {reason}{visible(hint)}")
     if look.depth is not None and look.depth < 0:
         raise OptionError(f"the depth of a drawing is 0 or more, not {look.depth}")
     drawn, level, reached = {tree.root}, [tree.root], 0

@@ -234,10 +234,8 @@ class CheckpointFile:
     def note(self, event: int) -> None:
         """Remember, until the next checkpoint, that a detection of that event is told."""
         self.noted = event
-        new = self._told.with_suffix(".new")
         with telling("cannot write", self.path):
-            new.write_text(f"{self._digest} {event}\n", encoding="ascii")
-            new.replace(self._told)
+            write_whole(self._told, f"{self._digest} {event}\n".encode())
 
     def load(self) -> tuple[Checkpoint, Any] | None:
         """The checkpoint to go on from, and the state; None where there is no file yet.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from rvaft.analysis.pattern_index import Decided, Discriminators, Letter, PatternIndex, Reader, TreeReads, reader
+from rvaft.engine.explanation import whole
 from rvaft.model.expressions import pattern_text
 from rvaft.model.guards import Predicate
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match
@@ -63,7 +64,7 @@ class EventTypeIndex:
     """
 
     def __init__(self, tree: RVAFT, also: Iterable[Pattern] = ()) -> None:
-        self.tree = tree = tree if tree.part_of is None else tree.part_of.tree
+        self.tree = tree = whole(tree)
         types: dict[str, Pattern] = {}
         entries: dict[tuple[str, Letter], None] = {}
         for relevant in tree.alphabet:

@@ -158,7 +158,7 @@ WRONG = [  # the words, with T for a folder that has a tree `t.rvaft`, an empty 
     ("--gates ,", "unknown gate ,; known: or, and"),
     ("T/t.rvaft --languages ,", "nothing to compare"),
     ("--max-arity 0", "--max-arity"),
-    ("--timeout nan", "nan is no time"),
+    ("--timeout nan", "nan is no number"),
     ("--resume", "--csv"),
     ("--resume --csv -", "--csv"),
     ("--csv x --latex x", "two reports go to one file"),

@@ -20,6 +20,7 @@ import sys
 from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from time import monotonic
 from typing import Any, BinaryIO, Final
@@ -164,6 +165,7 @@ class Checkpoint(msgspec.Struct, kw_only=True):
     noted: int = 0
 
 
+@dataclass(eq=False)
 class CheckpointFile:
     """Where checkpoints of a run over a trace are kept, and how often: every so many events.
 
@@ -171,31 +173,27 @@ class CheckpointFile:
     What the event `noted`, and those before it, detected has been told, or was about to be.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        tree: RVAFT,
-        trace: Path,
-        every: int = EVERY,
-        settings: Mapping[str, str] | None = None,
-    ) -> None:
-        part = tree.part_of
+    path: Path
+    _: KW_ONLY
+    tree: RVAFT
+    trace: Path
+    every: int = EVERY
+    settings: Mapping[str, str]
+    noted: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        part, tree = self.tree.part_of, self.tree
         whole, branch, kind = (tree, None, None) if part is None else (part.tree, part.branch, part.kind)
-        self.path = path
-        self.trace = trace
-        self.every = every
-        self.noted = 0
         self._about = Checkpoint(
             version=rvaft.__version__,
             tree=_sha(f"{dumps(whole)}\n{branch} {kind}".encode()),
-            settings=dict(settings or {}),
+            settings=dict(self.settings),
         )
         self._saved = 0
         self._digest = ""
         self._begun = monotonic()
         self._spent = 0.0
-        target = path.resolve()
+        target = self.path.resolve()
         self._told = target.with_name(f".{target.name[:100]}.told")
 
     def is_due(self, events: int, *, idle: bool = False) -> bool:

@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from heapq import heappop, heappush, heappushpop
 from io import BufferedIOBase, IOBase
@@ -361,6 +361,7 @@ class Totals:
             self.hindsight.merge(other.hindsight)
 
 
+@dataclass(eq=False)
 class TraceRun:
     """One trace, which `totals` count, too; `prefix` is what they put before a place in it.
 
@@ -368,29 +369,24 @@ class TraceRun:
     event, `detected` that of the last one that detected something; once it has `ended` only events that were held back come.
     """
 
-    def __init__(
-        self,
-        plan: MonitoringPlan,
-        trace: str,
-        listeners: Sequence[Listener],
-        totals: Totals,
-        *,
-        buffer: EventBuffer,
-        prefix: str = "",
-    ) -> None:
-        self.plan = plan
-        self.listeners = tuple(listeners)
-        self.totals = totals
-        if totals.hindsight is not None:
-            totals.hindsight.forget()
-        self.prefix = prefix
-        time, by = plan.monitors.time, plan.order_by
-        self.ordering = None if by is None else Ordering(by, window=plan.window, time=time)
-        name = TIME if time is None else ".".join(time.field)
-        self.clock = None if by is not None or plan.monitors.may_be_late else Backwards(name, time)
+    plan: MonitoringPlan
+    trace: str
+    listeners: Sequence[Listener]
+    totals: Totals
+    _: KW_ONLY
+    buffer: EventBuffer
+    prefix: str = ""
+
+    def __post_init__(self) -> None:
+        if self.totals.hindsight is not None:
+            self.totals.hindsight.forget()
+        monitors, by = self.plan.monitors, self.plan.order_by
+        self.ordering = None if by is None else Ordering(by, window=self.plan.window, time=monitors.time)
+        name = TIME if monitors.time is None else ".".join(monitors.time.field)
+        self.clock = None if by is not None or monitors.may_be_late else Backwards(name, monitors.time)
         self.number = self.detected = 0
         self.begun = self.ended = False
-        self.watch = MonitoredTrace(trace, plan.monitors.fork(), buffer=buffer)
+        self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """What is watched; with a key what is copied for each value of it."""
         self._without_key = self._first_without_key = 0
         self._keyed: dict[Hashable, MonitoredTrace] = {}
@@ -527,7 +523,7 @@ class TraceRun:
                 what = " and ".join(field.text for field in key.fields)
                 remedy = "raise it with --max-keys N, or name another field"
                 raise TooLarge(f"different values of {what}", limit=self.plan.max_keys, remedy=remedy)
-            watch = MonitoredTrace(self.watch.trace, self.watch.monitors.fork(), found, self.watch.buffer)
+            watch = MonitoredTrace(self.trace, self.watch.monitors.fork(), found, self.buffer)
             self._keyed[name] = watch
             for listener in self.listeners:
                 listener.begin(watch)
@@ -538,7 +534,7 @@ class TraceRun:
         """What `restore` needs to go on from here, in classes that hold data only."""
         watches = [(watch.key, watch.monitors.snapshot, watch.events) for watch in self.watches]
         without, totals = (self._without_key, self._first_without_key), (self.totals.statistics, self.totals.oversights)
-        return watches, without, self.watch.buffer.known, self.clock, self.ordering, totals
+        return watches, without, self.buffer.known, self.clock, self.ordering, totals
 
     def restore(self, state: Any, number: int) -> None:
         """Go on from a state after the event of that number."""
@@ -549,10 +545,10 @@ class TraceRun:
         if statistics is not None:
             self.totals.statistics = statistics
             statistics.types = self.plan.monitors.types
-        self.watch.buffer.known.update(known)
+        self.buffer.known.update(known)
         for key, snapshot, events in watches:
             monitors = self.plan.monitors.resumed(snapshot)
-            watch = MonitoredTrace(self.watch.trace, monitors, key, self.watch.buffer, events)
+            watch = MonitoredTrace(self.trace, monitors, key, self.buffer, events)
             if key is None:
                 self.watch = watch
             else:

@@ -11,6 +11,7 @@ neither is a detection where the session goes on after it.
 import re
 from collections.abc import Mapping
 from copy import copy
+from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
 from typing import Any, Final, Self
 
@@ -133,6 +134,7 @@ class Session:
         return None if label in self.failures else self.monitors[label].verdicts[0]
 
 
+@dataclass(eq=False)
 class Protocol:
     """How messages are read and answered for a tree, or the part of one; a message of more than `longest` bytes is an error.
 
@@ -145,23 +147,16 @@ class Protocol:
     {'event': 'b', 'verdict': 'currently_true'}
     """
 
-    def __init__(
-        self,
-        tree: RVAFT,
-        *,
-        polarity: Polarity = Polarity.PROPERTY,
-        vocabulary: Vocabulary = Vocabulary.RML,
-        longest: int = MAX_MESSAGE,
-        definitive: bool = False,
-        strict_json: bool = False,
-    ) -> None:
-        self.strict_json = strict_json
-        self.tree = tree
-        self.definitive = definitive
-        self.polarity = polarity
-        self.vocabulary = vocabulary
-        self.longest = longest
-        self._reads = TreeReads(tree)
+    tree: RVAFT
+    _: KW_ONLY
+    polarity: Polarity = Polarity.PROPERTY
+    vocabulary: Vocabulary = Vocabulary.RML
+    longest: int = MAX_MESSAGE
+    definitive: bool = False
+    strict_json: bool = False
+
+    def __post_init__(self) -> None:
+        self._reads = TreeReads(self.tree)
         self._names: dict[str, set[str]] = {"topic": set(), "service": set()}
         """The names of topics and services that the runtime events and `ignore` declarations spell out in these fields, at their top level."""
         for pattern in self._reads.patterns:

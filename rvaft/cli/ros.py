@@ -58,14 +58,13 @@ def rosmonitoring_command(*, tree: str, output: str, force: bool, **how: Any) ->
     options.refuse(output in ("", "-"), f"-o names a folder, and '{output}' is none")
     options.refuse(how["repeat"] and how["oracle"] is ros.Oracle.RML, "--repeat is for --oracle rvaft")
     loaded = options.load_tree(tree)
-    parts = {name: how.pop(name) for name in ("per", "branch", "kind", "name")}
     wanted = ros.RosOptions(**{**how, "semantics": meant(loaded, how["semantics"])})
     if wanted.oracle is ros.Oracle.RVAFT:
         folder = Path(tree).parent.resolve()
         passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)
         if passing or not Path(tree).is_file():  # a stream, or standard input by a name of its own
             raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
-    monitors = ros.planned(loaded, wanted, **parts)
+    monitors = ros.planned(loaded, wanted)
     files: dict[str, str | None] = {CONFIGURATION: ros.configuration_text(monitors, wanted)}
     left_out: list[str] = []
     for monitor in monitors:

@@ -5,7 +5,7 @@ These are the options (a), (b) and (c) of the paper, section 4.3, with the names
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, InitVar, dataclass, replace
 from enum import StrEnum
 from itertools import islice
 from typing import Any, Final, Self, cast
@@ -110,6 +110,7 @@ class DetectionCount:
         return {"detection": self.told, **({"suppressed": self.between} if self.between else {})}
 
 
+@dataclass(eq=False)
 class MonitorSet:
     """One monitor for each column; the first is that of the whole.
 
@@ -123,32 +124,27 @@ class MonitorSet:
     a cooldown of a tree without times.
     """
 
-    def __init__(
-        self,
-        columns: Sequence[Column],
-        make: Callable[[RVAFT], Monitor],
-        semantics: Semantics,
-        *,
-        repeat: bool = False,
-        cooldown: int | None = None,
-    ) -> None:
-        self.columns = tuple(columns)
+    columns: Sequence[Column]
+    make: InitVar[Callable[[RVAFT], Monitor]]
+    semantics: Semantics
+    _: KW_ONLY
+    repeat: bool = False
+    cooldown: int | None = None
+
+    def __post_init__(self, make: Callable[[RVAFT], Monitor]) -> None:
         self.time = self.columns[0].part.time
-        if cooldown is not None and not repeat:
+        if self.cooldown is not None and not self.repeat:
             raise OptionError("--cooldown needs --repeat")
-        if cooldown is not None and self.time is None:
+        if self.cooldown is not None and self.time is None:
             raise OptionError("--cooldown needs the time of events: add `time FIELD as FORMAT;` to the tree")
-        self.repeat = repeat
-        self.cooldown = cooldown
-        self.semantics = semantics
-        self._projected = semantics.projects
-        self._strict = semantics is Semantics.STRICT
-        made = [make(column.part) for column in columns]
-        self._take_over(tuple(map(Repetition, made)) if repeat else tuple(made))
+        self._projected = self.semantics.projects
+        self._strict = self.semantics is Semantics.STRICT
+        made = [make(column.part) for column in self.columns]
+        self._take_over(tuple(map(Repetition, made)) if self.repeat else tuple(made))
         letters = (letter.pattern for engine in self.engines for letter in engine.letters.letters)
         self.types = EventTypeIndex(self.columns[0].part, letters)
         self.since: dict[int, int] = {}
-        self.found = [DetectionCount() for _ in columns]
+        self.found = [DetectionCount() for _ in self.columns]
         self.serves = self.concerned = self.late = False
         self.may_be_late = bool(self.engines) and self.time is not None and self.time.late is not None
         self._live = tuple(range(len(self.monitors)))

@@ -57,6 +57,7 @@ class Oracle(StrEnum):
 class RosOptions:
     """What a configuration is asked to be: `port` is that of the first oracle; without `action`, topics with publishers are filtered where that is possible.
 
+    The monitors are called after `name`, by default after the root; with `branch` or `kind` there is that of this part alone.
     Raises `OptionError` for what is no host.
     """
 
@@ -67,6 +68,10 @@ class RosOptions:
     host: str = LOCAL
     port: int = PORT
     ros_version: RosVersion = RosVersion.ROS2
+    per: Per = Per.TREE
+    branch: int | None = None
+    kind: Kind | None = None
+    name: str | None = None
 
     def __post_init__(self) -> None:
         require_host(self.host)
@@ -86,22 +91,15 @@ class Planned:
     topics: tuple[tuple[Topic, Action], ...]
 
 
-def planned(
-    tree: RVAFT,
-    options: RosOptions,
-    *,
-    per: Per = Per.TREE,
-    branch: int | None = None,
-    kind: Kind | None = None,
-    name: str | None = None,
-) -> tuple[Planned, ...]:
-    """The monitors of a tree, called after `name` (by default after the root); with `branch` or `kind` that of this part alone.
+def planned(tree: RVAFT, options: RosOptions) -> tuple[Planned, ...]:
+    """The monitors of a tree.
 
     With `per`, a branch or kind without a feasible scenario is left out, since nothing can ever be detected there.
     Raises `NoConfiguration` for a tree that ROSMonitoring cannot monitor as asked, `TreeError` for one that breaks a rule,
     `TooLarge` beyond as many branches as can be monitored one by one, `OptionError` for a name or a last port that cannot be.
     """
-    base = monitor_id(tree.root) if name is None else name
+    per, branch, kind = options.per, options.branch, options.kind
+    base = monitor_id(tree.root) if options.name is None else options.name
     if monitor_id(base) != base:
         raise OptionError(
             f'"{base}" cannot be the id of a monitor, which is a word of letters, digits and _ and no keyword of Python'

@@ -46,6 +46,16 @@ class Explanation:
             found.setdefault(leaf, []).append(number)
         return found
 
+    def bound(self, tree: RVAFT) -> dict[str, Json]:
+        """The variables with their values, in the order of a tree.
+
+        >>> import rvaft
+        >>> watching = rvaft.monitor(tree := rvaft.loads("event e(v) = { e: v }; top and a b; a on e(X); b on e(Y);"))
+        >>> [*watching.run([{"e": 2}, {"e": 1}])][-1].symbol, watching.explanation.bound(tree)
+        ('⊤', {'X': 2, 'Y': 1})
+        """
+        return {name: self.variables[name] for name in tree.variables if name in self.variables}
+
 
 @dataclass(frozen=True, slots=True)
 class Awaited:

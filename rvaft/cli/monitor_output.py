@@ -288,7 +288,7 @@ class _Text(Reporter):
             shown = [*map(str, numbers[:LISTED]), *["…"] * (len(numbers) > LISTED + 1)][: len(numbers) - 1]
             earlier = f"events {', '.join(shown)} and " if shown else "event "
             yield f"{earlier}{number}{place} {'are' if shown else 'is'} {node}{f' ({label})' if label else ''}"
-        for variable, value in detection.variables(explanation, tree).items():
+        for variable, value in explanation.bound(tree).items():
             yield f"{variable} = {_json(value)}"
 
 

@@ -18,7 +18,7 @@ from rvaft.api import load, loads
 from rvaft.backend import UnknownBackend, backend, speaking
 from rvaft.errors import OptionError, TooLarge
 from rvaft.language.draft import Draft
-from rvaft.language.parser import decoded, parse_bytes, parse_file
+from rvaft.language.parser import decoded, parse, parse_file
 from rvaft.model.event_time import UNITS, scaled
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
@@ -167,11 +167,11 @@ def standard_input(argument: str) -> BinaryIO:
     return sys.stdin.buffer
 
 
-def standard_bytes(argument: str) -> bytes:
-    """All that standard input holds; raises `OSError` where it cannot be read."""
-    stream = standard_input(argument)
+def _standard_text() -> str:
+    """The tree that standard input holds; raises `OSError` where it cannot be read."""
+    stream = standard_input("TREE")
     try:
-        return stream.read()
+        return decoded(stream.read(), "<stdin>")
     except OSError as error:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", "<stdin>") from error
 
@@ -185,14 +185,14 @@ def read_tree(tree: str) -> RVAFT:
     """The tree in a file, or for `-` on standard input; raises as `rvaft.load` does."""
     if tree != "-":
         return load_tree(tree)
-    return loads(decoded(standard_bytes("TREE"), "<stdin>"), "<stdin>", strict_galileo=_is_strict())
+    return loads(_standard_text(), "<stdin>", strict_galileo=_is_strict())
 
 
 def read_draft(tree: str) -> Draft:
     """The draft in a file, or for `-` on standard input; raises as `parse` does, and `OSError`."""
     if tree != "-":
         return parse_file(tree, strict_galileo=_is_strict())
-    return parse_bytes(standard_bytes("TREE"), "<stdin>", strict_galileo=_is_strict())
+    return parse(_standard_text(), "<stdin>", strict_galileo=_is_strict())
 
 
 def _is_strict() -> bool:

@@ -58,7 +58,8 @@ def show_command(*, tree: str, form: Format | None, output: str | None, highligh
     options.refuse(len(highlight) > 1, "--highlight marks one branch or one trace: give it once")
     on_screen = output in (None, "-") and sys.stdout.isatty()
     options.refuse(
-        chosen.binary and on_screen, "this format is binary: name a file with -o, or redirect standard output"
+        chosen in (Format.PDF, Format.PNG) and on_screen,
+        "this format is binary: name a file with -o, or redirect standard output",
     )
     loaded = options.read_tree(tree)
     given["marks"] = _highlighted(loaded, given.pop("highlight")[0], semantics) if highlight else None

@@ -50,11 +50,6 @@ class Format(StrEnum):
         """Whether the format draws a tree, rather than writing all that is in it."""
         return self not in _WRITTEN
 
-    @property
-    def binary(self) -> bool:
-        """Whether the format is not meant for a terminal."""
-        return self in (Format.PDF, Format.PNG)
-
 
 _DRAWN: Final[Mapping[Format, Callable[[RVAFT, Look], str]]] = {
     Format.TREE: tree_text,

@@ -71,10 +71,8 @@ def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> 
         several = (f"events {', '.join(shown)}",)
         notes[name] = several if len(numbers) > 1 else tuple(_note(numbers[0], events.get(numbers[0]), tree))
     kept = {**dict.fromkeys(notes, frozenset[str]()), **scenario}
-    order = {name: place for place, name in enumerate(tree.variables)}
-    values = sorted(explanation.variables.items(), key=lambda item: order.get(item[0], len(order)))
     title = _title(explanation.branch, explanation.kinds)
-    below = [title] * bool(title) + [f"{name} = {_written(value)}" for name, value in values]
+    below = [title] * bool(title) + [f"{name} = {_written(value)}" for name, value in explanation.bound(tree).items()]
     return Marks(kept, notes, tuple(below))
 
 

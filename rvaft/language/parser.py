@@ -112,11 +112,6 @@ def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False) ->
     return parse(_text_of(name), name, strict_galileo=strict_galileo)
 
 
-def parse_bytes(data: bytes, file: str, *, strict_galileo: bool = False) -> Draft:
-    """As `parse`, from the bytes of a file or stream; what is no UTF-8 text is a `LanguageError` too."""
-    return parse(decoded(data, file), file, strict_galileo=strict_galileo)
-
-
 def _text_of(name: str) -> str:
     try:
         with Path(name).open("rb") as stream:

@@ -84,11 +84,6 @@ def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> 
     return {name: value for name, value in found.items() if not isinstance(value, (Mapping, list))}
 
 
-def variables(explanation: Explanation, tree: RVAFT) -> dict[str, Json]:
-    """The variables of a match in the order of the tree."""
-    return {name: explanation.variables[name] for name in tree.variables if name in explanation.variables}
-
-
 def explained(
     explanation: Explanation, tree: RVAFT, events: Mapping[int, Json], fields: Sequence[str]
 ) -> dict[str, Json]:
@@ -102,7 +97,7 @@ def explained(
         "branch": explanation.branch,
         "kinds": sorted(kind.value for kind in explanation.kinds),
         "matched": matched,
-        "variables": finite(variables(explanation, tree)),
+        "variables": finite(explanation.bound(tree)),
     }
 
 

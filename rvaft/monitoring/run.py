@@ -594,11 +594,9 @@ class TraceRun:
                 more = f"too late for a window of {self.plan.window}: they stay where they stand"
                 yield f"{counted(ordering.late)} by the field {name} {more} (first: event {ordering.first_late} as read)"
             if ordering.without:
-                what = (
-                    "a number or a time of ISO 8601" if ordering.time is None else f"a time as {ordering.time.format}"
-                )
+                what = "a number or a time of ISO 8601"
+                remedy = f"; `time {name} as FORMAT;` in the tree says how others are read"
+                if ordering.time is not None:
+                    what, remedy = f"a time as {ordering.time.format}", ""
                 lacking = f"{counted(ordering.without)} without {what} in the field {name} stay behind the event before"
-                remedy = (
-                    f"; `time {name} as FORMAT;` in the tree says how others are read" if ordering.time is None else ""
-                )
                 yield f"{lacking} (first: event {ordering.first_without} as read){remedy}"

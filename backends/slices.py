@@ -37,20 +37,20 @@ def advance(
     extensions: Callable[[int, Binding], Iterable[Binding]],
     step: Callable[[int, Binding, Binding], tuple[Verdict, int]],
     *,
-    matter: Callable[[int], Set[str]] | None = None,
+    matter: Callable[[int], Set[str]],
     keep_all: bool = False,
-    limit: int = LIMIT,
 ) -> Slices | None:
     """The slices after an event, none where there is no hope; None where one of them has detected.
 
     `extensions` gives what atoms of a state would make of a binding, `step` where an event leads under a binding (made from what was bound before), and what that means;
     `matter`, the variables on which a state still depends: others are forgotten.
-    `keep_all` where a slice that has bound more may still detect what the other does not, as under a negated atom with a guard. Raises `TooLarge` beyond `limit` slices.
+    `keep_all` where a slice that has bound more may still detect what the other does not, as under a negated atom with a guard. Raises `TooLarge`.
 
-    >>> one = advance(start(0), lambda state, bound: [{"X": 1}], lambda state, bound, _: (Verdict.UNKNOWN, len(bound)))
+    >>> once = lambda state, bound, _: (Verdict.UNKNOWN, len(bound))
+    >>> one = advance(start(0), lambda state, bound: [{"X": 1}], once, matter=lambda state: {"X"})
     >>> [(state, binding) for (_, state), binding in one.items()]
     [(0, {}), (1, {'X': 1})]
-    >>> advance(one, lambda state, bound: [], lambda state, bound, _: (Verdict.FALSE, state))
+    >>> advance(one, lambda state, bound: [], lambda state, *_: (Verdict.FALSE, state), matter=lambda state: {"X"})
     {}
     """
     after: dict[tuple[Assignment, int], Binding] = {}
@@ -66,7 +66,7 @@ def advance(
                 case Verdict.TRUE:
                     return None
                 case Verdict.UNKNOWN:
-                    if binding and matter is not None and not (names := matter(to)) >= binding.keys():
+                    if binding and not (names := matter(to)) >= binding.keys():
                         kept = {name: value for name, value in binding.items() if name in names}
                         after[fingerprint(kept), to] = kept
                     else:
@@ -75,9 +75,9 @@ def advance(
                     pass
     if len(after) > 1 and not keep_all:
         after = {one: binding for one, binding in after.items() if not _is_redundant(*one, after)}
-    if len(after) > limit:
+    if len(after) > LIMIT:
         bound_names = sorted({name for binding in after.values() for name in binding})
-        raise TooLarge(f"slices, one for each assignment of {', '.join(bound_names)}", limit=limit)
+        raise TooLarge(f"slices, one for each assignment of {', '.join(bound_names)}", limit=LIMIT)
     return after
 
 

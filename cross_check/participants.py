@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
-from cross_check.letters import ties, untied
+from cross_check.letters import ties
 from cross_check.results import Status
 from rvaft.analysis.branches import restrict
 from rvaft.analysis.plain_trees import asks_for_time
@@ -151,9 +151,9 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
         names = rigid_variables(pattern)
         about = {name: guards.get(name, []) for name in names if uses[name] == 1}
         own = [name for name, some in about.items() if all(set(guard_variables(g)) <= set(names) for g in some)]
-        found += [untied(Observed(pattern, guard), own) for guard in (None, *chain(*(about[name] for name in own)))]
-    found += [untied(Observed(entry.pattern, entry.when)) for entry in tree.alphabet]
-    found += [untied(Observed(tree.instantiate(ignore.on), ignore.when)) for ignore in tree.ignores]
+        found += [Observed(pattern, guard).untied(own) for guard in (None, *chain(*(about[name] for name in own)))]
+    found += [Observed(entry.pattern, entry.when).untied() for entry in tree.alphabet]
+    found += [Observed(tree.instantiate(ignore.on), ignore.when).untied() for ignore in tree.ignores]
     return tuple(dict.fromkeys(found))
 
 

@@ -7,15 +7,17 @@ Built-in and third-party backends are found the same way: the entry-point group 
 
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from itertools import count
 from typing import ClassVar
 
 from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed
+from rvaft.model import guards, patterns
 from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import ObjectPattern, Pattern
@@ -87,6 +89,21 @@ class Observed:
 
     pattern: Pattern
     when: Guard | None = None
+
+    def untied(self, names: Iterable[str] | None = None) -> "Observed":
+        """The same question with variables of its own, these or all of them: some value each, whatever they are elsewhere.
+
+        >>> from rvaft.language.parser import parse_pattern
+        >>> patterns.variables(Observed(parse_pattern("{ a: X, b: _X }")).untied().pattern)
+        ('__X', '_X')
+        """
+        taken = dict.fromkeys((*patterns.variables(self.pattern), *guards.variables(self.when)))
+        own: dict[str, str] = {}
+        for name in taken if names is None else names:
+            if not name.startswith("_"):
+                own[name] = next(other for n in count(1) if (other := "_" * n + name) not in taken)
+        pattern = patterns.substitute(self.pattern, {old: patterns.Variable(new) for old, new in own.items()})
+        return Observed(pattern, self.when and guards.renamed(self.when, own))
 
 
 class Backend(ABC):

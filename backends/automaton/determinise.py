@@ -78,16 +78,9 @@ def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, se
             work.check(len(number), "states of the automaton")
         return number[state]
 
-    start = sorted({plan.start for plan in plans})
+    start = [plan.start for plan in plans]
     if any(plan.is_complete(plan.start) for plan in plans):
         return Automaton(DETECTED)
-    if scattered:
-        best: list[Remainder] = []
-        for one in start:
-            work.step(len(best))
-            if not any(plans[other.plan].dominates(other, one) for other in best):
-                best = [*(other for other in best if not plans[one.plan].dominates(one, other)), one]
-        start = best
     automaton = Automaton(numbered(frozenset(start)))
     edges, cost = 0, 50 + max(plan.width for plan in plans) // 10  # steps for a letter
     for state in waiting:

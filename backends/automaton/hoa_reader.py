@@ -15,13 +15,12 @@ from typing import Any, Final, TypeAlias
 
 from backends import slices
 from backends.automaton.hoa_writer import ALIVE
-from backends.automaton.letters import apart
 from rvaft.backend import Observed
 from rvaft.errors import LanguageError, TooLarge, ToolMissing, installed
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import EventTime
-from rvaft.model.guards import Guard, holds, renamed
+from rvaft.model.guards import Guard, holds
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import (
     Anything,
@@ -32,7 +31,6 @@ from rvaft.model.patterns import (
     match,
     rigid,
     rigid_variables,
-    variables,
 )
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
@@ -122,13 +120,12 @@ class HoaTable:
 
     def _seen(self, state: int) -> tuple[int, ...]:
         """The numbers of the propositions on which the next state depends."""
-        constants = {self._buddy.bddtrue, self._buddy.bddfalse}
-        found = set()
+        found, support = [], self._buddy.bddtrue
         for label, _ in self._edges[state]:
-            support = self._buddy.bdd_support(label)
-            while support not in constants:
-                found.add(self._variables.index(self._buddy.bdd_var(support)))
-                support = self._buddy.bdd_high(support)
+            support &= self._buddy.bdd_support(label)
+        while support != self._buddy.bddtrue:
+            found.append(self._variables.index(self._buddy.bdd_var(support)))
+            support = self._buddy.bdd_high(support)
         return tuple(sorted(found))
 
     def _next(self, state: int, letter: tuple[bool, ...]) -> int:
@@ -345,9 +342,7 @@ class HoaProgram:
                 if not shared.isdisjoint(guard_variables(guard)):
                     yield Observed(pattern, guard)
         for fit in (*self._alphabet, *self._ignored) if self.relevant else ():
-            # With variables of its own: some values will do.
-            own = {name: f"_{name}" for name in variables(fit.pattern) if not name.startswith("_")}
-            yield Observed(apart(fit.pattern), None if fit.when is None else renamed(fit.when, own))
+            yield fit.untied(rigid_variables(fit.pattern))  # some values will do
 
 
 @lru_cache(maxsize=8)
@@ -361,12 +356,11 @@ def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
 
 
 class HoaMonitor(Monitor):
-    """Runs one program in slices; `TooLarge` beyond `limit` of them."""
+    """Runs one program in slices; `TooLarge` beyond so many of them."""
 
-    def __init__(self, program: HoaProgram, *, limit: int = slices.LIMIT) -> None:
+    def __init__(self, program: HoaProgram) -> None:
         super().__init__()
         self._program = program
-        self._limit = limit
         self._slices = slices.start(0)
 
     @property
@@ -396,7 +390,7 @@ class HoaMonitor(Monitor):
             to = run.next(state, tuple([is_true(number, bound, before) for number in run.seen(state)]))
             return run.verdicts[to], to
 
-        after = slices.advance(self._slices, extensions, step, matter=program.matter, limit=self._limit)
+        after = slices.advance(self._slices, extensions, step, matter=program.matter)
         if after is None:
             return Verdict.TRUE
         self._slices = after

@@ -12,14 +12,15 @@ from itertools import chain
 from typing import NamedTuple, TypeAlias
 
 from rvaft.analysis.unification import LeastEvent, Overlaps, least
+from rvaft.backend import Observed
 from rvaft.model.guards import Guard
-from rvaft.model.patterns import Pattern, Variable, rigid_variables, substitute
+from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.support.bits import bits, mask_of, union
 
 
 def apart(pattern: Pattern) -> Pattern:
     """The pattern with variables of its own."""
-    return substitute(pattern, {name: Variable(f"_{name}") for name in rigid_variables(pattern)})
+    return Observed(pattern).untied().pattern
 
 
 Fits: TypeAlias = tuple[tuple[Pattern, Guard | None], ...]

@@ -12,10 +12,10 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, combinations
+from math import comb
 from typing import Final, assert_never
 
-from rvaft.analysis.normal_form import NormalForm, Op, Part, normal_form
+from rvaft.analysis.normal_form import NormalForm, Op, Part, divided, normal_form
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Pattern, rigid_variables
@@ -117,24 +117,19 @@ def decided(form: NormalForm, *, at_least: bool, work: Work) -> list[NormalForm]
 
     `at_least` keeps the ways to choose more than K; raises `TooLarge` beyond so many graphs as states are allowed.
     """
-    done: list[NormalForm] = []
-    todo = [form]
-    while todo:
-        graph = todo.pop()
+    what = "ways to decide choices between parts that share nodes"
+
+    def look(graph: NormalForm) -> int | None:
         choice = _urgent(graph, work)
-        if choice is None:
-            done.append(graph)
-        else:
+        if choice is not None:
             part = graph.parts[choice]
-            most = len(part.parts) if at_least and part.op is Op.AT_LEAST else part.need
-            room = work.limit - len(done) - len(todo)
-            ways: dict[frozenset[int], tuple[int, ...]] = {}
-            for way in chain.from_iterable(combinations(part.parts, size) for size in range(part.need, most + 1)):
-                ways.setdefault(frozenset(way), tuple(dict.fromkeys(way)))
-                if len(ways) > room:
-                    break
-            todo.extend(graph.resolve(choice, way) for way in reversed(ways.values()))
-        work.check(len(done) + len(todo), "ways to decide choices between parts that share nodes")
+            work.check(comb(len(set(part.parts)), part.need), what)
+        return choice
+
+    done: list[NormalForm] = []
+    for graph, _ in divided(form, look, at_least=at_least):
+        done.append(graph)
+        work.check(len(done), what)
     return done
 
 

@@ -18,10 +18,10 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple, TypeAlias, TypeVar, assert_never
 
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
-from backends.ltlf.parts import Anatomy, ways
-from rvaft.analysis.normal_form import Op, Part
+from backends.ltlf.parts import Anatomy
+from rvaft.analysis.normal_form import NormalForm, Op, Part, divided
 from rvaft.model.verdict import Semantics
-from rvaft.support.bits import bits, mask_of, union
+from rvaft.support.bits import bits, union
 from rvaft.support.budget import Call, CellBudget, run
 
 State = TypeVar("State", bound=Hashable)
@@ -247,8 +247,12 @@ class Composer:
 
 _Order: TypeAlias = frozenset[tuple[int, int]]
 """A scenario: occurrences (parts) with the set (bits) of those that must come before."""
-_Kept: TypeAlias = dict[int, tuple[int, ...]]
-"""Parts with what is kept of them."""
+
+
+def _choice_or_kept(form: NormalForm) -> list[int] | int:
+    """The topmost choice, or the parts where there is none."""
+    kept = form.kept()
+    return next((number for number in reversed(kept) if form.parts[number].chooses), kept)
 
 
 class _Orders:
@@ -266,47 +270,25 @@ class _Orders:
         self._budget = CellBudget(what, limit)
 
     def of(self, root: int) -> frozenset[_Order]:
-        """The scenarios of a part. Cyclic ones lead nowhere."""
+        """The scenarios of a part. Cyclic ones lead nowhere. A shared part is resolved once."""
         found: set[_Order] = set()
-        for kept in self._resolutions(root):
+        whole = NormalForm(tuple(self._parts[: root + 1]), {})
+        for form, kept in divided(whole, _choice_or_kept, at_least=not self._monotone):
             self._budget.spend(len(kept))
             inside: dict[int, int] = {}
             before: dict[int, int] = {}
-            for number in sorted(kept):
-                op = self._parts[number].op
+            for number in kept:
+                part = form.parts[number]
                 inside[number] = 0
-                if op is Op.EVENT:
+                if part.op is Op.EVENT:
                     inside[number] = 1 << number
                     before[number] = 0
-                for part in kept[number]:
-                    for occurrence in bits(inside[part]) if op is Op.SEQUENCE and inside[number] else ():
+                for inner in part.parts:
+                    for occurrence in bits(inside[inner]) if part.op is Op.SEQUENCE and inside[number] else ():
                         before[occurrence] |= inside[number]
-                    inside[number] |= inside[part]
+                    inside[number] |= inside[inner]
             found.add(frozenset(before.items()))
         return frozenset(found)
-
-    def _resolutions(self, root: int) -> Iterator[_Kept]:
-        """Every way to make the choices. A shared part is resolved once."""
-        waiting: list[Iterator[_Kept]] = [iter([{}])]
-        while waiting:
-            made = next(waiting[-1], None)
-            if made is None:
-                waiting.pop()
-                continue
-            kept: _Kept = {}
-            reached = 1 << root
-            while reached:
-                number = reached.bit_length() - 1  # wholes before parts: none is reached again once it is resolved
-                if self._parts[number].chooses and number not in made:
-                    waiting.append(self._chosen(made, number))
-                    break
-                kept[number] = made.get(number, self._parts[number].parts)
-                reached = reached ^ 1 << number | mask_of(kept[number])
-            else:
-                yield kept
-
-    def _chosen(self, made: _Kept, number: int) -> Iterator[_Kept]:
-        return ({**made, number: way} for way in ways(self._parts[number], monotone=self._monotone))
 
     def over(self, state: frozenset[_Order]) -> bool:
         return frozenset() in state

@@ -106,15 +106,8 @@ def _questions(header: Header, formulas: Formulas, root: int, given: Mapping[str
             shared = [g for g in one.guards if not any(variable.startswith("_") for variable in guards.variables(g))]
             yield Observed(one.pattern, Observation(one.pattern, tuple(shared)).when)
         for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
-            taken = patterns.variables(one.pattern)
-            if all(set(guards.variables(guard)) <= set(taken) for guard in one.guards):
-                own: dict[str, str] = {}  # some values will do
-                for variable in patterns.rigid_variables(one.pattern):
-                    own[variable] = f"_{variable}"
-                    while own[variable] in taken:
-                        own[variable] = f"_{own[variable]}"
-                pattern = patterns.substitute(one.pattern, {old: patterns.Variable(new) for old, new in own.items()})
-                yield Observed(pattern, one.when and guards.renamed(one.when, own))
+            if set(guards.variables(one.when)) <= set(patterns.variables(one.pattern)):
+                yield Observed(one.pattern, one.when).untied()  # some values will do
 
 
 @lru_cache(maxsize=32)

@@ -6,26 +6,18 @@ Sets of parts and of events are bits, so that a tree of thousands of nodes is no
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import Final, TypeAlias, assert_never
 
 import networkx as nx
 
-from rvaft.analysis.normal_form import EMPTY, NormalForm, Op, Part
+from rvaft.analysis.normal_form import EMPTY, NormalForm, Op, Part, divided
 from rvaft.analysis.unification import Overlaps
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.support.bits import bits, in_at_least, union
 from rvaft.support.budget import CellBudget
-
-
-def ways(part: Part, *, monotone: bool) -> Iterator[tuple[int, ...]]:
-    """What scenarios may keep of a part. Where any positions may be used (`monotone`), more than is needed is never needed."""
-    most = part.need if monotone or part.op is not Op.AT_LEAST else len(part.parts)
-    for size in range(part.need, most + 1):
-        yield from combinations(part.parts, size)
 
 
 def simplified(form: NormalForm, *, monotone: bool) -> tuple[Part, ...]:
@@ -245,19 +237,13 @@ def settled(
         yield form, {}
         return
     budget = CellBudget("the choices that guards depend on take more than the limit allows", limit)
-    waiting: list[Iterator[NormalForm]] = [iter([form])]
-    while waiting:
-        candidate = next(waiting[-1], None)
-        if candidate is None:
-            waiting.pop()
-            continue
+
+    def look(candidate: NormalForm) -> GuardsOf | int:
         kept = candidate.kept()
         budget.spend(len(kept))
-        found = _placed(candidate, kept, patterns)
-        if isinstance(found, int):
-            waiting.append(map(partial(candidate.resolve, found), ways(candidate.parts[found], monotone=monotone)))
-        else:
-            yield candidate, found
+        return _placed(candidate, kept, patterns)
+
+    yield from divided(form, look, at_least=not monotone)
 
 
 def _placed(form: NormalForm, kept: Sequence[int], patterns: Mapping[str, Pattern]) -> GuardsOf | int:

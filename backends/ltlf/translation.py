@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from typing import Final, TypeAlias
+from typing import Final
 
 from backends.ltlf.composition import Composer
 from backends.ltlf.formulas import FALSE, JUNCTIONS, TRUE, Connective, Formulas
@@ -103,42 +103,38 @@ class Translation:
         rows = self._formulas.rows
         reachable = self._formulas.reachable(root)
         uses = Counter(operand for formula in reachable for operand in rows[formula].operands)
-        defined: set[int] = set()
-        pieces: dict[int, list[_Piece]] = {}
-        for formula in reachable:
+        defined: dict[int, str] = {}
+
+        def pieces(formula: int) -> list[str | int]:
+            """Words, and operands that are yet to be written."""
             op, operands, name = rows[formula]
-            inner: list[list[_Piece]] = []
+            inner: list[list[str | int]] = []
             for operand in operands:
                 below = rows[operand].op
                 plain = operand in defined or below in _LEAVES | _PREFIX or (below is op and op in JUNCTIONS)
-                inner.append([pieces[operand]] if plain else ["(", pieces[operand], ")"])
+                inner.append([operand] if plain else ["(", operand, ")"])
             if op in _LEAVES:
-                pieces[formula] = [name or op.value]
-            elif op in _PREFIX:
+                return [name or op.value]
+            if op in _PREFIX:
                 spaced = op is not Connective.NOT and len(inner[0]) == 1
-                pieces[formula] = [f"{op.value} " if spaced else op.value, *inner[0]]
-            else:
-                pieces[formula] = [piece for operand in inner for piece in (f" {op.value} ", *operand)][1:]
-            literal = op in _LEAVES or (op is Connective.NOT and rows[operands[0]].op is Connective.ATOM)
-            if uses[formula] > 1 and not literal:
-                text = _joined(pieces[formula])
-                name = self._fresh(f"s{len(defined) + 1}")
-                self._header.definitions[name] = text
-                pieces[formula] = [name]
-                defined.add(formula)
-        return _joined(pieces[root])
+                return [f"{op.value} " if spaced else op.value, *inner[0]]
+            return [piece for operand in inner for piece in (f" {op.value} ", *operand)][1:]
 
+        def text(formula: int) -> str:
+            words: list[str] = []
+            todo: list[str | int] = [formula]
+            while todo:
+                piece = todo.pop()
+                if isinstance(piece, int) and piece not in defined:
+                    todo.extend(reversed(pieces(piece)))
+                else:
+                    words.append(piece if isinstance(piece, str) else defined[piece])
+            return "".join(words)
 
-_Piece: TypeAlias = "str | list[_Piece]"
-
-
-def _joined(pieces: list[_Piece]) -> str:
-    found: list[str] = []
-    todo = pieces[::-1]
-    while todo:
-        piece = todo.pop()
-        if isinstance(piece, str):
-            found.append(piece)
-        else:
-            todo.extend(reversed(piece))
-    return "".join(found)
+        for formula in reachable:
+            literal = formula if rows[formula].op is not Connective.NOT else rows[formula].operands[0]
+            if uses[formula] > 1 and rows[literal].op not in _LEAVES:
+                written, name = text(formula), self._fresh(f"s{len(defined) + 1}")
+                defined[formula] = name
+                self._header.definitions[name] = written
+        return text(root)

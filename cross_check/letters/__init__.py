@@ -16,12 +16,12 @@ from cross_check.letters.regions import Asked, Choices, Guarded
 from cross_check.letters.unification import ROOT, Demands, Fresh, closed_sets, plain
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
-from rvaft.model.guards import holds, renamed
+from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import Literal, Pattern, Variable, match, rigid_variables, substitute, variables, walk
+from rvaft.model.patterns import Literal, Pattern, Variable, match, substitute, variables, walk
 from rvaft.model.values import Json, Scalar, is_number, key
 
-__all__ = ["TIMES", "UNBOUND", "VARIABLES", "Answers", "Letters", "answers", "letters", "ties", "untied", "with_twins"]
+__all__ = ["TIMES", "UNBOUND", "VARIABLES", "Answers", "Letters", "answers", "letters", "ties", "with_twins"]
 
 Answers: TypeAlias = tuple[bool, ...]
 
@@ -51,7 +51,7 @@ def letters(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
     """The letters of some questions; raises `TooLarge` for more than `limit` of them.
 
     >>> from rvaft.language.parser import parse_guard, parse_pattern
-    >>> letters([untied(Observed(parse_pattern("{v: V}"), parse_guard("V > 3")))]).events
+    >>> letters([Observed(parse_pattern("{v: V}"), parse_guard("V > 3")).untied()]).events
     ({}, {'v': 4})
     """
     questions = tuple(dict.fromkeys(observed))
@@ -75,7 +75,7 @@ def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
     questions = tuple(dict.fromkeys(observed))
     if not any(map(ties, questions)):
         return letters(questions, limit=limit)
-    own = tuple(dict.fromkeys(map(untied, questions)))
+    own = tuple(dict.fromkeys(map(Observed.untied, questions)))
     guards = [question.when for question in own if question.when is not None]
     if any(len(guard_variables(guard)) > 1 or Asked(guard).calculated for guard in guards):
         return Letters(({},), VARIABLES)
@@ -121,14 +121,6 @@ def ties(question: Observed) -> bool:
     """Whether a variable of the question belongs to other events too."""
     names = (*variables(question.pattern), *guard_variables(question.when))
     return not all(name.startswith("_") for name in names)
-
-
-def untied(question: Observed, names: Sequence[str] | None = None) -> Observed:
-    """The same question with variables of its own, these or all of them: some value each, whatever they are elsewhere."""
-    every = (*rigid_variables(question.pattern), *guard_variables(question.when)) if names is None else names
-    own = {name: f"_{name}" for name in every if not name.startswith("_")}
-    pattern = substitute(question.pattern, {name: Variable(other) for name, other in own.items()})
-    return Observed(pattern, None if question.when is None else renamed(question.when, own))
 
 
 def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ...], str]:

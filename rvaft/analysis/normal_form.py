@@ -8,15 +8,18 @@ stays one part: it is resolved and observed once.
 `body` says the same of a single node, for what follows the nodes of a tree.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from functools import cached_property
-from typing import Final, NamedTuple, assert_never
+from functools import cached_property, partial
+from itertools import chain, combinations
+from typing import Final, NamedTuple, TypeVar, assert_never
 
 from rvaft.model.guards import Guard, holds, variables
 from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.tree import RVAFT, reachable
+
+Seen = TypeVar("Seen")
 
 
 class Op(Enum):
@@ -137,6 +140,29 @@ class NormalForm:
         kept = tuple(chosen)
         made = replace(self.parts[number], op=Op.ALL, parts=kept, need=len(kept))
         return NormalForm((*self.parts[:number], made, *self.parts[number + 1 :]), self.whole)
+
+
+def divided(
+    form: NormalForm, look: Callable[[NormalForm], Seen | int], *, at_least: bool
+) -> Iterator[tuple[NormalForm, Seen]]:
+    """All scenarios, divided until `look` names no more part whose choice is to be made; with what it says then.
+
+    `at_least` keeps the ways to choose more than K.
+    """
+    waiting = [iter([form])]
+    while waiting:
+        candidate = next(waiting[-1], None)
+        if candidate is None:
+            waiting.pop()
+            continue
+        found = look(candidate)
+        if isinstance(found, int):
+            part = candidate.parts[found]
+            most = len(part.parts) if at_least and part.op is Op.AT_LEAST else part.need
+            ways = chain.from_iterable(map(partial(combinations, part.parts), range(part.need, most + 1)))
+            waiting.append(map(partial(candidate.resolve, found), ways))
+        else:
+            yield candidate, found
 
 
 def normal_form(tree: RVAFT, choices: Mapping[str, str] | None = None, *, as_written: bool = False) -> NormalForm:

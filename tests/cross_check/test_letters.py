@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cross_check.generate.strategies import randoms
 from cross_check.generate.values import fitting
-from cross_check.letters import UNBOUND, VARIABLES, Letters, answers, letters, untied
+from cross_check.letters import UNBOUND, VARIABLES, Letters, answers, letters
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
 from rvaft.language.parser import parse_guard, parse_pattern
@@ -25,7 +25,7 @@ from tests.tables import rows
 def question(text: str) -> Observed:
     """A question as it is written in a tree, `PATTERN when GUARD`, with variables of its own."""
     pattern, _, guard = text.partition(" when ")
-    return untied(Observed(parse_pattern(pattern), parse_guard(guard) if guard else None))
+    return Observed(parse_pattern(pattern), parse_guard(guard) if guard else None).untied()
 
 
 def default(name: str) -> Observed:

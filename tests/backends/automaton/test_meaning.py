@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from backends.automaton import AutomatonBackend
-from backends.automaton.hoa_reader import HoaMonitor, program
 from backends.conformance import examples
 from cross_check.generate.trees import Shape, random_tree
 from rvaft.api import loads
@@ -71,7 +70,7 @@ def test_the_text_alone_is_run(old: str, new: str, verdicts: str) -> None:
     assert signs(monitor, "a b c") == verdicts
 
 
-def test_slices_follow_each_value_and_are_limited() -> None:
+def test_slices_follow_each_value_and_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     specification = AutomatonBackend().translate(VALUES, Semantics.SCATTERED)
     monitor = specification.monitor()
     for value in (1, 2, 3, 1.0, True):
@@ -80,9 +79,9 @@ def test_slices_follow_each_value_and_are_limited() -> None:
     monitor.step({"a": 1})
     assert monitor.state == state
     assert signs(monitor, [{"b": 4}, {"b": "1"}, {"b": 3.0}]) == "??T"
-    few = HoaMonitor(program(specification.text, {}), limit=10)
+    monkeypatch.setattr("backends.slices.LIMIT", 10)
     with pytest.raises(TooLarge, match="slices, one for each assignment of X"):
-        list(few.run({"a": value} for value in range(20)))
+        list(specification.monitor().run({"a": value} for value in range(20)))
 
 
 # No two states of an emitted automaton can be merged, by a way of minimising that is not the backend's.

@@ -8,9 +8,9 @@ from itertools import product
 from random import Random
 from typing import Final
 
-from cross_check.comparison import Comparison, Roster, raised
+from cross_check.comparison import Comparison, Roster
 from cross_check.generate.trees import Shape, random_tree
-from cross_check.results import Job, Result, Status
+from cross_check.results import Job, Result, Status, raised
 from cross_check.traces import Effort
 from rvaft.analysis.branches import branches, restrict
 from rvaft.api import loads

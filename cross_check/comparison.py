@@ -32,11 +32,11 @@ from cross_check.participants import (
 from cross_check.product import Exploration
 from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
-from cross_check.results import Difference, Job, Result, Status
+from cross_check.results import Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.analysis.branches import restrict
 from rvaft.api import narrowed
-from rvaft.errors import NotExpressible, RvaftError, TooLarge
+from rvaft.errors import TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
@@ -150,7 +150,7 @@ class _Row:
     def fail(self, error: Exception) -> None:
         """It stopped with an error, that of somebody else perhaps."""
         known = raised(error)
-        self.end(Status.of(known), _reason(known))
+        self.end(Status.of(known), reason(known))
 
     def attempt(self, step: Callable[[], T], seconds: float | None) -> T | None:
         """What a step of it comes to, or None where it fails or takes too long."""
@@ -271,7 +271,7 @@ class Comparison:
             except Expired:
                 gaps = ["no letters within the time limit"] * len(present)
             except TooLarge as error:
-                gaps = [f"no letters: {_reason(error)}"] * len(present)
+                gaps = [f"no letters: {reason(error)}"] * len(present)
         for row, gap in zip(present, gaps, strict=True):
             if self.effort.states and row.participant is not None and row.participant.timed:
                 row.why = TIMES
@@ -290,7 +290,7 @@ class Comparison:
         except (Expired, TooLarge) as stopped:
             late = isinstance(stopped, Expired)
             for row in able:
-                row.why = "no proof within the time limit" if late else f"no letters: {_reason(stopped)}"
+                row.why = "no proof within the time limit" if late else f"no letters: {reason(stopped)}"
             return
         for number, row in enumerate(able):
             row.verdicts += found.verdicts if number else 0
@@ -341,7 +341,6 @@ class Comparison:
 
     def _result(self, row: _Row, baseline: _Row | None) -> Result:
         source = row.participant or row.outside
-        metrics = None if source is None or source.specification is None else source.specification.metrics
         if row.status is None:
             row.end(Status.COULD_NOT_RUN, "there is nobody to compare it with")
         assert row.status is not None
@@ -349,36 +348,7 @@ class Comparison:
         if row.difference is not None and baseline is not None:
             trace, got = row.difference
             difference = Difference(trace, baseline.name, baseline.said(trace), got)
-        return Result(
-            self.job,
-            row.name,
-            row.status,
-            row.seconds,
-            None if metrics is None else metrics.symbols,
-            None if metrics is None else metrics.states,
-            row.verdicts,
-            row.traces,
-            row.longest,
-            row.why,
-            difference,
-            row.masked,
-            tuple(sorted(row.masks)),
-        )
-
-
-def raised(error: Exception) -> RvaftError:
-    """What somebody raised, as an error of this project."""
-    if isinstance(error, RvaftError):
-        return error
-    return RvaftError(f"{type(error).__name__}: {' '.join(str(error).split())}")
-
-
-def _reason(error: BaseException) -> str:
-    """Why, beside a status that says the rest."""
-    match error:
-        case NotExpressible():
-            return error.reason
-        case TooLarge():
-            return f"{error.what} (limit {error.limit})"
-        case _:
-            return str(error).splitlines()[0]
+        known = {name: getattr(row, name) for name in ("seconds", "verdicts", "traces", "longest", "why", "masked")}
+        if source is not None and source.specification is not None:
+            known |= {name: getattr(source.specification.metrics, name) for name in ("symbols", "states")}
+        return Result(self.job, row.name, row.status, difference=difference, masks=tuple(sorted(row.masks)), **known)

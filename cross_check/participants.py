@@ -23,7 +23,7 @@ from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Kind
-from rvaft.model.patterns import Anything, Literal, Pattern, rigid_variables, walk
+from rvaft.model.patterns import Literal, Pattern, rigid_variables, walk
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -137,17 +137,15 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
     A variable that only one runtime event has ties nothing, if that is not counted and every guard that looks at the variable looks at
     that event alone.
     """
-    counts = {name: tree.nodes[name].times for name in tree.occurrences}
-    patterns = [pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None]
-    uses = Counter[str]()
-    for name, count in counts.items():
-        uses.update(dict.fromkeys(rigid_variables(tree.pattern(name) or Anything()), count))
+    patterns = [(name, pattern) for name in tree.occurrences if (pattern := tree.pattern(name)) is not None]
+    often = ((pattern, min(2, tree.nodes[name].times)) for name, pattern in patterns)
+    uses = Counter(name for pattern, times in often for name in rigid_variables(pattern) * times)
     guards: dict[str, list[Guard]] = {}
     for guard in (node.when for node in tree.top_down() if node.when is not None):
         for name in guard_variables(guard):
             guards.setdefault(name, []).append(guard)
     found: list[Observed] = []
-    for pattern in patterns:
+    for _, pattern in patterns:
         names = rigid_variables(pattern)
         about = {name: guards.get(name, []) for name in names if uses[name] == 1}
         own = [name for name, some in about.items() if all(set(guard_variables(g)) <= set(names) for g in some)]

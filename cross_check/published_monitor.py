@@ -20,6 +20,7 @@ from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.support.terminal import cut
 
 NAME: Final = "rml-published"
 _SEMANTICS: Final = "trace_expressions_semantics.pl"
@@ -106,5 +107,4 @@ def _swipl(monitor: Path) -> str:
 
 def _short(message: str) -> str:
     """One line, not too long."""
-    line = " ".join(message.split())
-    return line if len(line) <= _ERROR_LENGTH else f"{line[:_ERROR_LENGTH]}…"
+    return cut(" ".join(message.split()), _ERROR_LENGTH)

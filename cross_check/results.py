@@ -8,7 +8,7 @@ import io
 import json
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from importlib.metadata import version
 from itertools import groupby
@@ -55,6 +55,24 @@ class Status(StrEnum):
     def agrees(self) -> bool:
         """Whether verdicts were compared and all were equal."""
         return self in (Status.PROVED, Status.TESTED)
+
+
+def raised(error: Exception) -> RvaftError:
+    """What somebody raised, as an error of this project."""
+    if isinstance(error, RvaftError):
+        return error
+    return RvaftError(" ".join(f"{type(error).__name__}: {error}".split()))
+
+
+def reason(error: BaseException) -> str:
+    """Why, beside a status that says the rest."""
+    match error:
+        case NotExpressible():
+            return " ".join(error.reason.split())
+        case TooLarge():
+            return f"{error.what} (limit {error.limit})"
+        case _:
+            return str(error).splitlines()[0]
 
 
 _RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
@@ -198,13 +216,10 @@ def result_lines(results: Iterable[Result]) -> list[str]:
     """One line per participant and comparison."""
     rows = [["TREE", "SEMANTICS", "PARTICIPANT", "SECONDS", "SYMBOLS", "STATES", "RESULT"]]
     for result in results:
+        sizes = ("" if size is None else str(size) for size in (result.symbols, result.states))
         named = [result.job.title, result.job.semantics, result.participant, f"{result.seconds:.3f}"]
-        rows.append([*named, *_sizes(result), result.text])
+        rows.append([*named, *sizes, result.text])
     return columns(rows)
-
-
-def _sizes(result: Result) -> list[str]:
-    return ["" if size is None else str(size) for size in (result.symbols, result.states)]
 
 
 def summary_lines(totals: ComparisonTotals) -> list[str]:
@@ -247,12 +262,11 @@ def difference_lines(result: Result) -> list[str]:
 def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 (a table has no room for it)
     """One row per participant and comparison; the columns are those of Spot's `ltlcross` where they mean the same."""
     stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    named = ["tree", "semantics", "participant", "exit_status", "seconds"]
-    writer.writerow([*named, "symbols", "states", "verdicts", "result"])
+    names = ("tree", "semantics", "participant", "exit_status", "seconds", "symbols", "states", "verdicts", "result")
+    writer = csv.DictWriter(stream, names, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
     for result in results:
-        row = [result.job.title, result.job.semantics, result.participant, result.ending, f"{result.seconds:.6f}"]
-        writer.writerow([*row, *_sizes(result), result.verdicts, result.text])
+        writer.writerow({**_object(result), "tree": result.job.title, "seconds": f"{result.seconds:.6f}"})
     return stream.getvalue()
 
 
@@ -266,20 +280,18 @@ def json_text(results: Iterable[Result], note: str = "") -> str:
 
 
 def _object(result: Result) -> dict[str, Json]:
-    found = result.difference
-    names = ["symbols", "states", "verdicts", "traces", "longest", "masked", "masks"]
+    job = {name: getattr(result.job, name) for name in ("branch", "kind", "semantics")}
+    sizes = ("symbols", "states", "verdicts", "traces", "longest", "masked", "masks")
     return {
         "tree": result.job.name,
-        "branch": result.job.branch,
-        "kind": result.job.kind,
-        "semantics": result.job.semantics,
+        **job,
         "participant": result.participant,
         "status": result.status,
         "exit_status": result.ending,
         "seconds": round(result.seconds, 6),
-        **{name: getattr(result, name) for name in names},
+        **{name: getattr(result, name) for name in sizes},
         "result": result.text,
-        "difference": found and {name: getattr(found, name) for name in ("trace", "baseline", "expected", "got")},
+        "difference": result.difference and asdict(result.difference),
     }
 
 
@@ -291,18 +303,17 @@ def junit_text(results: Iterable[Result], note: str = "") -> str:
     root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
     for job, group in groupby(results, key=lambda result: result.job):
         cases = [(case, _JUNIT.get(case.status, "error")) for case in group]
-        suite = ET.SubElement(root, "testsuite", name=_printable(f"{job.title} ({job.semantics})"))
-        suite.set("tests", str(len(cases)))
-        for name, kind in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
-            suite.set(name, str(sum(one == kind for _, one in cases)))
-        suite.set("time", f"{sum(case.seconds for case, _ in cases):.3f}")
+        met = Counter(kind for _, kind in cases)
+        counts = {"failures": met["failure"], "errors": met["error"], "skipped": met["skipped"]}
+        said = {name: str(count) for name, count in {"tests": len(cases), **counts}.items()}
+        said["time"] = f"{sum(case.seconds for case, _ in cases):.3f}"
+        suite = ET.SubElement(root, "testsuite", {"name": _printable(f"{job.title} ({job.semantics})"), **said})
         for case, kind in cases:
-            classname = _printable(f"{job.title}.{job.semantics}")
-            made = ET.SubElement(suite, "testcase", name=_printable(case.participant), classname=classname)
-            made.set("time", f"{case.seconds:.3f}")
+            named = {"name": _printable(case.participant), "classname": _printable(f"{job.title}.{job.semantics}")}
+            made = ET.SubElement(suite, "testcase", named, time=f"{case.seconds:.3f}")
             if kind:
-                said = ET.SubElement(made, kind, message=_printable(case.text))
-                said.text = _printable("\n".join(difference_lines(case))) or None
+                shown = ET.SubElement(made, kind, message=_printable(case.text))
+                shown.text = _printable("\n".join(difference_lines(case))) or None
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 

@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from functools import cache, cached_property, lru_cache, partial
 from importlib.metadata import version
@@ -31,10 +31,11 @@ import msgspec
 from msgspec.structs import replace
 
 from cross_check.generate.values import fitting, interesting_values
+from cross_check.results import Status, raised, reason
 from rvaft.api import loads, meant
 from rvaft.backend import Metrics, all_backends, backend
 from rvaft.engine import Engine
-from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
+from rvaft.errors import OptionError, RvaftError, ToolFailed
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Anything, Literal, substitute
@@ -230,12 +231,9 @@ def unmeasured(cell: Cell, settings: Settings) -> Measurement:
         subject.threshold,
         cell.semantics,
         cell.language,
-        limit=settings.limit,
-        timeout=settings.timeout,
-        seed=settings.seed,
         digest=subject.digest,
         version=version("rvaft"),
-        memory=settings.memory,
+        **asdict(settings),
     )
 
 
@@ -370,16 +368,9 @@ def _work(work: Callable[[], object], said: Connection, seconds: float, clock: f
     except MemoryError:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))  # to have room for telling that it was met
         result = _Unmeasurable(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})")
-    except NotExpressible as error:
-        result = _Unmeasurable(Outcome.NOT_EXPRESSIBLE, " ".join(error.reason.split()))
-    except TooLarge as error:
-        result = _Unmeasurable(Outcome.TOO_LARGE, f"{error.what} (limit {error.limit})")
-    except ToolMissing as error:
-        result = _Unmeasurable(Outcome.TOOL_MISSING, str(error))
-    except RvaftError as error:
-        result = _Unmeasurable(Outcome.FAILED, str(error).splitlines()[0])
     except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; the other cells still count)
-        result = _Unmeasurable(Outcome.FAILED, " ".join(f"{type(error).__name__}: {error}".split()))
+        known = raised(error)
+        result = _Unmeasurable(Outcome(Status.of(known)), reason(known))
     if process_time() > seconds:  # the system looks at its clock only now and then
         signal.raise_signal(signal.SIGPROF)
     said.send((result, process_time()))

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from cross_check.benchmark.measurement import Measurement, Outcome
 from cross_check.benchmark.tables import Width
 from rvaft.backend import all_backends
-from rvaft.errors import ToolMissing
+from rvaft.errors import installed
 from rvaft.model.verdict import Semantics
-from rvaft.support.terminal import visible
+from rvaft.support.terminal import cut, visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -124,14 +124,14 @@ def _trees(rows: Sequence[Measurement]) -> Iterator[Panel]:
         yield Panel(PurePath(tree).stem.replace("_", " "), "", points, order)
 
 
-def library(otherwise: str = "") -> ModuleType:
+def library(otherwise: str = "") -> Any:
     """Matplotlib; raises `ToolMissing`, which says what to do otherwise."""
-    try:
-        import matplotlib  # noqa: PLC0415 (an extra)
-        from matplotlib import figure, font_manager, lines, ticker  # noqa: F401, PLC0415 (an extra)
-    except ImportError:
-        raise ToolMissing("Matplotlib", remedy=f"pip install '.[papers]' in a checkout{otherwise}") from None
-    return matplotlib
+    parts = (".figure", ".font_manager", ".lines", ".ticker", "")
+    *_, found = [
+        installed(f"matplotlib{part}", "Matplotlib", f"pip install '.[papers]' in a checkout{otherwise}")
+        for part in parts
+    ]
+    return found
 
 
 @contextmanager
@@ -232,5 +232,4 @@ def _drawable(text: str) -> str:
     """The start of the text, with what the font does not have written as escapes."""
     fonts = library().font_manager
     known = fonts.get_font(fonts.findfont("DejaVu Sans")).get_charmap()
-    whole = "".join(c if ord(c) in known else c.encode("unicode_escape").decode() for c in visible(text))
-    return whole if len(whole) <= 28 else f"{whole[:27]}…"
+    return cut("".join(c if ord(c) in known else c.encode("unicode_escape").decode() for c in visible(text)), 28)

@@ -12,7 +12,7 @@ import msgspec
 from msgspec.structs import astuple
 
 from cross_check.benchmark.measurement import SIZES, Measurement, Outcome
-from rvaft.errors import LanguageError, ToolMissing
+from rvaft.errors import LanguageError, installed
 from rvaft.export.latex import escaped
 from rvaft.support.terminal import columns, visible
 
@@ -122,12 +122,9 @@ _NAME: Final = 24  # letters of the name of a tree; of a path the end tells tree
 
 def pandas() -> Any:
     """The library pandas; raises `ToolMissing`."""
-    try:
-        import jinja2  # noqa: F401, PLC0415 (an extra, which pandas needs for LaTeX)
-        import pandas  # noqa: PLC0415 (an extra)
-    except ImportError:
-        raise ToolMissing("pandas", remedy="pip install '.[papers]' in a checkout, or leave --latex out") from None
-    return pandas
+    remedy = "pip install '.[papers]' in a checkout, or leave --latex out"
+    installed("jinja2", "pandas", remedy)  # which pandas needs for LaTeX
+    return installed("pandas", "pandas", remedy)
 
 
 def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:

@@ -61,7 +61,12 @@ class Entry:
 def gates(children: int) -> Iterator[str]:
     """Every gate that can have so many children as it is written, a vote with every threshold."""
     for gate in Gate:
-        yield from (f"{k}of{children}" for k in range(1, children + 1)) if gate is Gate.VOT else [str(gate)]
+        yield from (f"{k}of{children}" for k in range(1, children + 1)) if gate.counts else [str(gate)]
+
+
+def _above(gate: Gate, children: str, further: str) -> tuple[str, str]:
+    """A gate as it is written, and its children; a vote is for two, one of whom is a further child."""
+    return ("2of3", f"{children} {further}") if gate.counts else (gate, children)
 
 
 def catalogue() -> Iterator[Entry]:
@@ -83,17 +88,17 @@ def catalogue() -> Iterator[Entry]:
         yield _entry(f"{gate} over a shared node", f"r {gate} p q; p or a s; q sand b s;")
     for gate in ("and", "2of3"):
         yield _entry(f"{gate} with an order that a choice adds", f"r {gate} o x s; o or q c; q sand x s;")
-    for outer, middle in product(Gate, (Gate.SAND, Gate.OR)):
-        above, upper = ("2of3", "a s e") if outer is Gate.VOT else (outer, "a s")
+    for outer, middle in product(Gate, ("sand", "or")):
+        above, upper = _above(outer, "a s", "e")
         yield _entry(f"{above} over {middle} over and", f"r {above} {upper}; s {middle} g d; g and b c;")
     yield _entry("1of2 with two to follow", "r sand v y z; v 1of2 a b;")
-    for (name, guard), gate in product(GUARDS.items(), (Gate.SAND, Gate.AND)):
+    for (name, guard), gate in product(GUARDS.items(), ("sand", "and")):
         yield _entry(f"{gate}, a guard with {name}", f"r {gate} a b; a on at(P, S); b on at(Q, T) when {guard};")
     for name, text in (_WRITTEN_LATE | _IN_PRACTICE).items():
         yield _entry(name, text)
     for outer, inner in product(Gate, repeat=2):
-        above, upper = ("2of3", "a g d") if outer is Gate.VOT else (outer, "g a")
-        below, lower = ("2of3", "b c e") if inner is Gate.VOT else (inner, "b c")
+        above, upper = _above(outer, "a g" if outer.counts else "g a", "d")
+        below, lower = _above(inner, "b c", "e")
         yield _entry(f"{above} over {below}", f"r {above} {upper}; g {below} {lower};")
     yield from _single(3, 4)
 
@@ -104,7 +109,7 @@ _WRITTEN: Final = {
     "a variable bound twice": "r sand a b; a on at(P, S); b on read(P);",
     **{  # bounds so that 1, 1.0 and true meet
         f"{gate}, a variable bound twice": f"r {gate} a b; a on seen(V); b on read(V) when V >= 0 and V <= 1;"
-        for gate in (Gate.SAND, Gate.SAND_RL, Gate.AND)
+        for gate in ("sand", "sand_rl", "and")
     },
     # the values of variables are never all tried, so what follows is tested, not proved
     "literals of several types": """
@@ -161,19 +166,16 @@ _IN_PRACTICE: Final = {
 def parts_of_language(tree: RVAFT) -> Iterator[str]:
     """What of the parts that not every language has is in a tree, by its word."""
     nodes = [*tree.top_down()]
-    if any(node.gate is Gate.PAND for node in nodes):
-        yield "pand"
-    if any(node.times > 1 for node in nodes):
-        yield "times"
-    if any(node.within is not None for node in nodes):
-        yield "within"
-    if any(time_points(node.when) for node in nodes):
-        yield "at, start, end"
-    if tree.time is not None and tree.time.late is not None:
-        yield "late"
-    parts = (part for node in nodes for part in guard_walk(node.when))
-    if any(isinstance(part, Operation) and part.operator in FUNCTIONS | {Operator.IN} for part in parts):
-        yield "functions"
+    asked = [part.operator for node in nodes for part in guard_walk(node.when) if isinstance(part, Operation)]
+    found = {
+        "pand": any(node.gate == "pand" for node in nodes),
+        "times": any(node.times > 1 for node in nodes),
+        "within": any(node.within is not None for node in nodes),
+        "at, start, end": any(time_points(node.when) for node in nodes),
+        "late": tree.time is not None and tree.time.late is not None,
+        "functions": any(operator in FUNCTIONS | {Operator.IN} for operator in asked),
+    }
+    return (part for part, there in found.items() if there)
 
 
 def _entry(name: str, text: str) -> Entry:

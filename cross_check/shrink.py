@@ -37,14 +37,13 @@ from rvaft.model.patterns import (
 )
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, Scalar
-from rvaft.model.verdict import Semantics
 from rvaft.rules import require_valid
 
 DEFAULT_STEPS: Final = 2_000
 """How often a tree and a trace are tried."""
 PLAIN: Final[tuple[Scalar, ...]] = (0, 1, "")
 """The literals that need no simplification, simplest first."""
-_SIMPLEST: Final = sorted(Gate, key=lambda gate: gate is Gate.PAND)
+_SIMPLEST: Final = sorted(Gate, key=lambda gate: gate.ordered)
 """The gates, simplest first."""
 
 
@@ -132,9 +131,7 @@ class _Pair:
     nodes: Mapping[str, Node]
     patterns: Mapping[str, Pattern]
     ignores: tuple[tuple[Pattern, Guard | None], ...]
-    causality: Causality
-    time: EventTime | None
-    semantics: Semantics | None
+    stated: Mapping[str, Any]
     trace: tuple[Json, ...]
     calls: Mapping[str, tuple[On, EventType]]
     whole: RVAFT | None = None
@@ -148,9 +145,7 @@ class _Pair:
             {name: replace(node, on=None, declared=True, places={}) for name, node in tree.nodes.items()},
             {name: tree.instantiate(node.on) for name, node in tree.nodes.items() if node.on is not None},
             tuple((tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores),
-            tree.causality,
-            tree.time,
-            tree.semantics,
+            {name: getattr(tree, name) for name in ("causality", "time", "semantics")},
             tuple(trace),
             {repr(tree.instantiate(on)): (on, tree.events[on.event]) for on in calls if on is not None},
             tree,
@@ -177,15 +172,17 @@ class _Pair:
         own = {name: call(self.patterns[name]) for name in self.nodes if name in self.patterns}
         nodes = [replace(node, on=own.get(name)) for name, node in self.nodes.items()]
         ignores = [Ignore(call(pattern), when) for pattern, when in self.ignores]
-        return RVAFT(
-            self.root,
-            nodes,
-            used.values(),
-            ignores=ignores,
-            causality=self.causality,
-            time=self.time,
-            semantics=self.semantics,
-        )
+        return RVAFT(self.root, nodes, used.values(), ignores=ignores, **self.stated)
+
+    @property
+    def time(self) -> EventTime | None:
+        """Where events have their time."""
+        found: EventTime | None = self.stated["time"]
+        return found
+
+    def stating(self, **stated: Any) -> "_Pair":
+        """With another causality, time or semantics."""
+        return replace(self, stated={**self.stated, **stated}, whole=None)
 
     def _called(self, pattern: Pattern, used: Mapping[str, EventType]) -> tuple[On, EventType]:
         """A pattern as a call of an event type: one of those used that is like it, or a new one.
@@ -224,7 +221,7 @@ class _Pair:
         guards = [when for when in (*(node.when for node in nodes), *(when for _, when in self.ignores)) if when]
         gates = sum(1 + _SIMPLEST.index(node.gate) + (node.threshold or 0) for node in nodes if node.gate)
         notes = sum((node.kind is not None) + (node.label is not None) + len(node.attributes) for node in nodes)
-        notes += sum(node.times - 1 + _length(node.within) for node in nodes) + (self.semantics is not None)
+        notes += sum(node.times - 1 + _length(node.within) for node in nodes) + (self.stated["semantics"] is not None)
         if self.time is not None:
             notes += (
                 2 + list(TimeFormat).index(self.time.format) + len("".join(self.time.field)) + _length(self.time.late)
@@ -233,23 +230,14 @@ class _Pair:
         return (
             len(self.nodes) + 2 * sum(number - 1 for number in parents.values()),
             len(self.trace),
-            gates + notes + terms + len(self.ignores) + list(Causality).index(self.causality),
+            gates + notes + terms + len(self.ignores) + list(Causality).index(self.stated["causality"]),
             len(json.dumps(self.trace)),
         )
 
     @cached_property
     def key(self) -> bytes:
         """Equal for pairs that are written the same way (so 1 and 1.0 differ)."""
-        parts = (
-            self.root,
-            self.nodes,
-            self.patterns,
-            self.ignores,
-            self.causality,
-            self.trace,
-            self.time,
-            self.semantics,
-        )
+        parts = (self.root, self.nodes, self.patterns, self.ignores, self.stated, self.trace)
         return blake2b(repr(parts).encode("utf-8", "backslashreplace"), digest_size=16).digest()
 
     @property
@@ -436,8 +424,8 @@ def _fewer_notes(pair: _Pair) -> Iterator[_Pair]:
     bare = [replace(node, kind=None, label=None, attributes=()) for node in pair.nodes.values()]
     yield pair.having(*bare)
     yield from map(pair.having, bare)
-    yield replace(pair, causality=Causality.TOP_DOWN, whole=None)
-    yield replace(pair, semantics=None, whole=None)
+    yield pair.stating(causality=Causality.TOP_DOWN)
+    yield pair.stating(semantics=None)
 
 
 def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
@@ -456,36 +444,36 @@ def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
             yield replace(pair, ignores=_spliced(pair.ignores, index, *ignores), whole=None)
 
 
-def _simpler_gates(pair: _Pair) -> Iterator[_Pair]:
-    """A simpler gate for a gate, or a smaller K."""
+def _simpler_nodes(pair: _Pair) -> Iterator[_Pair]:
+    """A simpler gate for a gate, a smaller K, fewer events of a counted leaf, no window or one of half its length."""
     for name in pair.order:
         node = pair.nodes[name]
-        for gate in _SIMPLEST[: _SIMPLEST.index(node.gate)] if node.gate else ():
-            yield pair.having(replace(node, gate=gate, threshold=None))
-        for threshold in range(1, node.threshold or 1):
-            yield pair.having(replace(node, threshold=threshold))
+        simpler: list[dict[str, Any]] = []
+        if node.gate is not None:
+            simpler += [{"gate": gate, "threshold": None} for gate in _SIMPLEST[: _SIMPLEST.index(node.gate)]]
+        simpler += [{"threshold": threshold} for threshold in range(1, node.threshold or 1)]
+        simpler += [{"times": times} for times in sorted({1, node.times - 1}) if times]
+        simpler += [{"within": within} for within in _shorter(node.within)]
+        yield from (pair.having(replace(node, **changes)) for changes in simpler)
+
+
+def _shorter(duration: int | None) -> list[int | None]:
+    return [] if duration is None else [None, 0, duration // 2]
 
 
 def _simpler_times(pair: _Pair) -> Iterator[_Pair]:
-    """Fewer events of a counted leaf, no window or one of half its length, no `late` or less; times that start at 0, in seconds in the field `t`."""
-    for name in pair.order:
-        node = pair.nodes[name]
-        for times in sorted({1, node.times - 1}) if node.times > 1 else ():
-            yield pair.having(replace(node, times=times))
-        for within in (None, 0, node.within // 2) if node.within is not None else ():
-            yield pair.having(replace(node, within=within))
-    if pair.time is None:
-        return
-    yield replace(pair, time=None, whole=None)
-    for late in (None, 0, pair.time.late // 2) if pair.time.late is not None else ():
-        yield replace(pair, time=replace(pair.time, late=late), whole=None)
+    """No times at all, no `late` or less; times that start at 0, in seconds in the field `t`."""
     old = pair.time
+    if old is None:
+        return
+    yield pair.stating(time=None)
+    yield from (pair.stating(time=replace(old, late=late)) for late in _shorter(old.late))
     known = [instant for event in pair.trace if (instant := old.read(event)) is not None]
     for form, field in ((TimeFormat.SECONDS, ("t",)), (TimeFormat.NANOSECONDS, ("t",)), (old.format, old.field)):
         new = replace(old, format=form, field=field)
         for begin in (min(known, default=0), 0):
             trace = tuple(_retimed(event, old, new, begin) for event in pair.trace)
-            yield replace(pair, time=new, trace=trace, whole=None)
+            yield replace(pair.stating(time=new), trace=trace)
 
 
 def _retimed(event: Json, old: EventTime, new: EventTime, begin: int) -> Json:
@@ -509,7 +497,7 @@ _REDUCTIONS: Final[tuple[Reduction, ...]] = (
     _fewer_nodes,
     _fewer_notes,
     _smaller_terms,
-    _simpler_gates,
+    _simpler_nodes,
     _simpler_times,
     _smaller_events,
 )

@@ -8,9 +8,9 @@ from itertools import chain, product
 from random import Random
 from typing import Final, TypeAlias
 
-from cross_check.generate import WILD, NoTraceFound, disturbed, guided, with_constant
+from cross_check.generate.disturbances import disturbed, with_constant
 from cross_check.generate.times import walked
-from cross_check.generate.traces import random_trace
+from cross_check.generate.traces import WILD, NoTraceFound, guided, random_trace
 from cross_check.generate.values import places, put
 from cross_check.letters import Letters, letters, with_twins
 from cross_check.participants import Participant, literals, times_matter

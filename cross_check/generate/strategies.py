@@ -7,8 +7,8 @@ from typing import Final, TypeVar
 from hypothesis import reject
 from hypothesis import strategies as st
 
-from cross_check.generate import NearMiss, NoTraceFound, detecting, disturbed, near_miss
-from cross_check.generate.traces import random_trace
+from cross_check.generate.disturbances import NearMiss, disturbed, near_miss
+from cross_check.generate.traces import NoTraceFound, detecting, random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json

@@ -28,7 +28,7 @@ from rvaft.backend import Observed
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.guards import time_points
-from rvaft.model.nodes import Gate, Node
+from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, Binding, Literal, Pattern, match, rigid_variables
 from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
@@ -165,12 +165,11 @@ class Scenarios:
         return fewest_events(self.tree.bottom_up(), without=nodes, without_edges=edges)
 
 
+@dataclass
 class Cyclic(Exception):
     """Some event has to come before itself; `edges` are the tree edges (parent, child) of one cycle."""
 
-    def __init__(self, edges: list[Edge]) -> None:
-        self.edges = edges
-        super().__init__(edges)
+    edges: list[Edge]
 
 
 def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
@@ -184,7 +183,7 @@ def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
             return _drawn_order(random, tree, kept)
         except Cyclic as found:
             cyclic = found
-            if not any(tree.nodes[name].gate is Gate.PAND for name in kept):
+            if not any(tree.nodes[name].gate == "pand" for name in kept):
                 break
     raise cyclic
 
@@ -192,7 +191,7 @@ def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
 def _drawn_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
     graph = precedence(tree, kept)
     for name in kept:
-        if tree.nodes[name].gate is Gate.PAND:
+        if tree.nodes[name].gate == "pand":
             _end_in_order(random, tree, kept, name, graph)
     left = {name: tree.nodes[name].times for name in kept}
     waits: dict[Point, int] = dict(graph.in_degree())
@@ -432,10 +431,8 @@ class _Making:
 
 def _objection(nodes: Sequence[str], refusing: Sequence[Demand]) -> str:
     """Why a scenario has no events: what the demands of these nodes were that refused."""
-    of_guards, of_events = (
-        {demand.node for demand in refusing if (demand.guard is None) is so} for so in (False, True)
-    )
-    guarded, dropped = ([name for name in nodes if name in some] for some in (of_guards, of_events))
+    asked = {(demand.node, demand.guard is not None) for demand in refusing}
+    guarded, dropped = ([name for name in nodes if (name, guards) in asked] for guards in (True, False))
     said = []
     if guarded:
         whose = f"the guards of {listing(guarded)} do" if len(guarded) > 1 else f"the guard of {guarded[0]} does"

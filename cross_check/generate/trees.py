@@ -7,39 +7,38 @@ functions of texts and numbers, and a semantics of their own. Every tree that co
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from random import Random
 from typing import Any, Final
 
+from rvaft.api import loads
 from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
-from rvaft.model.nodes import Argument, Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
+from rvaft.model.nodes import Argument, Causality, Gate, Ignore, Kind, Node, On, Topic
+from rvaft.model.patterns import Anything, Literal, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.rules import require_valid
 
-P, Q = Variable("p"), Variable("q")
-EVENTS: Final = (
-    EventType("px", ("p",), ObjectPattern((("x", P),))),
-    EventType("py", ("p",), ObjectPattern((("y", P),))),
-    EventType("pxy", ("p", "q"), ObjectPattern((("x", P), ("y", Q)))),
-    EventType("same", ("p",), ObjectPattern((("x", P), ("y", P)))),
-    EventType(
-        "nested", ("p", "q"), ObjectPattern((("n", ObjectPattern((("l", ListPattern((P, Anything()))), ("x", Q)))),))
-    ),
-    EventType("kx", ("p",), ObjectPattern((("k", Literal("kx")), ("x", P)))),
-    EventType("ky", ("p", "q"), ObjectPattern((("k", Literal("ky")), ("x", P), ("y", Q)))),
-)
-TOPICS: Final = (
-    Topic("/command", "robot_msgs.msg.Command", ("agent",)),
-    Topic("sensor/0", "std_msgs.msg.Float32"),
-    Topic("/goal", "move_base_msgs.msg.MoveBaseActionGoal", ("/ns/planner", "topic")),
-)
+DECLARED: Final = loads("""
+n0;
+event px(p) = { x: p };
+event py(p) = { y: p };
+event pxy(p, q) = { x: p, y: q };
+event same(p) = { x: p, y: p };
+event nested(p, q) = { n: { l: [p, _], x: q } };
+event kx(p) = { k: "kx", x: p };
+event ky(p, q) = { k: "ky", x: p, y: q };
+topic "/command" type "robot_msgs.msg.Command" from agent;
+topic "sensor/0" type "std_msgs.msg.Float32";
+topic "/goal" type "move_base_msgs.msg.MoveBaseActionGoal" from "/ns/planner", "topic";
+""")
+EVENTS: Final = (*DECLARED.events.values(),)
+TOPICS: Final = (*DECLARED.topics.values(),)
 LITERALS: Final = (0, 1, 2, "a", True, None, 1.5)
 VARIABLES: Final = ("X", "Y", "Z")
-COMPARISONS: Final = (Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE)
+COMPARISONS: Final = (*map(Operator, ("==", "!=", "<", "<=", ">", ">=")),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +65,7 @@ class Shape:
     """That a guard on variables gets a condition with a function."""
 
 
-PLAIN: Final = Shape(
-    **dict.fromkeys(("sharing", "gate_events", "typed_events", "variables", "guards", "ignores", "kinds", "topics"), 0),
-    **dict.fromkeys(("times", "counted", "pand", "functions"), 0),
-)
+PLAIN: Final = Shape(**{part.name: 0 for part in fields(Shape) if isinstance(part.default, float)})
 """Trees over default events only, without sharing."""
 
 VARIABLE_FREE: Final = Shape(variables=0, times=0)
@@ -84,7 +80,7 @@ def random_tree(random: Random, shape: Shape = Shape(), *, attempts: int = 200) 
             tree = _Growth(random, shape, guards).tree()
             require_valid(tree)
             return _in_practice(random, tree, shape)
-    return RVAFT("n0", [Node("n0", Gate.AND, ("n1",)), Node("n1")])
+    return RVAFT("n0", [Node("n0", Gate("and"), ("n1",)), Node("n1")])
 
 
 class _Growth:
@@ -124,8 +120,8 @@ class _Growth:
         room = size - self.count
         if index == 0 or (room > 0 and r.random() < 0.5):
             children = self._children(index, max(room, 1))
-            gate = r.choice([gate for gate in Gate if gate is not Gate.PAND])
-            threshold = r.randint(1, len(children)) if gate is Gate.VOT else None
+            gate = r.choice([gate for gate in Gate if gate != "pand"])
+            threshold = r.randint(1, len(children)) if gate.counts else None
             on = self._on() if index and r.random() < self.shape.gate_events else None
             return Node(name, gate, children, threshold, on, self._guard(on), kind)
         on = self._on() if r.random() < self.shape.typed_events else None
@@ -238,8 +234,8 @@ class _Additions:
     def _node(self, node: Node) -> Node:
         r = self.random
         changes: dict[str, Any] = {}
-        if node.gate in (Gate.SAND, Gate.AND) and self._so(self.shape.pand):
-            changes["gate"] = Gate.PAND
+        if node.gate in ("sand", "and") and self._so(self.shape.pand):
+            changes["gate"] = Gate("pand")
         if node.leaf and node.has_event and self._so(self.shape.counted):
             changes["times"] = r.choice((2, 2, 3))
         if node.gate is not None and self.timed and self._so(0.4):

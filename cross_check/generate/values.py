@@ -199,12 +199,11 @@ class Demand:
     guard: Guard | None = None
 
 
+@dataclass
 class Unmet(Exception):
     """No values were found; `refusing` are the last demands that refused."""
 
-    def __init__(self, refusing: Sequence[Demand]) -> None:
-        self.refusing = refusing
-        super().__init__([demand.node for demand in refusing])
+    refusing: Sequence[Demand]
 
 
 def guard_demands(node: str, guard: Guard | None) -> list[Demand]:

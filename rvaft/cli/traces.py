@@ -8,9 +8,8 @@ from typing import Any, Final
 
 import click
 
-from cross_check.generate import PLAIN, NoTraceFound, detecting
-from cross_check.generate import near_miss as missing
-from cross_check.generate.traces import random_trace
+from cross_check.generate.disturbances import near_miss as missing
+from cross_check.generate.traces import PLAIN, NoTraceFound, detecting, random_trace
 from rvaft.api import meant, narrowed
 from rvaft.cli import options
 from rvaft.model.values import Json

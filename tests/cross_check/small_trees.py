@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from random import Random
 from typing import Any, Final, ParamSpec, TypeVar
 
-from cross_check.generate import NoTraceFound
+from cross_check.generate.traces import NoTraceFound
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
 from rvaft import RVAFT, Semantics, Verdict
 from rvaft.model.values import Json

@@ -9,7 +9,7 @@ from typing import Final
 
 import pytest
 
-from cross_check.generate import Disturbance, disturbed, disturbed_by, near_miss
+from cross_check.generate.disturbances import Disturbance, disturbed, disturbed_by, near_miss
 from cross_check.generate.times import without_time
 from rvaft import RVAFT, Semantics, Verdict, loads
 from rvaft.model.values import Json, equal, is_number

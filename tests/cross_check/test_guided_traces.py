@@ -15,8 +15,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cross_check.generate import PLAIN, WILD, NoTraceFound, detecting, disturbed, guided, near_miss, strategies
-from cross_check.generate.traces import Cyclic, Scenarios, noise, random_order, random_trace
+from cross_check.generate import strategies
+from cross_check.generate.disturbances import disturbed, near_miss
+from cross_check.generate.traces import (
+    PLAIN,
+    WILD,
+    Cyclic,
+    NoTraceFound,
+    Scenarios,
+    detecting,
+    guided,
+    noise,
+    random_order,
+    random_trace,
+)
 from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Gate, Node, Semantics, Verdict, load, loads, monitor
 from rvaft.analysis.branches import restrict

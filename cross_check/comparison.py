@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from time import perf_counter
 from typing import Final, TypeAlias, TypeVar
@@ -71,11 +72,8 @@ class Roster:
         """The name of each participant, every name once, and what makes it; the reference first."""
         taken: set[str] = set()
         for name, enlist in self._candidates(tree, job):
-            unique, number = name, 1
-            while unique in taken:
-                number += 1
-                unique = f"{name} ({number})"
-            taken.add(unique)
+            names = chain([name], (f"{name} ({number})" for number in count(2)))
+            taken.add(unique := next(one for one in names if one not in taken))
             yield unique, enlist
 
     def _candidates(self, tree: RVAFT, job: Job) -> Iterator[tuple[str, Enlist]]:
@@ -179,9 +177,9 @@ class _Row:
             return self.attempt(partial(self.outside.answers, traces), None)
         return self.attempt(lambda: [Answer(self.said(trace)) for trace in traces], self.patience)
 
-    def judge(self, traces: Sequence[Trace], expected: Sequence[Answer], answers: Sequence[Answer]) -> None:
+    def judge(self, asked: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
         """Look at what it says of the traces; where a program is known to deviate, that is only counted."""
-        for trace, wanted, answer in zip(traces, expected, answers, strict=True):
+        for (trace, wanted), answer in zip(asked, answers, strict=True):
             if answer.verdicts != wanted.verdicts and answer.deviations and not answer.expired:
                 self.masks.update(dict.fromkeys(answer.deviations))
                 self.masked += 1
@@ -319,19 +317,17 @@ class Comparison:
         expected = baseline.answers(traces)
         if expected is None:
             return False
-        baseline.judge(traces, expected, expected)
+        every = [*zip(traces, expected, strict=True)]
+        baseline.judge(every, expected)
         if traces and not any(Verdict.TRUE in (wanted.verdicts or ()) for wanted in expected):
             for row in rest:
                 row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
         for row in rest:
             if traces:
-                asked = [
-                    place for place, trace in enumerate(traces) if not row.json_alone or all(map(is_finite, trace))
-                ]
-                some, wanted = [traces[place] for place in asked], [expected[place] for place in asked]
-                answers = row.answers(some)
+                asked = [one for one in every if not row.json_alone or all(map(is_finite, one[0]))]
+                answers = row.answers([trace for trace, _ in asked])
                 if answers is not None:
-                    row.judge(some, wanted, answers)
+                    row.judge(asked, answers)
                 if row.participant is not None:
                     row.shorten(baseline)
             elif row.status is None:

@@ -3,6 +3,7 @@
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import wraps
 from itertools import chain
@@ -15,7 +16,7 @@ from rvaft.analysis.branches import restrict
 from rvaft.analysis.plain_trees import asks_for_time
 from rvaft.analysis.scenarios import SCENARIOS, most_scenarios
 from rvaft.api import loads
-from rvaft.backend import Observed, Specification, all_backends, backend, speaking
+from rvaft.backend import Backend, Observed, Specification, all_backends, backend, speaking
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed
 from rvaft.language.printer import dumps
@@ -115,15 +116,17 @@ def absent_on_error(enlist: Callable[P, T]) -> Callable[P, T | Absent]:
 
 def faithful_backends() -> tuple[str, ...]:
     """The backends whose texts should mean the tree, each in one form, and that somebody here reads."""
+    found = {name: loaded(name) for name in all_backends()}  # who cannot be loaded is absent, and said to be
+    return tuple(
+        name for name, one in found.items() if one is None or (one.faithful and one.readable and not one.form_of)
+    )
 
-    def is_compared(name: str) -> bool:
-        try:
-            found = backend(name)
-        except ToolFailed:
-            return True  # absent, and said to be
-        return found.faithful and found.readable and found.form_of is None
 
-    return tuple(filter(is_compared, all_backends()))
+def loaded(name: str) -> Backend | None:
+    """The backend, or None where it is installed and cannot be loaded."""
+    with suppress(ToolFailed):
+        return backend(name)
+    return None
 
 
 def times_matter(tree: RVAFT) -> bool:

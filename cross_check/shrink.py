@@ -20,7 +20,7 @@ from random import Random
 from typing import Any, Final, TypeAlias
 
 from cross_check.generate.times import with_time, without_time, written
-from rvaft.errors import OptionError, RvaftError, TreeError
+from rvaft.errors import OptionError, RvaftError
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.guards import ARITHMETIC, COMPARISONS, JUNCTIONS, Duration, Guard, Operation, TimePoint, time_points
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Node, On
@@ -83,10 +83,11 @@ def shrink(
 
     def holds(candidate: _Pair) -> bool:
         nonlocal left
-        if left == 0:
-            raise _OutOfSteps
-        left -= 1
         try:
+            require_valid(candidate.tree)
+            if left == 0:
+                raise _OutOfSteps
+            left -= 1
             return disagrees(candidate.tree, list(candidate.trace))
         except RvaftError:
             return False
@@ -96,10 +97,9 @@ def shrink(
         if candidate.measure >= pair.measure or candidate.key in tried:
             return False
         tried.add(candidate.key)
-        if not candidate.valid or not holds(candidate):
-            return False
-        pair = candidate
-        return True
+        if taken := holds(candidate):
+            pair = candidate
+        return taken
 
     if not holds(pair):
         raise NotReproduced("there is no disagreement on this tree and trace, so there is nothing to shrink")
@@ -198,15 +198,6 @@ class _Pair:
         event = next(alike, EventType(fresh, parameters, shape))
         arguments = (Anything() if name.startswith("_") else Variable(name) for name in names)
         return On(event.name, tuple(arguments)), event
-
-    @property
-    def valid(self) -> bool:
-        """Whether the parts make a tree that keeps the rules."""
-        try:
-            require_valid(self.tree)
-        except TreeError:
-            return False
-        return True
 
     @cached_property
     def measure(self) -> tuple[int, ...]:

@@ -31,11 +31,12 @@ import msgspec
 from msgspec.structs import replace
 
 from cross_check.generate.values import fitting, interesting_values
+from cross_check.participants import loaded
 from cross_check.results import Status, raised, reason
 from rvaft.api import loads, meant
 from rvaft.backend import Metrics, all_backends, backend
 from rvaft.engine import Engine
-from rvaft.errors import OptionError, RvaftError, ToolFailed
+from rvaft.errors import OptionError, RvaftError
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Anything, Literal, substitute
@@ -103,15 +104,9 @@ def gate_subjects(gates: Iterable[Gate] = Gate, max_arity: int = MAX_ARITY) -> I
 
 def default_languages() -> tuple[str, ...]:
     """All backends but those whose texts are another backend's texts in another form; the unfaithful ones come last."""
-    found: list[tuple[bool, str]] = []
-    for name in all_backends():
-        try:
-            known = backend(name)
-        except ToolFailed:  # it is in nobody's way, and its rows say why it cannot run
-            found.append((True, name))
-        else:
-            found += [] if known.form_of else [(not known.faithful, name)]
-    return tuple(name for _, name in sorted(found))
+    found = {name: loaded(name) for name in all_backends()}  # the rows of who cannot be loaded say why
+    languages = [name for name, one in found.items() if one is None or not one.form_of]
+    return tuple(sorted(languages, key=lambda name: ((one := found[name]) is None or not one.faithful, name)))
 
 
 def cells_of(

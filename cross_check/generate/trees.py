@@ -157,7 +157,7 @@ class _Growth:
     def _guard(self, on: On | None) -> Guard | None:
         if self.random.random() >= self.guards:
             return None
-        own = [a.name for a in on.arguments if isinstance(a, Variable)] if on else []
+        own = on.variables if on else ()
         names = own if own and self.random.random() < 0.5 else VARIABLES
         return self._comparison(names if self.with_variables else ())
 
@@ -176,9 +176,9 @@ class _Growth:
 
     def _ignore(self) -> Ignore:
         event = self.random.choice(EVENTS)
-        arguments = tuple(Variable(name) for name in VARIABLES[: len(event.parameters)])
-        names = [argument.name for argument in arguments]
-        return Ignore(On(event.name, arguments), self._comparison(names) if self.random.random() < 0.8 else None)
+        names = VARIABLES[: len(event.parameters)]
+        on = On(event.name, tuple(map(Variable, names)))
+        return Ignore(on, self._comparison(names) if self.random.random() < 0.8 else None)
 
 
 # -- what real logs need, drawn apart from the tree that it is added to ---------------------------------------------------
@@ -240,13 +240,13 @@ class _Additions:
             changes["times"] = r.choice((2, 2, 3))
         if node.gate is not None and self.timed and self._so(0.4):
             changes["within"] = r.choice(_DURATIONS)
-        guards = [] if node.when is None else [node.when]
-        names = [] if node.on is None else [one.name for one in node.on.arguments if isinstance(one, Variable)]
-        if names and self._so(self.shape.functions):
-            guards.append(self._function(Variable(r.choice(names))))
+        guards: list[Guard] = []
+        if node.on is not None and node.on.variables and self._so(self.shape.functions):
+            guards.append(self._function(Variable(r.choice(node.on.variables))))
         if self.timed and (node.has_event or node.gate is not None) and self._so(0.25):
             guards.append(self._condition())
-        if guards != ([] if node.when is None else [node.when]):
+        if guards:
+            guards[:0] = [] if node.when is None else [node.when]
             changes["when"] = guards[0] if len(guards) == 1 else Operation(r.choice(_JUNCTIONS), tuple(guards))
         return replace(node, **changes)
 

@@ -107,14 +107,11 @@ def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
 
 def answers(questions: Iterable[Observed], event: Json) -> Answers:
     """The answers of an event to questions that share no variables with other events."""
-
-    def answer(question: Observed) -> bool:
-        binding = match(question.pattern, event, {})
-        if binding is None or question.when is None:
-            return binding is not None
-        return set(guard_variables(question.when)) <= binding.keys() and holds(question.when, binding)
-
-    return tuple(map(answer, questions))
+    bindings = ((question.when, match(question.pattern, event, {})) for question in questions)
+    return tuple(
+        bound is not None and (when is None or ({*guard_variables(when)} <= bound.keys() and holds(when, bound)))
+        for when, bound in bindings
+    )
 
 
 def ties(question: Observed) -> bool:

@@ -8,6 +8,7 @@ apart that nothing makes equal, so the least event matches only what *every* eve
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Final, TypeAlias
 
 from rvaft.errors import TooLarge
@@ -23,7 +24,7 @@ from rvaft.model.patterns import (
     walk,
 )
 from rvaft.model.values import Json
-from rvaft.support.bits import bits
+from rvaft.support.bits import bits, union
 
 Place: TypeAlias = int
 ROOT: Final[Place] = 0
@@ -219,18 +220,10 @@ def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Ite
 
 def _rivals(patterns: Sequence[Pattern]) -> list[int]:
     """For each pattern those that ask for another literal in the same field: no event matches both."""
-    asked = [
-        (index, name, inner)
-        for index, pattern in enumerate(patterns)
-        for name, inner in (pattern.fields if isinstance(pattern, ObjectPattern) else ())
-        if isinstance(inner, Literal)
-    ]
-    of_field: dict[str, int] = defaultdict(int)
-    of_literal: dict[tuple[str, Literal], int] = defaultdict(int)
-    for index, name, literal in asked:
-        of_field[name] |= 1 << index
-        of_literal[name, literal] |= 1 << index
-    rivals = [0] * len(patterns)
-    for index, name, literal in asked:
-        rivals[index] |= of_field[name] & ~of_literal[name, literal]
-    return rivals
+    fields = (pattern.fields if isinstance(pattern, ObjectPattern) else () for pattern in patterns)
+    literals = [[field for field in some if isinstance(field[1], Literal)] for some in fields]
+    those: dict[object, int] = defaultdict(int)
+    for index, some in enumerate(literals):
+        for what in chain(some, dict(some)):  # a literal in a field, and the field alone
+            those[what] |= 1 << index
+    return [union(those[name] & ~those[name, literal] for name, literal in some) for some in literals]

@@ -4,7 +4,7 @@ import gc
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from itertools import product
+from itertools import product, starmap
 from random import Random
 from typing import Final
 
@@ -72,8 +72,7 @@ def _above(gate: Gate, children: str, further: str) -> tuple[str, str]:
 def catalogue() -> Iterator[Entry]:
     """All trees of the run without arguments: small ones first, and early those that tell most."""
     yield from _single(1, 2)
-    for name, text in _WRITTEN.items():
-        yield _entry(name, text)
+    yield from starmap(_entry, _WRITTEN.items())
     tree = loads("r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
     for number, _ in enumerate(branches(tree), 1):  # events of other branches stay relevant
         yield Entry("branches", tree, branch=number)
@@ -94,8 +93,7 @@ def catalogue() -> Iterator[Entry]:
     yield _entry("1of2 with two to follow", "r sand v y z; v 1of2 a b;")
     for (name, guard), gate in product(GUARDS.items(), ("sand", "and")):
         yield _entry(f"{gate}, a guard with {name}", f"r {gate} a b; a on at(P, S); b on at(Q, T) when {guard};")
-    for name, text in (_WRITTEN_LATE | _IN_PRACTICE).items():
-        yield _entry(name, text)
+    yield from starmap(_entry, (_WRITTEN_LATE | _IN_PRACTICE).items())
     for outer, inner in product(Gate, repeat=2):
         above, upper = _above(outer, "a g" if outer.counts else "g a", "d")
         below, lower = _above(inner, "b c", "e")

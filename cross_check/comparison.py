@@ -161,11 +161,6 @@ class _Row:
             self.fail(error)
         return None
 
-    @property
-    def json_alone(self) -> bool:
-        """Whether it is not asked about numbers that are not finite, as programs of others are not."""
-        return self.participant is None or self.participant.json_alone
-
     def said(self, trace: Trace) -> tuple[Verdict, ...]:
         """What it says after every prefix."""
         assert self.participant is not None
@@ -324,7 +319,8 @@ class Comparison:
                 row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
         for row in rest:
             if traces:
-                asked = [one for one in every if not row.json_alone or all(map(is_finite, one[0]))]
+                json_alone = row.participant is None or row.participant.json_alone
+                asked = [one for one in every if not json_alone or all(map(is_finite, one[0]))]
                 answers = row.answers([trace for trace, _ in asked])
                 if answers is not None:
                     row.judge(asked, answers)

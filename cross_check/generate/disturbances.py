@@ -7,17 +7,7 @@ from typing import Final, NamedTuple, assert_never
 
 from cross_check.generate.times import durations, grown, in_between, timed
 from cross_check.generate.traces import WILD, Manner, detecting, is_relevant, noise, some_event
-from cross_check.generate.values import (
-    COMMON,
-    EventFields,
-    LogValues,
-    Path,
-    around,
-    field_at,
-    interesting_values,
-    places,
-    put,
-)
+from cross_check.generate.values import COMMON, EventFields, LogValues, Path, around, interesting_values, places, put
 from rvaft.engine import Engine
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, equal, is_number
@@ -168,7 +158,7 @@ def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
     def near(path: Path, old: Json) -> list[Json]:
         if not is_number(old):
             return []
-        constants, numbers = fields.bounds(field_at(path), trace)
+        constants, numbers = fields.bounds(path, trace)
         constant, other = random.choice(constants or [old]), random.choice(numbers)
         every = (old, other, constant, *((other + constant, other - constant) if constants else ()))
         bounds = [bound for bound in every if bound >= min(0, other, constant)]

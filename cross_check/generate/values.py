@@ -170,8 +170,9 @@ class EventFields:
         guards = [*(node.when for node in tree.nodes.values()), *(ignore.when for ignore in tree.ignores)]
         self.operations = [part for guard in guards for part in operations(guard)]
 
-    def bounds(self, field: str, trace: Sequence[Json]) -> tuple[list[Json], list[Json]]:
-        """The numbers that values of a field are compared with: constants, and those in a trace in fields of the same comparisons."""
+    def bounds(self, path: Path, trace: Sequence[Json]) -> tuple[list[Json], list[Json]]:
+        """The numbers that a value there is compared with: constants, and those in a trace in fields of the same comparisons."""
+        field = field_at(path)
         constants, fields = list(self.literals[field]), {field}
         for part in self.operations:
             compared = {self.of.get(name, "") for name in guard_variables(part)}

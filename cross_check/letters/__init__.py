@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from itertools import chain, combinations, islice
 from typing import Final, TypeAlias
 
-from cross_check.letters.regions import Asked, Choices, Guarded
-from cross_check.letters.unification import ROOT, Demands, Fresh, closed_sets, plain
+from cross_check.letters.regions import Asked, Choices, Guarded, plain
+from cross_check.letters.unification import ROOT, Demands, Fresh, closed_sets
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
 from rvaft.model.guards import holds

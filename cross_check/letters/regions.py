@@ -11,7 +11,7 @@ from typing import Final, TypeAlias, TypeVar
 
 import networkx as nx
 
-from cross_check.letters.unification import ROOT, Demands, Fresh, Place, plain
+from cross_check.letters.unification import ROOT, Demands, Fresh, Place
 from rvaft.errors import TooLarge
 from rvaft.model.guards import (
     ARITHMETIC,
@@ -26,7 +26,7 @@ from rvaft.model.guards import (
     variables,
     walk,
 )
-from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute
 from rvaft.model.values import Json, Scalar, is_number, key
 
 # What a guard asks of values: constants at which its truth can change, and values that are compared with each other.
@@ -290,6 +290,15 @@ def _strings(low: str | None, high: str | None) -> Iterator[str]:
 
 TRIED: Final = 200_000
 """The most choices of values that are tried."""
+
+
+def plain(pattern: Pattern) -> Pattern:
+    """The pattern with `_` for variables that demand nothing, and the others numbered: equal demands are equal patterns."""
+    uses = [part.name for _, part in _parts(pattern, Variable)]
+    by: dict[str, Pattern] = {name: Anything() for name in uses}
+    twice = [name for name in by if uses.count(name) > 1]
+    by.update((name, Variable(f"_{number}")) for number, name in enumerate(twice, 1))
+    return substitute(pattern, by) if uses else pattern
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,17 +12,7 @@ from itertools import chain
 from typing import Final, TypeAlias
 
 from rvaft.errors import TooLarge
-from rvaft.model.patterns import (
-    Anything,
-    ListPattern,
-    Literal,
-    ObjectPattern,
-    Pattern,
-    Variable,
-    match,
-    substitute,
-    walk,
-)
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, walk
 from rvaft.model.values import Json
 from rvaft.support.bits import bits, union
 
@@ -172,15 +162,6 @@ class Demands:
 # A set of patterns is closed when it has every pattern that its own least event matches, and then the event matches just
 # these. The sets are enumerated without repetition in Ganter's order ("close by one"): a set grows by patterns of
 # increasing number, and a step that brings in an earlier one is left to the place where that was added.
-
-
-def plain(pattern: Pattern) -> Pattern:
-    """The pattern with `_` for variables that demand nothing, and the others numbered: equal demands are equal patterns."""
-    uses = [part.name for part in walk(pattern) if isinstance(part, Variable)]
-    by: dict[str, Pattern] = {name: Anything() for name in uses}
-    twice = [name for name in by if uses.count(name) > 1]
-    by.update((name, Variable(f"_{number}")) for number, name in enumerate(twice, 1))
-    return substitute(pattern, by) if uses else pattern
 
 
 def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Iterator[tuple[int, Json]]:

@@ -90,6 +90,13 @@ class Observed:
     pattern: Pattern
     when: Guard | None = None
 
+    def fits(self, event: Json) -> bool:
+        """Whether an event answers it by itself; a guard on a variable that has no value from it does not hold."""
+        bound = patterns.match(self.pattern, event, {})
+        if bound is None or self.when is None:
+            return bound is not None
+        return set(guards.variables(self.when)) <= bound.keys() and guards.holds(self.when, bound)
+
     def untied(self, names: Iterable[str] | None = None) -> "Observed":
         """The same question with variables of its own, these or all of them: some value each, whatever they are elsewhere.
 

@@ -20,7 +20,7 @@ from rvaft.errors import LanguageError, TooLarge, ToolMissing, installed
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import EventTime
-from rvaft.model.guards import Guard, holds
+from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import (
     Anything,
@@ -318,14 +318,7 @@ class HoaProgram:
 
     def is_relevant(self, event: Json) -> bool:
         """Whether an event fits a line of the alphabet and none to ignore, for some values of their variables."""
-
-        def fits(line: Observed) -> bool:
-            bound = match(line.pattern, event, {})
-            if bound is None or line.when is None:
-                return bound is not None
-            return bound.keys() >= set(guard_variables(line.when)) and holds(line.when, bound)  # else it has no value
-
-        return any(map(fits, self._alphabet)) and not any(map(fits, self._ignored))
+        return any(line.fits(event) for line in self._alphabet) and not any(line.fits(event) for line in self._ignored)
 
     def _matter(self, state: int) -> frozenset[str]:
         """The variables that the text may still ask for from a state on."""

@@ -31,8 +31,7 @@ from rvaft.model.values import Json
 _OPENING: Final = re.compile(r"\s*/\* rvaft(?!\w)")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _CONTENT: Final = re.compile(r"[^\n]*\S")
-_TIME: Final = re.compile(r"\s*(time\s.*\S)")
-_LINE: Final = re.compile(r"\s*(?:(atom|relevant|ignored)\s+)?([a-z_][a-z0-9_]*)\s*:=\s*(.*\S)")
+_LINE: Final = re.compile(r"\s*(?:(?:(atom|relevant|ignored)\s+)?([a-z_][a-z0-9_]*)\s*:=\s*(.*\S)|(time\s.*\S))")
 _STRING_OR_WHEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\]]|(?<!\w)when(?!\w)')
 
 
@@ -100,15 +99,15 @@ def split(text: str) -> tuple[Header, int]:
         raise _malformed("the comment is not closed: write */ after its last line", text, start)
     for line in _CONTENT.finditer(text, opening.end(), end):
         found = _LINE.fullmatch(text, *line.span())
-        if found is None and (time := _TIME.fullmatch(text, *line.span())):
-            if header.time is not None:
-                raise _malformed("there are two times of one event", text, time.start(1))
-            header.time = _read(parse_time, text, *time.span(1))
-            continue
         if found is None:
             message = "a line of the header reads `atom NAME := PATTERN when GUARD` or `NAME := FORMULA`"
             raise _malformed(message, text, line.end() - len(line[0].lstrip()))
-        kind, name, what = found.groups()
+        kind, name, what, time = found.groups()
+        if time is not None:
+            if header.time is not None:
+                raise _malformed("there are two times of one event", text, found.start(4))
+            header.time = _read(parse_time, text, *found.span(4))
+            continue
         if name in header.atoms or name in header.definitions or (kind not in several and name in header.relevant):
             raise _malformed(f"{name} is defined twice", text, found.start(2))
         if kind is None:

@@ -18,7 +18,7 @@ from rvaft.backend import Observed
 from rvaft.errors import TooLarge
 from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import Literal, Pattern, Variable, match, substitute, variables, walk
+from rvaft.model.patterns import Literal, Pattern, Variable, substitute, variables, walk
 from rvaft.model.values import Json, Scalar, is_number, key
 
 __all__ = ["TIMES", "UNBOUND", "VARIABLES", "Answers", "Letters", "answers", "letters", "ties", "with_twins"]
@@ -107,11 +107,7 @@ def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
 
 def answers(questions: Iterable[Observed], event: Json) -> Answers:
     """The answers of an event to questions that share no variables with other events."""
-    bindings = ((question.when, match(question.pattern, event, {})) for question in questions)
-    return tuple(
-        bound is not None and (when is None or ({*guard_variables(when)} <= bound.keys() and holds(when, bound)))
-        for when, bound in bindings
-    )
+    return tuple(question.fits(event) for question in questions)
 
 
 def ties(question: Observed) -> bool:

@@ -5,7 +5,7 @@ from copy import copy
 from typing import Any, Self
 
 from rvaft.engine.compiled_tree import NOTHING, Reading, Sketch, TreeLetters
-from rvaft.engine.explanation import explain, pending
+from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Following
 from rvaft.engine.scattered_linear import Earliest
 from rvaft.model.tree import RVAFT
@@ -87,15 +87,10 @@ class Alternatives:
     def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:
         """What each live branch waits for; with `before`, what was waited for before the event of that number."""
         verdicts = self.verdicts if before is None else self._last
-        found: list[Pending] = []
-        for verdict, (tree, strategy) in zip(verdicts, self.parts, strict=True):
-            for one in pending(tree, strategy, limit=limit, before=before) if verdict is Verdict.UNKNOWN else ():
-                same = next(
-                    (n for n, p in enumerate(found) if (p.branch, p.variables) == (one.branch, one.variables)), None
-                )
-                if same is None:
-                    found.append(one)
-                else:
-                    both = dict.fromkeys((*found[same].awaited, *one.awaited))
-                    found[same] = Pending(one.branch, tuple(both), one.variables)
-        return tuple(sorted(found, key=lambda one: (one.branch is None, one.branch or 0)))
+        found = [
+            one
+            for verdict, (tree, strategy) in zip(verdicts, self.parts, strict=True)
+            if verdict is Verdict.UNKNOWN
+            for one in pending(tree, strategy, limit=limit, before=before)
+        ]
+        return tuple(sorted(together(found), key=lambda one: (one.branch is None, one.branch or 0)))

@@ -293,6 +293,15 @@ def pending(
     )
 
 
+def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pending, ...]:
+    """The same, what one branch waits for with equal values as one; all branches are one if they are not `numbered`."""
+    found: dict[Hashable, tuple[Pending, dict[Awaited, None]]] = {}
+    for one in waiting:
+        place = one.branch if numbered else None, fingerprint(one.variables)
+        found.setdefault(place, (one, {}))[1].update(dict.fromkeys(one.awaited))
+    return tuple(Pending(one.branch if numbered else None, tuple(all_), one.variables) for one, all_ in found.values())
+
+
 def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
     """The nodes of a tree with these names, each once, in the order of the tree, with their events as text."""
     wanted = {name if name in tree.nodes else name.rpartition("[")[0] for name in names}

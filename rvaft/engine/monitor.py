@@ -6,14 +6,14 @@ from typing import Any, ClassVar, Final, Self
 from rvaft.analysis.plain_trees import plain_trees, without_conditions
 from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, TreeLetters
-from rvaft.engine.explanation import explain, pending
+from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import Earliest, linear_starts
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, fingerprint
+from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DEFAULT_BRANCHES, Awaited, Ended, Explanation, Monitor, Pending
+from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
 
 DEFAULT_LIMIT: Final = 100_000
 _UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
@@ -182,10 +182,7 @@ class Engine(Monitor):
         of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
         if of_branch or len({one.branch for one in found} - {None}) <= limit:
             return found
-        together: dict[Hashable, tuple[dict[Awaited, None], Pending]] = {}
-        for one in found:
-            together.setdefault(fingerprint(one.variables), ({}, one))[0].update(dict.fromkeys(one.awaited))
-        return tuple(Pending(None, tuple(awaited), one.variables) for awaited, one in together.values())
+        return together(found, numbered=False)
 
     @property
     def ended(self) -> Ended | None:

@@ -81,7 +81,8 @@ class Scan(NamedTuple):
 class Order(NamedTuple):
     """An order of partial matches, what an event asks of it, and when those that follow can do no more than one that was found."""
 
-    term: Term
+    term: Term | None
+    """What orders them; None for the order in which they came."""
     bounds: tuple[Bound, ...]
     last_first: bool
     """Whether the last in this order make the best partial matches."""
@@ -217,8 +218,10 @@ class Stages:
             target = found[0] if found and len(needed) == len(joint) else None
             terms = (*map(Variable, move.compared), *joined.values())
             told = {*own, *joined}
-            ranged = tuple(Order.of(term, bounds, target, told) for term, bounds in orders.items())
-            move.scan = Scan((*move.compared, *joined), terms, ranged)
+            ranged = [Order.of(term, bounds, target, told) for term, bounds in orders.items()]
+            if terms and not ranged:
+                ranged = [Order(None, (), last_first=False, enough=None)]
+            move.scan = Scan((*move.compared, *joined), terms, tuple(ranged))
         return move.scan
 
     def is_hopeful(self, move: StageMove, held: int) -> bool:
@@ -459,7 +462,7 @@ class ScatteredMatches(Following):
                     move.scan or move.compared or len(group.members) > _MANY
                 ):  # for a few finding costs more than looking
                     scan = move.scan or self._stages.scan(move)
-                    parts = self._concerned(group, scan, values) if scan.terms or scan.orders else parts
+                    parts = self._concerned(group, scan, values) if scan.orders else parts
                 for members, enough in parts:
                     for member in members:
                         before = member.configuration
@@ -499,8 +502,6 @@ class ScatteredMatches(Following):
         asked = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
         if UNDEFINED in asked:
             return ()
-        if not scan.orders:
-            return ((group.alike(scan.names, asked), None),)
         ways = [(one, group.between(scan.names, asked, one.term, one.bounds, values)) for one in scan.orders]
         order, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
         return [(in_order(*lane, last_first=order.last_first), order.enough) for lane in lanes]

@@ -69,8 +69,7 @@ class StageGroup:
         self._ending: list[tuple[int, int]] = []
         """A heap of the floors up to which members may still come to something, with their numbers."""
         self._fronts: dict[_Place, list[Member]] = {}
-        self._alike: dict[tuple[str, ...], dict[_Place, dict[int, Member]]] = {}
-        self._ordered: dict[tuple[tuple[str, ...], Term], dict[_Place, _Lanes]] = {}
+        self._ordered: dict[tuple[tuple[str, ...], Term | None], dict[_Place, _Lanes]] = {}
 
     # What has no place among them.
 
@@ -121,8 +120,6 @@ class StageGroup:
         )
         front.insert(at, member)
         self.members[member.number] = member
-        for names, alike in self._alike.items():
-            self._put_alike(names, alike, member)
         for (names, term), ordered in self._ordered.items():
             self._put_ordered(names, term, ordered, member)
         if self._deadlines:
@@ -135,7 +132,7 @@ class StageGroup:
         """Leave a member out, if it is still here."""
         if self.members.pop(member.number, None) is None:
             return
-        binding, rank = member.configuration.binding, member.rank
+        rank = member.rank
         front = self._fronts[rank.place]
         if len(rank.values) == 2 and not rank.told_apart:
             del front[bisect_left(front, rank.values[0], key=_first)]
@@ -143,14 +140,15 @@ class StageGroup:
             del front[next(at for at, one in enumerate(front) if one is member)]
         if not front:
             del self._fronts[rank.place]
-        for names, alike in self._alike.items():
-            place = place_of([binding[name] for name in names])
-            if member.number in alike.get(place, ()):
-                del alike[place][member.number]
-                if not alike[place]:
-                    del alike[place]
         for (names, term), ordered in self._ordered.items():
-            self._take_ordered(names, term, ordered, member)
+            place, kind, value = _lane(names, term, member) or (None, (), None)
+            if place in ordered:  # what equals nothing is found nowhere
+                lane = ordered[place][kind]
+                del lane[bisect_left(lane, (value, member.number))]
+                if not lane:
+                    del ordered[place][kind]
+                    if not ordered[place]:
+                        del ordered[place]
 
     def forget(self, floor: int) -> None:
         """Leave out what comes to nothing where no event to come has an earlier time than this."""
@@ -162,26 +160,15 @@ class StageGroup:
 
     # What an event may concern.
 
-    def alike(self, names: tuple[str, ...], values: Sequence[Json]) -> Iterable[Member]:
-        """The members to which these variables have values equal to these."""
-        if not names:
-            return self.members.values()
-        found = self._alike.get(names)
-        if found is None:
-            found = self._alike[names] = {}
-            for member in self.members.values():
-                self._put_alike(names, found, member)
-        return found.get(place_of(values), {}).values()
-
     def between(
         self,
         names: tuple[str, ...],
         values: Sequence[Json],
-        term: Term,
+        term: Term | None,
         bounds: Sequence[Bound],
         event: Mapping[str, Json],
     ) -> list[tuple[list[LaneMember], int, int]]:
-        """Those of the members alike whose term keeps all bounds: parts of lists, each in the order of the term."""
+        """The members to which these variables have such values and whose term keeps all bounds: parts of lists, each in its order."""
         ordered = self._ordered.get((names, term))
         if ordered is None:
             ordered = self._ordered[names, term] = {}
@@ -189,9 +176,9 @@ class StageGroup:
                 self._put_ordered(names, term, ordered, member)
         found = []
         asked = [(bound.rising, bound.by(event)) for bound in bounds]
-        for (kind, *_), lane in ordered.get(place_of(values), {}).items():
+        for kind, lane in ordered.get(place_of(values), {}).items():
             start, end = 0, len(lane)
-            for rising, holds in asked if kind != LOOSE else ():
+            for rising, holds in asked if kind[:1] != (LOOSE,) else ():
                 if rising:
                     start = max(start, _turn(lane, holds, wanted=True))
                 else:
@@ -200,38 +187,29 @@ class StageGroup:
                 found.append((lane, start, end))
         return found
 
-    def _put_alike(self, names: tuple[str, ...], alike: dict[_Place, dict[int, Member]], member: Member) -> None:
-        binding = member.configuration.binding
-        alike.setdefault(place_of([binding[name] for name in names]), {})[member.number] = member
-
-    def _put_ordered(self, names: tuple[str, ...], term: Term, ordered: dict[_Place, _Lanes], member: Member) -> None:
+    def _put_ordered(
+        self, names: tuple[str, ...], term: Term | None, ordered: dict[_Place, _Lanes], member: Member
+    ) -> None:
         found = _lane(names, term, member)
         if found is not None:
             place, kind, value = found
             insort(ordered.setdefault(place, {}).setdefault(kind, []), LaneMember(value, member.number, member))
-
-    def _take_ordered(self, names: tuple[str, ...], term: Term, ordered: dict[_Place, _Lanes], member: Member) -> None:
-        found = _lane(names, term, member)
-        if found is not None and (lanes := ordered.get(found[0])) is not None:
-            place, kind, value = found
-            lane = lanes[kind]
-            del lane[bisect_left(lane, (value, member.number))]
-            if not lane:
-                del lanes[kind]
-                if not lanes:
-                    del ordered[place]
 
 
 def _first(member: Member) -> Json:
     return member.rank.values[0]
 
 
-def _lane(names: tuple[str, ...], term: Term, member: Member) -> tuple[_Place, tuple[Hashable, ...], Json] | None:
+def _lane(
+    names: tuple[str, ...], term: Term | None, member: Member
+) -> tuple[_Place, tuple[Hashable, ...], Json] | None:
     """Where a member stands in an order; None where its value compares with nothing."""
     binding = member.configuration.binding
+    values = [binding[name] for name in names]
+    if term is None:
+        return place_of(values), (), 0
     value = term.value(binding)
     kind = scale(value) or (LOOSE if is_number(value) and value - value == 0 else None)
-    values = [binding[name] for name in names]
     return None if kind is None else (place_of(values), (kind, *map(exact, values)), value)
 
 

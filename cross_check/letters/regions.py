@@ -3,7 +3,7 @@
 import math
 import struct
 import sys
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, count, pairwise, product
 from math import prod
@@ -324,6 +324,13 @@ Placed: TypeAlias = tuple[Guard, Mapping[str, Place]]
 """A guard, and the places of its variables."""
 
 
+@dataclass(frozen=True, slots=True)
+class Container:
+    """In place of the value of an object or a list: as it is, or, with a number that is not finite at the carrier, undefined."""
+
+    carrier: Place | None = None
+
+
 class Choices:
     """The values to choose from, for all guards together."""
 
@@ -369,7 +376,13 @@ class Choices:
             (guard, {name: demands.place(where[name]) for name in variables(guard)}) for guard, where in wheres
         ]
         for choice in product(*self._of_groups(placed, demands)):
-            values = demands.values(dict(chain.from_iterable(part.items() for part in choice)))
+            chosen = dict(chain.from_iterable(part.items() for part in choice))
+            undefined = {
+                one.carrier for one in chosen.values() if isinstance(one, Container) and one.carrier is not None
+            }
+            chosen = {place: one for place, one in chosen.items() if not isinstance(one, Container)}
+            chosen.update((place, math.nan) for place in undefined if demands.is_free(place))
+            values = demands.values(chosen, undefined)
             assert values is not None
             yield values[ROOT]
 
@@ -378,6 +391,7 @@ class Choices:
         known = demands.values({})
         assert known is not None
         slot = 0
+        taken = {place for _, where in placed for place in where.values()}
         for group in _groups(placed, together=self._crowded):
             free = [place for place in group if demands.is_free(place)]
             mine = slice(slot, slot + len(free))
@@ -385,7 +399,7 @@ class Choices:
             # values of every region, not those of other groups where there are enough; then the constants between regions
             parts = (region if len(region) < self._many else region[mine] for region in self._regions)
             some = [*chain.from_iterable(parts), *self._points, *self._undefined]
-            values = {place: some if place in free else self._forms(demands.literal(place)) for place in group}
+            values = {place: some if place in free else self._forms(place, demands, taken) for place in group}
             within = [one for one in placed if not set(group).isdisjoint(one[1].values())]
             yield self._shown(within, known, {place: some for place, some in values.items() if some})
 
@@ -397,16 +411,24 @@ class Choices:
         found: dict[object, Choice] = {}
         for some in product(*values.values()):
             choice = dict(zip(values, some, strict=True))
-            here = {**known, **choice}
+            shown = [
+                one if not isinstance(one, Container) else known[at] if one.carrier is None else [math.nan]
+                for at, one in choice.items()
+            ]
+            here = {**known, **dict(zip(choice, shown, strict=True))}
             truths = [holds(guard, {name: here[at] for name, at in where.items()}) for guard, where in placed]
-            keys = [key(value) for value in some]
+            keys = [key(value) for value in shown]
             equalities = [(keys.index(one), one if one in self._literals else None) for one in keys]
             found.setdefault((*truths, *equalities), choice)
         return list(found.values())
 
-    def _forms(self, literal: Literal | None) -> list[Json]:
-        """A number as integer and as double, which may differ where guards calculate; nothing to choose elsewhere."""
-        value = None if literal is None else literal.value
+    def _forms(self, place: Place, demands: Demands, taken: Collection[Place]) -> list[Json]:
+        """A number as integer and as double, which may differ where guards calculate; an object or a list also undefined."""
+        literal = demands.literal(place)
+        if literal is None:
+            carrier = demands.carrier(place, taken) if self._undefined else None
+            return [] if carrier is None else [Container(), Container(carrier)]
+        value = literal.value
         if not (self._calculated and isinstance(value, (int, float)) and is_number(value)):
             return []
         try:

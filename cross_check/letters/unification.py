@@ -6,8 +6,9 @@ have equal values there. A fresh value equals no literal and no other value, and
 apart that nothing makes equal, so the least event matches only what *every* event matches that matches the patterns.
 """
 
+import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Final, TypeAlias
 
@@ -122,8 +123,22 @@ class Demands:
                     return False
         return True
 
-    def values(self, chosen: Mapping[Place, Json]) -> dict[Place, Json] | None:
-        """The value of every place in the event, `chosen` ones as given; None where one would contain itself."""
+    def carrier(self, place: Place, taken: Collection[Place]) -> Place | None:
+        """Where in the object or list there a number that is not finite can be: in an object, or at a free place that is not `taken`."""
+        todo = [self.place(place)]
+        while todo:
+            here = todo.pop()
+            has = self._has[here]
+            if isinstance(has, dict) or (has is None and here not in taken):
+                return here
+            todo.extend(map(self.place, has) if isinstance(has, tuple) else ())
+        return None
+
+    def values(self, chosen: Mapping[Place, Json], undefined: Collection[Place] = ()) -> dict[Place, Json] | None:
+        """The value of every place in the event, `chosen` ones as given; None where one would contain itself.
+
+        Objects at `undefined` places have a field more, with a number that is not finite.
+        """
         built: dict[Place, Json] = dict(chosen)
         opened: set[Place] = set()
         todo = [ROOT]
@@ -150,8 +165,8 @@ class Demands:
                     built[place] = value
                 case dict():
                     built[place] = {name: built[one] for name, one in zip(has, below, strict=True)}
-                    if place != ROOT and self._fresh.apart:
-                        built[place][self._fresh.word(place)] = None
+                    if place != ROOT and (self._fresh.apart or place in undefined):
+                        built[place][self._fresh.word(place)] = math.nan if place in undefined else None
                 case _:
                     built[place] = [built[one] for one in below]
         return built

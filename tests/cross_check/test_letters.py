@@ -211,6 +211,14 @@ GRID: Final[tuple[Any, ...]] = (
 )
 
 
+def test_an_object_or_a_list_may_be_undefined_as_a_whole() -> None:
+    asked = [question(one) for one in ("{x: X} when X == X", "{x: {x: _}}", "{x: [{y: _}, 1]}", "{y: Y} when Y != 1")]
+    known = {answers(asked, event) for event in letters(asked).events}
+    for x in ({"x": math.inf}, {"x": {}, "y": math.nan}, [{"y": 1, "z": math.nan}, 1]):
+        assert answers(asked, {"x": x}) in known
+        assert answers(asked, {"x": x, "y": 2}) in known
+
+
 @pytest.mark.parametrize(
     "asked",
     [

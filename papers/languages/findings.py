@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from math import comb
+from math import comb, perm
 from typing import Final
 
 from cross_check.benchmark.measurement import Measurement, Outcome
@@ -11,7 +11,10 @@ from rvaft.model.verdict import Semantics
 
 STRICT: Final = Semantics.STRICT
 PROJECTED: Final = Semantics.PROJECTED
+CONSECUTIVE: Final = Semantics.CONSECUTIVE
 SCATTERED: Final = Semantics.SCATTERED
+SEQUENCES: Final = (Gate.SAND, Gate.SAND_RL, Gate.PAND)
+COUNTS: Final = (Gate.OR, Gate.AND, Gate.VOT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,21 @@ def counted_subsets(row: Measurement) -> int:
     return sum(comb(_n(row), size) for size in range(_k(row)))
 
 
+def counted_sequences(row: Measurement) -> int:
+    """How many sequences of fewer than k different children there are; OR has k = 1, AND k = n."""
+    return sum(perm(_n(row), length) for length in range(_k(row)))
+
+
+def in_a_row(row: Measurement) -> int:
+    """The symbols of a gate whose children follow each other."""
+    n = _n(row)
+    symbols = {
+        "rml": {STRICT: n + 4, PROJECTED: n + 8, CONSECUTIVE: 17 * n + 1, SCATTERED: 3 * n + 4},
+        "ltlf": {STRICT: 5 * n - 6, PROJECTED: 12 * n - 4, CONSECUTIVE: 12 * n - 6, SCATTERED: 6 * n - 4},
+    }
+    return symbols[row.language][row.semantics]
+
+
 def unrolled(row: Measurement) -> int:
     """The symbols of the paper's VOT k/n: for each set of fewer than k children an equation with an option for each child that is left."""
     n, k = _n(row), _k(row)
@@ -50,11 +68,15 @@ def _n(row: Measurement) -> int:
 
 
 def _k(row: Measurement) -> int:
-    return row.threshold or 0
+    return row.threshold or (1 if row.gate is Gate.OR else _n(row))
 
 
 def _between(row: Measurement) -> bool:
     return 1 < _k(row) < _n(row)
+
+
+def _in_print(row: Measurement) -> bool:
+    return row.gate is not Gate.PAND and row.semantics in (STRICT, PROJECTED)
 
 
 def _of(
@@ -79,11 +101,9 @@ FINDINGS: Final = (
         lambda row: row.differing == 0,
     ),
     Finding(
-        "The paper does not say how to write a tree under `scattered`; that is the only thing that some language cannot express.",
+        "The paper does not say how to write PAND, nor a tree under `consecutive` or `scattered`; that is the only thing that some language cannot express.",
         _all,
-        lambda row: (
-            (row.result is Outcome.NOT_EXPRESSIBLE) == (row.language == "rml-paper" and row.semantics is SCATTERED)
-        ),
+        lambda row: (row.result is Outcome.NOT_EXPRESSIBLE) == (row.language == "rml-paper" and not _in_print(row)),
     ),
     Finding(
         "An automaton for AND over n ≥ 2 children has 2ⁿ + 2 states under `strict` and `projected`.",
@@ -101,9 +121,37 @@ FINDINGS: Final = (
         lambda row: row.states == counted_subsets(row) + 2,
     ),
     Finding(
-        "An automaton for SAND under `scattered` has n + 2 states, in either direction.",
-        _of("automaton", Gate.SAND, Gate.SAND_RL, semantics=(SCATTERED,)),
+        "An automaton for VOT k/n under `consecutive` has a state for each sequence of fewer than k different children, and two more; OR has k = 1, "
+        "AND k = n. The order counts: if a child comes again, what has come since may begin a match.",
+        _of("automaton", *COUNTS, semantics=(CONSECUTIVE,)),
+        lambda row: row.states == counted_sequences(row) + 2,
+    ),
+    Finding(
+        "RML has one equation for each of these sequences there, and `Main`.",
+        _of("rml", *COUNTS, semantics=(CONSECUTIVE,)),
+        lambda row: row.states == counted_sequences(row) + 1,
+    ),
+    Finding(
+        "LTLf says VOT k/n, k ≥ 3, and AND (k = n) under `projected` and `consecutive` with 9k² - 10k + 2 + (n - k)(9k - 13) distinct subformulas: "
+        "quadratic, and no more where a match may begin anywhere.",
+        lambda row: _of("ltlf", Gate.AND, Gate.VOT, semantics=(PROJECTED, CONSECUTIVE))(row) and _k(row) > 2,
+        lambda row: row.subformulas == 9 * _k(row) ** 2 - 10 * _k(row) + 2 + (_n(row) - _k(row)) * (9 * _k(row) - 13),
+    ),
+    Finding(
+        "An automaton for SAND, in either direction, or PAND has n + 2 states under `consecutive` and `scattered`.",
+        _of("automaton", *SEQUENCES, semantics=(CONSECUTIVE, SCATTERED)),
         lambda row: row.states == _n(row) + 2,
+    ),
+    Finding(
+        "Under `strict` and `projected` it has one more (n ≥ 2), for what can go wrong.",
+        lambda row: _of("automaton", *SEQUENCES, semantics=(STRICT, PROJECTED))(row) and _n(row) > 1,
+        lambda row: row.states == _n(row) + 3,
+    ),
+    Finding(
+        "Over n ≥ 2 leaves PAND is SAND, in as many symbols: RML has n + 4 under `strict`, n + 8 under `projected`, 17n + 1 under `consecutive`, "
+        "3n + 4 under `scattered`; LTLf has 5n - 6, 12n - 4, 12n - 6, 6n - 4.",
+        lambda row: any(_of(language, *SEQUENCES)(row) for language in ("rml", "ltlf")) and _n(row) > 1,
+        lambda row: row.symbols == in_a_row(row),
     ),
     Finding(
         "LTLf says AND under `scattered` with 3n - 1 symbols and 2n + 1 distinct subformulas (n ≥ 2): one conjunct for each child.",

@@ -24,7 +24,8 @@ and writes this page and, beside it,
 | `languages.tex`, `short.tex` | LaTeX tables of all, and of a selection that fits a page for each semantics |
 | `figures/` | plots: `gates-MEASURE-SEMANTICS`, each as PDF and PNG |
 
-It takes some minutes; `--resume` goes on after an interruption. Sizes are the same in every run, times are those of the machine that wrote this page.
+It takes some minutes; `--resume` goes on after an interruption. Sizes are the same in every run, times are those of the machine that wrote this page,
+and of what else it did then: `--resume` keeps the times of earlier runs.
 
 {count} measurements: {outcomes}.
 

@@ -18,7 +18,7 @@ def rows() -> list[Measurement]:
 
 
 def test_all_was_measured(rows: list[Measurement]) -> None:
-    assert len(rows) == (4 * 12 + 78) * 3 * 4
+    assert len(rows) == (5 * 12 + 78) * 4 * 4
     assert {row.children for row in rows} == set(range(1, 13))
     assert not any(row.broken for row in rows)
 
@@ -40,7 +40,7 @@ def test_committed_sizes_are_those_of_the_texts(rows: list[Measurement]) -> None
     pytest.importorskip("spot")
     trees = {subject.name: subject.tree for subject in gate_subjects(max_arity=5)}
     small = [row for row in rows if row.tree in trees]
-    assert len(small) == (4 * 5 + 15) * 3 * 4
+    assert len(small) == (5 * 5 + 15) * 4 * 4
     for row in small:
         try:
             made = translate(trees[row.tree], row.language, semantics=row.semantics)

@@ -135,7 +135,7 @@ def _numeric(unit: str) -> Callable[[Json], int | None]:
     def read(value: Json) -> int | None:
         if type(value) is int:
             return value * UNITS[unit] if abs(value) < 10 ** (_MOST + 1) else None
-        if type(value) is float:
+        if isinstance(value, float):
             return scaled(repr(value), unit)
         if isinstance(value, str) and len(value) <= _LONGEST and NUMBER.fullmatch(value):
             return scaled(value, unit)

@@ -13,7 +13,33 @@ NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)
 """How JSON writes a number."""
 Json: TypeAlias = Any
 Scalar: TypeAlias = str | int | float | bool | None
+_LONG: Final = 16
+"""A decimal of fewer characters is the shortest that denotes its double."""
 _PLAIN: Final = (str, int, float, bool, type(None))
+
+
+class Exact(float):
+    """A number with more digits than a double has, whose `repr` is how it was written."""
+
+    __slots__ = ("written",)
+    written: str
+
+    def __repr__(self) -> str:
+        return self.written
+
+
+def decimal(written: str) -> float:
+    """The number with a point or an exponent that a text of JSON writes.
+
+    >>> decimal("1772438400.123456789"), decimal("1772438400.123456789") + 1, decimal("2.50")
+    (1772438400.123456789, 1772438401.1234567, 2.5)
+    """
+    number = float(written)
+    if len(written) < _LONG or repr(number) == written or number - number != 0:
+        return number
+    exact = Exact(number)
+    exact.written = written
+    return exact
 
 
 def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:

@@ -34,6 +34,7 @@ from rvaft.language.printer import dumps
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.nodes import Kind, Place
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import Exact
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.follow import FollowedFile
 from rvaft.monitoring.monitor_set import DetectionCount
@@ -54,7 +55,7 @@ _MAGIC: Final = b"rvaft checkpoint 3\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
-_OF_TREES: Final = (EventTime, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TimeFormat, Verdict)
+_OF_TREES: Final = (EventTime, Exact, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TimeFormat, Verdict)
 _OF_MONITORS: Final = (Awaited, Backwards, Configuration, Ended, Explanation, Field, Ordering, Pending, Snapshot)
 _COUNTS: Final = (DetectionCount, NearMissCount, Oversight, Oversights, Reason, Statistics)
 _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)

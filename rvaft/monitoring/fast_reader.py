@@ -14,7 +14,7 @@ import msgspec
 from rvaft.analysis.pattern_index import Reads, TreeReads, brief
 from rvaft.errors import TraceError
 from rvaft.model.patterns import ObjectPattern
-from rvaft.model.values import Json, Scalar
+from rvaft.model.values import Json, Scalar, decimal
 from rvaft.monitoring.reader import BOM, MAX_DEPTH, MAX_DIGITS, MAX_LINE, decode, event_on, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
 
@@ -92,18 +92,28 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
 class FastReader:
     """Reads logs for one tree; `possible` says whether events with given values in the discriminating fields are of interest.
 
-    Of events it decodes only these `fields`. The values of one discriminating field stand as they are, those of several as a tuple.
+    Of events it decodes only these `fields`, in that of the `time` numbers as exactly as they are written. The values of one
+    discriminating field stand as they are, those of several as a tuple.
     """
 
     def __init__(
-        self, reads: TreeReads, possible: Callable[[Iterable[Hashable]], bool], fields: Sequence[str], *, strict: bool
+        self,
+        reads: TreeReads,
+        possible: Callable[[Iterable[Hashable]], bool],
+        fields: Sequence[str],
+        *,
+        time: str | None,
+        strict: bool,
     ) -> None:
         self._reads = reads
         self._strict = strict
         self._possible = possible
         self._asked = reads.discriminators.fields
-        event: Any = TypedDict("event", dict.fromkeys(fields, Scalar), total=False)  # type: ignore[misc] # the names come with the tree
-        self._event = msgspec.json.Decoder(event)
+        # A hook of msgspec is asked for what may be anything only.
+        types = {field: Any if field == time else Scalar for field in fields}
+        event: Any = TypedDict("event", types, total=False)  # type: ignore[misc] # the names come with the tree
+        self._event = msgspec.json.Decoder(event, float_hook=_decimal)
+        self._time = time
         names = {f"f{number}": field for number, field in enumerate(self._asked)}
         # Not to be looked at by the garbage collector: heads live for one block, and hold nothing that could refer to them.
         head = msgspec.defstruct(
@@ -150,6 +160,8 @@ class FastReader:
                             break
                     else:
                         event = heads[place] if dense else _decoded(self._event, line)
+                        if event is not None and self._is_nested(event):
+                            event = None
                 if event is None:
                     try:
                         event = event_on(line, file, first + place, self._reads, strict=self._strict)
@@ -192,9 +204,13 @@ class FastReader:
             self._skeletons.add(skeleton)
         with suppress(*_REFUSED):
             heads: list[Any] = self._event.decode_lines(text)
-            if len(heads) == len(lines):
+            if len(heads) == len(lines) and (self._time is None or not any(map(self._is_nested, heads))):
                 return heads
         return None
+
+    def _is_nested(self, event: dict[str, Json]) -> bool:
+        """Whether there is more than one value where the time is."""
+        return self._time is not None and type(event.get(self._time)) in (dict, list)
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[Any], list[Hashable]]:
         """For each line what the decoder makes of it and its values in the discriminating fields, `_DOUBT` where it cannot be trusted."""
@@ -267,6 +283,13 @@ def _is_odd(text: bytes) -> bool:
         except UnicodeDecodeError:
             return True
     return False
+
+
+def _decimal(written: str) -> float:
+    number = decimal(written)
+    if number - number != 0:
+        raise msgspec.DecodeError("beyond a double")
+    return number
 
 
 def _quoted(field: str) -> bytes:

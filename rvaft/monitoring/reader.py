@@ -20,7 +20,7 @@ from typing import BinaryIO, Final, TypeAlias
 
 from rvaft.analysis.pattern_index import Reads, Scope
 from rvaft.errors import TraceError
-from rvaft.model.values import Json, is_finite
+from rvaft.model.values import Exact, Json, decimal, is_finite
 from rvaft.support.files import SUFFIXES, damage, opened
 from rvaft.support.terminal import cut
 
@@ -171,8 +171,10 @@ def _integer(digits: str) -> int:
     return int(digits)
 
 
-_STRICT: Final = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer)
-_DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_int=_integer)
+_STRICT: Final = json.JSONDecoder(
+    object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer, parse_float=decimal
+)
+_DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_int=_integer, parse_float=decimal)
 
 
 def described(value: Json) -> str:
@@ -186,7 +188,14 @@ def described(value: Json) -> str:
     return kind if value is None else f"{kind} ({cut(text)})"
 
 
-_NAMES: Final = {list: "a list", str: "a string", int: "a number", float: "a number", bool: "a boolean"}
+_NAMES: Final = {
+    list: "a list",
+    str: "a string",
+    int: "a number",
+    float: "a number",
+    Exact: "a number",
+    bool: "a boolean",
+}
 _KINDS: Final[Mapping[type, str]] = {**_NAMES, type(None): "null"}
 
 

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, Final, Self, cast
 
 from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.errors import OptionError, RvaftError, TooLarge
-from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.event_time import UNITS, EventTime, TimeFormat
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json, at, is_finite, is_number
 from rvaft.model.values import key as value_key
@@ -341,7 +341,9 @@ class MonitoringPlan:
         types, every = self.monitors.types, self.monitors.may_be_late  # then the time of each event counts
         possible = (lambda _: True) if every else types.possible
         fields = plain_fields(self.reads, (TIME, *told_fields(types.tree)))
-        return FastReader(self.reads, possible, fields, strict=self.strict_json) if fields else None
+        declared = types.tree.time
+        time = declared.field[0] if declared and declared.format.value in UNITS and len(declared.field) == 1 else None
+        return FastReader(self.reads, possible, fields, time=time, strict=self.strict_json) if fields else None
 
 
 @dataclass(slots=True)

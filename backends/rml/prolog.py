@@ -190,6 +190,7 @@ class RmlPrologBackend(Backend):
 """,
     )
     form_of: ClassVar[str] = RmlBackend.name
+    semantics: ClassVar[frozenset[Semantics]] = RmlBackend.semantics
     readable: ClassVar[bool] = False
     default_limit: ClassVar[int] = RmlBackend.default_limit
 

@@ -127,7 +127,8 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[Ga
     nodes = draft.nodes
     circle = find_cycle({name: [c.value for c in node.children() if c.value in nodes] for name, node in nodes.items()})
     if inside := [node for name, node in made.items() if name in circle]:
-        why = f"{', '.join(name for name in circle if name not in new.values())} would bring about each other"
+        named = [name for name in circle if name not in new.values()]
+        why = f"{', '.join(named)} would bring about {'each other' if len(named) > 1 else 'itself'}"
         raise _error(f"the dependencies form a circle, in which {why}; leave out one of them", inside[0].place)
     for node, (use, place) in dependencies:
         if use.children:

@@ -107,8 +107,8 @@ class OrderedField:
     """
 
     def __init__(self, field: str, time: EventTime | None = None) -> None:
-        self.field = Field.parse(field)
         self.time = time if time is not None and ".".join(time.field) == field else None
+        self.field = Field.parse(field) if self.time is None else Field(field, self.time.field)
         self._holds: bool | None = None
         """Whether times of ISO 8601 stand there."""
 

@@ -121,9 +121,9 @@ def test_deep_and_large_trees_run(semantics: Semantics) -> None:
 @pytest.mark.parametrize(
     ("text", "sizes"),
     [
-        ("[g# pand p# g#'; p# sand a# b#; ]*1500", [7501]),
-        ("[g# pand g#' a#; ]*1500 g1500 and x y;", [4504] * 2),
-        ("[g# pand a# g#'; ]*1500 g1500 and x y;", [6003] * 2),
+        ("[g# pand p# g#'; p# sand a# b#; ]*1000", [5001]),
+        ("[g# pand g#' a#; ]*1000 g1000 and x y;", [3004] * 2),
+        ("[g# pand a# g#'; ]*1000 g1000 and x y;", [4003] * 2),
     ],
 )
 def test_a_chain_of_pand_gates_is_said_without_them_at_once(text: str, sizes: list[int]) -> None:

@@ -285,6 +285,8 @@ class _Translation:
         observing = [name for name in names if self._old.nodes[name].has_event]
         times = tuple(Variable(self._time(one)) for name in observing for one in self._moved.get(name, (name,)))
         operator = Operator.MIN if point.point == "start" else Operator.MAX
+        if not times:  # no event has that time: undefined
+            return Operation(Operator.DIV, (Literal(0), Literal(0)))
         return times[0] if len(times) == 1 else Operation(operator, times)
 
     def _time(self, name: str) -> str:

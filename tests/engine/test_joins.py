@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import pytest
 
+from rvaft import loads, monitor
 from rvaft.engine import Engine
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.errors import TooLarge
@@ -147,3 +148,12 @@ def test_too_many_sets_of_events_are_refused_before_they_take_long() -> None:
     events = [{"event": name, "t": time} for time, name in enumerate(names)]
     with pytest.raises(TooLarge, match=r"sets of events .*; any of l0, l1, .* may be passed over \(limit 2000\)"):
         list(map(monitor.step, events))
+
+
+def test_the_time_of_what_has_no_event_in_a_part_that_never_happens_is_undefined() -> None:
+    tree = loads(
+        "causality bottom_up; time t as s; event e(n) = { e: n }; top and g3; g0 or l0 l3; g1 sand_rl g0 l0 l1;"
+        'g2 sand l2 l1 g1 on e("a") when at(l3) <= at(g1); g3 1of2 g2 l1; l0 on e("a"); l1 on e("a") times 2; l2 on e("b"); l3 on e("a");'
+    )
+    watching = monitor(tree, semantics="strict", branch=2)
+    assert [watching.step({"e": "a", "t": time}).symbol for time in (1, 3)] == ["?", "⊤"]

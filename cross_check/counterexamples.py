@@ -33,7 +33,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.reader import read
+from rvaft.readers.json_lines import read
 from rvaft.support.terminal import visible
 
 StrPath: TypeAlias = str | os.PathLike[str]

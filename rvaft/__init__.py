@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from rvaft.model.tree import RVAFT
     from rvaft.model.verdict import Semantics, Verdict
     from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending, Repetition
+    from rvaft.readers.log import LogReader
+    from rvaft.readers.registry import UnknownFormat, all_readers, read_log
     from rvaft.rules.rule import Finding, Severity
 
     __version__: str
@@ -49,6 +51,7 @@ __all__ = [
     "Ignore",
     "Kind",
     "LanguageError",
+    "LogReader",
     "Metrics",
     "Monitor",
     "Node",
@@ -68,16 +71,19 @@ __all__ = [
     "TraceError",
     "TreeError",
     "UnknownBackend",
+    "UnknownFormat",
     "Verdict",
     "WrongType",
     "__version__",
     "all_backends",
+    "all_readers",
     "check",
     "dumps",
     "load",
     "loads",
     "monitor",
     "on_detection",
+    "read_log",
     "translate",
     "watch",
 ]
@@ -99,6 +105,8 @@ _NAMES: Final = {
         "TreeError",
         "WrongType",
     ),
+    "rvaft.readers.log": ("LogReader",),
+    "rvaft.readers.registry": ("UnknownFormat", "all_readers", "read_log"),
     "rvaft.rules.rule": ("Finding", "Severity"),
     "rvaft.language.printer": ("dumps",),
     "rvaft.model.nodes": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On", "Topic"),

@@ -108,17 +108,17 @@ class CheckpointError(RvaftError, ValueError):
 
 
 class TraceError(RvaftError, ValueError):
-    """A trace is malformed; `line` counts from 1.
+    """A trace is malformed; `line` counts from 1, and is None where it is no line that is wrong.
 
     >>> print(TraceError("no JSON object", file="log.jsonl", line=7))
     log.jsonl:7: no JSON object
     """
 
-    def __init__(self, message: str, *, file: str = "<trace>", line: int = 1) -> None:
+    def __init__(self, message: str, *, file: str = "<trace>", line: int | None = 1) -> None:
         self.message = message
         self.file = file
         self.line = line
-        super().__init__(f"{file}:{line}: {message}")
+        super().__init__(f"{file}: {message}" if line is None else f"{file}:{line}: {message}")
 
 
 class ToolMissing(RvaftError, RuntimeError):

@@ -2,15 +2,18 @@
 
 import shutil
 import sys
-from typing import Any, Final
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, BinaryIO, Final
 
 import click
 
 from rvaft.analysis.pattern_index import TreeReads
-from rvaft.cli import FAILED, FOUND, Failures, options
+from rvaft.cli import FAILED, FOUND, Failures, options, warn
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.engine.monitor import DEFAULT_LIMIT
-from rvaft.monitoring.reader import expanded, read
+from rvaft.monitoring.detection import told_fields
+from rvaft.readers.log import Interest, Log, expanded, required_stream, source_of
 
 _NARROWEST: Final = 60
 """Columns below which the table is not made narrower."""
@@ -32,25 +35,42 @@ _CONFIGURATIONS: Final = "Partial matches that are followed in each branch."
     help="Exit with 1 if fewer of the branches are exercised.",
 )
 @options.number("--max-configurations", "configurations", default=DEFAULT_LIMIT, text=_CONFIGURATIONS)
+@options.log_format
 @options.strict_json
 @options.output_format("text", "json")
 def coverage_command(
-    *, tree: str, logs: tuple[str, ...], fail_under: float | None, strict_json: bool, form: str, **chosen: Any
+    *,
+    tree: str,
+    logs: tuple[str, ...],
+    fail_under: float | None,
+    log_format: options.LogFormat,
+    strict_json: bool,
+    form: str,
+    **chosen: Any,
 ) -> int:
     """Say which branches of a tree some LOG detects, and how far the logs came in the others.
 
-    A LOG is as for `monitor`: JSON Lines, compressed or not; - is standard input, and a pattern such as 'runs/*.jsonl' stands for the
-    files that match it.
+    A LOG is as for `monitor`: JSON Lines, or what its name or --input says; - is standard input, and a pattern such as 'runs/*.jsonl'
+    stands for the files that match it.
     """
     whole = options.load_tree(tree)
     coverage = Coverage(whole, **chosen)
     failures = Failures()
-    for log in (file for files in failures.collect(expanded, logs) for file in files):
-        name = "<stdin>" if log == "-" else click.format_filename(log)
-        with failures.reported():
-            source = options.standard_input("LOG") if log == "-" else log
-            named = name if log == "-" else None
-            coverage.add(name, read(source, name=named, reads=TreeReads(whole), strict=strict_json))
+    files = [file for some in failures.collect(expanded, logs) for file in some]
+    for file, reader in zip(files, log_format.readers(files), strict=True):
+        with failures.reported(), ExitStack() as stack:
+            if file == "-":
+                source: Path | BinaryIO = required_stream(reader, options.standard_input("LOG"))
+            else:
+                source = stack.enter_context(source_of(reader, file))
+            name = "<stdin>" if file == "-" else click.format_filename(file)
+            reads = TreeReads(whole)
+            log = Log(reader, source, name, reads, strict_json, interest=Interest.of(reads, told_fields(whole)))
+            coverage.add(name, (event for event in log.events() if event is not None))
+            if log.is_malformed(log.given) and log.fault is not None:
+                raise log.fault
+            if log.fault is not None:
+                warn(str(log.fault))
     found = coverage.report()
     # A terminal has so many columns; what is piped keeps whole lines.
     width = max(shutil.get_terminal_size((80, 24)).columns, _NARROWEST) if sys.stdout.isatty() else None

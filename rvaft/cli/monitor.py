@@ -23,9 +23,10 @@ from rvaft.model.tree import RVAFT
 from rvaft.monitoring.checkpoint import EVERY, CheckpointFile
 from rvaft.monitoring.detection import Hooks
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
-from rvaft.monitoring.reader import expanded
 from rvaft.monitoring.run import DEFAULT_WINDOW, MAX_KEYS, Field, Key, MonitoringPlan
 from rvaft.monitors import Monitor
+from rvaft.readers.json_lines import JsonLinesReader
+from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
 from rvaft.rules.rule import listing
 
 TERMINAL: Final = "-"
@@ -74,6 +75,7 @@ _KEY: Final = "Monitor each value of this field by itself; several are one key."
 @click.option("--order-by", metavar="FIELD", help="Put events in the order of this number, or time of ISO 8601, first.")
 @options.number("--window", text=f"Events held back by --order-by.  [default: {DEFAULT_WINDOW}]")
 @click.option("--follow", is_flag=True, help="Go on as the file grows, until Ctrl-C.")
+@options.log_format
 @options.strict_json
 @options.number("--jobs", default=1, text="Processes.")
 @click.option("--exec", "execute", metavar="CMD", help="Run this command on detection.")
@@ -83,10 +85,10 @@ _KEY: Final = "Monitor each value of this field by itself; several are one key."
 @options.number("--checkpoint-every", text=f"Events between checkpoints.  [default: {EVERY}]")
 @options.number("--max-configurations", text=f"Partial matches that are followed.  [default: {DEFAULT_LIMIT}]")
 def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given: Any) -> int:
-    """Watch the events of each TRACE (JSON Lines) for a tree and give verdicts.
+    """Watch the events of each TRACE for a tree and give verdicts.
 
-    A TRACE may be a pattern such as 'logs/**/*.jsonl'. No TRACE, or -, reads standard input as it comes. The exit status is 1 when
-    the tree is detected in some trace.
+    A TRACE is JSON Lines, or what its name or --input says, and may be a pattern such as 'logs/**/*.jsonl'. No TRACE, or -, reads standard input as it
+    comes. The exit status is 1 when the tree is detected in some trace.
     """
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     _check(given)
@@ -109,10 +111,18 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     monitors = MonitorSet(columns(part, given["per"]), make, semantics, **repeating)
     missing, names = Failures(), given["traces"] or ("-",)
     if given["word"] is not None:
+        options.refuse(
+            given["log_format"] != options.LogFormat(None, InputOptions()), "--word is no log: it has no format"
+        )
         traces, several = [_word(given["word"], whole)], False
     else:
         found = list(missing.collect(expanded, names))
-        traces = [_source(file) for files in found for file in files]
+        files = [file for some in found for file in some]
+        readers = given["log_format"].readers(files)
+        traces = [_source(file, reader) for file, reader in zip(files, readers, strict=True)]
+        for option, reader in ((option, reader) for option in ("follow", "checkpoint") for reader in readers):
+            wrong = given[option] not in (None, False) and not reader.by_lines
+            options.refuse(wrong, f"--{option} needs a log of lines (jsonl, regex, syslog): {reader.name} is none")
         several = len(traces) + len(names) - len(found) > 1
     streams = any(trace.file is None for trace in traces)
     for option in ("follow", "checkpoint"):
@@ -130,6 +140,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             "--key": ", ".join(given["key"]) or None,
             "--order-by": order and order.text,
             "--window": given["window"],
+            "--input": None if traces[0].reader is None else f"{traces[0].reader.name} {traces[0].reader.options}",
             "--repeat": "" if given["repeat"] else None,
             "--cooldown": given["cooldown"] and duration_text(given["cooldown"]),
         }
@@ -178,14 +189,16 @@ def _check(given: dict[str, Any]) -> None:
         raise ToolMissing("dot", remedy="install Graphviz (apt-get install graphviz), or name a file .dot or .txt")
 
 
-def _source(file: str) -> TraceSource:
+def _source(file: str, reader: LogReader) -> TraceSource:
     """A file, or standard input, of which a terminal is told what is waited for."""
+    other = None if isinstance(reader, JsonLinesReader) else reader
     if file != "-":
-        return TraceSource(click.format_filename(file), file)
-    stream = options.standard_input("TRACE")
+        return TraceSource(click.format_filename(file), file, reader=other)
+    stream = required_stream(reader, options.standard_input("TRACE"))
     if sys.stdin.isatty():
-        click.echo("rvaft: reading events from standard input, one JSON object per line (Ctrl-D ends)", err=True)
-    return TraceSource("<stdin>", events=stream)
+        events = f"as {other.name}" if other else "one JSON object per line"
+        click.echo(f"rvaft: reading events from standard input, {events} (Ctrl-D ends)", err=True)
+    return TraceSource("<stdin>", events=stream, reader=other)
 
 
 def _word(word: str, tree: RVAFT) -> TraceSource:

@@ -13,7 +13,7 @@ import click
 
 from rvaft.cli import FAILED, FOUND
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Sink, SummaryRow
-from rvaft.errors import OptionError, RvaftError, TooLarge
+from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.monitoring.checkpoint import LinesRead, open_at
@@ -22,8 +22,8 @@ from rvaft.monitoring.follow import FollowedFile, stopping
 from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.reader import open_log
-from rvaft.monitoring.run import EventBuffer, Listener, Totals, TraceRun, VerdictChange
+from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, Totals, TraceRun, VerdictChange
+from rvaft.readers.log import Log, LogReader, open_log, source_of
 from rvaft.support.files import deliver
 from rvaft.support.terminal import ProgressBar
 
@@ -34,11 +34,25 @@ _CHUNK: Final = 1 << 20
 
 
 class TraceSource(NamedTuple):
-    """One trace: a file, or else events that are there already or come by a stream."""
+    """One trace: a file, or else events that are there already or come by a stream; and what reads it, if it is no JSON Lines."""
 
     name: str
     file: str | None = None
     events: Iterable[Json] | BinaryIO = ()
+    reader: LogReader | None = None
+
+    def log(self, source: object, plan: MonitoringPlan, line: int, sink: Sink | None) -> Log | None:
+        """How its source is read from that line on, if it is no JSON Lines; the first that is left out is told to the sink at once, if there is one."""
+        if self.reader is None:
+            return None
+
+        def told(first: TraceError) -> None:
+            if sink is not None:
+                sink.warn(f"{first}; left out, as others like it will be")
+
+        needed = tuple((one.text, one.path[0]) for one in (plan.key.fields if plan.key else ()))
+        given = cast("BinaryIO | Path", source)
+        return Log(self.reader, given, self.name, plan.reads, plan.strict_json, line, needed=needed, told=told)
 
     @property
     def size(self) -> int:
@@ -47,7 +61,7 @@ class TraceSource(NamedTuple):
 
 
 class TraceOutcome(NamedTuple):
-    """What a trace has come to: what was found, the drawing still to be written; `keyless` names a key that no event has."""
+    """What a trace has come to: what was found, the drawing still to be written; `keyless` names a key that no event has; whether it was read to its end."""
 
     status: int
     rows: Sequence[SummaryRow] = ()
@@ -55,6 +69,7 @@ class TraceOutcome(NamedTuple):
     detections: int = 0
     undrawn: bool = False
     keyless: str = ""
+    ended: bool = False
 
 
 class _OnDetection(Listener):
@@ -123,6 +138,8 @@ class _Run(Listener):
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
         self.listeners: list[Listener] = [self, self.reporter, *([self.reaction] if reacts else [])]
+        self._log: Log | None = None
+        """The present log, if it is no JSON Lines."""
 
     def change(self, change: VerdictChange) -> None:
         kept = self.settings.checkpoints
@@ -133,14 +150,16 @@ class _Run(Listener):
         """Run one trace; a malformed one is reported up to the fault."""
         settings, reaction, path = self.settings, self.reaction, Path(trace.file or "")
         plan = settings.plan
-        again = trace.file is not None and path.is_file() and plan.plain and not settings.follow
-        buffer = EventBuffer(path if again else None, reads=plan.reads)
+        again = trace.file is not None and (path.is_file() or path.is_dir()) and plan.plain and not settings.follow
+        buffer = EventBuffer(path if again else None, reads=plan.reads, reader=trace.reader)
         prefix = f"{trace.name}: " if settings.several else ""
         run = TraceRun(plan, trace.name, self.listeners, self.totals, buffer=buffer, prefix=prefix)
-        before, failed = reaction.count, False
+        before, failed, ended = reaction.count, False, False
+        self._log = None
         try:
             self._read(run, trace)
             run.end()
+            ended = True
         except (RvaftError, OSError) as error:
             if isinstance(error, OSError) and error.filename is None:  # not the trace but standard output
                 raise
@@ -150,13 +169,19 @@ class _Run(Listener):
                 remedy = "" if getattr(error, "__notes__", ()) else "; --max-configurations allows more"
                 error.add_note(f"at event {run.number} of {trace.name}{remedy}")
             self.sink.report(error)
+        if self._log is not None and (fault := self._log.fault) is not None:
+            if self._log.is_malformed(run.number):
+                failed = True
+                self.sink.report(fault)
+            else:
+                self.sink.warn(str(fault))
         for said in run.warnings:
             self.sink.warn(f"{prefix}{said}")
         rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if settings.summed else []
         status = FAILED if failed else FOUND if run.found else 0
         key = settings.plan.key
         keyless = " and ".join(field.text for field in key.fields) if key and run.number and not run.watches else ""
-        return TraceOutcome(status, rows, reaction.first, reaction.count - before, reaction.failed, keyless)
+        return TraceOutcome(status, rows, reaction.first, reaction.count - before, reaction.failed, keyless, ended)
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Give a run all events of its trace, from the last checkpoint on; after each batch of them somebody may wait for something."""
@@ -192,7 +217,7 @@ class _Run(Listener):
             kept.save(run.state, 0, LinesRead(BytesIO()))
         run.begin()
         with ExitStack() as stack:
-            source: Iterable[Json] | BinaryIO = trace.events
+            source: Iterable[Json] | BinaryIO | Path = trace.events
             if trace.file is not None and follow:
                 stop, idle = stack.enter_context(stopping()), partial(keep, idle=True)
                 stream = FollowedFile(trace.file, stop=stop, changed=sink.warn, idle=idle, offset=offset, line=line)
@@ -200,9 +225,11 @@ class _Run(Listener):
             elif trace.file is not None and kept is not None:
                 stream = stack.enter_context(open_at(Path(trace.file), offset=offset, line=line))
             elif trace.file is not None:
-                source = stack.enter_context(open_log(trace.file))
+                reader = trace.reader
+                source = stack.enter_context(source_of(reader, trace.file) if reader else open_log(trace.file))
             at_once = trace.file is None or follow  # what is said is seen while events come
-            read = cast("BinaryIO", stream) or source
+            self._log = trace.log(stream or source, self.settings.plan, line + 1, sink if follow else None)
+            read = cast("BinaryIO", self._log or stream or source)
             by_blocks = trace.file is not None and stream is None
             for going_on in run.read(read, trace.name, line=line + 1, by_blocks=by_blocks):
                 if at_once:
@@ -230,7 +257,7 @@ def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> 
         else:
             outcomes = [alone.watch(trace) for trace in traces]
         rows = [row for one in outcomes for row in one.rows]
-        if any(outcome.status != FAILED for outcome in outcomes):
+        if any(outcome.ended for outcome in outcomes):
             alone.reporter.finish(rows, alone.totals)
         if (names := "".join({one.keyless for one in outcomes})) and not rows:
             sink.report(OptionError(f"no event has what --key names ({names}), so nothing was monitored"))

@@ -4,8 +4,9 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from enum import StrEnum
 from errno import EACCES, EISDIR, ENOTDIR
 from functools import partial, wraps
@@ -23,7 +24,10 @@ from rvaft.model.event_time import UNITS, scaled
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.rules.rule import did_you_mean
+from rvaft.readers.json_lines import JsonLinesReader
+from rvaft.readers.log import FieldType, InputOptions, LogReader
+from rvaft.readers.registry import format_of, reader, reader_class
+from rvaft.rules.rule import did_you_mean, listing
 
 F = TypeVar("F", bound=Callable[..., Any])
 Word = TypeVar("Word", bound=StrEnum)
@@ -83,6 +87,67 @@ def tree_argument(function: F) -> F:
 strict_json: Final = click.option(
     "--strict-json", is_flag=True, help="Refuse NaN, infinities and numbers that overflow, which JSON does not have."
 )
+
+
+@dataclass(frozen=True, slots=True)
+class LogFormat:
+    """What the options say of the format of logs."""
+
+    form: str | None
+    options: InputOptions
+
+    def readers(self, files: Sequence[str]) -> list[LogReader]:
+        """For each file, or standard input by the name `-`, what reads it; raises `OptionError`, `UnknownFormat` and `ToolFailed`."""
+        found: list[LogReader] = []
+        unused = self.options.given
+        for file in files:
+            name = self.form or (JsonLinesReader.name if file == "-" else format_of(file, self.options))
+            takes = reader_class(name).takes
+            unused -= takes
+            found.append(reader(name, self.options.only(takes)))
+        names = listing(sorted({one.name for one in found}), "nor")
+        refuse(
+            files and unused,
+            f"--{min(unused, default='')} is not for the format {names}: choose one with --input FORMAT",
+        )
+        return found
+
+
+def _types(_context: object, _parameter: object, given: Sequence[str]) -> dict[str, FieldType]:
+    """The types of fields, which are written as `FIELD=TYPE`."""
+    found: dict[str, FieldType] = {}
+    for part in (part for text in given for part in text.split(",")):
+        name, _, kind = part.rpartition("=")
+        if not name or kind not in tuple(FieldType):
+            known = ", ".join(FieldType)
+            raise click.BadParameter(f"{part!r} is not FIELD=TYPE, where a type is one of {known}")
+        if found.get(name, kind) != kind:
+            raise click.BadParameter(f"{name} has two types: {found[name]} and {kind}")
+        found[name] = FieldType(kind)
+    return found
+
+
+def log_format(function: F) -> F:
+    """`--input FORMAT` and what else is said of the format of logs, as a `LogFormat` in the argument `log_format`."""
+
+    @wraps(function)
+    def gathered(**given: Any) -> Any:
+        said = InputOptions(*(given.pop(name) for name in ("records", "types", "pattern")))
+        log_format = LogFormat(given.pop("input_form"), said)
+        return function(**given, log_format=log_format)
+
+    known = "bag, csv, json, jsonl, parquet, regex, syslog, xes"
+    what = f"The format of the logs: {known}, or somebody else's.  [default: by the name of the file, or else jsonl]"
+    form = click.option("--input", "input_form", metavar="FORMAT", help=what)
+    records = click.option(
+        "--records", metavar="PATH", help="Where a JSON document has its list of events.  [default: Records]"
+    )
+    kinds = "What texts in fields stand for: number, text or bool."
+    types = click.option("--types", multiple=True, metavar="FIELD=TYPE,...", callback=_types, help=kinds)
+    pattern = click.option("--pattern", metavar="REGEX", help="With --input regex: its named groups are the fields.")
+    return cast("F", form(records(types(pattern(gathered)))))
+
+
 output_option = click.option("-o", "--output", metavar="FILE", help="Write to this file instead of standard output.")
 semantics_option: Final = choice(
     "--semantics",

@@ -22,7 +22,7 @@ from rvaft.export.property_text import align_latex, kinds_of, property_sign, pro
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.monitoring.detection import counted, matched_events
-from rvaft.monitoring.reader import read
+from rvaft.readers.registry import read_log
 from rvaft.support.files import deliver
 from rvaft.support.terminal import visible
 
@@ -94,7 +94,7 @@ def _highlighted(tree: RVAFT, what: str, semantics: Semantics | None) -> Marks:
         raise OptionError(f"{what}: no such trace; a branch is marked by --highlight branch:{what}")
     watching = monitor(tree, semantics=semantics)
     events = {}
-    for place, event in enumerate(read(what, reads=TreeReads(tree)), 1):
+    for place, event in enumerate(read_log(what, reads=TreeReads(tree), warn=warn), 1):
         events[place] = event
         if watching.step(event).final:
             break

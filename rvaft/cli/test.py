@@ -21,7 +21,8 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.near_misses import EventTypeIndex
 from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.reader import read
+from rvaft.readers.log import suffix
+from rvaft.readers.registry import read_log, suffixes
 from rvaft.support.files import write_whole
 from rvaft.support.terminal import visible
 
@@ -65,7 +66,7 @@ class Expectation(NamedTuple):
 @options.strict_galileo
 @options.output_format("text", "junit")
 def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
-    """Run the traces NAME.traces/*.jsonl beside each TREE, and compare with the verdicts in NAME.verdicts.json.
+    """Run the traces NAME.traces/*.jsonl, or in another format, beside each TREE, and compare with the verdicts in NAME.verdicts.json.
 
     Exit with 1 where a verdict differs. With --update the verdicts are those of the engine: look at the difference before you commit it.
     """
@@ -98,7 +99,8 @@ def _compared(name: str) -> Iterator[Expectation]:
     except msgspec.MsgspecError as error:
         raise OptionError(f"{path}: not a file of expected verdicts: {error}") from error
     for trace in sorted(expected.keys() | traces.keys()):
-        file = str(path.with_name(f"{Path(name).stem}.traces") / f"{trace}.jsonl")
+        written = trace if suffix(Path(trace)) in suffixes() else f"{trace}.jsonl"
+        file = str(path.with_name(f"{Path(name).stem}.traces") / written)
         if trace not in traces or trace not in expected:
             yield Expectation(name, file, "", "", "" if trace in expected else None, "" if trace in traces else None)
             continue
@@ -126,10 +128,11 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
     """The file of verdicts, the tree and its traces by name."""
     folder = Path(name).with_suffix(".traces")
     tree = options.load_tree(name)
-    files = sorted(folder.glob("*.jsonl"))
+    files = sorted(file for file in folder.glob("*") if suffix(file) in suffixes())
     if not files:
         raise OptionError(f"{name}: no traces: put them into {folder}/ as NAME.jsonl")
-    traces = {file.stem: list(read(str(file), reads=TreeReads(tree))) for file in files}
+    names = {file: file.stem if file.suffix == ".jsonl" else file.name for file in files}
+    traces = {names[file]: list(read_log(file, reads=TreeReads(tree), warn=warn)) for file in files}
     oversights = Oversights(EventTypeIndex(tree))
     for trace, events in traces.items():
         deque(oversights.over(events, f"{trace}: "), maxlen=0)

@@ -40,9 +40,10 @@ from rvaft.monitoring.follow import FollowedFile
 from rvaft.monitoring.monitor_set import DetectionCount
 from rvaft.monitoring.near_misses import NearMissCount, Statistics
 from rvaft.monitoring.oversights import Oversight, Oversights, Reason
-from rvaft.monitoring.reader import MAX_DEPTH, NonFiniteEvent, RepeatingObject, failures_of, unreadable
 from rvaft.monitoring.run import Backwards, Field, Ordering
 from rvaft.monitors import Awaited, Ended, Explanation, Pending
+from rvaft.readers.json_lines import MAX_DEPTH, NonFiniteEvent, RepeatingObject
+from rvaft.readers.log import failures_of, unreadable
 from rvaft.support.files import SUFFIXES, opened, telling, write_whole
 
 EVERY: Final = 10_000

@@ -15,7 +15,8 @@ from rvaft.analysis.pattern_index import Reads, TreeReads, brief
 from rvaft.errors import TraceError
 from rvaft.model.patterns import ObjectPattern
 from rvaft.model.values import Json, Scalar, decimal
-from rvaft.monitoring.reader import BOM, MAX_DEPTH, MAX_DIGITS, MAX_LINE, decode, event_on, failures_of, unreadable
+from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
+from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
 
 SIZE: Final = 3 << 15
@@ -33,7 +34,7 @@ _OF_NUMBERS: Final = b"0123456789.+-eE"
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """What a decoder raises for a line that is not for it, malformed or not."""
 _DOUBT: Final = ("doubt",)
-"""In place of the values on a line that `rvaft.monitoring.reader` has to read."""
+"""In place of the values on a line that `rvaft.readers.json_lines` has to read."""
 
 
 class Batch(NamedTuple):
@@ -78,7 +79,7 @@ def _blocks(stream: BufferedIOBase, file: str) -> Iterator[tuple[int, bytes]]:
 
 
 def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
-    """The fields that a `FastReader` decodes, those to keep `also`; none for a tree whose logs are left to `rvaft.monitoring.reader`.
+    """The fields that a `FastReader` decodes, those to keep `also`; none for a tree whose logs are left to `rvaft.readers.json_lines`.
 
     Such a tree tells no events apart by strings, wants more than fields, or fields whose names a line could write in more ways
     than one, escapes of ASCII by their number aside.

@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Any, BinaryIO, Final, cast
 
 from rvaft.errors import OptionError
-from rvaft.monitoring.reader import BOM
+from rvaft.readers.log import BOM
 from rvaft.support.files import SUFFIXES
 
 POLL: Final = 0.2
@@ -31,7 +31,7 @@ _KEPT: Final = 256
 
 
 class FollowedFile(io.IOBase):
-    """The lines of a file as it grows, to be closed after use; `rvaft.monitoring.reader.read` takes it for a trace.
+    """The lines of a file as it grows, to be closed after use; `rvaft.readers.json_lines.read` takes it for a trace.
 
     It tells `changed`, in a sentence, when it goes over to another file and `idle` that nothing comes, and ends as soon as `stop` says so; a line
     that is unfinished then is not given. `offset` is where to begin, at the start of a line, and `line` how many lines are before.

@@ -6,7 +6,16 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from rvaft.analysis.pattern_index import Decided, Discriminators, Letter, PatternIndex, Reader, TreeReads, reader
+from rvaft.analysis.pattern_index import (
+    Decided,
+    Discriminators,
+    Letter,
+    PatternIndex,
+    Reader,
+    TreeReads,
+    literals_of,
+    reader,
+)
 from rvaft.engine.explanation import whole
 from rvaft.model.expressions import pattern_text
 from rvaft.model.guards import Predicate
@@ -82,6 +91,9 @@ class EventTypeIndex:
         self.of = PatternIndex((letter.pattern for _, _, letter in letters), self._sight).of
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
+        self._patterns = reads.patterns
+        self._texts: dict[str, frozenset[Json] | None] = {}
+        """What may stand in a field in which every pattern asks for a text."""
         self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
         for pattern in reads.patterns:
             for field, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
@@ -97,6 +109,15 @@ class EventTypeIndex:
             for field, value in zip(self.discriminators.fields, values, strict=True)
         }
         return bool(self.discriminators.candidates(self.discriminators.values(meant)))
+
+    def may_be(self, field: str, text: str) -> bool:
+        """Whether an event with this text in this field may fit a pattern, whatever else it has, perhaps if the text were spelled as it is there."""
+        if field not in self._texts:
+            asked = [literals_of(pattern).get(field) for pattern in self._patterns]
+            texts = frozenset(_spelling(one) for one in asked if isinstance(one, str))
+            self._texts[field] = texts if all(isinstance(one, str) for one in asked) else None
+        known = self._texts[field]
+        return known is None or _spelling(text) in known
 
     def decided(self, sight: Sight, event: Mapping[str, Json]) -> Sight:
         """What the event itself decides beside its shape. Here only patterns count: guards are asked afterwards."""

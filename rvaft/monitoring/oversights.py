@@ -23,7 +23,7 @@ from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.values import Json, at
 from rvaft.monitoring.detection import counted
 from rvaft.monitoring.near_misses import UNSEEN, EventTypeIndex, Sight
-from rvaft.monitoring.reader import NonFiniteEvent, described
+from rvaft.readers.json_lines import NonFiniteEvent, described
 
 MOST: Final = 20
 """Guards that are told one by one."""

@@ -3,11 +3,11 @@
 from collections import OrderedDict
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from heapq import heappop, heappush, heappushpop
 from io import BufferedIOBase, IOBase
-from itertools import chain
+from itertools import chain, islice
 from math import inf
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Self, cast
@@ -25,8 +25,9 @@ from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.reader import BLANK, BOM, NonFiniteEvent, decode, failures_of, read
 from rvaft.monitors import Explanation
+from rvaft.readers.json_lines import BLANK, NonFiniteEvent, decode, read
+from rvaft.readers.log import ALL, BOM, Interest, Log, LogReader, failures_of, source_of
 from rvaft.support.files import opened
 
 TIME: Final = "time"
@@ -37,11 +38,31 @@ DEFAULT_WINDOW: Final = 1_000
 """How many events are held back unless told otherwise."""
 BOUND: Final = 10_000
 """How many events are remembered for explanations."""
+BATCH: Final = 500
+"""Events of a log in another format than JSON Lines that are looked at together."""
 _NO_EVENT: Final[dict[str, Json]] = {}
 """Stands for any event that fits no pattern: where there are such, no pattern is without a literal."""
 _END: Final = Batch(0, ())
 _ISO: Final = EventTime((), TimeFormat.ISO8601)
 """Reads a value that is a time itself."""
+
+
+def _batched(events: Iterable[dict[str, Json] | None]) -> Iterator[Batch]:
+    """Events in batches, those of no interest only counted; where the log cannot be read on, those before it come first."""
+    total, held = 0, list[tuple[int, dict[str, Json]]]()
+    try:
+        for event in events:
+            if event is not None:
+                held.append((total, event))
+            total += 1
+            if total == BATCH:
+                yield Batch(total, held)
+                total, held = 0, []
+    except RvaftError:
+        yield Batch(total, held)
+        raise
+    yield Batch(total, held)
+
 
 # -- fields, keys, orders -----------------------------------------------------------------------------------------------
 
@@ -202,12 +223,15 @@ class EventBuffer:
     """The events of one trace, by their numbers, that explanations may name.
 
     The latest that may become part of a match are `known`. Others are looked up in a regular file, `path`, whose events are numbered as they
-    stand; in a stream they are gone. `reads` is what was read of them.
+    stand; in a stream they are gone. `reads` is what was read of them, by that `reader` if not by lines of JSON.
     """
 
-    def __init__(self, path: Path | None = None, *, reads: Scope | None = None) -> None:
+    def __init__(
+        self, path: Path | None = None, *, reads: Scope | None = None, reader: LogReader | None = None
+    ) -> None:
         self.path = path
         self.reads = reads
+        self.reader = reader
         self.known: OrderedDict[int, Json] = OrderedDict()  # a dict looks for its first key among all that were removed
 
     def remember(self, number: int, event: Json) -> None:
@@ -220,7 +244,11 @@ class EventBuffer:
         """The events with these numbers, as far as they are known; what has changed in the file since it was read is left out."""
         known = {number: self.known[number] for number in numbers if number in self.known}
         missing = set(numbers) - set(known)
-        if missing and self.path is not None:
+        if missing and self.path is not None and self.reader is not None:
+            with suppress(RvaftError, OSError), source_of(self.reader, str(self.path)) as source:
+                found = enumerate(Log(self.reader, source, str(self.path), self.reads).events(), 1)
+                known.update((number, event) for number, event in islice(found, max(missing)) if number in missing)
+        elif missing and self.path is not None:
             with suppress(RvaftError, ValueError, *failures_of(str(self.path))), opened(self.path) as stream:
                 first = stream.readline().removeprefix(BOM)
                 lines = (line for line in chain([first], stream) if line.strip(BLANK))
@@ -334,6 +362,18 @@ class MonitoringPlan:
         return self.key is None and self.order_by is None
 
     @cached_property
+    def interest(self) -> Interest:
+        """What of an event is looked at, where nobody wants to see all of it."""
+        if not self.monitors.engines:
+            return ALL
+        named = (*(self.key.fields if self.key else ()), *([Field.parse(self.order_by)] if self.order_by else []))
+        also = (name for one in named for name in (one.text, one.path[0]))
+        found = Interest.of(self.reads, (TIME, *told_fields(self.monitors.types.tree), *also))
+        # What concerns nothing is counted by the key that it has, has its place in the order, and is late or not.
+        counted_only = self.plain and not self.monitors.may_be_late and found.fields is not None
+        return replace(found, may_be=self.monitors.types.may_be) if counted_only else found
+
+    @cached_property
     def fast_reader(self) -> FastReader | None:
         """What reads files quickly, or None where every event has to be seen as it stands."""
         if not self.plain or not self.monitors.engines or not isinstance(self.reads, TreeReads):
@@ -406,12 +446,12 @@ class TraceRun:
                 listener.begin(watch)
 
     def read(
-        self, source: BinaryIO | Iterable[Json], name: str, *, line: int = 1, by_blocks: bool = False
+        self, source: BinaryIO | Log | Iterable[Json], name: str, *, line: int = 1, by_blocks: bool = False
     ) -> Iterator[bool]:
-        """Read all events of a stream, or events as they are, and pause after each batch of them.
+        """Read all events of a stream of JSON Lines, of another log, or events as they are, and pause after each batch of them.
 
         Gives False once where the trace has ended; events that were held back come after that. `line` is the number of the line where a
-        stream goes on; `by_blocks` says that it need not be read as it comes. Raises what `rvaft.monitoring.reader.read` raises.
+        stream goes on; `by_blocks` says that it need not be read as it comes. Raises what `rvaft.readers.json_lines.read` raises.
         """
         prefix, key, fresh = self.prefix, self.plan.key, self.plan.monitors
         every = tuple(listener for listener in self.listeners if listener.every)
@@ -467,10 +507,18 @@ class TraceRun:
                 self.number, self.watch.events = before + batch.total, self.watch.events + passed
             yield batch is not _END
 
-    def _batches(self, source: BinaryIO | Iterable[Json], name: str, line: int, *, by_blocks: bool) -> Iterator[Batch]:
-        found: Iterable[Any] = source
-        if isinstance(source, IOBase):
-            quickly = by_blocks and not any(listener.every or listener.whole for listener in self.listeners)
+    def _batches(
+        self, source: BinaryIO | Log | Iterable[Json], name: str, line: int, *, by_blocks: bool
+    ) -> Iterator[Batch]:
+        quickly = by_blocks and not any(listener.every or listener.whole for listener in self.listeners)
+        found: Iterable[Any] = source if not isinstance(source, Log) else source.events()
+        if isinstance(source, Log):
+            source.interest = self.plan.interest if quickly else ALL
+            if by_blocks and self.ordering is None:
+                yield from _batched(found)
+                yield _END
+                return
+        elif isinstance(source, IOBase):
             if quickly and self.plan.fast_reader is not None:
                 yield from self.plan.fast_reader.read(cast("BufferedIOBase", source), name)
                 yield _END

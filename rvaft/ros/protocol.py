@@ -26,8 +26,9 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.detection import explained, kept, matched_events, told_fields
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per, columns
 from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.reader import BOM, decode, marked
 from rvaft.monitoring.run import EventBuffer
+from rvaft.readers.json_lines import decode, marked
+from rvaft.readers.log import BOM
 
 MAX_MESSAGE: Final = 1024 * 1024
 """The longest message that is read unless told otherwise, in bytes."""

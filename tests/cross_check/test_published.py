@@ -20,7 +20,7 @@ from rvaft.backend import backend
 from rvaft.errors import LanguageError, NotExpressible, ToolFailed, ToolMissing
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.reader import read
+from rvaft.readers.json_lines import read
 from rvaft.semantics import Reference
 
 TREES = Path(__file__).parents[2] / "trees"

@@ -12,14 +12,19 @@ from _pytest.mark.structures import ParameterSet
 from tests.docs.examples import ROOT, SETUP, Block, blocks, commands, run
 
 pytestmark = pytest.mark.usefixtures("quick")
-NEEDS_SPOT = re.compile(r'--backend (ltlf|automaton)|"ltlf"|rvaft cross-check|rvaft compare|rvaft backends')
+NEEDS = {
+    "spot": re.compile(r'--backend (ltlf|automaton)|"ltlf"|rvaft cross-check|rvaft compare|rvaft backends'),
+    "pyarrow": re.compile(r"\.parquet"),
+    "rosbags": re.compile(r"\.mcap"),
+}
 
 
 def params(found: Iterable[Block]) -> list[ParameterSet]:
-    """The blocks; those that run a text which only Spot reads are left out where it is not installed."""
-    absent = find_spec("spot") is None
-    skip = pytest.mark.skip(reason="needs Spot (spottl)")
-    return [pytest.param(b, id=str(b), marks=[skip] if absent and NEEDS_SPOT.search(b.text) else []) for b in found]
+    """The blocks; those that need a library which is not installed are left out."""
+    absent = {name: asks for name, asks in NEEDS.items() if find_spec(name) is None}
+    lacking = {b: [name for name, asks in absent.items() if asks.search(b.text)] for b in found}
+    skips = {b: [pytest.mark.skip(reason=f"needs {name}") for name in names[:1]] for b, names in lacking.items()}
+    return [pytest.param(b, id=str(b), marks=marks) for b, marks in skips.items()]
 
 
 @pytest.mark.parametrize("block", params(blocks("sh")))

@@ -14,7 +14,7 @@ from rvaft.engine import Engine
 from rvaft.export import fired_dot, fired_text, picture
 from rvaft.export.layout import LONGEST
 from rvaft.export.text import MARK, MAX_LEVELS
-from rvaft.monitoring.reader import read
+from rvaft.readers.json_lines import read
 from rvaft.semantics import branches, feasible_scenarios
 from rvaft.semantics.scenarios import of_branch
 from tests.engine.checking import small_and_valid

@@ -32,8 +32,8 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitoring import checkpoint
 from rvaft.monitoring.checkpoint import Checkpoint, CheckpointFile, LinesRead, identity, open_at
 from rvaft.monitoring.detection import Hooks
-from rvaft.monitoring.reader import decode, read
 from rvaft.monitoring.run import Ordering
+from rvaft.readers.json_lines import decode, read
 from tests.cli.runs import run, written
 
 TREE = rvaft.loads("top or ab bc; ab sand a b fault; bc sand b c;")

@@ -17,10 +17,11 @@ from hypothesis import strategies as st
 from rvaft import RVAFT, TraceError, loads
 from rvaft.analysis.pattern_index import LONGEST, PatternIndex, TreeReads
 from rvaft.model.patterns import ObjectPattern, match
-from rvaft.monitoring import fast_reader, reader
+from rvaft.monitoring import fast_reader
 from rvaft.monitoring.fast_reader import Batch, FastReader, plain_fields
 from rvaft.monitoring.near_misses import EventTypeIndex, Statistics
-from rvaft.monitoring.reader import read
+from rvaft.readers import json_lines
+from rvaft.readers.json_lines import read
 from rvaft.support.files import opened
 from tests.tables import rows, spelled
 
@@ -286,7 +287,7 @@ def test_long_strings_are_not_remembered() -> None:
 @pytest.mark.parametrize("blank", [False, True])
 @pytest.mark.parametrize("length", [2999, 3000, 3001, 9000])
 def test_the_longest_line(length: int, blank: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (reader, fast_reader):
+    for module in (json_lines, fast_reader):
         monkeypatch.setattr(module, "MAX_LINE", 3000)
     line = b" " * length if blank else b'{"topic":"t","value":1,"x":"'.ljust(length - 2, b"a") + b'"}'
     events, error = same(TREES["one"], b"\n".join([GOOD, line, GOOD]), size=500)

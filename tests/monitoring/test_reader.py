@@ -21,8 +21,9 @@ from rvaft.analysis.pattern_index import Reads, Scope, TreeReads
 from rvaft.errors import ToolMissing
 from rvaft.model.patterns import Anything, ObjectPattern, Variable
 from rvaft.model.values import finite
-from rvaft.monitoring import reader
-from rvaft.monitoring.reader import MAX_DEPTH, MAX_LINE, decode, read
+from rvaft.readers import json_lines
+from rvaft.readers.json_lines import MAX_DEPTH, decode, read
+from rvaft.readers.log import MAX_LINE
 from tests.cli.runs import TREES, failed, run
 from tests.tables import rows, spelled
 
@@ -226,7 +227,7 @@ def test_compressed_files(tmp_path: Path, suffix: str) -> None:
 
 
 def test_a_line_is_bounded_after_decompression(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reader, "MAX_LINE", 1 << 20)
+    monkeypatch.setattr(json_lines, "MAX_LINE", 1 << 20)
     with pytest.raises(TraceError, match="longer than 1 MiB"):
         list(read(written(tmp_path, "bomb.gz", gzip.compress(b"x" * ((1 << 20) + 2), 1))))
 

@@ -23,7 +23,6 @@ from rvaft.monitoring import fast_reader
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights, Reason
-from rvaft.monitoring.reader import read
 from rvaft.monitoring.run import (
     Backwards,
     EventBuffer,
@@ -37,6 +36,7 @@ from rvaft.monitoring.run import (
     TraceRun,
     VerdictChange,
 )
+from rvaft.readers.json_lines import read
 from tests.cli.runs import lines
 from tests.trees import shipped
 

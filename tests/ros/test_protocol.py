@@ -11,7 +11,7 @@ from rvaft import Verdict, load, loads, monitor
 from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.values import Json
 from rvaft.monitoring.monitor_set import Per
-from rvaft.monitoring.reader import decode
+from rvaft.readers.json_lines import decode
 from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from tests.cli.runs import LOGS, PRUNED
 from tests.monitoring.test_reader import BAD, STRICT

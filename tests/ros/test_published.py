@@ -21,7 +21,7 @@ import yaml
 
 from rvaft import Verdict, load, monitor
 from rvaft.model.values import Json
-from rvaft.monitoring.reader import read
+from rvaft.readers.json_lines import read
 from tests.cli.runs import LOGS, PRUNED, ROW1, TREES, run, soon, started
 from tests.ros.clients import serving
 

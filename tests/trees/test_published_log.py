@@ -15,8 +15,8 @@ from rvaft import Ended, Pending, Verdict
 from rvaft.coverage import Coverage
 from rvaft.export import fired_text
 from rvaft.model.tree import RVAFT
-from rvaft.monitoring.reader import read
 from rvaft.monitors import Awaited, Monitor
+from rvaft.readers.json_lines import read
 from rvaft.semantics import Reference
 from tests.cli.runs import PRUNED
 from tests.engine.checking import check_explanation

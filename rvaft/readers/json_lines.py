@@ -7,35 +7,26 @@ where it is read. NaN, infinities and numbers that overflow are not, though JSON
 event says so (`NonFiniteEvent`), elsewhere it is taken for null. `strict` refuses them: the words anywhere, other numbers where they are read.
 """
 
-import errno
 import json
 import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager
 from itertools import count
 from pathlib import Path
-from typing import BinaryIO, Final, TypeAlias
+from typing import BinaryIO, Final
 
 from rvaft.analysis.pattern_index import Reads, Scope
 from rvaft.errors import TraceError
 from rvaft.model.values import Exact, Json, decimal, is_finite
-from rvaft.support.files import SUFFIXES, damage, opened
+from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, Log, LogReader, Source, failures_of, unreadable
+from rvaft.support.files import opened
 from rvaft.support.terminal import cut
 
-MAX_LINE: Final = 64 * 1024 * 1024
-"""The longest line, in bytes: a log without line ends is refused before it fills the memory."""
 MAX_DEPTH: Final = 500
 """The deepest nesting of objects and lists; below the limits of every JSON decoder, so that the answer is one everywhere."""
-MAX_DIGITS: Final = 4300
-"""The longest integer; reading one takes time quadratic in its length."""
-BOM: Final = b"\xef\xbb\xbf"
-"""What may stand before the first line."""
 BLANK: Final = b" \t\r\n"
 """What a blank line may consist of."""
-
-Source: TypeAlias = str | os.PathLike[str] | BinaryIO
 
 _HINT: Final = "a trace has one JSON object per line"
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
@@ -44,7 +35,8 @@ _ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-f
 _PERHAPS_WORD: Final = re.compile(r"NaN|Infinity")
 _PERHAPS_HUGE: Final = re.compile(r"[0-9][eE]\+?0*[1-9][0-9][0-9]|[0-9]{200}")
 _HUGE: Final = "a number beyond the range of a double"
-_WILD: Final = frozenset("*?[")
+_SHOWN: Final = 40
+"""Characters of a value in a message."""
 
 
 def read(
@@ -65,7 +57,31 @@ def read(
         with opened(Path(source)) as stream:
             yield from read(stream, name=name or os.fspath(source), reads=reads, line=line, strict=strict)
         return
-    file = name or "<trace>"
+    for _, event in _numbered(source, name or "<trace>", reads, line, strict=strict):
+        yield event
+
+
+class JsonLinesReader(LogReader):
+    """JSON Lines; a line that is no object is the end of the log, as it is most likely damaged there.
+
+    >>> import io
+    >>> list(Log(JsonLinesReader(), io.BytesIO(b'{"event": "a"}'), "log.jsonl").events())
+    [{'event': 'a'}]
+    """
+
+    name = "jsonl"
+    suffixes = (".jsonl", ".ndjson")
+    by_lines = True
+
+    def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
+        """The events of all lines that are not blank."""
+        return _numbered(log.stream, log.name, log.reads, log.line, strict=log.strict)
+
+
+def _numbered(
+    source: BinaryIO, file: str, reads: Scope | None, line: int, *, strict: bool
+) -> Iterator[tuple[int, dict[str, Json]]]:
+    """The events of a stream, each with the number of its line."""
     failures = failures_of(file)
     for number in count(line):
         try:
@@ -77,17 +93,7 @@ def read(
         text = text.removesuffix(b"\n")
         event = event_on(text.removeprefix(BOM) if number == 1 else text, file, number, reads, strict=strict)
         if event is not None:
-            yield event
-
-
-def failures_of(file: str) -> tuple[type[Exception], ...]:
-    """What reading from a file of that name may raise that is not the reader's fault."""
-    return (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
-
-
-def unreadable(error: Exception, file: str, line: int) -> TraceError:
-    """A trace that cannot be read from that line on."""
-    return TraceError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file, line=line)
+            yield number, event
 
 
 def event_on(
@@ -119,14 +125,25 @@ def decode(
         text = line.decode("utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line); {_HINT}") from None
-    _check_depth(text)
+    check_depth(text)
     try:
-        event = (_STRICT if strict else _DECODER).decode(text)
+        event = (_STRICT if strict else DECODER).decode(text)
     except json.JSONDecodeError as error:  # its messages never quote the input
         reason = (error.msg[:1].lower() + error.msg[1:]).removesuffix(" at").removesuffix(" starting")
         raise ValueError(f"not JSON: {reason} (column {error.colno}); {_HINT}") from None
     except RecursionError:
         raise ValueError("nested too deeply for the space left on the stack") from None
+    return checked(event, text, reads, strict=strict, passed_on=passed_on)
+
+
+def checked(
+    event: Json, text: str, reads: Scope | None, *, strict: bool = False, passed_on: bool = False
+) -> dict[str, Json]:
+    """What `DECODER` makes of a text, if it is an event; raises as `decode` does for what decoders let pass.
+
+    >>> checked({"v": 1}, '{"v": 1}', None)
+    {'v': 1}
+    """
     if _SURROGATE.search(text) and any(escape[1] for escape in _ESCAPE.finditer(text)):
         raise ValueError("a lone surrogate: \\ud800 to \\udfff stand only in pairs")
     if not isinstance(event, dict):
@@ -174,7 +191,8 @@ def _integer(digits: str) -> int:
 _STRICT: Final = json.JSONDecoder(
     object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer, parse_float=decimal
 )
-_DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_int=_integer, parse_float=decimal)
+DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_int=_integer, parse_float=decimal)
+"""Decodes what is JSON, and more."""
 
 
 def described(value: Json) -> str:
@@ -199,7 +217,8 @@ _NAMES: Final = {
 _KINDS: Final[Mapping[type, str]] = {**_NAMES, type(None): "null"}
 
 
-def _check_depth(text: str) -> None:
+def check_depth(text: str) -> None:
+    """Raise `ValueError` for a text that is nested too deeply."""
     if text.count("{") + text.count("[") <= MAX_DEPTH:
         return
     depth = 0
@@ -255,24 +274,16 @@ def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False,
     return found
 
 
-def expanded(name: str) -> list[str]:
-    """The files that a name stands for: itself, or, where there is no such file, those that match it as a pattern.
+def settled(event: dict[str, Json], log: Log) -> dict[str, Json]:
+    """The event of a format that has numbers of its own, marked where one that is not finite is read; raises `ValueError` if the log is read strictly.
 
-    In a pattern `**` stands for any folders, none included. Raises `FileNotFoundError` where nothing matches.
+    >>> from io import BytesIO
+    >>> settled({"v": float("nan")}, Log(JsonLinesReader(), BytesIO(), "log")).number
+    'NaN'
     """
-    if _WILD.isdisjoint(name) or os.path.lexists(name):
-        return [name]
-    from glob import iglob  # noqa: PLC0415 -- imported on use
-
-    found = sorted(path for path in iglob(name, recursive=True) if not Path(path).is_dir())  # noqa: PTH207 (as typed)
-    if not found:
-        raise FileNotFoundError(errno.ENOENT, "no file matches the pattern", name)
-    return found
-
-
-def open_log(name: str) -> AbstractContextManager[BinaryIO]:
-    """The bytes of a log, decompressed; raises `OSError` and `ToolMissing`."""
-    if Path(name).is_dir():
-        hint = f"'{os.path.join(name, '*.jsonl')}'"  # noqa: PTH118 (as typed)
-        raise IsADirectoryError(errno.EISDIR, f"Is a directory; name the logs in it, for example {hint}", name)
-    return opened(Path(name))
+    if is_finite(event):
+        return event
+    try:
+        return marked(event, log.reads, strict=log.strict, kept=False)
+    except ValueError:
+        raise ValueError("a number in it is not finite") from None

@@ -1,0 +1,178 @@
+"""Recordings of ROS, read by `rosbags`: bags of ROS 1, folders and files of rosbag2, MCAP.
+
+An event is a message: its fields, `topic`, and `time`, the nanoseconds at which it was recorded, as a whole number. Times in messages are objects with
+`sec` and `nanosec`, in ROS 1 too. Types are as the recording defines them. Messages of which nothing is looked at are counted and not decoded, and
+of the others only what is looked at is made JSON.
+"""
+
+from collections.abc import Callable, Collection, Iterator
+from keyword import iskeyword
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
+
+from rvaft.errors import ToolMissing, TraceError
+from rvaft.model.values import Json
+from rvaft.readers.json_lines import settled
+from rvaft.readers.log import BAG_METADATA, InputOptions, Log, LogReader, suffix
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection, Typestore
+
+TOPIC: Final = "topic"
+"""The field with the topic of a message."""
+TIME: Final = "time"
+"""The field with the time at which a message was recorded."""
+_ELSEWHERE: Final = {name: f"message_{name}" for name in (TOPIC, TIME)}
+"""Where fields stand that a message has of its own by these names."""
+_FLOATS: Final = frozenset({"float32", "float64", "float128"})
+
+
+class BagReader(LogReader):
+    """Recordings of ROS 1 and ROS 2.
+
+    >>> BagReader.suffixes, BagReader.unit, BagReader.needs_file
+    (('.bag', '.mcap', '.db3'), 'message', True)
+    """
+
+    name: ClassVar[str] = "bag"
+    suffixes: ClassVar[tuple[str, ...]] = (".bag", ".mcap", ".db3")
+    unit: ClassVar[str] = "message"
+    needs_file: ClassVar[bool] = True
+
+    @classmethod
+    def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003 (of the interface)
+        """Whether it has one of the suffixes, or is a folder with the description of a recording."""
+        return suffix(path) in cls.suffixes or (path / BAG_METADATA).is_file()
+
+    def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
+        """The messages in the order of their times, each with its number."""
+        try:
+            from rosbags.highlevel import AnyReader  # noqa: PLC0415 -- imported on use
+            from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 -- imported on use
+        except ImportError as error:
+            raise ToolMissing("rosbags", remedy="pip install '.[bags]' in a checkout of rvaft") from error
+        number = 0
+        try:
+            usual = get_typestore(Stores.LATEST)
+            with AnyReader([log.path], default_typestore=usual) as bag:
+                known = bag.typestore
+                known.register({name: one for name, one in usual.fielddefs.items() if name not in known.fielddefs})
+                decoders: dict[int, _Decoder] = {}
+                for connection, stamp, data in bag.messages():
+                    number += 1
+                    decoder = decoders.get(id(connection))
+                    if decoder is None:
+                        decoder = decoders[id(connection)] = _Decoder(connection, known, bag.deserialize, log)
+                    try:
+                        event = None if decoder.idle else decoder.event(stamp, data)
+                    except Exception as error:  # noqa: BLE001 (whatever a decoder makes of bytes that are no message)
+                        log.reject(number, str(error) if isinstance(error, _Unread) else decoder.refusal(error))
+                    else:
+                        yield number, event
+                if (lost := bag.message_count - number) > 0:
+                    log.reject(
+                        number + 1, f"the recording has {bag.message_count} by its index, but no more are found", lost
+                    )
+        except (TraceError, ToolMissing):
+            raise
+        except Exception as error:  # whatever the library makes of a damaged file
+            reason = " ".join(str(error).split()).removesuffix(".") or type(error).__name__
+            raise log.error_at(f"the recording cannot be read: {reason}", number + 1 if number else None) from error
+
+
+class _Unread(ValueError):
+    """Why a message is no event, in words of ours."""
+
+
+class _Decoder:
+    """Makes events of the messages of one connection, with the fields that are looked at; it is `idle` where none is of interest."""
+
+    def __init__(
+        self, connection: "Connection", types: "Typestore", deserialize: Callable[[bytes, str], object], log: Log
+    ) -> None:
+        self._connection = connection  # as long as it is there, it is known by its identity
+        self._topic, self._type, self._log = connection.topic, connection.msgtype, log
+        self._deserialize = deserialize
+        self.idle = not log.interest.may_be(TOPIC, connection.topic)
+        self._fields: dict[str, str] = {}
+        self._odd, self._unknown = False, ""
+        if not self.idle:
+            try:
+                names = [name for name, _ in types.fielddefs[connection.msgtype][1]]
+                fields = {name: _ELSEWHERE.get(name, name) for name in names}
+                wanted = log.interest.fields
+                self._fields = {name: field for name, field in fields.items() if wanted is None or field in wanted}
+                self._odd = not _FLOATS.isdisjoint(_parts(types, connection.msgtype, self._fields))
+                self._values = _converter(types, connection.msgtype, self._fields)
+            except KeyError as error:
+                self._unknown = str(error.args[0])
+
+    def event(self, stamp: int, data: bytes) -> dict[str, Json]:
+        """The event that a message is; raises whatever the library does, and `ValueError`."""
+        if self._unknown:
+            raise _Unread(f"the type {self._unknown}, of {self._topic}, is not defined in the recording")
+        event: dict[str, Json] = {TOPIC: self._topic, TIME: stamp}
+        if self._fields:
+            event |= self._values(self._deserialize(data, self._type))
+        return settled(event, self._log) if self._odd else event
+
+    def refusal(self, error: Exception) -> str:
+        """What to say of a message that cannot be decoded."""
+        return f"no message of the type {self._type} on {self._topic}: {' '.join(str(error).split()) or type(error).__name__}"
+
+
+def _converter(types: "Typestore", name: str, fields: dict[str, str] | None = None) -> Callable[[Any], dict[str, Any]]:
+    """A function from messages of a type to JSON objects, with these fields under these names, or all."""
+    chosen = [(own, how) for own, how in types.fielddefs[name][1] if fields is None or own in fields]
+    names = [own for own, _ in chosen]
+    keys = [own if fields is None else fields[own] for own in names]
+    inner = [(key, convert) for key, (_, how) in zip(keys, chosen, strict=True) if (convert := _conversion(types, how))]
+    if not names:
+        return lambda _: {}
+    get = attrgetter(*(f"{own}_" if iskeyword(own) else own for own in names))
+    single = len(names) == 1
+
+    def convert_all(message: Any) -> dict[str, Any]:
+        values = (get(message),) if single else get(message)
+        found = dict(zip(keys, values, strict=True))
+        for key, convert in inner:
+            found[key] = convert(found[key])
+        return found
+
+    return convert_all
+
+
+def _conversion(types: "Typestore", how: Any) -> Callable[[Any], Any] | None:
+    """What makes JSON of the value of a field, None where it is JSON."""
+    kind, about = how
+    match kind.name:
+        case "BASE":
+            return None
+        case "NAME":
+            return _converter(types, about)
+        case _:
+            of, named = about[0]
+            if of.name == "NAME":
+                convert = _converter(types, named)
+                return lambda values: [convert(value) for value in values]
+            return lambda values: values.tolist() if hasattr(values, "tolist") else list(values)
+
+
+def _parts(types: "Typestore", name: str, fields: Collection[str] | None = None) -> set[str]:
+    """The basic types of which messages of a type consist, or these fields of them; raises `KeyError` for a type that is not known."""
+    agenda: list[tuple[str, Collection[str] | None]] = [(name, fields)]
+    found, seen = set[str](), {name}
+    while agenda:
+        one, chosen = agenda.pop()
+        for own, how in types.fielddefs[one][1]:
+            kind, about = cast("tuple[Any, Any]", how)
+            base, of = (kind, about) if kind.name in ("BASE", "NAME") else about[0]
+            if chosen is not None and own not in chosen:
+                continue
+            if base.name == "BASE":
+                found.add(of[0])
+            elif of not in seen:
+                seen.add(of)
+                agenda.append((of, None))
+    return found

@@ -1,0 +1,117 @@
+"""Tables of comma-separated values: the header names the fields, and each row is an event.
+
+What an empty cell says is that the event lacks the field. A cell that is a number by the grammar of JSON is that number, unless `types` says what its
+column holds. Rows that are longer or shorter than the header, that are not UTF-8 or that hold what their column should not are left out, and told.
+"""
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import chain
+from pathlib import Path
+from typing import ClassVar, Final
+
+from rvaft.model.values import Json
+from rvaft.readers.json_lines import settled
+from rvaft.readers.log import FieldType, Log, LogReader, by_content, lines_of, suffix
+
+_DIVIDED: Final = re.compile(r"sep=(.)\r?\n")
+"""A line before the header by which a spreadsheet says what divides the fields."""
+_QUOTED: Final = re.compile(r'"[^"]*(?:"|$)')
+_DELIMITERS: Final = ("\t", ";", "|")
+"""Beside the comma: what a header may be divided by that has no comma."""
+
+
+class CsvReader(LogReader):
+    r"""Comma-separated values with a header, by RFC 4180; tabs, semicolons or bars if the header has no comma.
+
+    >>> import io
+    >>> list(Log(CsvReader(), io.BytesIO(b"event;user;load\nlogin;bob;0.5\nlogout;;"), "day.csv").events())
+    [{'event': 'login', 'user': 'bob', 'load': 0.5}, {'event': 'logout'}]
+    """
+
+    name: ClassVar[str] = "csv"
+    suffixes: ClassVar[tuple[str, ...]] = (".csv", ".tsv")
+    takes: ClassVar[frozenset[str]] = frozenset({"types"})
+
+    def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
+        """The events of the rows, each with the number of the line where it begins."""
+        lines = (data.decode(errors="surrogateescape") for _, data in lines_of(log))
+        head = next(lines, "")
+        said = _DIVIDED.fullmatch(head)
+        before, head = (1, next(lines, "")) if said else (0, head)
+        if not head.strip():
+            raise log.error_at("there is no header, which names the fields of the rows", 1 + before)
+        if head.lstrip()[0] in "{[<":
+            raise log.error_at("this is no header of a table but JSON or XML: name its format with --input", 1 + before)
+        bare = _QUOTED.sub("", head)
+        usual = "\t" if suffix(Path(log.name)) == ".tsv" else ","
+        delimiter = said[1] if said else next((one for one in (usual, ",", *_DELIMITERS) if one in bare), usual)
+        rows = csv.reader(chain([head], lines), delimiter=delimiter, skipinitialspace=True, strict=True)
+        try:
+            header = [name.strip() for name in next(rows)]
+            "".join(header).encode()
+        except UnicodeEncodeError:
+            raise log.error_at("not UTF-8: convert it, for example with iconv", 1 + before) from None
+        except csv.Error as error:
+            raise log.error_at(f"the header cannot be read: {str(error).partition(' - ')[0]}", 1 + before) from error
+        columns = [(name, self._converter(name, delimiter)) for name in header]
+        self._check(header, log, 1 + before)
+        odd = FieldType.NUMBER in self.options.types.values()  # by its content no cell is NaN
+        while True:
+            number = rows.line_num + before + 1
+            try:
+                row = next(rows, None)
+            except csv.Error as error:
+                count = rows.line_num + before + 1 - number
+                log.reject(number, f"no row of a table: {error}; is a quote not closed?", max(1, count))
+                continue
+            if row is None:
+                return
+            if not row:
+                continue
+            if len(row) != len(header):
+                fields = f"{len(row)} field{'s' * (len(row) != 1)}"
+                log.reject(number, f"{fields}, but the header has {len(header)}")
+                continue
+            try:
+                event = self._event(columns, row)
+                event = settled(event, log) if odd else event
+            except ValueError as error:
+                log.reject(number, str(error))
+            else:
+                yield number, event
+
+    def _event(self, columns: list[tuple[str, Callable[[str], Json]]], row: list[str]) -> dict[str, Json]:
+        """The event of a row; raises `ValueError` with the reason why it is none."""
+        event: dict[str, Json] = {}
+        try:
+            "".join(row).encode()
+        except UnicodeEncodeError:
+            raise ValueError("not UTF-8") from None
+        for (name, convert), cell in zip(columns, row, strict=True):
+            if cell or convert is str:
+                try:
+                    event[name] = convert(cell)
+                except ValueError as error:
+                    raise ValueError(f"the field {name} is {error}") from None
+        return event
+
+    def _converter(self, name: str, delimiter: str) -> Callable[[str], Json]:
+        kind = self.options.types.get(name)
+        if kind is FieldType.NUMBER and delimiter == ";":  # then decimals have a comma
+            return lambda cell: kind.value_of(cell if "." in cell else cell.replace(",", ".", 1))
+        return by_content if kind is None else str if kind is FieldType.TEXT else kind.value_of
+
+    def _check(self, header: list[str], log: Log, line: int) -> None:
+        """Refuse a header by which fields cannot be told apart."""
+        if any("\0" in name for name in header):
+            raise log.error_at("the header has NUL characters: is it UTF-16? Convert it, for example with iconv", line)
+        for name, count in Counter(header).items():
+            if count > 1:
+                raise log.error_at(f"the header has the field {name!r} twice: give each a name of its own", line)
+        log.require(header)
+        for name in self.options.types:
+            if name not in header:
+                raise log.error_at(f"the header has no field {name}, of which a type is given", line)

@@ -1,0 +1,147 @@
+"""Event logs of process mining: XES, the format of IEEE 1849, read case by case and never as a whole."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from typing import ClassVar, Final
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
+
+from rvaft.errors import TraceError
+from rvaft.model.values import Json
+from rvaft.readers.json_lines import MAX_DEPTH, settled
+from rvaft.readers.log import MAX_LINE, FieldType, Log, LogReader
+
+CASE: Final = "case"
+"""The field with the name of the case that an event belongs to; other attributes of the case stand behind this word and a colon."""
+_NAME: Final = "concept:name"
+_HOLDERS: Final = {"log": ("",), "trace": ("log",), "event": ("log", "trace")}
+"""What these may stand in."""
+_TYPES: Final = {
+    **dict.fromkeys(("string", "date", "id"), FieldType.TEXT),
+    **dict.fromkeys(("int", "float"), FieldType.NUMBER),
+    "boolean": FieldType.BOOL,
+}
+
+
+class XesReader(LogReader):
+    """Events of XES: their attributes are the fields, and those of their case, whose name is the field `case`.
+
+    >>> import io
+    >>> text = '<log><trace><string key="concept:name" value="c7"/><event><string key="concept:name" value="pay"/></event></trace></log>'
+    >>> list(Log(XesReader(), io.BytesIO(text.encode()), "orders.xes").events())
+    [{'case': 'c7', 'concept:name': 'pay'}]
+    """
+
+    name: ClassVar[str] = "xes"
+    suffixes: ClassVar[tuple[str, ...]] = (".xes",)
+    unit: ClassVar[str] = "event"
+
+    def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
+        """The events in turn, case after case, each with its number in the file."""
+        number, case, begun = 0, dict[str, Json](), False
+        path: list[ET.Element] = []
+        source = _XmlStream(log)
+        try:
+            for moment, element in ET.iterparse(source, events=("start", "end")):  # noqa: S314 (there are no entities)
+                name, above = _local(element), _local(path[-1]) if path else ""
+                if moment == "start":
+                    if above not in _HOLDERS.get(name, (above or "log",)) or len(path) > MAX_DEPTH:
+                        reason = "is nested too deeply" if len(path) > MAX_DEPTH else f"stands in {above or 'no log'}"
+                        raise log.error_at(f"this is no XES: {name} {reason}", number + 1)
+                    case, begun = ({}, False) if name == "trace" else (case, begun)
+                    path.append(element)
+                    continue
+                path.pop()
+                above = _local(path[-1]) if path else ""
+                if above not in ("log", "trace"):
+                    continue
+                path[-1].remove(element)  # else the whole log would stay
+                source.pending = 0
+                is_event = name == "event"
+                number += is_event
+                try:
+                    if is_event:
+                        begun = True
+                        own = {_of_event(key): value for key, value in _attributes(element).items()}
+                        event = settled({**(case if above == "trace" else {}), **own}, log)
+                    elif above == "trace":
+                        said = {_of_case(key): value for key, value in _attributes([element]).items()}
+                        if begun or said.keys() & case.keys():
+                            reason = "stands behind it" if begun else "is repeated"
+                            raise ValueError(f"an attribute of its case {reason}")  # noqa: TRY301 (told as the others are)
+                        case |= said
+                except ValueError as error:
+                    log.reject(max(number, 1), str(error))
+                else:
+                    if is_event:
+                        yield number, event
+        except TraceError:
+            raise
+        except (ET.ParseError, LookupError, ValueError) as error:  # of an encoding that it does not know, too
+            raise log.error_at(f"this is no XML, or damaged: {error}", None) from error
+
+
+class _XmlStream:
+    """A stream of XML without a document type, whose entities could expand without bounds or name other files; `pending` is what was read since an event."""
+
+    def __init__(self, log: Log) -> None:
+        self.pending = 0
+        self._log, self._begun = log, list[object]()
+        self._prolog = expat.ParserCreate()
+        self._prolog.StartDoctypeDeclHandler = self._refuse
+        self._prolog.StartElementHandler = lambda *element: self._begun.append(element)
+
+    def _refuse(self, *_type: object) -> None:
+        reason = "it has a document type (<!DOCTYPE), which is not read, as it can define anything: remove that"
+        raise self._log.error_at(reason, None)
+
+    def read(self, size: int = -1, /) -> bytes:
+        if self.pending > MAX_LINE:
+            raise self._log.error_at(f"an event is longer than {MAX_LINE // 1024**2} MiB", self._log.place + 1)
+        data = self._log.stream.read(size)
+        self.pending += len(data)
+        if not self._begun:
+            with suppress(expat.ExpatError, LookupError, UnicodeError):  # as the parser itself will tell
+                self._prolog.Parse(data)
+        return data
+
+
+def _attributes(elements: Iterable[ET.Element]) -> dict[str, Json]:
+    """Attributes by their keys; raises `ValueError` for what is none."""
+    found: dict[str, Json] = {}
+    for element in elements:
+        kind, key, text = _local(element), element.get("key"), element.get("value")
+        if key is None:
+            raise ValueError(f"an attribute ({kind}) has no key")
+        if key in found:
+            raise ValueError(f"the key {key} is repeated")
+        if kind == "container":
+            found[key] = _attributes(element)
+        elif kind == "list":
+            values = next((one for one in element if _local(one) == "values"), element)
+            found[key] = [_attributes([one]) for one in values]
+        elif kind not in _TYPES:
+            raise ValueError(f"the attribute {key} is of no type of XES ({kind})")
+        elif text is None:
+            raise ValueError(f"the attribute {key} has no value")
+        else:
+            try:
+                found[key] = _TYPES[kind].value_of(text)
+            except ValueError as error:
+                raise ValueError(f"the attribute {key} is {error}") from None
+    return found
+
+
+def _of_case(key: str) -> str:
+    """The field of an event for an attribute of its case."""
+    return CASE if key == _NAME else f"{CASE}:{key}"
+
+
+def _of_event(key: str) -> str:
+    """The field of an event for an attribute of its own, which is kept apart from those of its case."""
+    return f"event:{key}" if key == CASE or key.startswith(f"{CASE}:") else key
+
+
+def _local(element: ET.Element) -> str:
+    """The name of an element, in small letters, without its namespace."""
+    return element.tag.rpartition("}")[2].lower()

@@ -1,0 +1,148 @@
+"""Tables in Parquet, read in batches of rows by `pyarrow`: the columns are the fields.
+
+Of the columns only those that are looked at are read. A null says that the event lacks the field. Times are texts of ISO 8601 with as many digits as
+the column has, those with a zone in UTC; durations are whole nanoseconds; decimals are numbers, and bytes are the text that they are in UTF-8, or else
+in base64.
+"""
+
+from base64 import b64encode
+from collections.abc import Iterator
+from itertools import accumulate, pairwise
+from typing import Any, ClassVar, Final
+
+from rvaft.errors import ToolMissing
+from rvaft.model.values import Json
+from rvaft.readers.json_lines import settled
+from rvaft.readers.log import Log, LogReader
+
+_ROWS: Final = 4_096
+"""Rows that are made events of at once."""
+
+
+class ParquetReader(LogReader):
+    """Tables in Parquet.
+
+    >>> ParquetReader.suffixes, ParquetReader.unit, ParquetReader.needs_file
+    (('.parquet', '.pq'), 'row', True)
+    """
+
+    name: ClassVar[str] = "parquet"
+    suffixes: ClassVar[tuple[str, ...]] = (".parquet", ".pq")
+    unit: ClassVar[str] = "row"
+    needs_file: ClassVar[bool] = True
+
+    def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
+        """The events of the rows, each with the number of its row."""
+        try:
+            import pyarrow  # noqa: PLC0415 -- imported on use
+            from pyarrow import parquet  # noqa: PLC0415 -- imported on use
+        except ImportError as error:
+            remedy = "pip install '.[parquet]' in a checkout of rvaft"
+            raise ToolMissing("pyarrow", remedy=remedy) from error
+        number = 0
+        try:
+            with parquet.ParquetFile(log.path, pre_buffer=False, page_checksum_verification=True) as file:
+                names = file.schema_arrow.names
+                for name in names:
+                    if names.count(name) > 1:
+                        raise log.error_at(f"there are two columns {name}", None)
+                log.require(names)
+                read = [name for name in names if log.interest.fields is None or name in log.interest.fields]
+                if not read:
+                    yield from ((row, {}) for row in range(1, file.metadata.num_rows + 1))
+                    return
+                for batch in file.iter_batches(batch_size=_ROWS, columns=read):
+                    for row, event in enumerate(_events(batch, log, number), number + 1):
+                        if event is not None:
+                            yield row, event
+                    number += batch.num_rows
+        except (pyarrow.ArrowException, OSError) as error:
+            reason = str(error).strip().partition("\n")[0].removesuffix(".")
+            raise log.error_at(f"this is no Parquet, or damaged: {reason}", number + 1 if number else None) from error
+
+
+def _events(batch: Any, log: Log, before: int) -> list[dict[str, Json] | None]:
+    """The events of a batch of rows; None for a row that is rejected."""
+    try:
+        columns = [_values(column) for column in batch.columns]
+        rows = zip(*columns, strict=True)
+        names = batch.schema.names
+        events = [{name: value for name, value in zip(names, row, strict=True) if value is not None} for row in rows]
+        return [settled(event, log) for event in events] if _has_floats(batch) else list(events)
+    except ValueError as error:
+        if batch.num_rows > 1:  # then which of them it is
+            ones = range(batch.num_rows)
+            return [event for place in ones for event in _events(batch.slice(place, 1), log, before + place)]
+        log.reject(before + 1, "not UTF-8" if isinstance(error, UnicodeDecodeError) else str(error))
+        return [None]
+
+
+def _has_floats(batch: Any) -> bool:
+    """Whether a number in a batch may be one that is not finite."""
+    from pyarrow import compute, types  # noqa: PLC0415 -- imported on use
+
+    return any(
+        not compute.all(compute.is_finite(column)).as_py()
+        if types.is_floating(column.type) and not types.is_float16(column.type)
+        else types.is_nested(column.type) or types.is_float16(column.type)
+        for column in batch.columns
+    )
+
+
+def _values(column: Any) -> list[Any]:
+    """The values of a column as JSON; raises `ValueError` for what is not."""
+    import pyarrow as pa  # noqa: PLC0415 -- imported on use
+    from pyarrow import compute, types  # noqa: PLC0415 -- imported on use
+
+    kind = column.type
+    if isinstance(column, pa.ExtensionArray):
+        return _values(column.storage)
+    if types.is_dictionary(kind):
+        return _values(column.dictionary_decode())
+    if types.is_struct(kind):
+        names = [kind.field(place).name for place in range(kind.num_fields)]
+        rows = zip(*map(_values, column.flatten()), strict=True) if names else ((),) * len(column)
+        present = zip(column.is_valid().to_pylist(), rows, strict=True)
+        return [
+            {name: value for name, value in zip(names, row, strict=True) if value is not None} if valid else None
+            for valid, row in present
+        ]
+    if types.is_map(kind) or types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        if types.is_map(kind):
+            column = column.cast(pa.list_(pa.struct([("key", kind.key_type), ("value", kind.item_type)])))
+        lengths = compute.list_value_length(column).to_pylist()
+        flat = _values(column.flatten())
+        ends = accumulate((length or 0 for length in lengths), initial=0)
+        lists = [None if length is None else flat[a:b] for length, (a, b) in zip(lengths, pairwise(ends), strict=True)]
+        by_text = types.is_map(kind) and (types.is_string(kind.key_type) or types.is_large_string(kind.key_type))
+        return [None if one is None else _object(one) for one in lists] if by_text else lists
+    if types.is_timestamp(kind):
+        zone = "Z" if kind.tz is not None else ""
+        utc = column.cast(pa.timestamp(kind.unit, "UTC")) if zone else column
+        return compute.strftime(utc, format=f"%Y-%m-%dT%H:%M:%S{zone}").to_pylist()  # type: ignore[no-any-return]
+    if types.is_date(kind) or types.is_time(kind):
+        return column.cast(pa.string()).to_pylist()  # type: ignore[no-any-return]
+    if types.is_duration(kind):
+        return column.cast(pa.duration("ns")).cast(pa.int64()).to_pylist()  # type: ignore[no-any-return]
+    if types.is_decimal(kind):
+        return [one if one is None else int(one) if kind.scale <= 0 else float(one) for one in column.to_pylist()]
+    if types.is_binary(kind) or types.is_large_binary(kind) or types.is_fixed_size_binary(kind):
+        return [None if one is None else _text(one) for one in column.to_pylist()]
+    found: list[Any] = column.to_pylist()
+    if not all(value is None or isinstance(value, (bool, int, float, str)) for value in found[:1]):
+        raise ValueError(f"values of the type {kind} are no JSON")
+    return found
+
+
+def _object(entries: list[Any]) -> Json:
+    """A map whose keys are texts, as an object; raises `ValueError` where one is repeated."""
+    if len({entry["key"] for entry in entries}) < len(entries):
+        raise ValueError("a key of a map is repeated")
+    return {entry["key"]: entry["value"] for entry in entries if "value" in entry}
+
+
+def _text(data: bytes) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return b64encode(data).decode()

@@ -1,0 +1,152 @@
+"""Logs of text, of which each line is read by a regular expression: syslog, and whatever an expression of yours describes.
+
+Not every line of such a log need be an event: how many are not, and the first of them, is told as a warning, unless no line is one.
+"""
+
+import re
+from contextlib import suppress
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+from typing import ClassVar, Final
+
+from rvaft.errors import OptionError
+from rvaft.model.values import Json
+from rvaft.readers.json_lines import settled
+from rvaft.readers.log import InputOptions, LineReader, Log, by_content
+
+_FACILITIES: Final = (
+    *("kern", "user", "mail", "daemon", "auth", "syslog", "lpr", "news", "uucp", "cron", "authpriv", "ftp"),
+    *("ntp", "security", "console", "solaris-cron", *(f"local{number}" for number in range(8))),
+)
+_SEVERITIES: Final = ("emerg", "alert", "crit", "err", "warning", "notice", "info", "debug")
+_MONTHS: Final = {"JanFebMarAprMayJunJulAugSepOctNovDec"[3 * n : 3 * n + 3]: n + 1 for n in range(12)}
+_STAMP: Final = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d{1,9})?(?:Z|[+-]\d\d:\d\d)"
+_VALUE: Final = r'"(?:[^"\\\]]|\\.)*"'
+_PARAMETER: Final = re.compile(rf'([^\s="\]]+)=({_VALUE})')
+_ELEMENT: Final = re.compile(rf'\[([^\s="\]]+)((?: +[^\s="\]]+={_VALUE})*) *\]')
+_ESCAPED: Final = re.compile(r'\\(["\\\]])')
+_RFC5424: Final = re.compile(
+    rf"<(?P<priority>\d{{1,3}})>1 (?P<time>-|{_STAMP}) (?P<host>\S+) (?P<app>\S+) (?P<pid>\S+) (?P<id>\S+)"
+    rf' (?P<data>-|(?:\[[^\s="\]]+(?: +[^\s="\]]+={_VALUE})* *\])+)(?: \ufeff?(?P<message>.*))?',
+    re.DOTALL,
+)
+_RFC3164: Final = re.compile(
+    rf"(?:<(?P<priority>\d{{1,3}})>)?(?:(?P<time>{_STAMP})|(?P<month>{'|'.join(_MONTHS)}) (?P<day>[ 0-3]?\d)"
+    r" (?P<clock>[0-2]\d:[0-5]\d:[0-6]\d)) (?P<host>\S+)"
+    r" (?:(?P<app>[^\s\[\]:]+)(?:\[(?P<pid>[^\]\s]*)\])?: ?)?(?P<message>.*)",
+    re.DOTALL,
+)
+
+
+class SyslogReader(LineReader):
+    """Lines of syslog, by RFC 5424 or as they stand in files by RFC 3164, with or without a priority.
+
+    A time that has no year is that of the latest year in which it is not later than the file, and has no zone.
+
+    >>> import io
+    >>> lines = b"<38>1 2026-03-02T08:00:00Z web1 sshd 812 - - Accepted password for deploy"
+    >>> next(Log(SyslogReader(), io.BytesIO(lines), "auth.log").events())["message"]
+    'Accepted password for deploy'
+    """
+
+    name: ClassVar[str] = "syslog"
+    suffixes: ClassVar[tuple[str, ...]] = (".syslog",)
+    lenient: ClassVar[bool] = True
+
+    def event(self, line: str, log: Log) -> dict[str, Json]:
+        """The event on a line: what it says of time, host, app, pid, severity, facility, message, id and data."""
+        found = _RFC5424.fullmatch(line) or _RFC3164.fullmatch(line)
+        if found is None:
+            raise ValueError("no line of syslog")
+        said = {name: text for name, text in found.groupdict().items() if text is not None}
+        event: dict[str, Json] = {}
+        new = "data" in said
+        if "month" in said:
+            said["time"] = f"{_latest(_MONTHS[said['month']], int(said['day']), _written(log))}T{said['clock']}"
+        for name in ("time", "host", "app", "pid", "id", "message"):
+            if name in said and not (new and name != "message" and said[name] == "-"):
+                event[name] = by_content(said[name]) if name == "pid" else said[name]
+        if "priority" in said:
+            facility, severity = divmod(int(said["priority"]), len(_SEVERITIES))
+            if facility >= len(_FACILITIES):
+                raise ValueError("no priority of syslog")
+            event |= {"severity": _SEVERITIES[severity], "facility": _FACILITIES[facility]}
+        if said.get("data", "-") != "-":
+            elements = list(_ELEMENT.finditer(said["data"]))
+            event["data"] = {element[1]: _parameters(element[2]) for element in elements}
+            if len(event["data"]) < len(elements):
+                raise ValueError("no structured data of syslog: an element is repeated")
+        return event
+
+
+def _parameters(text: str) -> Json:
+    """The parameters of an element of structured data; one that is repeated is a list."""
+    found: dict[str, list[Json]] = {}
+    for name, value in _PARAMETER.findall(text):
+        found.setdefault(name, []).append(_ESCAPED.sub(r"\1", value[1:-1]))
+    return {name: values if len(values) > 1 else values[0] for name, values in found.items()}
+
+
+def _written(log: Log) -> date:
+    """The day on which the log was written last, or else today; a day more, as clocks and zones differ."""
+    last = datetime.now(tz=UTC)
+    with suppress(OSError, ValueError):
+        if Path(log.name).is_file():
+            last = datetime.fromtimestamp(Path(log.name).stat().st_mtime, tz=UTC)
+    return last.date() + timedelta(days=1)
+
+
+def _latest(month: int, day: int, last: date) -> date:
+    """The latest such day that is not after the last; raises `ValueError` where there is none."""
+    for year in range(last.year, last.year - 9, -1):
+        with suppress(ValueError):
+            if (found := date(year, month, day)) <= last:
+                return found
+    raise ValueError("there is no such day")
+
+
+class RegexReader(LineReader):
+    r"""Lines that a regular expression finds something in: its named groups are the fields, numbers by their content or by `types`.
+
+    >>> import io
+    >>> options = InputOptions(pattern=r"(?P<user>\w+) logs (?P<event>in|out)")
+    >>> next(Log(RegexReader(options), io.BytesIO(b"08:15 bob logs in"), "door.log").events())
+    {'user': 'bob', 'event': 'in'}
+    """
+
+    name: ClassVar[str] = "regex"
+    takes: ClassVar[frozenset[str]] = frozenset({"pattern", "types"})
+    lenient: ClassVar[bool] = True
+
+    def __init__(self, options: InputOptions = InputOptions()) -> None:  # noqa: B008 (immutable)
+        """Raises `OptionError` without an expression, for what is none, and for one without named groups or without one that has a type."""
+        super().__init__(options)
+        if options.pattern is None:
+            raise OptionError("the format regex needs a pattern with named groups: --pattern '(?P<user>...) ...'")
+        try:
+            self._search = re.compile(options.pattern).search
+            groups = re.compile(options.pattern).groupindex
+        except (re.error, OverflowError, RecursionError) as error:
+            raise OptionError(f"the pattern is no regular expression: {error}") from error
+        if not groups:
+            raise OptionError("the pattern has no named groups, which are the fields: write (?P<user>...)")
+        for name in options.types:
+            if name not in groups:
+                raise OptionError(f"the pattern has no group {name}, of which a type is given")
+        self._converters = {
+            name: by_content if (kind := options.types.get(name)) is None else kind.value_of for name in groups
+        }
+
+    def event(self, line: str, log: Log) -> dict[str, Json]:
+        """The event on a line: the groups that took part in the match."""
+        found = self._search(line)
+        if found is None:
+            raise ValueError("the pattern does not match")
+        event: dict[str, Json] = {}
+        for name, text in found.groupdict().items():
+            if text is not None:
+                try:
+                    event[name] = self._converters[name](text)
+                except ValueError as error:
+                    raise ValueError(f"the field {name} is {error}") from None
+        return settled(event, log) if self.options.types else event

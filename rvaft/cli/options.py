@@ -2,7 +2,6 @@
 
 import math
 import os
-import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,7 +19,7 @@ from rvaft.backend import UnknownBackend, backend, speaking
 from rvaft.errors import OptionError, TooLarge
 from rvaft.language.draft import Draft
 from rvaft.language.parser import decoded, parse, parse_file
-from rvaft.model.event_time import UNITS, scaled
+from rvaft.model.event_time import duration
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -173,21 +172,17 @@ def part_options(function: F) -> F:
 _COOLDOWN: Final = "With --repeat, after a detection tell no other for so long by the time of events, as in '10 min'."
 
 
-def duration(_context: object, _parameter: object, text: str | None) -> int | None:
-    """A duration in nanoseconds, more than none."""
-    if text is None:
-        return None
-    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([a-z]+)", text.strip(), re.ASCII)
-    size = scaled(*found.groups()) if found is not None and found[2] in UNITS else None
-    if not size:
-        raise click.BadParameter(f"{text!r} is no duration: write a number and one of {', '.join(UNITS)}, as in 10 min")
-    return size
+def _duration(_context: object, _parameter: object, text: str | None) -> int | None:
+    try:
+        return None if text is None else duration(text)
+    except OptionError as error:
+        raise click.BadParameter(str(error)) from None
 
 
 def repeat_options(function: F) -> F:
     """`--repeat`, and `--cooldown DURATION`, which needs it."""
     repeat = click.option("--repeat", is_flag=True, help="Begin afresh after each detection.")
-    return repeat(click.option("--cooldown", metavar="DURATION", callback=duration, help=_COOLDOWN)(function))
+    return repeat(click.option("--cooldown", metavar="DURATION", callback=_duration, help=_COOLDOWN)(function))
 
 
 def refuse(wrong: object, why: str) -> None:

@@ -13,6 +13,7 @@ from decimal import ROUND_HALF_EVEN, Context, DecimalException
 from enum import StrEnum
 from typing import Final
 
+from rvaft.errors import OptionError
 from rvaft.model.nodes import Place
 from rvaft.model.values import NUMBER, Json, at
 
@@ -116,6 +117,19 @@ def scaled(number: str, unit: str) -> int | None:
         return int((value * UNITS[unit]).to_integral_value(ROUND_HALF_EVEN, _EXACT)) if value.adjusted() > -40 else 0
     except DecimalException:
         return None
+
+
+def duration(text: str) -> int:
+    """A duration as an option has it, in nanoseconds, more than none; raises `OptionError`.
+
+    >>> duration("10 min")
+    600000000000
+    """
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([a-z]+)", text.strip(), re.ASCII)
+    size = scaled(*found.groups()) if found is not None and found[2] in UNITS else None
+    if not size:
+        raise OptionError(f"{text!r} is no duration: write a number and one of {', '.join(UNITS)}, as in 10 min")
+    return size
 
 
 _MOST: Final = 30

@@ -83,6 +83,25 @@ class _DataUnpickler(pickle.Unpickler):
         return found
 
 
+def packed(state: object) -> bytes:
+    """The state of a run as bytes; raises `ValueError` for what has no place in a checkpoint."""
+    payload = io.BytesIO()
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(limit + 4 * MAX_DEPTH)  # values are as deep as in a trace: two calls of `pickle` a level
+    try:
+        _DataPickler(payload, protocol=5).dump(state)
+    except (pickle.PicklingError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"these monitors cannot be kept: {_one_line(error)}") from error
+    finally:
+        sys.setrecursionlimit(limit)
+    return payload.getvalue()
+
+
+def unpacked(data: bytes | memoryview) -> Any:
+    """The state that was `packed`; raises whatever a pickle makes of a class where the bytes are not such."""
+    return _DataUnpickler(io.BytesIO(data)).load()
+
+
 class LinesRead(io.BufferedIOBase):
     """The lines of a stream, which knows where it is: `offset` bytes and `line` lines into the trace."""
 
@@ -211,19 +230,14 @@ class CheckpointFile:
         `CheckpointError` for what cannot be kept.
         """
         begun = monotonic()
-        payload = io.BytesIO()
-        limit = sys.getrecursionlimit()
-        sys.setrecursionlimit(limit + 4 * MAX_DEPTH)  # values are as deep as in a trace: two calls of `pickle` a level
         try:
-            _DataPickler(payload, protocol=5).dump(state)
-        except (pickle.PicklingError, TypeError, AttributeError, RecursionError) as error:
-            raise CheckpointError(self.path, f"these monitors cannot be kept: {_one_line(error)}") from error
-        finally:
-            sys.setrecursionlimit(limit)
+            payload = packed(state)
+        except ValueError as error:
+            raise CheckpointError(self.path, str(error)) from error
         noted = self.noted if self.noted > events else 0
         here: dict[str, Any] = {"offset": place.offset, "line": place.line, "events": events, "noted": noted}
         about = msgspec.structs.replace(self._about, trace=identity(trace or self.trace, place.offset), **here)
-        body = msgspec.json.encode(about) + b"\n" + payload.getvalue()
+        body = msgspec.json.encode(about) + b"\n" + payload
         self._digest = _sha(body)
         with telling("cannot write", self.path):
             write_whole(self.path, _MAGIC + self._digest.encode() + b"\n" + body, lasting=True)
@@ -264,7 +278,7 @@ class CheckpointFile:
             raise self.unreadable(error) from error
         self._require_same(found)
         try:
-            state = _DataUnpickler(io.BytesIO(body[end + 1 - start :])).load()
+            state = unpacked(body[end + 1 - start :])
         except Exception as error:  # whatever a pickle makes of a class
             raise self.unreadable(error) from error
         self._saved = found.events

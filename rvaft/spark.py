@@ -1,0 +1,383 @@
+"""Fleets of systems on Apache Spark: one monitor for each key, over a table of events or a stream of them.
+
+Spark spreads the keys over its machines, puts the events of each key in the order of their times and keeps the state of each; what an
+event means is the business of the same run that `rvaft monitor` is, so verdicts are the same. Needs PySpark 4 (the extra `spark`) and a Java runtime.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache, partial
+from hashlib import sha256
+from itertools import count, groupby
+from math import floor
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import msgspec
+
+import rvaft
+from rvaft.analysis.pattern_index import TreeReads
+from rvaft.api import loads, meant, narrowed
+from rvaft.api import monitor as monitor_of
+from rvaft.engine.monitor import DEFAULT_LIMIT
+from rvaft.errors import OptionError, RvaftError, ToolMissing
+from rvaft.language.printer import dumps
+from rvaft.model.event_time import duration
+from rvaft.model.nodes import Kind
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json, decimal, is_finite
+from rvaft.model.verdict import Semantics
+from rvaft.monitoring.checkpoint import packed, unpacked
+from rvaft.monitoring.detection import counted, detection, places
+from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
+from rvaft.monitoring.oversights import Oversights
+from rvaft.monitoring.run import (
+    EventBuffer,
+    Field,
+    Key,
+    Listener,
+    MonitoringPlan,
+    OrderedField,
+    Totals,
+    TraceRun,
+    VerdictChange,
+)
+from rvaft.readers.json_lines import decode
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+    from pyspark.sql import DataFrame
+
+SCHEMA: Final = "key string, event bigint, time string, detection int, branch int, kinds array<string>, record string, warning string"
+"""The columns of detections and warnings, in Spark's words."""
+_KEYED: Final = "key string, place bigint, part double, came bigint, text string"
+"""An event with its key and its place in the order: a whole number, the part of one beyond it, and how it came."""
+_ORDER: Final = ["place", "part", "came"]
+_FIRST: Final = -(1 << 63)
+"""The place of what has none."""
+_NO_KEY: Final = ""
+_STATE: Final = "state binary"
+_QUICK: Final = msgspec.json.Decoder(float_hook=decimal)
+_NAMES: Final = [part.split()[0] for part in SCHEMA.split(", ")]
+
+
+class _Options(NamedTuple):
+    """What a worker needs to make its monitors: the tree as text, and the options in plain values."""
+
+    text: str
+    name: str
+    key: tuple[str, ...]
+    order_by: str | None
+    semantics: str
+    branch: int | None
+    kind: str | None
+    per: str
+    limit: int
+    repeat: bool
+    cooldown: int | None
+    strict_json: bool
+
+    @property
+    def digest(self) -> bytes:
+        """By what the state of a key is known to belong to these options and this version of rvaft."""
+        return sha256(f"{rvaft.__version__} {tuple(self)}".encode()).digest()
+
+
+class _Plan(NamedTuple):
+    """The options as a worker uses them."""
+
+    tree: RVAFT
+    run: MonitoringPlan
+    key: Key
+    order_by: str
+
+
+def monitor(
+    events: "DataFrame",
+    tree: RVAFT,
+    *,
+    key: str | Sequence[str],
+    order_by: str | None = None,
+    column: str | None = None,
+    name: str | None = None,
+    semantics: Semantics | str | None = None,
+    branch: int | None = None,
+    kind: Kind | str | None = None,
+    per: Per | str = Per.TREE,
+    limit: int = DEFAULT_LIMIT,
+    repeat: bool = False,
+    cooldown: str | None = None,
+    strict_json: bool = False,
+) -> "DataFrame":
+    """The detections in a table of events, or in a stream of them (`DataFrame.isStreaming`): a table of `SCHEMA`, or a stream to append to one.
+
+    The options are those of `rvaft monitor`: `key` names the fields (dotted paths) by whose values systems are told apart, `order_by` the field by which the events
+    of each are put in order (without it the field of the tree's `time`), `cooldown` is a duration as in a tree (`10 min`). An event is the
+    JSON text in `column`, or in `value` where that is the only column; elsewhere each row is an event and its columns are the fields, without those that are
+    null.
+
+    A row of a detection has the `key` as JSON, `event`, the number of the event among those of its key, its `time`, the number of the `detection` of that
+    key where monitors repeat, `branch`, `kinds`, and as `record` the object that `rvaft monitor` gives to commands. What is not counted has a row with a
+    `warning` and no record: events without the key, lines that are no JSON object, undefined guards, late events, a monitor that grew too large.
+
+    In a stream the state of a key is what `rvaft monitor --checkpoint` keeps of a run, in Spark's own state store: a query that is started again from its
+    `checkpointLocation` goes on where it stopped and tells each detection once, and refuses another tree or other options. Events of one micro-batch
+    are put in order; those of an earlier time that come with a later batch stand where they came, and a warning says so.
+
+    Raises `OptionError` for options that do not go together, `TreeError` as `rvaft.monitor` does, and `ToolMissing` without PySpark, pandas or pyarrow.
+    """
+    try:
+        import pandas  # noqa: F401, PLC0415 -- imported on use
+        import pyarrow  # noqa: F401, PLC0415
+        from pyspark.sql import functions as spark  # noqa: PLC0415
+    except ImportError as error:
+        raise ToolMissing(error.name or "pyspark", remedy="pip install 'rvaft[spark]'") from error
+    if order_by is None and tree.time is None:
+        raise OptionError("a table has no order: say order_by=FIELD, or `time FIELD as FORMAT;` in the tree")
+    options = _Options(
+        dumps(tree),
+        name or tree.root,
+        (key,) if isinstance(key, str) else tuple(key),
+        order_by,
+        meant(tree, semantics).value,
+        branch,
+        None if kind is None else str(kind),
+        str(per),
+        limit,
+        repeat,
+        None if cooldown is None else duration(cooldown),
+        strict_json,
+    )
+    _planned(options)  # what is wrong with them is said here, not on a machine far away
+    if column is None and events.columns == ["value"]:
+        column = "value"
+    text = spark.to_json(spark.struct("*")) if column is None else spark.col(column)
+    keyed = events.select(text).mapInArrow(partial(_keyed, options), _KEYED)
+    if events.isStreaming:
+        stepped = partial(_stepped, options)
+        return keyed.groupBy("key").applyInPandasWithState(stepped, SCHEMA, _STATE, "append", "NoTimeout")
+    in_order = keyed.repartition("key").sortWithinPartitions("key", *_ORDER)
+    return in_order.mapInArrow(partial(_monitored, options), SCHEMA)
+
+
+@cache
+def _planned(options: _Options) -> _Plan:
+    tree = loads(options.text)
+    semantics = Semantics(options.semantics)
+    parts = columns(narrowed(tree, options.branch, options.kind), Per(options.per))
+    make = partial(monitor_of, semantics=semantics, limit=options.limit)
+    monitors = MonitorSet(parts, make, semantics, repeat=options.repeat, cooldown=options.cooldown)
+    key = Key.parse(options.key)
+    order_by = options.order_by or ".".join(tree.time.field if tree.time else ())
+    reads = TreeReads(tree, [field.path for field in (*key.fields, Field.parse(order_by))])
+    return _Plan(tree, MonitoringPlan(monitors, reads, strict_json=options.strict_json), key, order_by)
+
+
+def _keyed(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:
+    """Each event with its key as text, none for what has no key or is no JSON object, and its place in the order: what has none is first.
+
+    Nothing here is null, of which tables in Python make numbers.
+    """
+    from pyspark import TaskContext  # noqa: PLC0415
+
+    context = TaskContext.get()
+    came = count((0 if context is None else context.partitionId()) << 40)
+    plan = _planned(options)
+    order = OrderedField(plan.order_by, plan.tree.time)
+    for batch in batches:
+        rows: list[tuple[str, int, float, int, str]] = []
+        for text in batch.column(0).to_pylist():
+            event = _object_in(text or "")
+            values = None if event is None else plan.key.of(event)
+            known = values is not None and is_finite(values)
+            place = order.place(event) if known else None
+            whole = _FIRST if place is None else max(_FIRST + 1, min(floor(place), -_FIRST - 1))
+            part = 0.0 if place is None else float(place - floor(place))
+            rows.append((_key_text(values) if known else _NO_KEY, whole, part, next(came), text or ""))
+        yield _batch(rows, _KEYED)
+
+
+def _object_in(text: str) -> dict[str, Json] | None:
+    """What is found in a text quickly; whether all is well with it is asked later, with the place where it stands."""
+    try:
+        event = _QUICK.decode(text)
+    except (ValueError, RecursionError):
+        try:
+            event = decode(text.encode())
+        except ValueError:
+            return None
+    return event if isinstance(event, dict) else None
+
+
+def _key_text(values: tuple[Json, ...] | None) -> str:
+    """The values of a key as JSON, the same text for equal values: 1 and 1.0 are one, and so are objects in any order."""
+    text = json.dumps(values, sort_keys=True)
+    if all(isinstance(value, (str, int, type(None))) for value in values or ()):
+        return text
+    return json.dumps(json.loads(text, parse_float=lambda digits: _whole(float(digits))), sort_keys=True)
+
+
+def _whole(number: float) -> int | float:
+    return int(number) if number.is_integer() else number
+
+
+class _Detections(Listener):
+    """Notes the detections of one key as rows."""
+
+    def __init__(self, plan: _Plan, options: _Options, key: Json) -> None:
+        self.rows: list[tuple[Any, ...]] = []
+        self._plan = plan
+        self._options = options
+        self._key = key
+
+    def change(self, change: VerdictChange) -> None:
+        """One row for each match."""
+        tree, key = self._plan.tree, self._key
+        for explanation, _, counts in change.detections:
+            about = {
+                "tree": self._options.name,
+                "key": key,
+                "event": change.number,
+                **(counts.fields if counts else {}),
+            }
+            told = detection(about, explanation, change.events, tree)
+            time = places(change.event, tree).get("time")
+            written = time if isinstance(time, str) or time is None else json.dumps(time)
+            number, branch, kinds = told.get("detection"), told["branch"], told["kinds"]
+            self.rows.append((json.dumps(key), change.number, written, number, branch, kinds, json.dumps(told), None))
+
+
+class _KeyRun:
+    """The run of one key, which goes on from a state and tells what is new."""
+
+    def __init__(self, options: _Options, group: str, state: bytes | None = None) -> None:
+        self._options = options
+        plan = self._plan = _planned(options)
+        self.key = plan.key.told(tuple(json.loads(group)))
+        self._listener = _Detections(plan, options, self.key)
+        buffer = EventBuffer(reads=plan.run.reads)
+        totals = Totals(None, Oversights(plan.run.monitors.types))
+        self._run = TraceRun(plan.run, "", [self._listener], totals, buffer=buffer)
+        self._failure = ""
+        self._rejected = self._unplaced = 0
+        if state is not None:
+            size = len(options.digest)
+            if state[:size] != options.digest:
+                raise OptionError(
+                    "the state in the checkpoint of this query is of another tree, of other options or of another"
+                    " version of rvaft: name another checkpointLocation to begin anew"
+                )
+            self._failure, self._rejected, self._unplaced, number, kept = unpacked(state[size:])
+            if not self._failure:
+                self._run.restore(kept, number)
+        self._said = set(self._lines)
+
+    @property
+    def state(self) -> bytes:
+        """What another run of this key goes on from."""
+        kept = None if self._failure else self._run.state
+        return self._options.digest + packed((self._failure, self._rejected, self._unplaced, self._run.number, kept))
+
+    @property
+    def _lines(self) -> list[str]:
+        lines = [*self._run.warnings, *self._run.totals.oversights.lines]
+        if self._unplaced:
+            what = f"without a number or time in the field {self._plan.order_by} stand before the others"
+            lines.append(f"{counted(self._unplaced)} {what}")
+        return [*lines, self._failure] if self._failure else lines
+
+    def read(self, texts: Iterable[tuple[int, str]]) -> Iterator[tuple[Any, ...]]:
+        """The rows of detections and warnings that further events of this key bring, in their order."""
+        plan, rejected = self._plan, self._rejected
+        refusals: list[str] = []
+
+        def events() -> Iterator[dict[str, Json]]:
+            for place, text in texts:
+                self._unplaced += place == _FIRST
+                try:
+                    yield decode(text.encode(), reads=plan.run.reads, strict=plan.run.strict_json)
+                except ValueError as error:
+                    self._rejected += 1
+                    refusals.append(str(error))
+
+        try:
+            for _ in () if self._failure else self._run.read(events(), ""):
+                if self._listener.rows:
+                    yield from self._listener.rows
+                    self._listener.rows.clear()
+        except RvaftError as error:
+            self._failure = f"not monitored from event {self._run.number} on: {error}"
+        if refusals:
+            yield _warning(self.key, f"{counted(self._rejected - rejected)} rejected (first: {refusals[0]})")
+        for line in self._lines:
+            if line not in self._said:
+                self._said.add(line)
+                yield _warning(self.key, line)
+
+
+def _warning(key: Json, text: str) -> tuple[Any, ...]:
+    return (None if key is None else json.dumps(key), None, None, None, None, None, None, text)
+
+
+def _without_key(options: _Options, texts: Iterable[tuple[int, str]]) -> Iterator[tuple[Any, ...]]:
+    """One warning for events that lack the key, and one for texts that are no JSON object."""
+    plan = _planned(options)
+    lacking, refusals, refused = 0, 0, ""
+    for _, text in texts:
+        try:
+            decode(text.encode(), reads=plan.run.reads, strict=plan.run.strict_json)
+            lacking += 1
+        except ValueError as error:
+            refusals += 1
+            refused = refused or str(error)
+    if lacking:
+        names = " or ".join(options.key)
+        yield _warning(None, f"{counted(lacking)} without the field {names}, given to no monitor")
+    if refusals:
+        yield _warning(None, f"{counted(refusals)} rejected (first: {refused})")
+
+
+def _monitored(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:
+    """The rows of all keys of one partition, whose events stand key after key, each in order."""
+
+    def events() -> Iterator[tuple[str, int, str]]:
+        for batch in batches:
+            yield from zip(*(batch.column(number).to_pylist() for number in (0, 1, 4)), strict=True)
+
+    for group, found in groupby(events(), key=itemgetter(0)):
+        texts = ((place, text) for _, place, text in found)
+        rows = list(_without_key(options, texts) if group == _NO_KEY else _KeyRun(options, group).read(texts))
+        if rows:
+            yield _batch(rows, SCHEMA)
+
+
+def _batch(rows: Sequence[tuple[Any, ...]], schema: str) -> "pyarrow.RecordBatch":
+    """Rows as Arrow has them."""
+    import pyarrow  # noqa: PLC0415 -- imported on use
+
+    text = pyarrow.string()
+    kinds = {"string": text, "bigint": pyarrow.int64(), "double": pyarrow.float64(), "int": pyarrow.int32()}
+    named = [part.split() for part in schema.split(", ")]
+    found = [kinds.get(kind, pyarrow.list_(text)) for _, kind in named]
+    columns = list(zip(*rows, strict=True)) or [()] * len(named)
+    arrays = [pyarrow.array(column, kind) for column, kind in zip(columns, found, strict=True)]
+    return pyarrow.RecordBatch.from_arrays(arrays, [name for name, _ in named])
+
+
+def _stepped(
+    options: _Options, key: tuple[str], tables: Iterable["pandas.DataFrame"], state: Any
+) -> Iterator["pandas.DataFrame"]:
+    """The rows that one micro-batch brings for one key, whose state Spark keeps."""
+    import pandas  # noqa: PLC0415 -- imported on use
+
+    found = pandas.concat(list(tables)).sort_values(_ORDER, kind="stable")
+    texts = zip(found["place"].tolist(), found["text"].tolist(), strict=True)
+    if key[0] == _NO_KEY:
+        rows = list(_without_key(options, texts))
+    else:
+        run = _KeyRun(options, key[0], bytes(state.get[0]) if state.exists else None)
+        rows = list(run.read(texts))
+        state.update((run.state,))
+    if rows:
+        yield pandas.DataFrame(rows, columns=_NAMES, dtype=object)

@@ -37,6 +37,7 @@ _COMMANDS: Final = {
     "emit": ("emit", "Write a specification of a tree."),
     "test": ("test", "Compare a tree's own traces with the verdicts expected of them."),
     "monitor": ("monitor", "Watch events for a tree and give verdicts."),
+    "report": ("log_report", "Write a page about what happened in logs."),
     "coverage": ("coverage", "Say which branches some logs exercise."),
     "traces": ("traces", "Write example logs for a tree."),
     "serve": ("ros", "Answer ROSMonitoring over WebSocket."),

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+from collections.abc import Mapping
 from pathlib import Path, PurePath
 from typing import Any, Final
 
@@ -56,6 +57,24 @@ def _drawable(_context: click.Context, _parameter: click.Parameter, value: str |
 
 
 _KEY: Final = "Monitor each value of this field by itself; several are one key."
+_ORDER: Final = "Put events in the order of this number, or time of ISO 8601, first."
+_MOST: Final = f"Partial matches that are followed.  [default: {DEFAULT_LIMIT}]"
+
+
+def stream_options(function: options.F) -> options.F:
+    """How the events of a trace are told apart and put in order: `--key`, `--max-keys`, `--order-by` and `--window`."""
+    for option in (
+        options.number("--window", text=f"Events held back by --order-by.  [default: {DEFAULT_WINDOW}]"),
+        click.option("--order-by", metavar="FIELD", help=_ORDER),
+        options.number("--max-keys", text=f"Values of --key.  [default: {MAX_KEYS}]"),
+        click.option("--key", multiple=True, metavar="FIELD", help=_KEY),
+    ):
+        function = option(function)
+    return function
+
+
+limit_option: Final = options.number("--max-configurations", text=_MOST)
+"""`--max-configurations`, which the error beyond the limit names, too."""
 
 
 @click.command("monitor", cls=MonitorCommand)
@@ -70,10 +89,7 @@ _KEY: Final = "Monitor each value of this field by itself; several are one key."
 @click.option("--detections", is_flag=True, help="With --format jsonl, only the events that detect something.")
 @click.option("--explain", metavar="[FILE]", callback=_drawable, help="Draw a detection, in the text or to FILE.")
 @options.repeat_options
-@click.option("--key", multiple=True, metavar="FIELD", help=_KEY)
-@options.number("--max-keys", text=f"Values of --key.  [default: {MAX_KEYS}]")
-@click.option("--order-by", metavar="FIELD", help="Put events in the order of this number, or time of ISO 8601, first.")
-@options.number("--window", text=f"Events held back by --order-by.  [default: {DEFAULT_WINDOW}]")
+@stream_options
 @click.option("--follow", is_flag=True, help="Go on as the file grows, until Ctrl-C.")
 @options.log_format
 @options.strict_json
@@ -83,7 +99,7 @@ _KEY: Final = "Monitor each value of this field by itself; several are one key."
 @click.option("--exec-attack", metavar="CMD", help="Run it on detection of an attack.")
 @click.option("--checkpoint", metavar="FILE", help="Keep the state in FILE, and go on from it.")
 @options.number("--checkpoint-every", text=f"Events between checkpoints.  [default: {EVERY}]")
-@options.number("--max-configurations", text=f"Partial matches that are followed.  [default: {DEFAULT_LIMIT}]")
+@limit_option
 def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given: Any) -> int:
     """Watch the events of each TRACE for a tree and give verdicts.
 
@@ -93,22 +109,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     _check(given)
     whole = options.load_tree(tree)
-    part, semantics = narrowed(whole, branch, kind), meant(whole, given["semantics"])
-    backend, limit = given["backend"], given["max_configurations"] or DEFAULT_LIMIT
-
-    def make(part: RVAFT) -> Monitor:
-        if backend is not None:
-            with options.suggesting():
-                return translate(part, backend, semantics=semantics).monitor()
-        try:
-            return monitor(part, semantics=semantics, limit=limit)
-        except TooLarge as error:
-            if error.limit == limit and not getattr(error, "__notes__", ()):
-                error.add_note("--max-configurations allows more")
-            raise
-
-    repeating = {"repeat": given["repeat"], "cooldown": given["cooldown"]}
-    monitors = MonitorSet(columns(part, given["per"]), make, semantics, **repeating)
+    part, semantics, backend = narrowed(whole, branch, kind), meant(whole, given["semantics"]), given["backend"]
+    plan = plan_of(part, whole, given)
     missing, names = Failures(), given["traces"] or ("-",)
     if given["word"] is not None:
         options.refuse(
@@ -119,7 +121,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         found = list(missing.collect(expanded, names))
         files = [file for some in found for file in some]
         readers = given["log_format"].readers(files)
-        traces = [_source(file, reader) for file, reader in zip(files, readers, strict=True)]
+        traces = [source_of(file, reader) for file, reader in zip(files, readers, strict=True)]
         for option, reader in ((option, reader) for option in ("follow", "checkpoint") for reader in readers):
             wrong = given[option] not in (None, False) and not reader.by_lines
             options.refuse(wrong, f"--{option} needs a log of lines (jsonl, regex, syslog): {reader.name} is none")
@@ -130,15 +132,13 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         options.refuse(wrong, f"--{option} needs one TRACE, a file")
     wrong = given["jobs"] > 1 and streams and given["word"] is None
     options.refuse(wrong, "--jobs is for files: standard input is read by one process")
-    key = Key.parse(given["key"]) if given["key"] else None
-    order = None if given["order_by"] is None else Field.parse(given["order_by"])
     checkpoints = None
     if given["checkpoint"] is not None and traces and traces[0].file is not None:
         asked = {
             "--semantics": semantics,
             "--per": given["per"],
             "--key": ", ".join(given["key"]) or None,
-            "--order-by": order and order.text,
+            "--order-by": given["order_by"],
             "--window": given["window"],
             "--input": None if traces[0].reader is None else f"{traces[0].reader.name} {traces[0].reader.options}",
             "--repeat": "" if given["repeat"] else None,
@@ -151,10 +151,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             every=given["checkpoint_every"] or EVERY,
             settings={name: str(value) for name, value in asked.items() if value is not None},
         )
-    reads = TreeReads(whole, [field.path for field in (*(key.fields if key else ()), *([order] if order else []))])
-    order_by, window, max_keys = given["order_by"], given["window"] or DEFAULT_WINDOW, given["max_keys"] or MAX_KEYS
     settings = MonitorSettings(
-        MonitoringPlan(monitors, reads, key, max_keys, order_by, window, given["strict_json"]),
+        plan,
         whole,
         name=click.format_filename(tree),
         **{option: given[option] for option in ("per", "form", "detections", "follow")},
@@ -169,6 +167,31 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     return FAILED if missing.met else status
 
 
+def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPlan:
+    """What the options say is done with every trace, by the monitors of a part of a tree; without a backend the engine's."""
+    semantics, backend, limit = meant(whole, given["semantics"]), given.get("backend"), given["max_configurations"]
+    limit = limit or DEFAULT_LIMIT
+
+    def make(part: RVAFT) -> Monitor:
+        if backend is not None:
+            with options.suggesting():
+                return translate(part, backend, semantics=semantics).monitor()
+        try:
+            return monitor(part, semantics=semantics, limit=limit)
+        except TooLarge as error:
+            if error.limit == limit and not getattr(error, "__notes__", ()):
+                error.add_note("--max-configurations allows more")
+            raise
+
+    repeating = {"repeat": given["repeat"], "cooldown": given["cooldown"]}
+    monitors = MonitorSet(columns(part, given["per"]), make, semantics, **repeating)
+    key = Key.parse(given["key"]) if given["key"] else None
+    order = None if given["order_by"] is None else Field.parse(given["order_by"])
+    reads = TreeReads(whole, [field.path for field in (*(key.fields if key else ()), *([order] if order else []))])
+    order_by, window, max_keys = given["order_by"], given["window"] or DEFAULT_WINDOW, given["max_keys"] or MAX_KEYS
+    return MonitoringPlan(monitors, reads, key, max_keys, order_by, window, given["strict_json"])
+
+
 def _check(given: dict[str, Any]) -> None:
     """Refuse options that do not go together, and a drawing that cannot be made, now rather than at a detection, hours from here."""
     refuse, form, explain = options.refuse, given["form"], given["explain"]
@@ -177,9 +200,7 @@ def _check(given: dict[str, Any]) -> None:
     for name in ("explain", "checkpoint", "max_configurations", "exec_fault", "exec_attack"):
         wrong = given["backend"] is not None and given[name] is not None
         refuse(wrong, f"--{name.replace('_', '-')} needs the engine: leave out --backend")
-    for name, needed in (("max_keys", "key"), ("window", "order_by"), ("checkpoint_every", "checkpoint")):
-        wrong = given[name] is not None and given[needed] in (None, ())
-        refuse(wrong, f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}")
+    require_companions(given)
     why = "--explain draws among the text: name a FILE for it with --format jsonl"
     refuse(explain == TERMINAL and form == "jsonl", why)
     refuse(form == "table" and given["key"], "--format table is for whole traces, not for --key")
@@ -189,7 +210,14 @@ def _check(given: dict[str, Any]) -> None:
         raise ToolMissing("dot", remedy="install Graphviz (apt-get install graphviz), or name a file .dot or .txt")
 
 
-def _source(file: str, reader: LogReader) -> TraceSource:
+def require_companions(given: Mapping[str, Any]) -> None:
+    """Refuse an option that means nothing without another one."""
+    for name, needed in (("max_keys", "key"), ("window", "order_by"), ("checkpoint_every", "checkpoint")):
+        wrong = given.get(name) is not None and given[needed] in (None, ())
+        options.refuse(wrong, f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}")
+
+
+def source_of(file: str, reader: LogReader) -> TraceSource:
     """A file, or standard input, of which a terminal is told what is waited for."""
     other = None if isinstance(reader, JsonLinesReader) else reader
     if file != "-":

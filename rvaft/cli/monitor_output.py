@@ -49,6 +49,8 @@ class Sink:
         self._file = file
         self._progress = progress
         self.errors: list[str] = []
+        self.kept: list[str] | None = None
+        """All that was said on standard error, where somebody wants it again."""
 
     def write(self, text: str) -> None:
         """Print text as it is."""
@@ -68,12 +70,16 @@ class Sink:
 
     def warn(self, said: str) -> None:
         """Say on standard error what is doubtful."""
-        self.errors.append(visible(f"rvaft: warning: {said}"))
-        self.pass_on()
+        self._say([visible(f"rvaft: warning: {said}")])
 
     def report(self, error: BaseException) -> None:
         """Say on standard error what went wrong."""
-        self.errors += described(error)
+        self._say(described(error))
+
+    def _say(self, lines: Sequence[str]) -> None:
+        self.errors += lines
+        if self.kept is not None:
+            self.kept += lines
         self.pass_on()
 
     def pass_on(self) -> None:
@@ -166,7 +172,7 @@ class Reporter(Listener):
         if self.sums and totals.statistics is not None:
             meant = [f"note: {hindsight.line}"] if hindsight is not None and hindsight.line else []
             summed = _summary(self.settings, rows) if self.settings.summed else ()
-            for line in (*_held(totals.statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
+            for line in (*held(totals.statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
                 self.sink.line(line)
         else:
             for line in doubts:
@@ -331,7 +337,7 @@ class _Table(_Text):
 REPORTERS: Final = {"text": _Text, "table": _Table, "jsonl": _JsonLines}
 
 
-def _held(statistics: Statistics) -> Iterator[str]:
+def held(statistics: Statistics) -> Iterator[str]:
     """What all traces held, and what looks like a mistake in them or in the tree."""
     names, counts, never = statistics.names, statistics.relevant, statistics.never_seen
     listed = [name for name in names if len(names) <= TYPES or counts[name]]

@@ -12,7 +12,7 @@ from typing import BinaryIO, Final, NamedTuple, cast
 import click
 
 from rvaft.cli import FAILED, FOUND
-from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Sink, SummaryRow
+from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Reporter, Sink, SummaryRow
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
@@ -123,18 +123,26 @@ class _OnDetection(Listener):
 class _Run(Listener):
     """Runs traces one after the other and adds up their statistics; notes of each detection for a checkpoint, before it is told."""
 
-    def __init__(self, settings: MonitorSettings, sink: Sink, progress: ProgressBar | None, *, deliver: bool) -> None:
+    def __init__(
+        self,
+        settings: MonitorSettings,
+        sink: Sink,
+        progress: ProgressBar | None,
+        reporter: Reporter | None = None,
+        *,
+        deliver: bool,
+    ) -> None:
         self.settings = settings
         self.sink = sink
         self.progress = progress
         monitors, tried = settings.plan.monitors, settings.checkpoints is None
-        is_text = settings.form == "text"
+        self.reporter = reporter or REPORTERS[settings.form](settings, sink)
+        sums = self.reporter.sums
         self.totals = Totals(
-            Statistics(monitors.types) if is_text or not tried else None,  # what is told now, or when the run goes on
+            Statistics(monitors.types) if sums or not tried else None,  # what is told now, or when the run goes on
             Oversights(monitors.types),
-            Hindsight(monitors.columns[0].part, tried=tried) if settings.unchosen and is_text else None,
+            Hindsight(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
         )
-        self.reporter = REPORTERS[settings.form](settings, sink)
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
         self.listeners: list[Listener] = [self, self.reporter, *([self.reaction] if reacts else [])]
@@ -243,15 +251,20 @@ class _Run(Listener):
             self.progress.finish(trace.size)
 
 
-def run(settings: MonitorSettings, traces: Sequence[TraceSource], jobs: int) -> int:
-    """Run all traces and return the exit status."""
+def run(
+    settings: MonitorSettings,
+    traces: Sequence[TraceSource],
+    jobs: int = 1,
+    report: Callable[[MonitorSettings, Sink], Reporter] | None = None,
+) -> int:
+    """Run all traces and return the exit status; in one process `report` may make what tells of them, in place of the reporter of the form."""
     gc.freeze()  # spare the collector, which the decoding of events sets going, what is there already
     try:
         sizes = sum(trace.size for trace in traces)
         watched = not settings.follow and all(trace.file is not None for trace in traces)
         progress = ProgressBar(sizes) if watched and sizes else None
         sink = Sink(progress=progress)
-        alone = _Run(settings, sink, progress, deliver=True)
+        alone = _Run(settings, sink, progress, None if report is None else report(settings, sink), deliver=True)
         if jobs > 1 and len(traces) > 1:
             outcomes = list(_in_processes(alone, traces, jobs))
         else:

@@ -355,7 +355,7 @@ def _filled(text: str, width: int, lay: Callable[[str, "_LineFiller"], object]) 
     return found
 
 
-def _columns(text: str) -> int:
+def text_columns(text: str) -> int:
     """The columns of a text: two for what is as wide as it is high, none for marks upon other characters."""
     if text.isascii():
         return len(text)
@@ -372,9 +372,9 @@ class _LineFiller:
 
     def add(self, blank: str, text: str, *, room: int) -> None:
         """A piece; what is wider than `room` may be broken behind blanks and signs such as `/`, or anywhere where these are too far."""
-        whole = _columns(text) <= room
+        whole = text_columns(text) <= room
         for part in [text] if whole else [one for piece in _PART.findall(text) for one in self._cut(piece)]:
-            columns = _columns(part)
+            columns = text_columns(part)
             if self.pieces[-1] and self._used + len(blank) + columns > self.width:
                 self.pieces.append([])
                 self._used = 0
@@ -386,7 +386,7 @@ class _LineFiller:
     def _cut(self, text: str) -> Iterator[str]:
         start = used = 0
         for place, character in enumerate(text):
-            columns = _columns(character)
+            columns = text_columns(character)
             if used + columns > self.width and place > start:
                 yield text[start:place]
                 start, used = place, 0
@@ -427,7 +427,7 @@ def _lay(tokens: Sequence[_CodeToken], lines: _LineFiller) -> None:
     text = "".join(token.blank + token.text for token in tokens).removeprefix(blank)
     first = min((token.rank for token in tokens[1:]), default=(0, 0))
     room = lines.width + (lines.width // 2 if first[1] >= _INSIDE else 0)
-    if len(tokens) == 1 or _columns(text) <= room:
+    if len(tokens) == 1 or text_columns(text) <= room:
         lines.add(blank, text, room=room)
         return
     breaks = [place for place, token in enumerate(tokens) if place and token.rank == first]

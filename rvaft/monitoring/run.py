@@ -316,11 +316,12 @@ class VerdictChange:
 class Listener:
     """Told of what happens in a run; does nothing with it.
 
-    With `every` it is told of every event, else only of those that change a verdict; with `whole` it has to see all of an event.
-    Otherwise events may be read quickly.
+    With `every` it is told of every event, with `concerned` of those that concern the tree while a verdict may still change, else only of those that
+    change one; with `whole` it has to see all of an event. With neither `every` nor `whole` events may be read quickly.
     """
 
     every = False
+    concerned = False
     whole = False
     told_before = 0
     """The number of the last event of which an earlier run told what it detected."""
@@ -329,7 +330,7 @@ class Listener:
         """A trace begins, or the first event of a key came."""
 
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
-        """The event of that number was read and changed no verdict; only with `every`."""
+        """The event of that number was read and changed no verdict; only with `every` or `concerned`."""
 
     def change(self, change: VerdictChange) -> None:
         """An event changed verdicts."""
@@ -455,6 +456,7 @@ class TraceRun:
         """
         prefix, key, fresh = self.prefix, self.plan.key, self.plan.monitors
         every = tuple(listener for listener in self.listeners if listener.every)
+        of_concern = tuple(listener for listener in self.listeners if listener.concerned and not listener.every)
         skips = fresh.semantics.projects and bool(fresh.engines)  # what is not relevant changes nothing
         strict, look_up, may_be_late = fresh.semantics is Semantics.STRICT, fresh.types.of, fresh.may_be_late
         oversights, hindsight = self.totals.oversights, self.totals.hindsight
@@ -497,14 +499,13 @@ class TraceRun:
                     if changed:
                         self._tell(VerdictChange(watch, number, event, changed))
                         continue
+                    if of_concern and monitors.live and (monitors.concerned or not (skips or late or not relevant)):
+                        for listener in of_concern:
+                            listener.event(watch, number, event)
                 for listener in every:
                     listener.event(watch, number, event)
-            if passed := batch.total - len(batch.events):  # they concern nothing
-                if strict:
-                    self._fill(before + batch.total + 1)
-                if statistics is not None:
-                    statistics.events += passed
-                self.number, self.watch.events = before + batch.total, self.watch.events + passed
+            if passed := batch.total - len(batch.events):
+                self._pass_over(passed, before + batch.total)
             yield batch is not _END
 
     def _batches(
@@ -550,6 +551,14 @@ class TraceRun:
         if monitors.repeat and change.detected[:1] == [0]:
             monitors.found[0].explanation = change.explanations.get(0)
         monitors.begin_again()
+
+    def _pass_over(self, count: int, last: int) -> None:
+        """Count events that concern nothing; `last` is the number of the last event of their batch."""
+        if self.plan.monitors.semantics is Semantics.STRICT:
+            self._fill(last + 1)
+        if self.totals.statistics is not None:
+            self.totals.statistics.events += count
+        self.number, self.watch.events = last, self.watch.events + count
 
     def _fill(self, number: int) -> None:
         """Under `strict` an event before that number that was passed over, since it fits nothing, ends a match."""

@@ -44,6 +44,10 @@ def test_check_emit_monitor_work_there(installed: Path) -> None:
     for options in ([], ["--backend", "automaton"]):
         found = run(rvaft, "monitor", tree, "--word", "c a", *options, cwd=installed)
         assert (found.returncode, "event 2: true" in found.stdout) == (1, True), found.stderr
+    log = installed / "log.jsonl"
+    log.write_text('{"event": "a"}\n', encoding="utf-8")
+    page = run(rvaft, "report", tree, log, cwd=installed)
+    assert (page.returncode, page.stdout.startswith("<!DOCTYPE html>")) == (0, True), page.stderr
 
 
 def test_the_gates_are_compared_there(installed: Path) -> None:

@@ -1,0 +1,163 @@
+"""A tree as a picture for a page: laid out here, without Graphviz, with hooks for styles and scripts instead of colours.
+
+A node stands below all its parents, and above the middle of the children that are drawn from it alone; a shared node is drawn once, with a line
+from every parent. Each node is a group of the class `node` with its kind, and its number in top-down order in `data-node`; in it are a `box`, its
+text, its gate, and an empty text of the class `badge`. A line has the numbers of its ends in `data-line`. Text is escaped.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Final
+
+from rvaft.export.layout import Look, Role, View, gate_text, is_condition, rows, said, text_columns, view
+from rvaft.model.nodes import Gate, Node
+from rvaft.model.tree import RVAFT
+from rvaft.support.terminal import visible
+
+SCREEN: Final = Look(events=True, wrap=20)
+"""What a page shows: there is room for events and guards."""
+CROWDED: Final = Look(events=True, wrap=14, stagger=True)
+"""The same of a tree that is wide."""
+MANY: Final = 12
+"""Leaves of a tree beyond which it is wide."""
+_CHARACTER, _LINE, _PAD, _MARGIN = 7.2, 15, 8, 9
+"""The width of a column of text, the height of a line, and the room around the text of a box and around the picture."""
+_ACROSS, _DOWN, _GATE = 14, 26, 22
+"""The room between boxes side by side, between a gate and the children, and the height of a gate with its stem."""
+_CLASSES: Final[Mapping[Role, str]] = {Role.PLAIN: "", Role.BOLD: "name", Role.EVENT: "event", Role.GUARD: "guard"}
+
+
+@dataclass(slots=True)
+class SvgBox:
+    """A node on the picture: its lines of text with their classes, its size with the gate, its level and the place of its upper middle."""
+
+    node: Node
+    lines: Sequence[tuple[str, str]]
+    width: float
+    height: float
+    level: int = 0
+    x: float = 0.0
+    y: float = 0.0
+
+    @property
+    def bottom(self) -> float:
+        """Where lines to the children begin."""
+        return self.y + self.height + (_GATE if self.node.gate is not None else 0)
+
+
+def svg_text(tree: RVAFT, look: Look | None = None) -> str:
+    """The tree as the text of an `svg` element; without a look one that suits a page.
+
+    >>> import rvaft
+    >>> text = svg_text(rvaft.loads('top and a b; a label "<b>";'))
+    >>> text.count('class="node'), "&lt;b&gt;" in text
+    (3, True)
+    """
+    if look is None:
+        look = CROWDED if sum(tree.nodes[name].leaf for name in tree.order) > MANY else SCREEN
+    part = view(tree, look)
+    boxes = {node.name: _box(node, look) for node in part.nodes}
+    width, bottoms = _place(part, look, boxes)
+    height = bottoms[-1] + _MARGIN
+    number = {name: place for place, name in enumerate(tree.order)}
+    lines = "".join(line for node in part.nodes for line in _lines(node, part, boxes, bottoms, number))
+    drawn = "".join("".join(_drawn(box, number[name])) for name, box in boxes.items())
+    size = f'viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}"'
+    title = escape(visible(f"The tree {tree.root}"))
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{title}">{lines}{drawn}</svg>\n'
+
+
+def _box(node: Node, look: Look) -> SvgBox:
+    lines = [(_CLASSES[role], line) for role, some in rows(node, look) for line in some]
+    widest = max((text_columns(line) for _, line in lines), default=1)
+    gate = text_columns(gate_text(node)) + 2
+    width = max(widest, gate, 4) * _CHARACTER + 2 * _PAD
+    return SvgBox(node, lines, round(width, 1), len(lines) * _LINE + 2 * _PAD)
+
+
+def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, list[float]]:
+    """Give every box its place; the width of the picture, and where each level ends."""
+    above: dict[str, str] = {}
+    for node in part.nodes:  # parents first: a shared node is drawn below the deepest of its parents
+        for place, child in enumerate(part.children(node)):
+            lower = look.stagger and place % 2 == 1 and boxes[child].node.leaf
+            level = boxes[node.name].level + 1 + lower
+            if child not in above or boxes[child].level < level:
+                boxes[child].level, above[child] = level, node.name
+    own: dict[str, list[str]] = {node.name: [] for node in part.nodes}
+    for node in part.nodes:
+        own[node.name] = [child for child in dict.fromkeys(part.children(node)) if above[child] == node.name]
+    # From the leaves up, each subtree as close to that on its left as the outlines of both allow: what they reach on each level.
+    shift: dict[str, float] = {}
+    outlines: dict[str, dict[int, tuple[float, float]]] = {}
+    for node in reversed(part.nodes):
+        box, children = boxes[node.name], own[node.name]
+        outline: dict[int, tuple[float, float]] = {}
+        for place, child in enumerate(children):
+            theirs = outlines.pop(child)
+            before = children[place - 1] if place else child
+            least = shift.get(before, 0.0) + (boxes[before].width + boxes[child].width) / 4 if place else 0.0
+            gaps = [outline[level][1] + _ACROSS - left for level, (left, _) in theirs.items() if level in outline]
+            shift[child] = max([least, *gaps])
+            for level, (left, right) in theirs.items():
+                first = outline[level][0] if level in outline else left + shift[child]
+                outline[level] = first, right + shift[child]
+        middle = (shift[children[0]] + shift[children[-1]]) / 2 if children else 0.0
+        for child in children:
+            shift[child] -= middle
+        moved = {level: (left - middle, right - middle) for level, (left, right) in outline.items()}
+        outlines[node.name] = {**moved, box.level: (-box.width / 2, box.width / 2)}
+    leftmost = min(left for left, _ in outlines[part.nodes[0].name].values())
+    rightmost = max(right for _, right in outlines[part.nodes[0].name].values())
+    heights = [0.0] * (max(box.level for box in boxes.values()) + 1)
+    for box in boxes.values():
+        heights[box.level] = max(heights[box.level], box.height + _GATE * (box.node.gate is not None))
+    tops, bottoms = [float(_MARGIN + 8)], list[float]()  # a badge stands above the first box
+    for height in heights:
+        bottoms.append(tops[-1] + height)
+        tops.append(bottoms[-1] + _DOWN)
+    boxes[part.nodes[0].name].x = _MARGIN - leftmost
+    for node in part.nodes:
+        box = boxes[node.name]
+        box.y = tops[box.level]
+        for child in own[node.name]:
+            boxes[child].x = box.x + shift[child]
+    return round(rightmost - leftmost + 2 * _MARGIN, 1), bottoms
+
+
+def _lines(
+    node: Node, part: View, boxes: Mapping[str, SvgBox], bottoms: Sequence[float], number: Mapping[str, int]
+) -> Iterator[str]:
+    """The lines from a gate to the children; where their order matters and may not be seen, with the numbers of it."""
+    box, children = boxes[node.name], part.children(node)
+    for place, child in enumerate(children):
+        below = boxes[child]
+        turn = len(children) - place if node.gate is Gate.SAND_RL else place + 1
+        # Straight down past boxes of the same level, across between two levels, and straight down to the child.
+        end, begin = bottoms[box.level], bottoms[box.level] + _DOWN
+        bends = f"C{box.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {begin:.1f}"
+        way = f"M{box.x:.1f} {box.bottom:.1f}V{end:.1f}{bends}V{below.y:.1f}"
+        yield f'<path class="line" data-line="{number[node.name]} {number[child]}" d="{way}"/>'
+        if node.name in part.numbered:
+            yield f'<text class="turn" x="{below.x + 4:.1f}" y="{below.y - 5:.1f}">{turn}</text>'
+
+
+def _drawn(box: SvgBox, number: int) -> Iterator[str]:
+    """A node: its tooltip, box, lines of text, gate and badge."""
+    node, left = box.node, box.x - box.width / 2
+    words = ["node", node.kind.value if node.kind else "", "condition" if is_condition(node) else ""]
+    yield f'<g class="{" ".join(filter(None, words))}" data-node="{number}">'
+    yield f"<title>{escape(visible(f'{node.name}  {said(node)}'.rstrip()))}</title>"
+    if node.gate is not None:
+        text, top = gate_text(node), box.y + box.height
+        wide = (text_columns(text) + 2) * _CHARACTER
+        yield f'<path class="line stem" d="M{box.x:.1f} {top:.1f}v{_GATE}"/>'
+        yield f'<rect class="gate" x="{box.x - wide / 2:.1f}" y="{top + 4:.1f}" width="{wide:.1f}" height="{_GATE - 4}" rx="9"/>'
+        yield f'<text class="gate-text" x="{box.x:.1f}" y="{top + 17:.1f}">{escape(text)}</text>'
+    yield f'<rect class="box" x="{left:.1f}" y="{box.y:.1f}" width="{box.width:.1f}" height="{box.height:.1f}" rx="5"/>'
+    for place, (word, line) in enumerate(box.lines):
+        styled = f' class="{word}"' if word else ""
+        y = box.y + _PAD + _LINE * place + 11.5
+        yield f'<text{styled} x="{box.x:.1f}" y="{y:.1f}">{escape(visible(line))}</text>'
+    yield f'<text class="badge" x="{left + box.width - 3:.1f}" y="{box.y - 4:.1f}"></text></g>'

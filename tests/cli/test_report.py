@@ -1,0 +1,384 @@
+"""The page of `rvaft report`: what is in it, what it refuses, and how it behaves in a real browser."""
+
+import base64
+import json
+import random
+import re
+import shutil
+from collections.abc import Iterator, Sequence
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+import rvaft
+from rvaft.analysis.pattern_index import TreeReads
+from rvaft.export.svg import svg_text
+from rvaft.model.verdict import Semantics
+from rvaft.monitoring import report as log_report
+from rvaft.monitoring.monitor_set import MonitorSet, columns
+from rvaft.monitoring.oversights import Oversights
+from rvaft.monitoring.run import EventBuffer, MonitoringPlan, Totals, TraceRun
+from rvaft.readers.log import open_log
+from tests.cli.runs import FULL, LOGS, PRUNED, SAND, TREES, UNBOUND, run, written
+
+ROW3: Final = LOGS / "table2_row3.jsonl"
+NASTY: Final = (
+    '{"topic": "/command", "name": "move", "waypoint": "<script>window.hacked = 1</script>", "time": 1}\n'
+    '{"topic": "/command", "name": "inspect", "waypoint": "<script>window.hacked = 1</script>", "time": 2}\n'
+    '{"topic": "/radiation_sensor_plugin/sensor_0", "value": 300, "time": 3}\n'
+    '{"topic": "/command", "name": "move", "waypoint": "<img src=x onerror=\'window.hacked = 1\'>", "time": 4}\n'
+    '{"topic": "/move_base/goal", "goal": "</script><b id=bold>x</b>{{DATA}}", "time": 5}\n'
+)
+
+
+def page(path: Path) -> dict[str, Any]:
+    """The data in a page."""
+    text = path.read_text(encoding="utf-8")
+    found = re.search(r'<script type="application/json" id="data">([^<]*)</script>', text)
+    assert found
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+def reported(folder: Path, *args: object, status: int) -> dict[str, Any]:
+    """The data of the page that the command writes."""
+    output = folder / "report.html"
+    done = run("report", *args, "-o", output)
+    assert (done.exit_code, done.stdout) == (status, ""), done.output
+    return page(output)
+
+
+class _Elements(HTMLParser):
+    """Counts elements, and notes what they load."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: list[str] = []
+        self.loaded: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.names.append(tag)
+        self.loaded += [value or "" for name, value in attrs if name in ("src", "href")]
+
+
+def test_a_page_has_what_happened(tmp_path: Path) -> None:
+    data = reported(tmp_path, PRUNED, ROW3, status=1)
+    assert (data["semantics"], data["places"]["number"], data["at"]) == ("projected", [1, 2, 3, 4, 5], [4])
+    (change,) = data["changes"]
+    (detection,) = change["detections"]
+    names = [node[0] for node in data["nodes"]]
+    assert change["verdicts"] == [["φ", "⊤", None]]
+    assert (detection["branch"], detection["kinds"]) == (3, ["attack"])
+    assert [(names[node], number) for node, number, _, _ in detection["matched"]] == [
+        ("ev1", 1),
+        ("ev3", 2),
+        ("ev4", 3),
+        ("ev6", 4),
+        ("ev9", 5),
+    ]
+    assert ["MBGoal", "2"] in detection["variables"]
+    waited = [
+        [names[node] for record in data["waits"][state] for node in record[1]] for state in data["places"]["waits"]
+    ]
+    assert waited == [["ev3"] * 2, ["ev4"] * 2, ["ev6"] * 2, ["ev9"], []]
+    assert data["told"]["held"][1:] == ["warning: no event of type result"]
+
+
+def test_events_that_concern_nothing_have_no_place_whether_they_are_read_quickly_or_not(tmp_path: Path) -> None:
+    events = [*[json.loads(line) for line in ROW3.read_text().splitlines()], {"topic": "/else", "time": 1}]
+    mixed = [one for event in events for one in ({"topic": "/noise"}, event)]
+    log = written(tmp_path / "log.jsonl", "".join(f"{json.dumps(event)}\n" for event in mixed))
+    quick = reported(tmp_path, PRUNED, log, status=1)
+    slow = reported(tmp_path, PRUNED, log, "--order-by", "none", status=1)
+    for data in (quick, slow):
+        assert data["places"]["number"] == [2, 4, 6, 8, 10]
+        assert data["watches"][0][2] == len(mixed)
+    known = [[one[:3] for one in data["changes"][0]["detections"][0]["matched"]] for data in (quick, slow)]
+    assert known[0] == known[1]
+
+
+@pytest.mark.parametrize(
+    ("options", "watches"),
+    [
+        ((), [[0, None, 6, [["⊥", 1, 0]]]]),
+        (("--semantics", "scattered", "--repeat"), [[0, None, 6, [["?", None, 1]]]]),
+        (
+            ("--semantics", "scattered", "--key", "who"),
+            [[0, ["1"], 3, [["⊤", 5, 1]]], [0, ["<b>"], 3, [["⊤", 4, 1]]]],
+        ),
+    ],
+)
+def test_keys_and_repetition(tmp_path: Path, options: tuple[str, ...], watches: Sequence[object]) -> None:
+    rows = [("b", 1), ("a", 1), ("a", "<b>"), ("b", "<b>"), ("b", 1), ("a", "<b>")]
+    text = "".join(f"{json.dumps({'event': event, 'who': who})}\n" for event, who in rows)
+    tree = written(tmp_path / "tree.rvaft", "top sand a b;\n")
+    log = written(tmp_path / "log.jsonl", text)
+    found = any(end[2] for watch in watches for end in watch[3])  # type: ignore[index] # rows as above
+    assert reported(tmp_path, tree, log, *options, status=int(found))["watches"] == watches
+
+
+@pytest.mark.parametrize(
+    "options", [(), ("--per", "branch"), ("--kind", "attack"), ("--branch", "2"), ("--semantics", "strict")]
+)
+@pytest.mark.parametrize("tree", [PRUNED, FULL])
+def test_any_tree_and_part(tmp_path: Path, tree: Path, options: tuple[str, ...]) -> None:
+    logs = sorted(tree.with_suffix(".traces").glob("*.jsonl"))
+    output = tmp_path / "report.html"
+    assert run("report", tree, *logs, *options, "-o", output).exit_code in (0, 1)
+    data = page(output)
+    assert len(data["traces"]) == len(logs)
+    sizes = {len(some) for name, some in data["places"].items() if name != "event"}
+    assert len(sizes) == 1
+
+
+def test_what_cannot_be_read_or_written(tmp_path: Path) -> None:
+    good, bad = (
+        written(tmp_path / "good.jsonl", '{"event": "a"}\n'),
+        written(tmp_path / "bad.jsonl", '{"event": "a"}\n{'),
+    )
+    output = tmp_path / "report.html"
+    alone = run("report", SAND, bad, "-o", output)
+    assert (alone.exit_code, output.exists()) == (2, False)
+    assert [line[:50] for line in alone.stderr.splitlines()][1:] == [f"rvaft: warning: {output} is not"[:50]]
+    assert run("report", SAND, bad, good, "-o", output).exit_code == 2
+    assert any("bad.jsonl:2: not JSON" in line for line in page(output)["told"]["said"])
+    for where, said in ((good, "one of the logs"), (SAND, "one of the trees"), (tmp_path / "no" / "x", "is no folder")):
+        done = run("report", SAND, good, "-o", where)
+        assert (done.exit_code, said in done.stderr, done.stderr.count("\n")) == (2, True, 1)
+    if Path("/dev/full").exists():
+        done = run("report", SAND, good, "-o", "/dev/full")
+        assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+
+
+def test_what_is_left_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tree = written(tmp_path / "tree.rvaft", "top sand a b;\n")
+    log = written(tmp_path / "log.jsonl", '{"event": "a"}\n' * 6 + '{"event": "b"}\n' * 2)
+    for name, value in (("SECONDS", 0.0), ("SHOWN", 2), ("CHANGES", 1)):
+        monkeypatch.setattr(log_report, name, value)
+    data = reported(tmp_path, tree, log, log, "--semantics", "scattered", "--max-events", "4", status=1)
+    assert data["places"]["number"] == [1, 2, 3, 4, 7]
+    assert len(data["places"]["event"]) == 2
+    said = [line.partition(": ")[2].partition(": ")[2].partition(":")[0] for line in data["told"]["said"]]
+    assert said == [
+        "8 events without a place",
+        "1 change left out",
+        "what is waited for is not said after 5 events",
+        "only the first 2 events are shown with what is in them, others where they were detected",
+    ]
+
+
+def test_text_never_becomes_markup(tmp_path: Path) -> None:
+    tree = written(
+        tmp_path / "<b>{{TREE}}.rvaft",
+        'event u(x) = { x: x };\ntop sand a b; a label "</script><i>{{DATA}}"; b on u("<u>");\n',
+    )
+    log = written(tmp_path / "<s>.jsonl", '{"event": "a", "<u>": "</script>"}\n{"x": "<u>"}\n')
+    output = tmp_path / "report.html"
+    assert run("report", tree, log, "-o", output).exit_code == 1
+    found, plain = _Elements(), _Elements()
+    found.feed(output.read_text(encoding="utf-8"))
+    assert run("report", SAND, written(tmp_path / "a.jsonl", '{"event": "a"}\n'), "-o", output).exit_code == 0
+    plain.feed(output.read_text(encoding="utf-8"))
+    drawn = {"g", "path", "rect", "text", "title"}
+    assert [name for name in found.names if name not in drawn] == [name for name in plain.names if name not in drawn]
+    assert found.loaded == plain.loaded == ["data:,"]
+
+
+@pytest.mark.parametrize("path", sorted({*TREES.glob("*/*.rvaft")} - {UNBOUND}), ids=lambda path: path.stem)
+def test_no_box_covers_another_one(path: Path) -> None:
+    tree = rvaft.load(path)
+    text = svg_text(tree)
+    found = re.findall(r'class="box" x="([-\d.]+)" y="([-\d.]+)" width="([\d.]+)" height="([\d.]+)"', text)
+    boxes = [tuple(map(float, one)) for one in found]
+    width, height = map(float, re.search(r'width="([\d.]+)" height="([\d.]+)" role', text).groups())  # type: ignore[union-attr]
+    assert len(boxes) == len(tree.order)
+    for place, (x, y, wide, high) in enumerate(boxes):
+        assert x >= 0
+        assert y >= 0
+        assert x + wide <= width
+        assert y + high <= height
+        for other in boxes[:place]:
+            apart = x >= other[0] + other[2] or other[0] >= x + wide or y >= other[1] + other[3] or other[1] >= y + high
+            assert apart
+
+
+def test_the_listener_works_without_the_command() -> None:
+    tree = rvaft.load(PRUNED)
+    monitors = MonitorSet(columns(tree), rvaft.monitor, Semantics.PROJECTED)
+    plan = MonitoringPlan(monitors, TreeReads(tree))
+    notes = log_report.LogReport(tree, plan)
+    going = TraceRun(plan, "row3", [notes], Totals(None, Oversights(monitors.types)), buffer=EventBuffer())
+    going.begin()
+    with open_log(str(ROW3)) as stream:
+        assert all(isinstance(more, bool) for more in going.read(stream, "row3", by_blocks=True))
+    going.end()
+    assert notes.page("tree", {"said": [], "held": []}).startswith(b"<!DOCTYPE html>")
+    assert notes.left_out == []
+
+
+# -- in a browser -------------------------------------------------------------------------------------------------------
+
+_SETTINGS: Final = (
+    *("headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "disable-background-networking"),
+    *("disable-component-update", "disable-sync", "window-size=1400,1000"),
+)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Chromium, with a new profile."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium")
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if program is None or driver is None:
+        pytest.skip("needs chromium and chromium-driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for setting in (*_SETTINGS, f"user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(f"--{setting}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    running = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    yield running
+    running.quit()
+
+
+class Shown:
+    """A page in the browser."""
+
+    def __init__(self, browser: Any, path: Path) -> None:
+        self.browser = browser
+        browser.get(path.as_uri())
+
+    def ask(self, script: str) -> Any:
+        """The value of an expression, once what was asked for before is drawn."""
+        drawn = "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => done("
+        return self.browser.execute_async_script(f"{drawn}{script})))")
+
+    def nodes(self, word: str) -> list[str]:
+        """The names of the nodes that are lit so, in top-down order."""
+        names = "[...document.querySelectorAll('.node')].sort((a, b) => a.dataset.node - b.dataset.node)"
+        found = f"{names}.filter(one => one.classList.contains('{word}')).map(one => one.querySelector('text:not(.gate-text)').textContent)"
+        return list(self.ask(found))
+
+    def text(self, selector: str) -> str:
+        """What stands there."""
+        return str(self.ask(f"document.querySelector({json.dumps(selector)}).textContent"))
+
+    def press(self, key: str) -> None:
+        """Press a key."""
+        from selenium.webdriver.common.action_chains import ActionChains
+        from selenium.webdriver.common.keys import Keys
+
+        ActionChains(self.browser).send_keys(getattr(Keys, key)).perform()
+
+    def click(self, selector: str) -> None:
+        """Click on what stands there."""
+        self.ask(f"document.querySelector({json.dumps(selector)}).click()")
+
+
+@pytest.fixture
+def show(browser: Any, tmp_path: Path) -> Any:
+    """Writes a report and shows it; what the browser complains about is an error."""
+
+    def made(*args: object) -> Shown:
+        output = tmp_path / "report.html"
+        assert run("report", *args, "-o", output).exit_code in (0, 1)
+        return Shown(browser, output)
+
+    browser.get_log("browser")
+    yield made
+    assert browser.get_log("browser") == []
+
+
+def test_nodes_light_up_as_the_slider_moves(show: Any) -> None:
+    shown = show(PRUNED, ROW3)
+    assert shown.nodes("lit") == ["damaged", "ev1", "ev3", "ev4", "ev5", "ev6", "ev7", "outcome", "ev9", "ev10"]
+    assert "event 5" in shown.text("#place")
+    shown.press("HOME")
+    assert (shown.nodes("lit"), shown.nodes("seen"), shown.nodes("waits")) == ([], ["ev1", "ev6"], ["ev3"])
+    assert (shown.ask("document.getElementById('slider').value"), shown.text("#place strong")) == ("0", "event 1")
+    assert "inspect(Waypoint) (ev3), with Waypoint = 0" in shown.text("#branches")
+    shown.press("ARROW_RIGHT")
+    assert (shown.nodes("seen"), shown.nodes("waits"), shown.nodes("now")) == (["ev1", "ev3", "ev6"], ["ev4"], ["ev3"])
+    shown.ask("(s => { s.value = 3; s.dispatchEvent(new Event('input')); })(document.getElementById('slider'))")
+    assert (shown.text("#place strong"), shown.nodes("waits")) == ("event 4", ["ev9"])
+    shown.press("END")
+    assert "detected" in shown.text("#branches")
+    shown.press("ARROW_LEFT")
+    shown.click("#found-next")
+    assert "φ ⊤" in shown.text("#place")
+
+
+def test_text_of_logs_stays_text(show: Any, tmp_path: Path) -> None:
+    log = written(tmp_path / "<img src=x onerror=window.hacked=1>.jsonl", NASTY)
+    shown = show(PRUNED, log, "--key", "waypoint", "--semantics", "scattered")
+    shown.click("#keys tbody tr")
+    assert shown.ask("window.hacked === undefined && document.querySelectorAll('img, #bold, b').length === 0")
+    assert shown.ask("document.scripts.length") == 2
+    assert "<script>window.hacked = 1</script>" in shown.text("#keys tbody")
+    assert "<script>window.hacked = 1</script>" in shown.text("#event")
+
+
+def test_keys_filter_all_there_is(show: Any, tmp_path: Path) -> None:
+    tree = written(tmp_path / "tree.rvaft", "top sand a b;\n")
+    rows = [("a", 1), ("a", 2), ("b", 2), ("b", 1), ("a", 3)]
+    text = "".join(f"{json.dumps({'event': event, 'who': f'user{who}'})}\n" for event, who in rows)
+    shown = show(tree, written(tmp_path / "log.jsonl", text), "--key", "who", "--repeat", "--semantics", "scattered")
+    assert shown.ask("document.querySelectorAll('#keys tbody tr').length") == 3
+    assert shown.text("#detections h2") == "Detections (2)"
+    shown.click("#keys tbody tr")
+    assert (shown.text("#detections h2"), shown.ask("document.getElementById('slider').max")) == (
+        "Detections (1, of who=user1)",
+        "1",
+    )
+    shown.press("HOME")
+    assert (shown.nodes("seen"), shown.nodes("waits")) == (["a"], ["b"])
+    shown.click("#all")
+    assert shown.ask("document.getElementById('slider').max") == "4"
+    search = "(s => { s.value = 'user3'; s.dispatchEvent(new Event('input')); })(document.getElementById('search'))"
+    shown.ask(search)
+    assert shown.ask("document.querySelectorAll('#keys tbody tr').length") == 1
+    shown.ask(search.replace("user3", ""))
+    shown.click("#detecting")
+    assert shown.ask("document.querySelectorAll('#keys tbody tr').length") == 2
+
+
+def test_light_and_dark_and_print(show: Any, browser: Any) -> None:
+    shown = show(PRUNED, ROW3)
+    colour = "getComputedStyle(document.body).backgroundColor"
+    for scheme in ("light", "dark"):
+        browser.execute_cdp_cmd(
+            "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+        )
+        before = shown.ask(colour)
+        shown.click("#theme")
+        switched = shown.ask(colour)
+        assert (before == "rgb(245, 246, 248)", switched == "rgb(245, 246, 248)") == (
+            scheme == "light",
+            scheme == "dark",
+        )
+        shown = show(PRUNED, ROW3)
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    printed = base64.b64decode(browser.execute_cdp_cmd("Page.printToPDF", {})["data"])
+    assert printed.startswith(b"%PDF")
+    assert printed.count(b"/Type /Page\n") in range(1, 4)
+
+
+def test_a_log_without_anything(show: Any, tmp_path: Path) -> None:
+    shown = show(SAND, written(tmp_path / "empty.jsonl", ""))
+    shown.press("END")
+    assert (shown.text("#place"), shown.nodes("lit")) == ("No event concerned the tree.", [])
+    assert show(SAND, written(tmp_path / "empty.jsonl", ""), "--key", "who").text("#place")
+
+
+@pytest.mark.slow
+def test_300_000_events_with_400_keys_open_in_under_two_seconds(show: Any, tmp_path: Path) -> None:
+    chance = random.Random(0)
+    topics = [event for line in ROW3.read_text().splitlines() for event in [json.loads(line)]]
+    rows = ({**chance.choice(topics), "time": at / 10, "who": f"robot{chance.randrange(400)}"} for at in range(300_000))
+    log = written(tmp_path / "log.jsonl", "".join(f"{json.dumps(row)}\n" for row in rows))
+    shown = show(PRUNED, log, "--key", "who", "--semantics", "scattered", "--repeat")
+    assert int(shown.ask("document.getElementById('slider').max")) > 290_000
+    assert shown.ask("performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd") < 2_000
+    assert shown.ask("performance.getEntriesByName('first-contentful-paint')[0].startTime") < 2_000

@@ -25,6 +25,7 @@ from rvaft.export.layout import (
     legend,
     rows,
     said,
+    turn,
     view,
     wrapped,
 )
@@ -170,11 +171,10 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, i
     yield f"g{own} [label=<{html(gate_text(node), look.wrap)}>, {outline}{bold}, {known}];"
     yield f"n{own} -> g{own} [{stem}];"
     for place, child in enumerate(node.children):
-        turn = len(node.children) - place if node.gate is Gate.SAND_RL else place + 1
         looks = [
             line(marked=marks is not None and marks.edge(node.name, child)),
             "minlen=2" if look.stagger and place % 2 and tree.nodes[child].leaf else "",
-            f"label=<{turn}>" if node.name in part.numbered else "",
+            f"label=<{turn(node, place)}>" if node.name in part.numbered else "",
         ]
         shown = ", ".join(filter(None, looks))
         yield f"g{own} -> n{number[child]}{f' [{shown}]' if shown else ''};"

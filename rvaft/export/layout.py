@@ -45,6 +45,11 @@ _GATES: Final[Mapping[Gate, tuple[str, str]]] = {
 assert set(_GATES) == set(Gate), "every gate has a text"
 
 
+def turn(node: Node, place: int) -> int:
+    """Which of the children, in the order of a gate, stands at that place, from 0."""
+    return len(node.children) - place if node.gate is Gate.SAND_RL else place + 1
+
+
 @dataclass(frozen=True, slots=True)
 class Marks:
     """A match on a tree: the scenario's nodes with the children they keep, what stands at a node, and what below the tree.

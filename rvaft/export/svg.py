@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from html import escape
 from typing import Final
 
-from rvaft.export.layout import Look, Role, View, gate_text, is_condition, rows, said, text_columns, view
-from rvaft.model.nodes import Gate, Node
+from rvaft.export.layout import Look, Role, View, gate_text, is_condition, rows, said, text_columns, turn, view
+from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
@@ -133,14 +133,13 @@ def _lines(
     box, children = boxes[node.name], part.children(node)
     for place, child in enumerate(children):
         below = boxes[child]
-        turn = len(children) - place if node.gate is Gate.SAND_RL else place + 1
         # Straight down past boxes of the same level, across between two levels, and straight down to the child.
         end, begin = bottoms[box.level], bottoms[box.level] + _DOWN
         bends = f"C{box.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {begin:.1f}"
         way = f"M{box.x:.1f} {box.bottom:.1f}V{end:.1f}{bends}V{below.y:.1f}"
         yield f'<path class="line" data-line="{number[node.name]} {number[child]}" d="{way}"/>'
         if node.name in part.numbered:
-            yield f'<text class="turn" x="{below.x + 4:.1f}" y="{below.y - 5:.1f}">{turn}</text>'
+            yield f'<text class="turn" x="{below.x + 4:.1f}" y="{below.y - 5:.1f}">{turn(node, place)}</text>'
 
 
 def _drawn(box: SvgBox, number: int) -> Iterator[str]:

@@ -15,6 +15,7 @@ from typing import Any, Final, TypeAlias
 
 from backends import slices
 from backends.automaton.hoa_writer import ALIVE
+from rvaft.analysis.pattern_index import Decided, PatternIndex
 from rvaft.backend import Observed
 from rvaft.errors import LanguageError, TooLarge, ToolMissing, installed
 from rvaft.language.diagnostics import error_at
@@ -37,6 +38,8 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 from rvaft.support.bits import bits, mask_of
 
+RELEVANT: Final = -1
+"""Stands among the numbers of events for the propositions that say an event is relevant."""
 LIMIT: Final = 100_000
 """The most states that a nondeterministic text may turn into."""
 
@@ -288,6 +291,37 @@ class HoaProgram:
             number: (pattern, frozenset(rigid_variables(pattern))) for number, pattern in self._patterns.items()
         }
         self.matter = cache(self._matter)
+        self.ties_nothing = (
+            self.time is None and not self.guards and not any(shared for _, shared in self.events.values())
+        )
+        """Whether what holds of an event alone says where it leads: then the text is a table over that."""
+        asked = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
+        self._holding = PatternIndex(asked, self._decided).of
+        self.move = cache(self._move)
+
+    def _decided(self, decided: Decided) -> frozenset[int] | None:
+        """As `holding`, of all events of a shape, or None where that does not say it."""
+        first, last = len(self._patterns), len(self._patterns) + len(self._alphabet)
+        guards = [line.when for line in (*self._alphabet, *self._ignored)]
+        if decided.open or any(place >= first and guards[place - first] is not None for place in decided.fits):
+            return None
+        events = frozenset(number for place, number in enumerate(self._patterns) if place in decided.fits)
+        relevant = any(first <= place < last for place in decided.fits) and decided.fits[-1] < last
+        return events | {RELEVANT} if relevant and self.relevant else events
+
+    def holding(self, event: Mapping[str, Json]) -> frozenset[int]:
+        """The events that one is, where no variables are shared, and `RELEVANT` where it is that."""
+        found = self._holding(event)
+        if found is None:
+            events = (number for number, pattern in self._patterns.items() if match(pattern, event, {}) is not None)
+            found = frozenset((*events, *([RELEVANT] if self.relevant and self.is_relevant(event) else ())))
+        return found
+
+    def _move(self, state: int, holding: frozenset[int]) -> tuple[Verdict, slices.Slices]:
+        """What an event means in a state, where no variables are shared, and what is followed then."""
+        read = ((number if number in self.events else RELEVANT) in holding for number in self.table.seen(state))
+        to = self.table.next(state, tuple(read))
+        return self.table.verdicts[to], slices.start(to)
 
     def _take(self, name: str, values: list[str]) -> None:
         many, what = _EXPECTED[name]
@@ -363,6 +397,12 @@ class HoaMonitor(Monitor):
 
     def _advance(self, event: Json) -> Verdict:
         program, run, events = self._program, self._program.table, self._program.events
+        if program.ties_nothing:
+            ((_, state),) = self._slices
+            verdict, after = program.move(state, program.holding(event))
+            if verdict is not Verdict.TRUE:
+                self._slices = after if verdict is Verdict.UNKNOWN else {}
+            return verdict
         event = event if program.time is None else program.time.stamped(event)
         relevant = bool(program.relevant) and program.is_relevant(event)
 
@@ -383,8 +423,8 @@ class HoaMonitor(Monitor):
             to = run.next(state, tuple([is_true(number, bound, before) for number in run.seen(state)]))
             return run.verdicts[to], to
 
-        after = slices.advance(self._slices, extensions, step, matter=program.matter)
-        if after is None:
+        followed = slices.advance(self._slices, extensions, step, matter=program.matter)
+        if followed is None:
             return Verdict.TRUE
-        self._slices = after
-        return Verdict.UNKNOWN if after else Verdict.FALSE
+        self._slices = followed
+        return Verdict.UNKNOWN if followed else Verdict.FALSE

@@ -4,7 +4,7 @@ import shutil
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, cast
 
 import click
 
@@ -13,6 +13,7 @@ from rvaft.cli import FAILED, FOUND, Failures, options, warn
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.monitoring.detection import told_fields
+from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import Interest, Log, expanded, required_stream, source_of
 
 _NARROWEST: Final = 60
@@ -64,6 +65,9 @@ def coverage_command(
             else:
                 source = stack.enter_context(source_of(reader, file))
             name = "<stdin>" if file == "-" else click.format_filename(file)
+            if isinstance(reader, JsonLinesReader):
+                coverage.add(name, cast("BinaryIO", source), strict_json=strict_json)
+                continue
             reads = TreeReads(whole)
             log = Log(reader, source, name, reads, strict_json, interest=Interest.of(reads, told_fields(whole)))
             coverage.add(name, (event for event in log.events() if event is not None))

@@ -185,31 +185,44 @@ class _JsonLines(Reporter):
     def __init__(self, settings: MonitorSettings, sink: Sink) -> None:
         super().__init__(settings, sink)
         self.every = not settings.detections
+        self._alike: tuple[object, ...] = ()
+        """The trace and verdicts of the last event that changed nothing, and what its line has before and after the number."""
 
-    def event(self, watch: MonitoredTrace, number: int, event: Json, change: VerdictChange | None = None) -> None:  # noqa: ARG002
-        verdicts = watch.monitors.verdicts
+    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:  # noqa: ARG002 (the interface)
+        self.events(watch, number, number, watch.monitors.verdicts)
+
+    def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
+        if self._alike[:2] != (watch, verdicts):
+            # A key may look the same; what comes after does not.
+            before, after = json.dumps(self._said(watch, 0, verdicts)).rsplit('"event": 0, "verdict": ', 1)
+            self._alike = watch, verdicts, f'{before}"event": ', f', "verdict": {after}\n'
+        _, _, head, tail = self._alike
+        self.sink.write("".join([f"{head}{number}{tail}" for number in range(first, last + 1)]))
+
+    def _said(self, watch: MonitoredTrace, number: int, verdicts: Sequence[Verdict]) -> dict[str, Json]:
         said: dict[str, Json] = {"trace": watch.trace} if self.settings.several else {}
         said |= {**self.settings.key(watch), "event": number, "verdict": verdicts[0].value}
         if self.settings.per is not Per.TREE:
             said["verdicts"] = {one.label: verdict.value for one, verdict in zip(self.columns, verdicts, strict=True)}
-        if change is not None:
-            if number <= self.told_before:
-                said["again"] = True
-            details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
-            for column, count in change.counts.items():
-                details[column] |= count.fields
-            for column, explanation in change.explanations.items():
-                details[column] |= detection.explained(explanation, self.settings.tree, change.events, self.fields)
-            for column, ended in self.ends(change).items():
-                details[column] = {"expected": detection.expected(ended.pending)}
-            said |= details.pop(0, {})
-            if details:
-                said["columns"] = {self.columns[column].label: detail for column, detail in details.items()}
-        self.sink.write(f"{json.dumps(said)}\n")
+        return said
 
     def change(self, change: VerdictChange) -> None:
-        if self.every or change.detected:
-            self.event(change.watch, change.number, change.event, change)
+        if not self.every and not change.detected:
+            return
+        said = self._said(change.watch, change.number, change.verdicts)
+        if change.number <= self.told_before:
+            said["again"] = True
+        details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
+        for column, count in change.counts.items():
+            details[column] |= count.fields
+        for column, explanation in change.explanations.items():
+            details[column] |= detection.explained(explanation, self.settings.tree, change.events, self.fields)
+        for column, ended in self.ends(change).items():
+            details[column] = {"expected": detection.expected(ended.pending)}
+        said |= details.pop(0, {})
+        if details:
+            said["columns"] = {self.columns[column].label: detail for column, detail in details.items()}
+        self.sink.write(f"{json.dumps(said)}\n")
 
 
 class _Text(Reporter):
@@ -301,7 +314,7 @@ class _Text(Reporter):
 class _Table(_Text):
     """For each trace a table with a row per event and a column per verdict, as Tables 2 and 3 of the paper, and how the verdicts came about."""
 
-    every, sums = True, False
+    every, whole, sums = True, True, False
 
     def begin(self, watch: MonitoredTrace) -> None:  # noqa: ARG002 (the interface)
         self._rows: list[tuple[str, ...]] = [("EVENT", *(column.title for column in self.columns))]

@@ -16,19 +16,22 @@ from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Reporter, Sink,
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
-from rvaft.monitoring.checkpoint import LinesRead, open_at
+from rvaft.monitoring.checkpoint import open_at
 from rvaft.monitoring.detection import detection
 from rvaft.monitoring.follow import FollowedFile, stopping
 from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights
 from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, Totals, TraceRun, VerdictChange
+from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Log, LogReader, open_log, source_of
 from rvaft.support.files import deliver
 from rvaft.support.terminal import ProgressBar
 
 SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 """Of the files that the path that fired is drawn to."""
+_OFTEN: Final = 1_000
+"""Events between checkpoints that are more than a block of lines has; where fewer are asked for, events are read one by one."""
 _CHUNK: Final = 1 << 20
 """Characters that are passed on at once."""
 
@@ -238,8 +241,9 @@ class _Run(Listener):
             at_once = trace.file is None or follow  # what is said is seen while events come
             self._log = trace.log(stream or source, self.settings.plan, line + 1, sink if follow else None)
             read = cast("BinaryIO", self._log or stream or source)
-            by_blocks = trace.file is not None and stream is None
-            for going_on in run.read(read, trace.name, line=line + 1, by_blocks=by_blocks):
+            often = kept is not None and kept.every < _OFTEN
+            by_blocks = not (follow or often) if self._log is None else trace.file is not None and stream is None
+            for going_on in run.read(read, trace.name, line=line + 1, by_blocks=by_blocks, live=at_once):
                 if at_once:
                     sink.flush()
                 keep(ended=not going_on)

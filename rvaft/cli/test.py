@@ -135,7 +135,7 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
     traces = {names[file]: list(read_log(file, reads=TreeReads(tree), warn=warn)) for file in files}
     oversights = Oversights(EventTypeIndex(tree))
     for trace, events in traces.items():
-        deque(oversights.over(events, f"{trace}: "), maxlen=0)
+        deque(oversights.over(enumerate(events, 1), f"{trace}: "), maxlen=0)
     for line in oversights.lines:
         warn(f"{name}: {line}")
     return Path(name).with_suffix(".verdicts.json"), tree, traces

@@ -3,15 +3,17 @@
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from io import BufferedIOBase, IOBase
 from itertools import chain, combinations, islice
 from math import inf
-from typing import Final, NamedTuple, Self
+from typing import BinaryIO, Final, NamedTuple, Self, cast
 
 import networkx as nx
 
 from rvaft.analysis.branches import branch as numbered
 from rvaft.analysis.branches import branches
 from rvaft.analysis.normal_form import Op, body, is_impossible
+from rvaft.analysis.pattern_index import TreeReads
 from rvaft.analysis.plain_trees import is_plain, plain_trees, without_conditions
 from rvaft.analysis.scenarios import Fewest, Kept, Point, ScenarioSpace, event, fewest_events, precedence
 from rvaft.api import meant, narrowed
@@ -28,9 +30,11 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitoring.fast_reader import FastReader, exact_time, plain_fields
 from rvaft.monitoring.near_misses import EventTypeIndex
 from rvaft.monitoring.oversights import Oversight, Oversights
 from rvaft.monitors import Awaited
+from rvaft.readers.json_lines import read
 from rvaft.rules import require_valid
 from rvaft.support.bits import bits
 
@@ -359,13 +363,18 @@ class Coverage:
                 self._best.append(BranchCoverage(one.number, one.kinds, start.lacking, 0, awaited=start.awaited))
                 self._branches.append((fresh, frozenset(number[name] for name in one.nodes)))
 
-    def add(self, log: str, events: Iterable[Json]) -> None:
-        """Read a whole log. Raises what reading its events raises, and `TooLarge`; a log that raises does not count."""
+    def add(self, log: str, events: Iterable[Json] | BinaryIO, *, strict_json: bool = False) -> None:
+        """Read a whole log, its events or the bytes of JSON Lines. Raises what reading them raises, and `TooLarge`; a log that raises does not count."""
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
         live, seen, number, oversights = followers, set[int](), 0, Oversights(self._types)
+        numbered = (
+            self._numbered(log, cast("BufferedIOBase", events), strict_json)
+            if isinstance(events, IOBase)
+            else enumerate(events, 1)
+        )
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         try:
-            for number, event, late in oversights.over(events, f"{log}: "):
+            for number, event, late in oversights.over(numbered, f"{log}: "):
                 reading = NOTHING if late else self._letters.read(event)
                 counts = reading.relevant or not self.semantics.projects
                 hit = {node for hit in reading.hits for node in hit.nodes} if counts else set[int]()
@@ -391,6 +400,26 @@ class Coverage:
                 came = known.needed - reach.lacking
                 best = replace(best, reached=came, log=log, event=reach.event, awaited=reach.awaited)
             self._best[place] = best
+
+    def _numbered(self, log: str, stream: BufferedIOBase, strict_json: bool) -> Iterator[tuple[int, Json]]:
+        """The events of a log with their numbers; those that concern nothing are left out where that can be."""
+        reads, time = TreeReads(self.tree), self.tree.time
+        fields = () if self.semantics is Semantics.STRICT else plain_fields(reads, time.field[:1] if time else ())
+        if not fields:
+            yield from enumerate(read(cast("BinaryIO", stream), name=log, reads=reads, strict=strict_json), 1)
+            return
+        every = time is not None and time.late is not None  # then the time of each event counts
+        before = 0
+        reader = FastReader(
+            reads,
+            (lambda _: True) if every else self._types.possible,
+            fields,
+            time=exact_time(self.tree),
+            strict=strict_json,
+        )
+        for batch in reader.read(stream, log):
+            yield from ((before + place + 1, found) for place, found in batch.events)
+            before += batch.total
 
     def report(self) -> CoverageReport:
         """What the logs so far covered."""

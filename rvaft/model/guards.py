@@ -351,15 +351,20 @@ def predicate(guard: Guard) -> Predicate:
             parts = tuple(predicate(operand) for operand in operands)
             return lambda binding: all(part(binding) for part in parts)
         case Operation(operator, (Variable(name), Literal(constant))) if compare := OPERATORS[operator].compare:
-            types = (str,) if type(constant) is str else (int,) if type(constant) in _NUMBERS else ()
-            doubles = type(constant) in _NUMBERS
+            if type(constant) not in (str, *_NUMBERS):
+                return lambda binding: holds(guard, binding)
 
-            def compared(binding: Mapping[str, Json]) -> bool:
+            def with_number(binding: Mapping[str, Json]) -> bool:
                 value = binding[name]
-                if type(value) in types or (doubles and type(value) is float and -_LARGEST <= value <= _LARGEST):
-                    return bool(compare(value, constant))
+                if type(value) is int or (type(value) is float and -_LARGEST <= value <= _LARGEST):
+                    found: bool = compare(value, constant)
+                    return found
                 return holds(guard, binding)
 
-            return compared
+            def with_text(binding: Mapping[str, Json]) -> bool:
+                value = binding[name]
+                return bool(compare(value, constant)) if type(value) is str else holds(guard, binding)
+
+            return with_text if type(constant) is str else with_number
         case _:
             return lambda binding: holds(guard, binding)

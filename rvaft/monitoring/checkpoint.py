@@ -42,7 +42,7 @@ from rvaft.monitoring.near_misses import NearMissCount, Statistics
 from rvaft.monitoring.oversights import Oversight, Oversights, Reason
 from rvaft.monitoring.run import Backwards, Field, Ordering
 from rvaft.monitors import Awaited, Ended, Explanation, Pending
-from rvaft.readers.json_lines import MAX_DEPTH, NonFiniteEvent, RepeatingObject
+from rvaft.readers.json_lines import MAX_DEPTH, LinesRead, NonFiniteEvent, RepeatingObject
 from rvaft.readers.log import failures_of, unreadable
 from rvaft.support.files import SUFFIXES, opened, telling, write_whole
 
@@ -100,23 +100,6 @@ def packed(state: object) -> bytes:
 def unpacked(data: bytes | memoryview) -> Any:
     """The state that was `packed`; raises whatever a pickle makes of a class where the bytes are not such."""
     return _DataUnpickler(io.BytesIO(data)).load()
-
-
-class LinesRead(io.BufferedIOBase):
-    """The lines of a stream, which knows where it is: `offset` bytes and `line` lines into the trace."""
-
-    def __init__(self, stream: BinaryIO, *, offset: int = 0, line: int = 0) -> None:
-        super().__init__()
-        self._stream = stream
-        self.offset = offset
-        self.line = line
-
-    def readline(self, size: int | None = -1) -> bytes:
-        """The next line, or the first `size` bytes of a longer one."""
-        line = self._stream.readline(-1 if size is None else size)
-        self.offset += len(line)
-        self.line += line.endswith(b"\n")
-        return line
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """Logs read many lines at a time: what a tree reads of them is decoded by msgspec, and what msgspec does not check is looked for in the bytes."""
 
 import re
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -13,7 +14,9 @@ import msgspec
 
 from rvaft.analysis.pattern_index import Reads, TreeReads, brief
 from rvaft.errors import TraceError
+from rvaft.model.event_time import UNITS
 from rvaft.model.patterns import ObjectPattern
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, Scalar, decimal
 from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
 from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
@@ -38,26 +41,33 @@ _DOUBT: Final = ("doubt",)
 
 
 class Batch(NamedTuple):
-    """Events that follow each other: how many, and those of them that may concern the tree, each with its place among all, from 0."""
+    """Events that follow each other: how many, and those of them that may concern the tree, each with its place among all, from 0.
+
+    Where a reader keeps fields of all events, `passed` are the places of the others, and `kept` what these have in the fields, for each a value, or
+    a tuple of several, `msgspec.UNSET` where there is none.
+    """
 
     total: int
     events: Sequence[tuple[int, dict[str, Json]]]
+    passed: Sequence[int] = ()
+    kept: Sequence[Any] = ()
 
 
-def _blocks(stream: BufferedIOBase, file: str) -> Iterator[tuple[int, bytes]]:
-    """Whole lines of a stream in turn, each block with the number of its first line; one longer than `MAX_LINE` is the last.
+def _blocks(stream: BufferedIOBase, file: str, line: int, *, live: bool) -> Iterator[tuple[int, bytes, int]]:
+    """Whole lines of a stream in turn, each block with the number of its first line, and its bytes; one longer than `MAX_LINE` is the last.
 
+    A byte order mark counts among the bytes and is not given. What is `live` is given as it comes, not only when a block is full.
     Raises `TraceError` where the file cannot be read, after the lines that end before.
     """
     failures = failures_of(file)
     # Damaged data is lost from the call on that meets it, so there no more is asked for at once than when it is read by lines.
     at_once = min(SIZE, DEFAULT_BUFFER_SIZE) if Path(file).suffix.lower() in SUFFIXES else SIZE
-    held, line, mark = b"", 1, BOM
+    held, mark = b"", BOM if line == 1 else b""
     failure: Exception | None = None
     more = True
     while more:
         pieces, size, ended = [held], len(held), False
-        while more and (size < SIZE or (not ended and size <= len(BOM) + MAX_LINE)):
+        while more and not (live and ended) and (size < SIZE or (not ended and size <= len(BOM) + MAX_LINE)):
             try:
                 data = stream.read1(at_once)
             except failures as error:
@@ -71,7 +81,7 @@ def _blocks(stream: BufferedIOBase, file: str) -> Iterator[tuple[int, bytes]]:
         end = len(text) if not more and failure is None else text.rfind(b"\n") + 1
         given = text[:end].removeprefix(mark)
         if given:
-            yield line, given
+            yield line, given, end
         held, mark = text[end:], b""
         line += given.count(b"\n")
     if failure is not None:
@@ -90,11 +100,17 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
     return fields if plain and reads.discriminators.fields and len(patterns) == len(reads.patterns) else ()
 
 
+def exact_time(tree: RVAFT) -> str | None:
+    """The field in which a tree has its time, where numbers there count with all their digits."""
+    time = tree.time
+    return time.field[0] if time is not None and time.format.value in UNITS and len(time.field) == 1 else None
+
+
 class FastReader:
     """Reads logs for one tree; `possible` says whether events with given values in the discriminating fields are of interest.
 
     Of events it decodes only these `fields`, in that of the `time` numbers as exactly as they are written. The values of one
-    discriminating field stand as they are, those of several as a tuple.
+    discriminating field stand as they are, those of several as a tuple. Those that are `kept`, all of them among the `fields`, are told of every event.
     """
 
     def __init__(
@@ -105,29 +121,37 @@ class FastReader:
         *,
         time: str | None,
         strict: bool,
+        kept: Sequence[str] = (),
     ) -> None:
         self._reads = reads
         self._strict = strict
         self._possible = possible
         self._asked = reads.discriminators.fields
+        assert time not in kept, "what is kept is no more exact than a double"
+        self._kept = tuple(kept)
+        # Python takes 1 and True for equal: what is kept and a boolean is left to the other reader.
+        types = {field: Scalar if field not in kept else str | int | float | None for field in (*fields, *self._asked)}
         # A hook of msgspec is asked for what may be anything only.
-        types = {field: Any if field == time else Scalar for field in fields}
-        event: Any = TypedDict("event", types, total=False)  # type: ignore[misc] # the names come with the tree
+        read = {field: Any if field == time else types[field] for field in fields}
+        event: Any = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event = msgspec.json.Decoder(event, float_hook=_decimal)
         self._time = time
-        names = {f"f{number}": field for number, field in enumerate(self._asked)}
+        told = tuple(dict.fromkeys((*self._asked, *kept)))
+        names = {f"f{number}": field for number, field in enumerate(told)}
         # Not to be looked at by the garbage collector: heads live for one block, and hold nothing that could refer to them.
         head = msgspec.defstruct(
             "Head",
-            [(name, Scalar | msgspec.UnsetType, msgspec.UNSET) for name in names],
+            [(name, types[field] | msgspec.UnsetType, msgspec.UNSET) for name, field in names.items()],
             rename=names.__getitem__,
             gc=False,
             module=__name__,
         )
         self._head = msgspec.json.Decoder(head)
-        gets = [methodcaller("get", field, msgspec.UNSET) for field in self._asked]
-        self._of_event = gets[0] if len(gets) == 1 else lambda event: tuple([get(event) for get in gets])
-        self._of_head = attrgetter(*names)
+        self._short = short = {field: name for name, field in names.items()}
+        self._of_event = _gets(self._asked)
+        self._of_head = attrgetter(*map(short.__getitem__, self._asked))
+        self._kept_of_event = _gets(self._kept) if kept else None
+        self._kept_of_head = attrgetter(*map(short.__getitem__, self._kept)) if kept else None
         self._known: dict[Hashable, tuple[bool, tuple[bytes, ...]]] = {}
         self._keys = tuple(_quoted(field).translate(None, _OF_NUMBERS) for field in fields)
         self._skeletons: set[bytes] = set()
@@ -135,9 +159,20 @@ class FastReader:
         self._dense = False
         """Whether most lines of late were of interest: then all are decoded as events at once."""
 
-    def read(self, stream: BufferedIOBase, file: str) -> Iterator[Batch]:
-        """All events of a stream in batches; raises `TraceError` after the events before it."""
-        for first, text in _blocks(stream, file):
+    def read(
+        self,
+        stream: BufferedIOBase,
+        file: str,
+        *,
+        line: int = 1,
+        live: bool = False,
+        reached: Callable[[int, int], None] = lambda _size, _lines: None,
+    ) -> Iterator[Batch]:
+        """All events of a stream in batches; raises `TraceError` after the events before it.
+
+        `line` is the number of the first line; a stream that is `live` is read as it comes. With each batch `reached` is told of so many bytes and lines more.
+        """
+        for first, text, size in _blocks(stream, file, line, live=live):
             lines = text.removesuffix(b"\n").split(b"\n")
             dense = self._dense
             sound = self._sound(text, lines) if dense else None
@@ -147,33 +182,44 @@ class FastReader:
             dead = {values for values, (live, _) in known.items() if not live}
             places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))
             self._dense = 2 * len(places) > len(found)
+            passed: list[int] = []
+            kept: list[Any] = []
+            get: Callable[[Any], Any] | None = self._kept_of_event if dense else self._kept_of_head
+            if get is not None and dead:
+                passed = [place for place, values in enumerate(found) if values in dead]
+                kept = [get(heads[place]) for place in passed]
             if sound is not None:
-                yield Batch(len(found), [(place, sound[place]) for place in places] if dead else list(enumerate(sound)))
+                reached(size, text.count(b"\n"))
+                events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
+                yield Batch(len(found), events, passed, kept)
                 continue
-            events: list[tuple[int, dict[str, Json]]] = []
-            blank = 0
+            events = []
+            blank: list[int] = []
             for place in places:
-                line, values = lines[place], found[place]
+                written, values = lines[place], found[place]
                 event: dict[str, Json] | None = None
                 if values is not _DOUBT:
                     for key in known[values][1]:
-                        if line.count(key) > 1:
+                        if written.count(key) > 1:
                             break
                     else:
-                        event = heads[place] if dense else _decoded(self._event, line)
+                        event = heads[place] if dense else _decoded(self._event, written)
                         if event is not None and self._is_nested(event):
                             event = None
                 if event is None:
                     try:
-                        event = event_on(line, file, first + place, self._reads, strict=self._strict)
+                        event = event_on(written, file, first + place, self._reads, strict=self._strict)
                     except TraceError:
-                        yield Batch(place - blank, events)
+                        before = bisect_left(passed, place)
+                        reached(size - len(text) + sum(map(len, lines[:place])) + place, place)
+                        yield Batch(place - len(blank), events, _without(blank, passed[:before]), kept[:before])
                         raise
                 if event is None:
-                    blank += 1
+                    blank.append(place)
                 else:
-                    events.append((place - blank, event))
-            yield Batch(len(found) - blank, events)
+                    events.append((place - len(blank), event))
+            reached(size, text.count(b"\n"))
+            yield Batch(len(found) - len(blank), events, _without(blank, passed), kept)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[Any] | None:
         """The events of a block in which nothing can be wrong that the decoder does not see, or None where some may.
@@ -215,7 +261,8 @@ class FastReader:
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[Any], list[Hashable]]:
         """For each line what the decoder makes of it and its values in the discriminating fields, `_DOUBT` where it cannot be trusted."""
-        decoder, get = (self._event, self._of_event) if self._dense else (self._head, self._of_head)
+        decoder = self._event if self._dense else self._head
+        get: Callable[[Any], Hashable] = self._of_event if self._dense else self._of_head
         doubts = _doubtful(text, lines)
         try:
             heads = list(map(decoder.decode, lines))
@@ -225,16 +272,25 @@ class FastReader:
             found = [_DOUBT if head is None else get(head) for head in heads]
             doubts.update(place for place, values in enumerate(found) if values is _DOUBT)
         counts = Counter(found)
-        for number, field in enumerate(self._asked):
+        for number, field in enumerate(dict.fromkeys((*self._asked, *self._kept))):
             # Where no line writes a field otherwise than it is, to count them in the block will do.
-            key = _quoted(field)
-            if doubts or text.count(key) != sum(
-                count for values, count in counts.items() if self._every(values)[number] is not msgspec.UNSET
-            ):
+            key, there = _quoted(field), -1
+            if doubts:
+                pass
+            elif number < len(self._asked):
+                asked = ((self._every(values)[number], count) for values, count in counts.items())
+                there = sum(count for value, count in asked if value is not msgspec.UNSET)
+            else:
+                there = len(heads) - list(map(self._lookup(field), heads)).count(msgspec.UNSET)
+            if doubts or text.count(key) != there:
                 doubts.update(place for place, line in enumerate(lines) if line.count(key) > 1)
         for place in doubts:
             found[place] = _DOUBT
         return heads, found
+
+    def _lookup(self, field: str) -> Callable[[Any], Any]:
+        """Gives the value in a field of what the present decoder makes of a line."""
+        return methodcaller("get", field, msgspec.UNSET) if self._dense else attrgetter(self._short[field])
 
     def _every(self, values: Hashable) -> Any:
         return (values,) if len(self._asked) == 1 else values
@@ -245,13 +301,24 @@ class FastReader:
         if known is None:
             every = self._every(values)
             asked = self._reads.discriminators.values(dict(zip(self._asked, every, strict=True)))
-            keys = tuple(_quoted(field) for field in self._reads.where(asked).fields if field not in self._asked)
+            keys = tuple(_quoted(field) for field in self._reads.where(asked).fields if field not in self._short)
             known = self._possible(every), keys
             if len(self._known) >= MEMORY:
                 self._known.clear()
             if brief(every):
                 self._known[values] = known
         return known
+
+
+def _gets(fields: Sequence[str]) -> Callable[[dict[str, Json]], Any]:
+    """Gives what an event has in a field, of several a tuple."""
+    gets = [methodcaller("get", field, msgspec.UNSET) for field in fields]
+    return gets[0] if len(gets) == 1 else lambda event: tuple([get(event) for get in gets])
+
+
+def _without(blank: Sequence[int], places: list[int]) -> list[int]:
+    """Places among the lines that are not blank."""
+    return [place - bisect_left(blank, place) for place in places] if blank else places
 
 
 def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:

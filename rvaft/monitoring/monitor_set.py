@@ -143,6 +143,11 @@ class MonitorSet:
         self._take_over(tuple(map(Repetition, made)) if self.repeat else tuple(made))
         letters = (letter.pattern for engine in self.engines for letter in engine.letters.letters)
         self.types = EventTypeIndex(self.columns[0].part, letters)
+        told = (zip(engine.letters.letters, engine.letters.serves, strict=True) for engine in self.engines)
+        self.finds_no_more = bool(self.engines) and self.types.entries.issuperset(
+            letter for letters in told for letter, nodes in letters if nodes
+        )
+        """Whether an event that is not relevant, and not because it is ignored, fits no node."""
         self.since: dict[int, int] = {}
         self.found = [DetectionCount() for _ in self.columns]
         self.serves = self.concerned = self.late = False

@@ -39,10 +39,22 @@ class Sight:
 
     All such events are relevant of the `constant` types unless they are ignored, or, where that is None, this has to be asked of each; with `plain`
     whatever else they hold. `noted` are the statistics that know these types as seen, `monitored` is what the shape says to each monitor, `looked_at`
-    the letters of which oversights ask something.
+    the letters of which oversights ask something, and `good` what they know to be well: who knows it, since when, of which fields, and the types there.
     """
 
-    __slots__ = ("constant", "decided", "entries", "ignored", "looked_at", "monitored", "noted", "plain", "types")
+    __slots__ = (
+        "_asked",
+        "constant",
+        "decided",
+        "entries",
+        "good",
+        "ignored",
+        "looked_at",
+        "monitored",
+        "noted",
+        "plain",
+        "types",
+    )
 
     def __init__(self, decided: Decided, letters: Sequence[tuple[str, str, Reader]]) -> None:
         self.decided = decided
@@ -53,16 +65,22 @@ class Sight:
             for kind, _, one in letters
             if kind == "ignored"
         )
+        self._asked = tuple((name, one.holds if one.plain else one.admits) for name, one in self.entries)
         asked = any(one.holds is not None for _, one in self.entries)
         self.constant = None if asked else tuple(dict.fromkeys(name for name, _ in self.entries))
         self.plain = bool(self.constant) and not self.ignored and not decided.open
         self.noted: object = None
         self.monitored: tuple[Any, ...] | None = None
         self.looked_at = UNSEEN
+        self.good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
 
     def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
         """The types of which an event that is not ignored is relevant."""
-        return tuple(dict.fromkeys(name for name, one in self.entries if one.admits(event)))
+        found: tuple[str, ...] = ()
+        for name, admits in self._asked:
+            if (admits is None or admits(event)) and name not in found:
+                found = (*found, name)
+        return found
 
 
 class EventTypeIndex:
@@ -82,6 +100,8 @@ class EventTypeIndex:
             types.setdefault(name, relevant.pattern if on is None else tree.events[on.event].pattern)
             entries[name, Letter(relevant.pattern, relevant.when)] = None
         self.names = tuple(types)
+        self.entries = frozenset(letter for _, letter in entries)
+        """What says of events that they are relevant, unless they are ignored."""
         letters = [("type", name, Letter(pattern)) for name, pattern in types.items()]
         letters += [("entry", name, letter) for name, letter in entries]
         letters += [("ignored", "", Letter(tree.instantiate(one.on), one.when)) for one in tree.ignores]

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from enum import StrEnum
-from itertools import product
+from itertools import chain, product
 from typing import Any, Final, NamedTuple
 
 from rvaft.analysis.pattern_index import Reader, flat
@@ -122,12 +122,12 @@ class Oversights:
             if sight.looked_at or self._time is None or event.field.split(".")[0] != self._time.field[0]:
                 self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
             return
-        version = self._version
-        for letter in sight.looked_at:
-            one = self._asked[letter]
-            types = None if one.fields is None else tuple([type(event[field]) for field in one.fields])
-            if types is None or one.version != version or types not in one.good:
-                self._ask(one, event, types, f"{prefix}event {number}")
+        of, version, fields, good = sight.good or (None, -1, None, ())
+        if of is not self or version != self._version:
+            fields, good = self._good(sight)
+        kinds = None if fields is None else tuple([type(event[field]) for field in fields])
+        if kinds is None or kinds not in good:
+            self._look(event, f"{prefix}event {number}", sight, kinds)
         if self._time is None or not sight.entries or self._time.read(event) is not None:
             return
         if not any(admits(event) for admits in sight.ignored):
@@ -135,10 +135,31 @@ class Oversights:
             wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self._time.format}"
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
 
-    def over(self, events: Iterable[Json], prefix: str) -> Iterator[tuple[int, Json, bool]]:
-        """The events of a trace, with their numbers and whether they are late, each after it was looked at."""
+    def _good(self, sight: Sight) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
+        """The fields that are asked of events of a shape, None where more than the types there decides, and types that are known to be good now."""
+        asked = [self._asked[letter].fields for letter in sight.looked_at]
+        known = [fields for fields in asked if fields is not None]
+        fields = tuple(dict.fromkeys(chain(*known))) if len(known) == len(asked) else None
+        good = set[tuple[type, ...]]()
+        sight.good = self, self._version, fields, good
+        return fields, good
+
+    def _look(self, event: Mapping[str, Json], place: str, sight: Sight, kinds: tuple[type, ...] | None) -> None:
+        """Ask what is to be asked of an event, and note whether none of it need be asked of others with values of these types."""
+        version, good = self._version, True
+        for letter in sight.looked_at:
+            one = self._asked[letter]
+            types = None if one.fields is None else tuple([type(event[field]) for field in one.fields])
+            if types is None or one.version != version or types not in one.good:
+                self._ask(one, event, types, place)
+                good = good and types in one.good
+        if good and kinds is not None and version == self._version and sight.good is not None:
+            sight.good[3].add(kinds)
+
+    def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, bool]]:
+        """The events of a trace, which have numbers, and whether they are late, each after it was looked at."""
         latest: int | None = None
-        for number, event in enumerate(events, 1):
+        for number, event in events:
             late, latest = self._time.is_late(event, latest) if self._time else (False, None)
             if late:
                 self.note_late(event, number, prefix, latest)

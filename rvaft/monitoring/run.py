@@ -1,32 +1,35 @@
 """One trace from its first event to its last: events are put in order and told apart by a key, the monitors read them, listeners are told."""
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from heapq import heappop, heappush, heappushpop
 from io import BufferedIOBase, IOBase
-from itertools import chain, islice
+from itertools import chain, count, islice
 from math import inf
+from operator import gt, itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Self, cast
 
+import msgspec
+
 from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.errors import OptionError, RvaftError, TooLarge
-from rvaft.model.event_time import UNITS, EventTime, TimeFormat
+from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json, at, is_finite, is_number
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.detection import counted, matched_events, told_fields, unlike
-from rvaft.monitoring.fast_reader import Batch, FastReader, plain_fields
+from rvaft.monitoring.fast_reader import Batch, FastReader, exact_time, plain_fields
 from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights
 from rvaft.monitors import Explanation
-from rvaft.readers.json_lines import BLANK, NonFiniteEvent, decode, read
+from rvaft.readers.json_lines import BLANK, LinesRead, NonFiniteEvent, decode, read
 from rvaft.readers.log import ALL, BOM, Interest, Log, LogReader, failures_of, source_of
 from rvaft.support.files import opened
 
@@ -42,6 +45,9 @@ BATCH: Final = 500
 """Events of a log in another format than JSON Lines that are looked at together."""
 _NO_EVENT: Final[dict[str, Json]] = {}
 """Stands for any event that fits no pattern: where there are such, no pattern is without a literal."""
+_NUMBERS: Final = frozenset({int, float})
+_PLAIN_KEYS: Final = frozenset({str, int})
+"""Types of values that are their own keys, and that no other value but a double equals."""
 _END: Final = Batch(0, ())
 _ISO: Final = EventTime((), TimeFormat.ISO8601)
 """Reads a value that is a time itself."""
@@ -168,15 +174,59 @@ class Ordering(OrderedField):
         self.first_late = self.first_without = 0
         """The numbers of the first such events, as read."""
         self._came = 0
-        self._held: list[tuple[int | float, int, dict[str, Json]]] = []
+        self._held: list[tuple[int | float, int, Any]] = []
         """Events with the number in the field and that in the trace."""
         self._before: int | float = -inf
         self._given: int | float = -inf
 
     def add(self, event: dict[str, Json]) -> dict[str, Json] | None:
         """Take the next event of the trace; the event whose turn it is then, if the window is full."""
+        given: dict[str, Json] | None = self._add(self.place(event), event)
+        return given
+
+    def add_all(self, batch: Batch, values: Sequence[Any], others: Sequence[Any]) -> list[Any]:
+        """Take the next events of the trace; those whose turn it is then.
+
+        Those of the batch that concern nothing have these `values` in the field, and what stands for them among the events are the `others`.
+        """
+        came: list[Any] = [None] * batch.total
+        places: list[int | float | None] = [None] * batch.total
+        for place, other in zip(batch.passed, others, strict=True):
+            came[place] = other
+        for place, event in batch.events:
+            came[place] = event
+        if self.time is None and self._holds is False and _NUMBERS.issuperset(map(type, values)):
+            for place, number in zip(batch.passed, values, strict=True):
+                places[place] = number
+            for place, event in batch.events:
+                places[place] = self.place(event)
+        else:  # the first of all says what the field holds
+            known, name = dict(zip(batch.passed, values, strict=True)), self.field.text
+            told = ({name: known[place]} if place in known else event for place, event in enumerate(came))
+            places = list(map(self.place, told))
+        if None not in places and (given := self._add_sorted(places, came)) is not None:
+            return given
+        return [event for event in map(self._add, places, came) if event is not None]
+
+    def _add_sorted(self, places: Sequence[Any], events: Sequence[Any]) -> list[Any] | None:
+        """Take events all at once, and give those whose turn it is; None, and nothing is taken, where one of them is too late."""
+        known = sorted([*self._held, *zip(places, count(self._came + 1), events)])  # by place and number, which differ
+        turns = max(0, len(known) - self.window)
+        due = known[:turns]
+        # Each has to be there when its turn comes: with the first event that has no room in the window, the second, and so on.
+        full = self._came + 1 + self.window - len(self._held)
+        if due and (due[0][0] < self._given or any(map(gt, map(itemgetter(1), due), count(full)))):
+            return None
+        self._came += len(events)
+        self._held = known[turns:]
+        if places:
+            self._before = places[-1]
+        if due:
+            self._given = due[-1][0]
+        return [event for _, _, event in due]
+
+    def _add(self, place: int | float | None, event: Any) -> Any:
         self._came += 1
-        place = self.place(event)
         if place is None:
             place = self._before
             self.without += 1
@@ -317,7 +367,8 @@ class Listener:
     """Told of what happens in a run; does nothing with it.
 
     With `every` it is told of every event, with `concerned` of those that concern the tree while a verdict may still change, else only of those that
-    change one; with `whole` it has to see all of an event. With neither `every` nor `whole` events may be read quickly.
+    change one; with `whole` it has to see all of an event. Otherwise events may be read quickly, and where one trace is watched who is told of
+    every one is told of many `events` at once.
     """
 
     every = False
@@ -332,6 +383,9 @@ class Listener:
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
         """The event of that number was read and changed no verdict; only with `every` or `concerned`."""
 
+    def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
+        """The events with these numbers, and those between, were read and did not change these verdicts; only with `every`."""
+
     def change(self, change: VerdictChange) -> None:
         """An event changed verdicts."""
 
@@ -340,6 +394,21 @@ class Listener:
 
     def stop(self, watch: MonitoredTrace) -> None:
         """The trace was malformed, or could not be read further: no event and no end comes any more."""
+
+
+def _tell_all(
+    listeners: Iterable[Listener], watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]
+) -> None:
+    """Tell of events in a row that changed nothing, if there are any."""
+    for listener in listeners if first <= last else ():
+        listener.events(watch, first, last, verdicts)
+
+
+def _batch_of(events: Sequence[Any]) -> Batch:
+    """Events in a row; a tuple stands for one that concerns nothing, and is what was kept of it."""
+    passed = [place for place, event in enumerate(events) if type(event) is tuple]
+    found = [(place, event) for place, event in enumerate(events) if type(event) is not tuple]
+    return Batch(len(events), found, passed, [events[place] for place in passed])
 
 
 # -- the run ------------------------------------------------------------------------------------------------------------
@@ -377,14 +446,24 @@ class MonitoringPlan:
     @cached_property
     def fast_reader(self) -> FastReader | None:
         """What reads files quickly, or None where every event has to be seen as it stands."""
-        if not self.plain or not self.monitors.engines or not isinstance(self.reads, TreeReads):
+        if not self.monitors.engines or not isinstance(self.reads, TreeReads):
+            return None
+        kept = [
+            *([] if self.order_by is None else [Field.parse(self.order_by)]),
+            *(self.key.fields if self.key else ()),
+        ]
+        each = (
+            self.key is not None and self.monitors.semantics is Semantics.STRICT
+        )  # every event ends matches of its key
+        if each or any(len(field.path) > 1 for field in kept):
             return None
         types, every = self.monitors.types, self.monitors.may_be_late  # then the time of each event counts
         possible = (lambda _: True) if every else types.possible
-        fields = plain_fields(self.reads, (TIME, *told_fields(types.tree)))
-        declared = types.tree.time
-        time = declared.field[0] if declared and declared.format.value in UNITS and len(declared.field) == 1 else None
-        return FastReader(self.reads, possible, fields, time=time, strict=self.strict_json) if fields else None
+        names = [field.text for field in kept]
+        fields, time = plain_fields(self.reads, (TIME, *told_fields(types.tree), *names)), exact_time(types.tree)
+        if not fields or time in names:
+            return None
+        return FastReader(self.reads, possible, fields, time=time, strict=self.strict_json, kept=names)
 
 
 @dataclass(slots=True)
@@ -433,6 +512,10 @@ class TraceRun:
         """What is watched; with a key what is copied for each value of it."""
         self._without_key = self._first_without_key = 0
         self._keyed: dict[Hashable, MonitoredTrace] = {}
+        names = [] if self.plan.key is None else self.plan.key.fields
+        self._key_names = tuple(one.text for one in names) if all(len(one.path) == 1 for one in names) else ()
+        self._passed: dict[tuple[Json, ...], MonitoredTrace | None] = {}
+        """By what an event has in the fields of the key the watch that it is for; nothing stands for an event that lacks one."""
 
     @property
     def watches(self) -> list[MonitoredTrace]:
@@ -446,101 +529,179 @@ class TraceRun:
             for listener in self.listeners:
                 listener.begin(watch)
 
-    def read(
-        self, source: BinaryIO | Log | Iterable[Json], name: str, *, line: int = 1, by_blocks: bool = False
+    def read(  # noqa: PLR0915 (what is done for each event, without a call more than it takes)
+        self,
+        source: BinaryIO | Log | Iterable[Json],
+        name: str,
+        *,
+        line: int = 1,
+        by_blocks: bool = False,
+        live: bool = False,
     ) -> Iterator[bool]:
         """Read all events of a stream of JSON Lines, of another log, or events as they are, and pause after each batch of them.
 
         Gives False once where the trace has ended; events that were held back come after that. `line` is the number of the line where a
-        stream goes on; `by_blocks` says that it need not be read as it comes. Raises what `rvaft.readers.json_lines.read` raises.
+        stream goes on; `by_blocks` says that many lines may be read at once, if it is `live` only those that are there. Raises what
+        `rvaft.readers.json_lines.read` raises.
         """
         prefix, key, fresh = self.prefix, self.plan.key, self.plan.monitors
-        every = tuple(listener for listener in self.listeners if listener.every)
-        of_concern = tuple(listener for listener in self.listeners if listener.concerned and not listener.every)
+        every = [listener for listener in self.listeners if listener.every]
+        each = [listener for listener in every if listener.whole or self._one_by_one]
+        many = [listener for listener in every if listener not in each]
+        of_concern = [listener for listener in self.listeners if listener.concerned and not listener.every]
         skips = fresh.semantics.projects and bool(fresh.engines)  # what is not relevant changes nothing
+        unfit = fresh.semantics is Semantics.SCATTERED and fresh.finds_no_more
         strict, look_up, may_be_late = fresh.semantics is Semantics.STRICT, fresh.types.of, fresh.may_be_late
         oversights, hindsight = self.totals.oversights, self.totals.hindsight
-        for batch in self._batches(source, name, line, by_blocks=by_blocks):
+        for batch in self._batches(source, name, line, by_blocks=by_blocks, live=live):
             before, statistics, clock = self.number, self.totals.statistics, self.clock
             watch: MonitoredTrace | None = self.watch
+            told, verdicts = before, self.watch.monitors.verdicts if many else ()
+            events = batch.events if key is None or not batch.passed else self._with_new_keys(key, batch)
             # From here on every call counts: this is done for each event of a log.
-            for place, event in batch.events:
-                number = before + place + 1
-                if strict:
-                    self._fill(number)
-                self.number = number
-                sight = look_up(event)
-                if key is not None:
-                    watch = self._watch_of(key, event, number)
-                late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
-                relevant = True
-                if watch is not None and late:
-                    oversights.note_late(event, number, prefix, watch.monitors.engines[0].latest)
-                elif sight.looked_at or type(event) is not dict:
-                    oversights.see(event, number, prefix, sight)
-                if statistics is not None:
-                    if late or (sight.plain and sight.noted is statistics):
-                        statistics.events += 1
-                        statistics.tally[() if late else sight.constant] += 1  # type: ignore[index] # plain says so
-                    else:
-                        relevant = statistics.add(event, number, prefix, sight)
-                if watch is None:
-                    continue
-                watch.events += 1
-                if hindsight is not None and not late and (sight.entries or sight.decided.open):
-                    hindsight.keep(id(watch), number, event)
-                if relevant or not skips:
-                    monitors = watch.monitors
-                    changed = monitors.step(event, number, sight)
-                    if clock is not None and monitors.concerned:
-                        clock.see(number, event)
-                    if monitors.serves:
-                        watch.buffer.remember(number, event)
-                    if changed:
-                        self._tell(VerdictChange(watch, number, event, changed))
+            try:
+                for place, event in events:
+                    number = before + place + 1
+                    if strict:
+                        self._fill(number)
+                    self.number = number
+                    sight = look_up(event)
+                    if key is not None:
+                        watch = self._watch_of(key, event, number)
+                    late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
+                    relevant = True
+                    if watch is not None and late:
+                        oversights.note_late(event, number, prefix, watch.monitors.engines[0].latest)
+                    elif sight.looked_at or type(event) is not dict:
+                        oversights.see(event, number, prefix, sight)
+                    if statistics is not None:
+                        if late or (sight.plain and sight.noted is statistics):
+                            statistics.events += 1
+                            statistics.tally[() if late else sight.constant] += 1  # type: ignore[index] # plain says so
+                        else:
+                            relevant = statistics.add(event, number, prefix, sight)
+                    if watch is None:
                         continue
-                    if of_concern and monitors.live and (monitors.concerned or not (skips or late or not relevant)):
-                        for listener in of_concern:
-                            listener.event(watch, number, event)
-                for listener in every:
-                    listener.event(watch, number, event)
-            if passed := batch.total - len(batch.events):
-                self._pass_over(passed, before + batch.total)
+                    watch.events += 1
+                    if hindsight is not None and not late and (sight.entries or sight.decided.open):
+                        hindsight.keep(id(watch), number, event)
+                    if relevant or not (skips or (unfit and not sight.ignored and not sight.decided.open)):
+                        monitors = watch.monitors
+                        changed = monitors.step(event, number, sight)
+                        if clock is not None and monitors.concerned:
+                            clock.see(number, event)
+                        if monitors.serves:
+                            watch.buffer.remember(number, event)
+                        if changed:
+                            if many:
+                                _tell_all(many, watch, told + 1, number - 1, verdicts)
+                            self._tell(VerdictChange(watch, number, event, changed))
+                            if many:
+                                told, verdicts = number, monitors.verdicts
+                            continue
+                        if of_concern and monitors.live and (monitors.concerned or not (skips or late or not relevant)):
+                            for listener in of_concern:
+                                listener.event(watch, number, event)
+                    for listener in each:
+                        listener.event(watch, number, event)
+            except TooLarge:
+                _tell_all(many, self.watch, told + 1, self.number - 1, verdicts)
+                if key is None:
+                    self.watch.events = self.number
+                else:
+                    self._count_passed(batch, events, self.number - before - 1)
+                raise
+            if len(events) < batch.total:
+                self._pass_over(batch, events, before + batch.total)
+            _tell_all(many, self.watch, told + 1, self.number, verdicts)
             yield batch is not _END
 
+    @property
+    def _one_by_one(self) -> bool:
+        """Whether every listener that is told of every event is told of one after the other."""
+        return self.plan.key is not None or self.plan.monitors.semantics is Semantics.STRICT
+
     def _batches(
-        self, source: BinaryIO | Log | Iterable[Json], name: str, line: int, *, by_blocks: bool
+        self, source: BinaryIO | Log | Iterable[Json], name: str, line: int, *, by_blocks: bool, live: bool
     ) -> Iterator[Batch]:
-        quickly = by_blocks and not any(listener.every or listener.whole for listener in self.listeners)
+        plan, ordering, failure = self.plan, self.ordering, None
         found: Iterable[Any] = source if not isinstance(source, Log) else source.events()
+        quick: Iterable[Batch] = ()
+        quickly = by_blocks and not any(one.whole or (one.every and self._one_by_one) for one in self.listeners)
         if isinstance(source, Log):
-            source.interest = self.plan.interest if quickly else ALL
-            if by_blocks and self.ordering is None:
-                yield from _batched(found)
-                yield _END
-                return
+            source.interest = plan.interest if quickly else ALL
+            if by_blocks and ordering is None:
+                quick, found = _batched(found), ()
         elif isinstance(source, IOBase):
-            if quickly and self.plan.fast_reader is not None:
-                yield from self.plan.fast_reader.read(cast("BufferedIOBase", source), name)
-                yield _END
-                return
-            plan = self.plan
-            found = read(cast("BinaryIO", source), name=name, reads=plan.reads, line=line, strict=plan.strict_json)
-        ordering, failure = self.ordering, None
+            if quickly and plan.fast_reader is not None:
+                how: dict[str, Any] = {"reached": source.reach} if isinstance(source, LinesRead) else {}
+                read_on = plan.fast_reader.read
+                quick, found = read_on(cast("BufferedIOBase", source), name, line=line, live=live, **how), ()
+            else:
+                found = read(cast("BinaryIO", source), name=name, reads=plan.reads, line=line, strict=plan.strict_json)
         try:
+            for batch in quick:
+                yield batch if plan.plain else self._in_turn(batch)
             for event in found:
                 given = event if ordering is None else ordering.add(event)
                 if given is not None:
-                    yield Batch(1, ((0, given),))
+                    yield Batch(1, ((0, event),)) if ordering is None else _batch_of([given])
         except (RvaftError, OSError) as error:
             failure = error  # the events that are held come before it
         else:
             yield _END
         self.ended = True
         for event in () if ordering is None else ordering.rest():
-            yield Batch(1, ((0, event),))
+            yield _batch_of([event])
         if failure is not None:
             raise failure
+
+    def _in_turn(self, batch: Batch) -> Batch:
+        """The events whose turn it is after those of a batch; of those that concern nothing the key is kept, and nothing where there is none."""
+        ordering, key = self.ordering, self.plan.key
+        places: Sequence[Any] = batch.kept
+        keys: Sequence[tuple[Json, ...]] = [()] * len(places)
+        if key is not None:
+            found = batch.kept
+            if ordering is not None:
+                places, found = [values[0] for values in found], [values[1:] for values in found]
+            elif len(key.fields) == 1:
+                found = [(value,) for value in found]
+            keys = [() if msgspec.UNSET in values else values for values in found]
+        if ordering is None:
+            return batch._replace(kept=keys)
+        return _batch_of(ordering.add_all(batch, places, keys))
+
+    def _with_new_keys(self, key: Key, batch: Batch) -> Sequence[tuple[int, Json]]:
+        """The events of a batch, and of those that concern nothing the first of each key, with that alone."""
+        new = [values for values in dict.fromkeys(batch.kept) if not self._is_known(values)]
+        if not new:
+            return batch.events
+        names = [field.text for field in key.fields]
+        also = [(batch.passed[batch.kept.index(values)], dict(zip(names, values, strict=False))) for values in new]
+        return sorted([*batch.events, *also], key=itemgetter(0))
+
+    def _is_known(self, values: tuple[Json, ...]) -> bool:
+        """Whether an event that has these in the fields of the key, or nothing for one that lacks one of them, would not be the first."""
+        if values not in self._passed:
+            watch = self._keyed.get(tuple(map(value_key, values)))
+            if watch is None and (values or not self._without_key):
+                return False
+            self._passed[values] = watch
+        return True
+
+    def _count_passed(self, batch: Batch, events: Sequence[tuple[int, Json]], end: int) -> None:
+        """Count for their keys the events of a batch, before that place, that concern nothing and were not looked at."""
+        looked_at = {place for place, _ in events}
+        passed = zip(batch.passed, batch.kept, strict=True)
+        for values, number in Counter(key for place, key in passed if place < end and place not in looked_at).items():
+            if not self._is_known(values):
+                continue
+            watch = self._passed[values]
+            if watch is None:
+                self._without_key += number
+            else:
+                watch.events += number
 
     def _tell(self, change: VerdictChange) -> None:
         monitors = change.watch.monitors
@@ -552,13 +713,18 @@ class TraceRun:
             monitors.found[0].explanation = change.explanations.get(0)
         monitors.begin_again()
 
-    def _pass_over(self, count: int, last: int) -> None:
-        """Count events that concern nothing; `last` is the number of the last event of their batch."""
+    def _pass_over(self, batch: Batch, events: Sequence[tuple[int, Json]], last: int) -> None:
+        """Count those of a batch that concern nothing and so are not among the events; `last` is the number of its last event."""
+        passed = batch.total - len(events)
         if self.plan.monitors.semantics is Semantics.STRICT:
             self._fill(last + 1)
         if self.totals.statistics is not None:
-            self.totals.statistics.events += count
-        self.number, self.watch.events = last, self.watch.events + count
+            self.totals.statistics.events += passed
+        self.number = last
+        if self.plan.key is None:
+            self.watch.events += passed
+        else:
+            self._count_passed(batch, events, batch.total)
 
     def _fill(self, number: int) -> None:
         """Under `strict` an event before that number that was passed over, since it fits nothing, ends a match."""
@@ -570,6 +736,13 @@ class TraceRun:
 
     def _watch_of(self, key: Key, event: Json, number: int) -> MonitoredTrace | None:
         """The watch that an event is for, None for one that lacks the key; raises `TooLarge` beyond as many keys as are told apart."""
+        plain: tuple[Json, ...] = ()
+        if type(event) is dict and self._key_names:  # mostly; asked of every event
+            plain = tuple([event.get(name) for name in self._key_names])
+            if not _PLAIN_KEYS.issuperset(map(type, plain)):
+                plain = ()
+            elif (known := self._passed.get(plain)) is not None:
+                return known
         found = key.of(event)
         if found is None or (isinstance(event, NonFiniteEvent) and not is_finite(found)):  # that equals no other value
             self._without_key += 1
@@ -586,6 +759,8 @@ class TraceRun:
             self._keyed[name] = watch
             for listener in self.listeners:
                 listener.begin(watch)
+        if plain:
+            self._passed[plain] = watch
         return watch
 
     @property

@@ -12,6 +12,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from io import BufferedIOBase
 from itertools import count
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -272,6 +273,32 @@ def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False,
     found = NonFiniteEvent(event)
     found.field, found.number = first[0], json.dumps(first[1])
     return found
+
+
+class LinesRead(BufferedIOBase):
+    """The lines of a stream, which knows where it is: `offset` bytes and `line` lines into the trace."""
+
+    def __init__(self, stream: BinaryIO, *, offset: int = 0, line: int = 0) -> None:
+        super().__init__()
+        self._stream = stream
+        self.offset = offset
+        self.line = line
+
+    def readline(self, size: int | None = -1) -> bytes:
+        """The next line, or the first `size` bytes of a longer one."""
+        line = self._stream.readline(-1 if size is None else size)
+        self.offset += len(line)
+        self.line += line.endswith(b"\n")
+        return line
+
+    def read1(self, size: int | None = -1) -> bytes:
+        """What comes next, up to so many bytes; who reads so says with `reach` how much of it is done with."""
+        return self._stream.read1(-1 if size is None else size)  # type: ignore[attr-defined, no-any-return] # files have it
+
+    def reach(self, size: int, lines: int) -> None:
+        """So many bytes and lines more are done with."""
+        self.offset += size
+        self.line += lines
 
 
 def settled(event: dict[str, Json], log: Log) -> dict[str, Json]:

@@ -28,7 +28,7 @@ from typing import Any, Final
 import orjson
 import pytest
 
-from rvaft import NotExpressible, load
+from rvaft import Monitor, NotExpressible, load, loads, monitor, translate
 from rvaft.backend import backend
 from rvaft.cli import main
 from rvaft.model.verdict import Semantics
@@ -200,6 +200,37 @@ def rml(log: Log, tree: Path, semantics: Semantics, *, events: int) -> tuple[int
     return len(lines), seconds([*lines, *ending]) - seconds(ending)
 
 
+def by_hand(log: Log) -> tuple[int, float]:
+    """The attack branches of the pruned tree under `scattered`, as somebody would write them for this tree alone; the fault branches are left out."""
+    found = 0
+
+    def run() -> None:
+        nonlocal found
+        moved, new, inspected, high = set[Any](), set[Any](), False, False
+        with log.file.open("rb") as stream:
+            for number, line in enumerate(stream, 1):
+                event = orjson.loads(line)
+                topic = event.get("topic")
+                if topic == "/command":
+                    if event["name"] == "move":
+                        moved.add(event["waypoint"])
+                        if high:
+                            new.add(event["waypoint"])
+                    elif event["name"] == "inspect" and event["waypoint"] in moved:
+                        inspected = True
+                elif topic == "/radiation_sensor_plugin/sensor_0":
+                    high = high or (inspected and event["value"] >= BOUND)
+                elif topic == "/move_base/result":
+                    if event["result"] == "success":
+                        moved.add(event["waypoint"])
+                elif topic == "/move_base/goal" and any(event["goal"] != one for one in new):
+                    found = found or number
+
+    seconds = timed(run)
+    assert found == log.events
+    return log.events, seconds
+
+
 # -- ours ------------------------------------------------------------------------------------------------------------
 
 
@@ -259,6 +290,7 @@ def rows(watched: Watched, events: int) -> dict[str, Row]:
         "orjson.loads": decoding(orjson.loads),
         "json.loads": decoding(json.loads),
         **{f"rvaft monitor, {semantics}": ours(watched, semantics) for semantics in watched.most},
+        "by hand, attacks": by_hand,
         "Reelay (Python)": reelay,
         **{f"RML monitor, {semantics}": partial(published, semantics=semantics) for semantics in watched.most},
     }
@@ -326,3 +358,69 @@ def test_the_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str], share: int
     with capsys.disabled():
         sys.stdout.write("\n" + "\n".join(lines) + "\n")
     assert not failures, "\n".join(failures)
+
+
+# -- every way --------------------------------------------------------------------------------------------------------
+
+WAYS: Final = {
+    "file": ("monitor", "LOG"),
+    "standard input": ("monitor", "-"),
+    "--key": ("monitor", "LOG", "--key", "topic"),
+    "--order-by": ("monitor", "LOG", "--order-by", "time"),
+    "--format jsonl": ("monitor", "LOG", "--format", "jsonl"),
+    "--checkpoint": ("monitor", "LOG", "--checkpoint", "KEPT"),
+    "coverage": ("coverage", "LOG"),
+}
+
+
+@pytest.mark.benchmark
+@pytest.mark.parametrize("share", [10, pytest.param(1, marks=pytest.mark.slow)])
+def test_every_way_is_about_as_fast_as_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, share: int
+) -> None:
+    """In processor time, each way in turn; asserted are the ratios of the shortest times."""
+
+    def seconds(way: str, watched: Watched) -> float:
+        kept = tmp_path / "kept"
+        kept.unlink(missing_ok=True)
+        words = [{"LOG": str(watched.log.file), "KEPT": str(kept)}.get(word, word) for word in WAYS[way]]
+        said = io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True)
+        gc.collect()
+        with watched.log.file.open("rb") as stream, contextlib.redirect_stdout(said):
+            monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(stream, encoding="utf-8"))
+            start = time.process_time()
+            assert main([words[0], str(watched.tree), *words[1:]], standalone_mode=False) in (0, 1)
+            return time.process_time() - start
+
+    lines, slow = [], []
+    for watched in watched_logs(tmp_path, share)[:2]:
+        timings: dict[str, list[float]] = {way: [] for way in WAYS}
+        for _ in range(3):
+            for way in WAYS:
+                timings[way].append(seconds(way, watched))
+        for way, taken in timings.items():
+            ratio = min(taken) / min(timings["file"])
+            lines.append(f"{watched.name:17} {way:26} {min(taken):9.3f} s {ratio:8.2f} x the file")
+            if ratio > 2.0:
+                slow.append(lines[-1])
+    with capsys.disabled():
+        sys.stdout.write("\n" + "\n".join(lines) + "\n")
+    assert not slow, "\n".join(slow)
+
+
+def test_a_table_is_no_slower_than_the_engine() -> None:
+    """Events of a tree without variables: the automaton, beside the engine."""
+    tree = loads("top or p q r; p sand a b c; q and d e f; r sand c d a;")
+    events = [{"event": "axyz"[number % 4], "n": number} for number in range(5_000)]
+
+    def shortest(fresh: Callable[[], Monitor]) -> float:
+        def run() -> float:
+            monitor = fresh()
+            monitor.step(events[0])
+            return timed(lambda: [monitor.step(event) for event in events])
+
+        return min(run() for _ in range(3))
+
+    engine = shortest(lambda: monitor(tree, semantics="scattered"))
+    table = shortest(lambda: translate(tree, "automaton", semantics="scattered").monitor())
+    assert table < 2 * engine

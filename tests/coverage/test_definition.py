@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
+from io import BytesIO
 from itertools import islice
 from random import Random
 from typing import Any
@@ -9,14 +10,17 @@ from typing import Any
 import pytest
 
 from rvaft import loads
+from rvaft.analysis.pattern_index import TreeReads
 from rvaft.analysis.plain_trees import is_plain
 from rvaft.coverage import BranchCoverage, Coverage
 from rvaft.errors import TreeError
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
+from rvaft.readers.json_lines import read
 from rvaft.semantics import Reference, branches
 from rvaft.semantics.events import observe
 from rvaft.semantics.reference import Partial, relevant
+from tests.cli.runs import lines
 from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, WILD, trace_of, tree_of
 from tests.semantics.cases import CASES, Case
@@ -104,6 +108,10 @@ def test_the_hand_written_cases(case: Case) -> None:
         tree = loads(case.tree)
         coverage = Coverage(tree, case.semantics)
         coverage.add("log", case.events)
+        written, quickly = (Coverage(tree, case.semantics) for _ in range(2))
+        written.add("log", read(BytesIO(log := lines(case.events).encode()), reads=TreeReads(tree)))
+        quickly.add("log", BytesIO(log))
+        assert quickly.report() == written.report()
         for found in coverage.report().branches:
             expected = Expected(tree, case.events, case.semantics, found.number)
             check(found, expected, case.semantics, plain=is_plain(tree))

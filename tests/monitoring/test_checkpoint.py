@@ -30,10 +30,10 @@ from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
 from rvaft.monitoring import checkpoint
-from rvaft.monitoring.checkpoint import Checkpoint, CheckpointFile, LinesRead, identity, open_at
+from rvaft.monitoring.checkpoint import Checkpoint, CheckpointFile, identity, open_at
 from rvaft.monitoring.detection import Hooks
 from rvaft.monitoring.run import Ordering
-from rvaft.readers.json_lines import decode, read
+from rvaft.readers.json_lines import LinesRead, decode, read
 from tests.cli.runs import run, written
 
 TREE = rvaft.loads("top or ab bc; ab sand a b fault; bc sand b c;")

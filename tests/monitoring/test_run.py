@@ -4,6 +4,8 @@ import gzip
 import io
 import json
 import math
+import os
+import pickle
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
@@ -19,6 +21,7 @@ from rvaft.analysis.pattern_index import TreeReads
 from rvaft.errors import OptionError, TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
 from rvaft.monitoring import fast_reader
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.near_misses import Statistics
@@ -29,6 +32,7 @@ from rvaft.monitoring.run import (
     Field,
     Key,
     Listener,
+    MonitoredTrace,
     MonitoringPlan,
     OrderedField,
     Ordering,
@@ -36,7 +40,7 @@ from rvaft.monitoring.run import (
     TraceRun,
     VerdictChange,
 )
-from rvaft.readers.json_lines import read
+from rvaft.readers.json_lines import LinesRead, read
 from tests.cli.runs import lines
 from tests.trees import shipped
 
@@ -209,7 +213,9 @@ def plan_of(
 ) -> MonitoringPlan:
     make = lambda part: monitor(part, semantics=semantics)  # noqa: E731
     monitors = MonitorSet(columns(tree, per), make, Semantics(semantics), repeat=repeat)
-    return MonitoringPlan(monitors, TreeReads(tree), **options)
+    key, order = options.get("key"), options.get("order_by")
+    paths = [*(field.path for field in (key.fields if key else ())), *([Field.parse(order).path] if order else [])]
+    return MonitoringPlan(monitors, TreeReads(tree, paths), **options)
 
 
 def run_of(plan: MonitoringPlan, told: Told) -> TraceRun:
@@ -225,14 +231,19 @@ def outcome(plan: MonitoringPlan, data: bytes) -> Any:
         run = run_of(plan, told)
         try:
             list(run.read(io.BytesIO(data), "log", by_blocks=by_blocks))
-        except TraceError as failure:
+        except (TraceError, TooLarge) as failure:
             error = str(failure)
         statistics = run.totals.statistics
         assert statistics is not None
-        counted = statistics.events, statistics.relevant, statistics.never_seen, statistics.near_misses
+        counted: Any = statistics.events, statistics.relevant, statistics.never_seen, statistics.near_misses
         monitors, missed = run.watch.monitors, run.totals.oversights.found
-        watched = monitors.verdicts, monitors.found, missed, run.watch.events, run.number, list(run.warnings)
-        found.append((told.said, watched, counted, error))
+        keys = [(repr(watch.key), watch.monitors.verdicts, watch.events) for watch in run.watches]
+        watched = monitors.verdicts, monitors.found, missed, keys, run.number
+        if error is not None and "different values" in error:  # it is read on before that is known
+            counted, warnings = counted[1:], []
+        else:
+            warnings = list(run.warnings)
+        found.append((told.said, watched, counted, error, warnings))
     assert found[0] == found[1]
     return found[0]
 
@@ -295,12 +306,140 @@ def test_times_late_events_and_oversights_are_the_same_however_they_are_read(lat
     assert seen == {reason for reason in Reason if late or reason is not Reason.LATE}
 
 
+KEYS = ["a", "b", 1, 1.0, True, None, math.nan, [1], {"x": 1}, -0.0, 0, 2**53 + 1, 10**400]
+
+
+@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize(
+    ("keys", "order"), [("u", None), ("u v", None), ("", "at"), ("u", "at"), ("u", "u"), ("kind", "n")]
+)
+def test_keys_and_orders_are_the_same_however_they_are_read(keys: str, order: str | None, semantics: Semantics) -> None:
+    random = Random(f"{keys} {order} {semantics}")
+    wild: dict[str, list[Any]] = {
+        "at": [None, "2024-01-01T00:00:00Z", True, [1]],
+        "u": KEYS,
+        "v": KEYS,
+        "kind": ["k", "w", 1, True],
+        "n": [7],
+    }
+    for _ in range(40):
+        now, events, few = 0.0, list[dict[str, Any]](), random.random() < 0.5
+        for n in range(random.randint(1, 60)):
+            now += random.choice([0, 1, 1, 1, 1, -2]) if random.random() < 0.9 else random.uniform(-9, 9)
+            event = {
+                "kind": random.choice("kww"),
+                "value": random.choice([1, 1, 2, 3]),
+                "at": now,
+                "u": "a",
+                "v": 1,
+                "n": n,
+            }
+            if random.random() < (0.1 if few else 0.6):
+                name = random.choice(list(wild))
+                event[name] = random.choice(wild[name])
+            if random.random() < 0.1:
+                del event[random.choice(list(event))]
+            events.append(event)
+        data = lines(events).encode() + random.choice([b"", b"", b"{", b'{"u":1,"u":2}\n'])
+        key, window, most = (
+            Key.parse(keys.split()) if keys else None,
+            random.choice([1, 2, 5, 100]),
+            random.choice([2, 99]),
+        )
+        repeat = random.random() < 0.5
+        plan = plan_of(TREE, semantics, repeat=repeat, key=key, order_by=order, window=window, max_keys=most)
+        assert (plan.fast_reader is None) is (key is not None and semantics is Semantics.STRICT)
+        outcome(plan, data)
+
+
+class Counting(Listener):
+    """Keeps the verdicts after every event."""
+
+    every = True
+
+    def __init__(self) -> None:
+        self.said: list[Any] = []
+
+    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:  # noqa: ARG002 (the interface)
+        self.events(watch, number, number, watch.monitors.verdicts)
+
+    def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
+        self.said += [(watch.key, number, verdicts) for number in range(first, last + 1)]
+
+    def change(self, change: VerdictChange) -> None:
+        self.said.append((change.watch.key, change.number, change.verdicts))
+
+
+@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("order", [None, "at"])
+@pytest.mark.parametrize("keys", ["", "u"])
+def test_every_event_is_told_once_and_in_order(keys: str, order: str | None, semantics: Semantics) -> None:
+    random = Random(f"{keys} {order} {semantics}")
+    for repeat in (False, True):
+        events = [{"kind": random.choice("kw"), "value": random.choice([1, 2]), "at": n, "u": 1} for n in range(40)]
+        plan = plan_of(TREE, semantics, repeat=repeat, order_by=order, key=Key.parse([keys]) if keys else None)
+        said = []
+        for by_blocks in (False, True):
+            run = TraceRun(plan, "log", [listener := Counting()], run_of(plan, Told()).totals, buffer=EventBuffer())
+            list(run.read(io.BytesIO(lines(events).encode()), "log", by_blocks=by_blocks))
+            said.append(listener.said)
+        assert said[0] == said[1]
+        assert [number for _, number, _ in said[0]] == [*range(1, 41)]
+
+
+@pytest.mark.parametrize("order", [None, "at"])
+@pytest.mark.parametrize("end", ["", "\n", "\n\n\n", "\n{"])
+def test_a_pause_is_at_the_end_of_lines_that_were_read(order: str | None, end: str) -> None:
+    plan = plan_of(TREE, "scattered", order_by=order, window=7)
+    events = [{"kind": "w" if n % 5 else "k", "value": n % 3, "at": n} for n in range(60)]
+    data = b"\xef\xbb\xbf" + b"\n".join(
+        json.dumps(event).encode() + b"\n" * (n % 7 == 0) for n, event in enumerate(events)
+    )
+    data += end.encode()
+    pauses: list[tuple[int, int, Any]] = []
+
+    def rest(run: TraceRun, stream: LinesRead) -> Any:
+        try:
+            going_on = (
+                one for one in run.read(stream, "log", line=stream.line + 1, by_blocks=True) if one and not run.ended
+            )
+            pauses.extend((stream.offset, stream.line, pickle.dumps((run.state, run.number))) for _ in going_on)
+        except TraceError as error:
+            return run.number, run.watch.monitors.verdicts, run.watch.monitors.since, str(error)
+        return run.number, run.watch.monitors.verdicts, run.watch.monitors.since, None
+
+    whole = rest(run_of(plan, Told()), LinesRead(io.BytesIO(data)))
+    assert len(pauses) > 3
+    for offset, line, kept in pauses[:]:
+        assert (data[:offset].count(b"\n"), data[offset - 1 :][:1] in (b"\n", b"")) == (line, True) or offset == len(
+            data
+        )
+        stream = io.BytesIO(data)
+        stream.seek(offset)
+        again = run_of(plan, Told())
+        again.restore(*pickle.loads(kept))
+        assert rest(again, LinesRead(stream, offset=offset, line=line)) == whole
+
+
 def test_what_has_to_see_every_event_as_it_stands() -> None:
     assert plan_of(TREE).fast_reader is not None
-    assert plan_of(TREE, key=Key.parse(["id"])).fast_reader is plan_of(TREE, order_by="time").fast_reader is None
+    assert plan_of(TREE, key=Key.parse(["robot.id"])).fast_reader is None
+    assert plan_of(TREE, order_by="header.stamp").fast_reader is None
     every = Told(every=True)
+    every.whole = True
     list(run_of(plan_of(TREE), every).read(io.BytesIO(b'{"event": 1}'), "log", by_blocks=True))
     assert every.said == [(1, {"event": 1})]
+
+
+def test_what_comes_is_read_when_it_comes() -> None:
+    read_end, write_end = os.pipe()
+    with os.fdopen(read_end, "rb") as stream, os.fdopen(write_end, "wb", buffering=0) as given:
+        run = run_of(plan_of(TREE), Told())
+        given.write(b'{"kind": "k", "value": 1}\n{"kind"')
+        reading = run.read(stream, "log", by_blocks=True, live=True)
+        assert (next(reading), run.number) == (True, 1)
+        given.write(b': "k", "value": 2}\n')
+        assert (next(reading), run.watch.monitors.verdicts) == (True, (Verdict.TRUE,))
 
 
 def test_the_topic_and_time_of_a_match_are_known_where_no_pattern_has_them() -> None:

@@ -189,7 +189,7 @@ class FastReader:
                 passed = [place for place, values in enumerate(found) if values in dead]
                 kept = [get(heads[place]) for place in passed]
             if sound is not None:
-                reached(size, text.count(b"\n"))
+                reached(size, len(lines) - (not text.endswith(b"\n")))
                 events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
                 yield Batch(len(found), events, passed, kept)
                 continue
@@ -218,7 +218,7 @@ class FastReader:
                     blank.append(place)
                 else:
                     events.append((place - len(blank), event))
-            reached(size, text.count(b"\n"))
+            reached(size, len(lines) - (not text.endswith(b"\n")))
             yield Batch(len(found) - len(blank), events, _without(blank, passed), kept)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[Any] | None:

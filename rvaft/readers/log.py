@@ -23,7 +23,7 @@ from typing import BinaryIO, ClassVar, Final, Self, TypeAlias
 from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.errors import OptionError, TraceError
 from rvaft.model.patterns import ObjectPattern
-from rvaft.model.values import Json
+from rvaft.model.values import NUMBER, Json, decimal
 from rvaft.support.files import SUFFIXES, damage, opened
 
 MAX_LINE: Final = 64 * 1024 * 1024
@@ -70,7 +70,7 @@ def by_content(text: str) -> Json:
     if text[:1] not in _FIRST_OF_NUMBERS:
         return text
     try:
-        found = _number(_JSON_NUMBER, text)
+        found = _number(NUMBER, text)
     except ValueError:
         return text
     return found if isfinite(found) else text
@@ -80,14 +80,13 @@ def _number(form: re.Pattern[str], text: str) -> int | float:
     if not form.fullmatch(text):
         raise ValueError("no number")
     if not _WHOLE.fullmatch(text):
-        return float(text)
+        return decimal(text)
     if len(text.lstrip("+-")) > MAX_DIGITS:
         raise ValueError(f"a number of more than {MAX_DIGITS} digits")
     return int(text)
 
 
 _FIRST_OF_NUMBERS: Final = frozenset("-0123456789")
-_JSON_NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?")
 _ANY_NUMBER: Final = re.compile(
     r"[+-]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?|nan|inf|infinity)", re.IGNORECASE
 )

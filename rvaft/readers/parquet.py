@@ -11,7 +11,7 @@ from itertools import accumulate, pairwise
 from typing import Any, ClassVar, Final
 
 from rvaft.errors import ToolMissing
-from rvaft.model.values import Json
+from rvaft.model.values import Json, decimal
 from rvaft.readers.json_lines import settled
 from rvaft.readers.log import Log, LogReader
 
@@ -125,7 +125,8 @@ def _values(column: Any) -> list[Any]:
     if types.is_duration(kind):
         return column.cast(pa.duration("ns")).cast(pa.int64()).to_pylist()  # type: ignore[no-any-return]
     if types.is_decimal(kind):
-        return [one if one is None else int(one) if kind.scale <= 0 else float(one) for one in column.to_pylist()]
+        number = int if kind.scale <= 0 else lambda one: decimal(f"{one:f}")
+        return [one if one is None else number(one) for one in column.to_pylist()]
     if types.is_binary(kind) or types.is_large_binary(kind) or types.is_fixed_size_binary(kind):
         return [None if one is None else _text(one) for one in column.to_pylist()]
     found: list[Any] = column.to_pylist()

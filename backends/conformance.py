@@ -291,7 +291,8 @@ def run(
                 except LanguageError as error:
                     found.append(("readable", f"the backend cannot read its own text: {error.message}", ()))
                 else:
-                    found += _verdicts(specification, partial(oracle, example.tree, semantics), tried, report)
+                    wanted = partial(oracle, example.tree, semantics)
+                    found += _verdicts(specification, wanted, tried, report, told=backend.verdicts)
                     found += _self_contained(backend, specification, tried[:3])
                     found += _independent(specification, tried[:3])
                     found += islice(_states(specification, tried), 1)
@@ -330,14 +331,20 @@ def _text(backend: Backend, tree: RVAFT, semantics: Semantics, specification: Sp
 
 
 def _verdicts(
-    specification: Specification, oracle: Callable[[], Monitor], tried: Sequence[Trace], report: Report
+    specification: Specification,
+    oracle: Callable[[], Monitor],
+    tried: Sequence[Trace],
+    report: Report,
+    *,
+    told: frozenset[Verdict],
 ) -> Iterator[Finding]:
-    """After every prefix the verdict is the oracle's, also after a final one."""
+    """After every prefix the verdict is the oracle's, also after a final one; what the language cannot tell is unknown."""
     start = oracle()
     for trace in tried:
         monitor, expected = specification.monitor(), start.fork()
         for position, event in enumerate(trace, 1):
             got, wanted = monitor.step(event), expected.step(event)
+            wanted = wanted if wanted in told else Verdict.UNKNOWN
             report.verdicts += 1
             if got is not wanted or monitor.verdict is not got:
                 yield "verdict", f"{got.symbol} instead of {wanted.symbol}", trace[:position]

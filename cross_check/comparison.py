@@ -24,16 +24,18 @@ from cross_check.participants import (
     Handwritten,
     Outside,
     Participant,
+    detections,
     engine_of,
     faithful_backends,
     handwritten,
     reference_of,
+    tells_detections_only,
     translated,
 )
 from cross_check.product import Exploration
 from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
-from cross_check.results import Difference, Job, Result, Status, raised, reason
+from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.analysis.branches import restrict
 from rvaft.api import narrowed
@@ -164,13 +166,21 @@ class _Row:
     def said(self, trace: Trace) -> tuple[Verdict, ...]:
         """What it says after every prefix."""
         assert self.participant is not None
-        return tuple(self.participant.start().run(trace))
+        return self.participant.answers([trace])[0]
 
     def answers(self, traces: Sequence[Trace]) -> Sequence[Answer] | None:
         """What it says of every trace, or None where it fails; a program of others counts its seconds itself."""
         if self.outside is not None:
             return self.attempt(partial(self.outside.answers, traces), None)
-        return self.attempt(lambda: [Answer(self.said(trace)) for trace in traces], self.patience)
+        assert self.participant is not None
+        asked = partial(self.participant.answers, traces)
+        said = self.attempt(asked, self.patience)
+        return None if said is None else [*map(Answer, said)]
+
+    @property
+    def detections_only(self) -> bool:
+        """Whether it tells detections alone."""
+        return self.participant is not None and tells_detections_only(self.participant)
 
     def judge(self, asked: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
         """Look at what it says of the traces; where a program is known to deviate, that is only counted."""
@@ -190,6 +200,8 @@ class _Row:
 
     def compare(self, trace: Trace, wanted: Sequence[Verdict], got: Sequence[Verdict]) -> None:
         """The shortest trace on which it says something else is kept."""
+        if self.detections_only:
+            wanted = detections(wanted)
         for length, (one, other) in enumerate(zip(wanted, got, strict=True), 1):
             if one is not other:
                 self.status = Status.DIFFERS
@@ -242,8 +254,9 @@ class Comparison:
 
     @property
     def _present(self) -> list[_Row]:
-        """Those that can be compared; the others are compared with the first."""
-        return [row for row in self.rows if row.participant is not None and row.status in (None, Status.PROVED)]
+        """Those that can be compared; the others are compared with the first, which tells more than detections if any does."""
+        able = [row for row in self.rows if row.participant is not None and row.status in (None, Status.PROVED)]
+        return sorted(able, key=lambda row: row.detections_only)
 
     @property
     def _outside(self) -> list[_Row]:
@@ -266,6 +279,9 @@ class Comparison:
             except TooLarge as error:
                 gaps = [f"no letters: {reason(error)}"] * len(present)
         for row, gap in zip(present, gaps, strict=True):
+            if row.detections_only:
+                row.why = DETECTIONS_ONLY
+                continue
             if self.effort.states and row.participant is not None and row.participant.timed:
                 row.why = TIMES
                 continue
@@ -343,4 +359,5 @@ class Comparison:
         known = {name: getattr(row, name) for name in ("seconds", "verdicts", "traces", "longest", "why", "masked")}
         if source is not None and source.specification is not None:
             known |= {name: getattr(source.specification.metrics, name) for name in ("symbols", "states")}
-        return Result(self.job, row.name, row.status, difference=difference, masks=tuple(sorted(row.masks)), **known)
+        known |= {"masks": tuple(sorted(row.masks)), "detections_only": row.detections_only}
+        return Result(self.job, row.name, row.status, difference=difference, **known)

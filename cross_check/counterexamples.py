@@ -22,8 +22,16 @@ import msgspec
 
 from cross_check.campaign import Task
 from cross_check.comparison import Roster
-from cross_check.participants import REFERENCE, Absent, Enlisted, Handwritten, verdicts_of
-from cross_check.results import Difference, Job, Result, Status
+from cross_check.participants import (
+    REFERENCE,
+    Absent,
+    Enlisted,
+    Handwritten,
+    detections,
+    tells_detections_only,
+    verdicts_of,
+)
+from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status
 from cross_check.shrink import shrink
 from rvaft.api import load as load_tree
 from rvaft.backend import all_backends
@@ -282,8 +290,10 @@ def shrunk(task: Task, result: Result) -> Case:
     def disagrees(tree: RVAFT, trace: Sequence[Json]) -> bool:
         if roster.against and tree is not task.tree:
             return False
-        found = _verdicts(made(tree), trace)
-        return len(found) == len(names) and len(set(found.values())) > 1
+        enlisted = made(tree)
+        found = _verdicts(enlisted, trace)
+        only = any(map(tells_detections_only, enlisted.values()))
+        return len(found) == len(names) and len({detections(one) if only else one for one in found.values()}) > 1
 
     tree, trace = shrink(task.tree, list(result.difference.trace), disagrees)
     enlisted = made(tree)
@@ -325,14 +335,18 @@ def replay(case: Case, roster: Roster) -> Iterator[Replay]:
     job = Job(case.name, case.semantics, case.branch, case.kind)
     baseline: Verdicts | None = None
     for name, enlist in roster.candidates(case.tree, job):
-        found = verdicts_of(enlist(), case.trace)
+        enlisted = enlist()
+        found, only = verdicts_of(enlisted, case.trace), tells_detections_only(enlisted)
         before = case.verdicts.get(name)
         if isinstance(found, RvaftError):
             yield Replay(Result(job, name, Status.of(found), why=str(found)), before, None)
             continue
-        status = Status.BASELINE if baseline is None else Status.TESTED if found == baseline else Status.DIFFERS
+        wanted = found if baseline is None else detections(baseline) if only else baseline
+        status = Status.BASELINE if baseline is None else Status.TESTED if found == wanted else Status.DIFFERS
         baseline = found if baseline is None else baseline
         difference = Difference(case.trace, REFERENCE, baseline, found) if status is Status.DIFFERS else None
         length = len(found)
-        result = Result(job, name, status, verdicts=length, traces=1, longest=length, difference=difference)
+        why = DETECTIONS_ONLY if only else ""
+        ran = Result(job, name, status, verdicts=length, traces=1, longest=length, why=why, detections_only=only)
+        result = replace(ran, difference=difference)
         yield Replay(result, before, found)

@@ -18,7 +18,7 @@ from rvaft.analysis.scenarios import SCENARIOS, most_scenarios
 from rvaft.api import loads
 from rvaft.backend import Backend, Observed, Specification, all_backends, backend, speaking
 from rvaft.engine import Engine
-from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed
+from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.language.printer import dumps
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
@@ -28,7 +28,7 @@ from rvaft.model.patterns import Literal, Pattern, rigid_variables, walk
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Monitor
+from rvaft.monitors import DetectionMonitor, FirstDetections, Monitor
 from rvaft.semantics import Reference
 
 REFERENCE: Final = "reference"
@@ -44,7 +44,7 @@ class Participant:
     """Somebody who gives verdicts; `start` makes a fresh monitor.
 
     `observed` is all that it asks of events but their times, None where nobody knows; `timed` says that it asks for these, too.
-    With `json_alone` it is not asked about numbers that are not finite.
+    With `json_alone` it is not asked about numbers that are not finite. With `first_detections` it tells detections alone, of whole traces.
     `specification` is there for a text, `tree` for the meaning of another tree than the one that is compared.
     """
 
@@ -55,6 +55,17 @@ class Participant:
     tree: RVAFT | None = None
     timed: bool = False
     json_alone: bool = False
+    first_detections: FirstDetections | None = None
+
+    def answers(self, traces: Sequence[Sequence[Json]]) -> list[tuple[Verdict, ...]]:
+        """What it says after every prefix of each trace."""
+        if self.first_detections is None:
+            return [tuple(self.start().run(trace)) for trace in traces]
+        found = zip(traces, self.first_detections(traces), strict=True)
+        return [
+            tuple(Verdict.TRUE if at and number >= at else Verdict.UNKNOWN for number in range(1, len(trace) + 1))
+            for trace, at in found
+        ]
 
     @property
     def ties(self) -> bool:
@@ -117,9 +128,23 @@ def absent_on_error(enlist: Callable[P, T]) -> Callable[P, T | Absent]:
 def faithful_backends() -> tuple[str, ...]:
     """The backends whose texts should mean the tree, each in one form, and that somebody here reads."""
     found = {name: loaded(name) for name in all_backends()}  # who cannot be loaded is absent, and said to be
-    return tuple(
+    faithful = [
         name for name, one in found.items() if one is None or (one.faithful and one.readable and not one.form_of)
-    )
+    ]
+    without = missing_extras()
+    return tuple(name for name in faithful if name not in without)
+
+
+def missing_extras() -> dict[str, ToolMissing]:
+    """The backends that take part where they are named alone, as what runs their texts is an extra that is not installed."""
+    found: dict[str, ToolMissing] = {}
+    for name in all_backends():
+        try:
+            if (one := loaded(name)) is not None and one.faithful and one.readable and not one.form_of:
+                one.require()
+        except ToolMissing as error:
+            found[name] = error
+    return found
 
 
 def loaded(name: str) -> Backend | None:
@@ -198,8 +223,22 @@ def translated(
     first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
     called = name if tool is None else f"{name}-{tool}"
     observed = language.observed(specification.text)
-    asks = times_matter(part), language.json_alone
+    asks = times_matter(part), language.json_alone, _of_whole_traces(first)
     return Participant(called, first.fork, specification, observed, None, *asks)
+
+
+def _of_whole_traces(monitor: Monitor) -> FirstDetections | None:
+    return monitor.first_detections if isinstance(monitor, DetectionMonitor) else None
+
+
+def tells_detections_only(one: Enlisted) -> bool:
+    """Whether somebody tells detections alone, and no ⊥."""
+    return isinstance(one, Participant) and one.first_detections is not None
+
+
+def detections(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
+    """The verdicts as they are told by somebody who tells detections alone."""
+    return tuple(Verdict.UNKNOWN if verdict is Verdict.FALSE else verdict for verdict in verdicts)
 
 
 def verdicts_of(participant: Enlisted, trace: Sequence[Json]) -> tuple[Verdict, ...] | RvaftError:
@@ -212,7 +251,7 @@ def verdicts_of(participant: Enlisted, trace: Sequence[Json]) -> tuple[Verdict, 
                 (answer,) = participant.answers([trace])
                 return ToolFailed(name, reason=answer.error) if answer.verdicts is None else answer.verdicts
             case Participant():
-                return tuple(participant.start().run(trace))
+                return participant.answers([trace])[0]
     except RvaftError as error:
         return error
 
@@ -243,7 +282,8 @@ class Handwritten:
         atoms.path = self.path
         first = reader.read(self.text, atoms=atoms)
         observed = reader.observed(self.text, atoms=atoms)
-        return Participant(self.path, first.fork, observed=observed, json_alone=reader.json_alone)
+        alone, of_traces = reader.json_alone, _of_whole_traces(first)
+        return Participant(self.path, first.fork, observed=observed, json_alone=alone, first_detections=of_traces)
 
 
 class _NodeEvents(dict[str, Pattern]):

@@ -80,6 +80,10 @@ _SKIPPED: Final = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 _JUNIT: Final = {**dict.fromkeys(_RAN, ""), Status.DIFFERS: "failure", **dict.fromkeys(_SKIPPED, "skipped")}
 
 
+DETECTIONS_ONLY: Final = "detections only"
+"""What is said of who tells no ⊥: the event of the first detection of a trace is all that was compared."""
+
+
 @dataclass(frozen=True, slots=True)
 class Difference:
     """A trace on which a participant and the first one give different verdicts, and what each says after every prefix."""
@@ -113,7 +117,7 @@ class Result:
 
     `seconds` is the time of the translation and the first reading, `verdicts` how many were compared, `symbols` and `states` the
     sizes of its text. `why` explains what is neither proved nor tested, or why it is only tested. `masked` counts traces
-    on which it differs as its tool is known to, `masks` says in which ways.
+    on which it differs as its tool is known to, `masks` says in which ways. With `detections_only` a ⊥ was compared with nothing.
     """
 
     job: Job
@@ -129,6 +133,7 @@ class Result:
     difference: Difference | None = None
     masked: int = 0
     masks: tuple[str, ...] = ()
+    detections_only: bool = False
 
     @property
     def text(self) -> str:
@@ -172,8 +177,10 @@ class ComparisonTotals:
     def __init__(self, results: Iterable[Result]) -> None:
         every = list(results)
         self.statuses: dict[tuple[str, Semantics], Counter[Status]] = {}
+        called = _called(every)
         for result in every:
-            self.statuses.setdefault((result.participant, result.job.semantics), Counter())[result.status] += 1
+            told = self.statuses.setdefault((called[result.participant], result.job.semantics), Counter())
+            told[result.status] += 1
         self.differing = [result for result in every if result.status is Status.DIFFERS]
         self.unable = [result for result in every if result.status not in _RAN]
         self.counts = {
@@ -205,6 +212,15 @@ class ComparisonTotals:
         return f"{said}; {f'{differ:,}' if differ else 'no'} {_plural('disagreement', differ or 1)}"
 
 
+def _called(results: Iterable[Result]) -> dict[str, str]:
+    """Each participant, and what tables that count its results call it."""
+    found: dict[str, str] = {}
+    for result in results:
+        if result.detections_only or result.participant not in found:
+            found[result.participant] = f"{result.participant}{f' ({DETECTIONS_ONLY})' * result.detections_only}"
+    return found
+
+
 def _plural(what: str, number: int) -> str:
     return what if number == 1 else f"{what}s"
 
@@ -231,8 +247,8 @@ def summary_lines(totals: ComparisonTotals) -> list[str]:
 def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) -> list[str]:
     """One line for each part of the language that some tree has (`parts`, by the title of the tree), with how often what for each participant."""
     every = list(results)
-    names = list(dict.fromkeys(result.participant for result in every))
-    rows = [["TREES WITH", *(name.upper() for name in names)]]
+    names = _called(every)
+    rows = [["TREES WITH", *(name.upper() for name in names.values())]]
     for part in dict.fromkeys(part for some in parts.values() for part in some):
         found = {name: Counter[Status]() for name in names}
         for result in every:
@@ -281,7 +297,7 @@ def json_text(results: Iterable[Result], note: str = "") -> str:
 
 def _object(result: Result) -> dict[str, Json]:
     job = {name: getattr(result.job, name) for name in ("branch", "kind", "semantics")}
-    sizes = ("symbols", "states", "verdicts", "traces", "longest", "masked", "masks")
+    sizes = ("symbols", "states", "verdicts", "traces", "longest", "masked", "masks", "detections_only")
     return {
         "tree": result.job.name,
         **job,

@@ -12,18 +12,19 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from itertools import count
 from typing import ClassVar
 
 from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
-from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed
+from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed, ToolMissing
 from rvaft.model import guards, patterns
 from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import ObjectPattern, Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
 GROUP = "rvaft.backends"
@@ -130,8 +131,14 @@ class Backend(ABC):
     """The backend whose texts these are in another form, if any; left out of comparisons unless named, as they say nothing new."""
     readable: ClassVar[bool] = True
     """Whether `read` runs its texts; a language that is only emitted here is left out of comparisons."""
+    verdicts: ClassVar[frozenset[Verdict]] = frozenset(Verdict)
+    """What a run of its texts can tell. Without ⊥ in it `read` makes a `DetectionMonitor`: comparisons look at detections alone, and say so."""
     json_alone: ClassVar[bool] = False
     """Whether its texts speak of JSON's values alone, and leave open what a number that is not finite is; no comparison asks them of one."""
+    extra: ClassVar[str] = ""
+    """The extra of this package with which the program comes that runs its texts, where it is not there anyway."""
+    modules: ClassVar[tuple[str, ...]] = ()
+    """What of Python that program is imported as; where one is missing, the language is left out of comparisons unless named."""
     tools: ClassVar[tuple[str, ...]] = ()
     """Programs of others by which `read_with` can run a text as well."""
     highlighting: ClassVar[Highlighting | None] = None
@@ -148,6 +155,12 @@ class Backend(ABC):
 
         Raises `NotExpressible` where the language cannot say it, `TooLarge` where it could but not within the limit.
         """
+
+    def require(self) -> None:
+        """Raises `ToolMissing` where the program that runs its texts is an extra which is not installed."""
+        for module in self.modules:
+            if find_spec(module) is None:
+                raise ToolMissing(module, remedy=f"pip install '.[{self.extra}]' in a checkout of rvaft")
 
     def plain(self, tree: RVAFT, semantics: Semantics) -> RVAFT:
         """The tree said without counted leaves, `pand`, windows and time points, for a language that has none of these.

@@ -1,9 +1,10 @@
 """What every monitor can do, whichever way it was made."""
 
+import json
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Self
+from typing import Final, Self, TypeAlias
 
 from rvaft.errors import TraceError
 from rvaft.model.nodes import Kind
@@ -189,6 +190,36 @@ class Monitor(ABC):
     def ended(self) -> Ended | None:
         """After ⊥, the event that ended the last hope, where the monitor knows the tree; else None."""
         return None
+
+
+FirstDetections: TypeAlias = Callable[[Sequence[Sequence[Json]]], Sequence[int | None]]
+"""What a program says that looks at whole traces: for each, the number of the event, from 1, with which it first is a detection, if it is one."""
+
+
+class DetectionMonitor(Monitor):
+    """Asks a program that looks at whole traces, after each event, whether the events so far are a detection; it never says ⊥.
+
+    Every event costs as much as all before it: ask `first_detections` itself where a trace is known to its end.
+
+    >>> two = DetectionMonitor(lambda traces: [2 if len(trace) > 1 else None for trace in traces])
+    >>> [verdict.symbol for verdict in two.run([{}, {}, {}])], two.first_detections([[], [{}, {}]])
+    (['?', '⊤', '⊤'], [None, 2])
+    """
+
+    def __init__(self, first_detections: FirstDetections) -> None:
+        super().__init__()
+        self.first_detections = first_detections
+        self._events: tuple[Json, ...] = ()
+
+    def _advance(self, event: Json) -> Verdict:
+        self._events += (event,)
+        (found,) = self.first_detections([self._events])
+        return Verdict.UNKNOWN if found is None else Verdict.TRUE
+
+    @property
+    def state(self) -> Hashable:
+        """The verdict and, before a detection, all events so far."""
+        return self.verdict, None if self.verdict.final else json.dumps(self._events)
 
 
 class Repetition(Monitor):

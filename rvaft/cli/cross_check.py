@@ -18,7 +18,7 @@ from cross_check.campaign import MAX_NODES, Entry, Task, campaign, catalogue, pa
 from cross_check.comparison import PATIENCE, Roster
 from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
-from cross_check.participants import handwritten, is_specification
+from cross_check.participants import handwritten, is_specification, missing_extras
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
 from rvaft.api import meant, narrowed
@@ -208,6 +208,9 @@ def cross_check_command(
         patience=timeout or PATIENCE,
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )
+    if roster.backends is None and not roster.against:
+        for name, error in missing_extras().items():
+            click.echo(f"{name} takes no part: {error}", err=True)
     if cases is not None:
         collected.replay(cases, roster)
         return FAILED if failures.met else exit_status(collected.results)

@@ -7,7 +7,7 @@ from functools import partial
 from io import BytesIO
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import BinaryIO, Final, NamedTuple, cast
+from typing import Any, BinaryIO, Final, NamedTuple, cast
 
 import click
 
@@ -22,9 +22,11 @@ from rvaft.monitoring.follow import FollowedFile, stopping
 from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights
+from rvaft.monitoring.parallel_reader import STRETCH
 from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, Totals, TraceRun, VerdictChange
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Log, LogReader, open_log, source_of
+from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
 from rvaft.support.terminal import ProgressBar
 
@@ -56,6 +58,11 @@ class TraceSource(NamedTuple):
         needed = tuple((one.text, one.path[0]) for one in (plan.key.fields if plan.key else ()))
         given = cast("BinaryIO | Path", source)
         return Log(self.reader, given, self.name, plan.reads, plan.strict_json, line, needed=needed, told=told)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a file of JSON Lines that is not compressed."""
+        return self.reader is None and self.file is not None and Path(self.file).suffix.lower() not in COMPRESSED
 
     @property
     def size(self) -> int:
@@ -134,9 +141,12 @@ class _Run(Listener):
         reporter: Reporter | None = None,
         *,
         deliver: bool,
+        jobs: int = 1,
     ) -> None:
         self.settings = settings
         self.sink = sink
+        self.jobs = jobs
+        """Processes that read one trace."""
         self.progress = progress
         monitors, tried = settings.plan.monitors, settings.checkpoints is None
         self.reporter = reporter or REPORTERS[settings.form](settings, sink)
@@ -194,6 +204,13 @@ class _Run(Listener):
         keyless = " and ".join(field.text for field in key.fields) if key and run.number and not run.watches else ""
         return TraceOutcome(status, rows, reaction.first, reaction.count - before, reaction.failed, keyless, ended)
 
+    def _readers(self, trace: TraceSource) -> int:
+        """How many processes read a trace. What is not printed when they begin would be printed by each."""
+        if not trace.is_plain or trace.size <= STRETCH:
+            return 1
+        self.sink.flush()
+        return self.jobs
+
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Give a run all events of its trace, from the last checkpoint on; after each batch of them somebody may wait for something."""
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
@@ -240,10 +257,10 @@ class _Run(Listener):
                 source = stack.enter_context(source_of(reader, trace.file) if reader else open_log(trace.file))
             at_once = trace.file is None or follow  # what is said is seen while events come
             self._log = trace.log(stream or source, self.settings.plan, line + 1, sink if follow else None)
-            read = cast("BinaryIO", self._log or stream or source)
-            often = kept is not None and kept.every < _OFTEN
-            by_blocks = not (follow or often) if self._log is None else trace.file is not None and stream is None
-            for going_on in run.read(read, trace.name, line=line + 1, by_blocks=by_blocks, live=at_once):
+            seldom = not follow and (kept is None or kept.every >= _OFTEN)
+            by_blocks = seldom if self._log is None else trace.file is not None and stream is None
+            how: dict[str, Any] = {"by_blocks": by_blocks, "live": at_once, "jobs": self._readers(trace)}
+            for going_on in run.read(cast("BinaryIO", self._log or stream or source), trace.name, line=line + 1, **how):
                 if at_once:
                     sink.flush()
                 keep(ended=not going_on)
@@ -251,8 +268,8 @@ class _Run(Listener):
                     self.progress.reach(source)
             if isinstance(stream, FollowedFile) and stream.unfinished:
                 sink.warn(f"{trace.name}: the last line has no end yet and is not read ({stream.unfinished} bytes)")
-        if self.progress is not None:
-            self.progress.finish(trace.size)
+            if self.progress is not None:
+                self.progress.finish(trace.size)
 
 
 def run(
@@ -268,7 +285,8 @@ def run(
         watched = not settings.follow and all(trace.file is not None for trace in traces)
         progress = ProgressBar(sizes) if watched and sizes else None
         sink = Sink(progress=progress)
-        alone = _Run(settings, sink, progress, None if report is None else report(settings, sink), deliver=True)
+        told = None if report is None else report(settings, sink)
+        alone = _Run(settings, sink, progress, told, deliver=True, jobs=jobs)
         if jobs > 1 and len(traces) > 1:
             outcomes = list(_in_processes(alone, traces, jobs))
         else:

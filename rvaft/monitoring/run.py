@@ -28,6 +28,7 @@ from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights
+from rvaft.monitoring.parallel_reader import read_in_processes
 from rvaft.monitors import Explanation
 from rvaft.readers.json_lines import BLANK, LinesRead, NonFiniteEvent, decode, read
 from rvaft.readers.log import ALL, BOM, Interest, Log, LogReader, failures_of, source_of
@@ -537,12 +538,13 @@ class TraceRun:
         line: int = 1,
         by_blocks: bool = False,
         live: bool = False,
+        jobs: int = 1,
     ) -> Iterator[bool]:
         """Read all events of a stream of JSON Lines, of another log, or events as they are, and pause after each batch of them.
 
         Gives False once where the trace has ended; events that were held back come after that. `line` is the number of the line where a
-        stream goes on; `by_blocks` says that many lines may be read at once, if it is `live` only those that are there. Raises what
-        `rvaft.readers.json_lines.read` raises.
+        stream goes on; `by_blocks` says that many lines may be read at once, if it is `live` only those that are there, and those of
+        a regular file by so many processes. Raises what `rvaft.readers.json_lines.read` raises.
         """
         prefix, key, fresh = self.prefix, self.plan.key, self.plan.monitors
         every = [listener for listener in self.listeners if listener.every]
@@ -553,7 +555,7 @@ class TraceRun:
         unfit = fresh.semantics is Semantics.SCATTERED and fresh.finds_no_more
         strict, look_up, may_be_late = fresh.semantics is Semantics.STRICT, fresh.types.of, fresh.may_be_late
         oversights, hindsight = self.totals.oversights, self.totals.hindsight
-        for batch in self._batches(source, name, line, by_blocks=by_blocks, live=live):
+        for batch in self._batches(source, name, line, by_blocks=by_blocks, live=live, jobs=jobs):
             before, statistics, clock = self.number, self.totals.statistics, self.clock
             watch: MonitoredTrace | None = self.watch
             told, verdicts = before, self.watch.monitors.verdicts if many else ()
@@ -622,7 +624,7 @@ class TraceRun:
         return self.plan.key is not None or self.plan.monitors.semantics is Semantics.STRICT
 
     def _batches(
-        self, source: BinaryIO | Log | Iterable[Json], name: str, line: int, *, by_blocks: bool, live: bool
+        self, source: BinaryIO | Log | Iterable[Json], name: str, line: int, *, by_blocks: bool, live: bool, jobs: int
     ) -> Iterator[Batch]:
         plan, ordering, failure = self.plan, self.ordering, None
         found: Iterable[Any] = source if not isinstance(source, Log) else source.events()
@@ -635,17 +637,20 @@ class TraceRun:
         elif isinstance(source, IOBase):
             if quickly and plan.fast_reader is not None:
                 how: dict[str, Any] = {"reached": source.reach} if isinstance(source, LinesRead) else {}
-                read_on = plan.fast_reader.read
-                quick, found = read_on(cast("BufferedIOBase", source), name, line=line, live=live, **how), ()
+                given, found = cast("BufferedIOBase", source), ()
+                if jobs > 1:
+                    quick = read_in_processes(plan.fast_reader, given, name, jobs=jobs, line=line, **how)
+                else:
+                    quick = plan.fast_reader.read(given, name, line=line, live=live, **how)
             else:
                 found = read(cast("BinaryIO", source), name=name, reads=plan.reads, line=line, strict=plan.strict_json)
         try:
             for batch in quick:
                 yield batch if plan.plain else self._in_turn(batch)
             for event in found:
-                given = event if ordering is None else ordering.add(event)
-                if given is not None:
-                    yield Batch(1, ((0, event),)) if ordering is None else _batch_of([given])
+                turn = event if ordering is None else ordering.add(event)
+                if turn is not None:
+                    yield Batch(1, ((0, event),)) if ordering is None else _batch_of([turn])
         except (RvaftError, OSError) as error:
             failure = error  # the events that are held come before it
         else:

@@ -295,6 +295,14 @@ class LinesRead(BufferedIOBase):
         """What comes next, up to so many bytes; who reads so says with `reach` how much of it is done with."""
         return self._stream.read1(-1 if size is None else size)  # type: ignore[attr-defined, no-any-return] # files have it
 
+    def fileno(self) -> int:
+        """The file that is read, if the stream is one."""
+        return self._stream.fileno()
+
+    def tell(self) -> int:
+        """How many bytes are done with."""
+        return self.offset
+
     def reach(self, size: int, lines: int) -> None:
         """So many bytes and lines more are done with."""
         self.offset += size

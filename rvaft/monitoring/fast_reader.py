@@ -53,7 +53,9 @@ class Batch(NamedTuple):
     kept: Sequence[Any] = ()
 
 
-def _blocks(stream: BufferedIOBase, file: str, line: int, *, live: bool) -> Iterator[tuple[int, bytes, int]]:
+def _blocks(
+    stream: BufferedIOBase, file: str, line: int, *, live: bool
+) -> Iterator[tuple[int, bytes, list[bytes], int]]:
     """Whole lines of a stream in turn, each block with the number of its first line, and its bytes; one longer than `MAX_LINE` is the last.
 
     A byte order mark counts among the bytes and is not given. What is `live` is given as it comes, not only when a block is full.
@@ -81,9 +83,12 @@ def _blocks(stream: BufferedIOBase, file: str, line: int, *, live: bool) -> Iter
         end = len(text) if not more and failure is None else text.rfind(b"\n") + 1
         given = text[:end].removeprefix(mark)
         if given:
-            yield line, given, end
+            lines = given.split(b"\n")
+            if not lines[-1]:
+                lines.pop()
+            yield line, given, lines, end
+            line += len(lines)  # only the last block may end within a line
         held, mark = text[end:], b""
-        line += given.count(b"\n")
     if failure is not None:
         raise unreadable(failure, file, line) from failure
 
@@ -172,8 +177,7 @@ class FastReader:
 
         `line` is the number of the first line; a stream that is `live` is read as it comes. With each batch `reached` is told of so many bytes and lines more.
         """
-        for first, text, size in _blocks(stream, file, line, live=live):
-            lines = text.removesuffix(b"\n").split(b"\n")
+        for first, text, lines, size in _blocks(stream, file, line, live=live):
             dense = self._dense
             sound = self._sound(text, lines) if dense else None
             heads, found = self._heads(text, lines) if sound is None else (sound, list(map(self._of_event, sound)))

@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     from rvaft.model.tree import RVAFT
     from rvaft.model.verdict import Semantics, Verdict
     from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending, Repetition
+    from rvaft.readers.bag import message_event
     from rvaft.readers.log import LogReader
-    from rvaft.readers.registry import UnknownFormat, all_readers, read_log
+    from rvaft.readers.registry import UnknownFormat, all_readers, live_events, read_log
     from rvaft.rules.rule import Finding, Severity
 
     __version__: str
@@ -79,8 +80,10 @@ __all__ = [
     "all_readers",
     "check",
     "dumps",
+    "live_events",
     "load",
     "loads",
+    "message_event",
     "monitor",
     "on_detection",
     "read_log",
@@ -106,7 +109,8 @@ _NAMES: Final = {
         "WrongType",
     ),
     "rvaft.readers.log": ("LogReader",),
-    "rvaft.readers.registry": ("UnknownFormat", "all_readers", "read_log"),
+    "rvaft.readers.bag": ("message_event",),
+    "rvaft.readers.registry": ("UnknownFormat", "all_readers", "live_events", "read_log"),
     "rvaft.rules.rule": ("Finding", "Severity"),
     "rvaft.language.printer": ("dumps",),
     "rvaft.model.nodes": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On", "Topic"),

@@ -3,7 +3,6 @@
 import shutil
 import sys
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
 import click
@@ -14,7 +13,7 @@ from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.monitoring.detection import told_fields
 from rvaft.readers.json_lines import JsonLinesReader
-from rvaft.readers.log import Interest, Log, expanded, required_stream, source_of
+from rvaft.readers.log import Interest, Log, LogSource, expanded, required_stream, source_of
 
 _NARROWEST: Final = 60
 """Columns below which the table is not made narrower."""
@@ -61,7 +60,7 @@ def coverage_command(
     for file, reader in zip(files, log_format.readers(files), strict=True):
         with failures.reported(), ExitStack() as stack:
             if file == "-":
-                source: Path | BinaryIO = required_stream(reader, options.standard_input("LOG"))
+                source: LogSource = required_stream(reader, options.standard_input("LOG"))
             else:
                 source = stack.enter_context(source_of(reader, file))
             name = "<stdin>" if file == "-" else click.format_filename(file)

@@ -103,8 +103,8 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given: Any) -> int:
     """Watch the events of each TRACE for a tree and give verdicts.
 
-    A TRACE is JSON Lines, or what its name or --input says, and may be a pattern such as 'logs/**/*.jsonl'. No TRACE, or -, reads standard input as it
-    comes. The exit status is 1 when the tree is detected in some trace.
+    A TRACE is JSON Lines, or what its name or --input says, and may be a pattern such as 'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. No TRACE, or -, reads standard
+    input as it comes. The exit status is 1 when the tree is detected in some trace.
     """
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     _check(given)
@@ -116,11 +116,18 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         options.refuse(
             given["log_format"] != options.LogFormat(None, InputOptions()), "--word is no log: it has no format"
         )
-        traces, several = [_word(given["word"], whole)], False
+        traces, several, live = [_word(given["word"], whole)], False, False
     else:
         found = list(missing.collect(expanded, names))
         files = [file for some in found for file in some]
-        readers = given["log_format"].readers(files)
+        readers = given["log_format"].readers(files, live=True)
+        if live := any(reader.schemes for reader in readers):
+            options.refuse(
+                len(files) > 1, "a URL is watched alone, since events come from it without end: name one TRACE"
+            )
+            why = "--checkpoint needs a log that is there again later: what came from a URL is gone"
+            options.refuse(given["checkpoint"] is not None, why)
+            given["follow"] = False
         traces = [source_of(file, reader) for file, reader in zip(files, readers, strict=True)]
         for option, reader in ((option, reader) for option in ("follow", "checkpoint") for reader in readers):
             wrong = given[option] not in (None, False) and not reader.by_lines
@@ -155,7 +162,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         plan,
         whole,
         name=click.format_filename(tree),
-        **{option: given[option] for option in ("per", "form", "detections", "follow")},
+        **{option: given[option] for option in ("per", "form", "detections")},
+        follow=given["follow"] or live,
         several=several,
         drawn=given["explain"] == TERMINAL,
         drawing=None if given["explain"] == TERMINAL else given["explain"],
@@ -221,7 +229,7 @@ def source_of(file: str, reader: LogReader) -> TraceSource:
     """A file, or standard input, of which a terminal is told what is waited for."""
     other = None if isinstance(reader, JsonLinesReader) else reader
     if file != "-":
-        return TraceSource(click.format_filename(file), file, reader=other)
+        return TraceSource(click.format_filename(reader.shown(file)), file, reader=other)
     stream = required_stream(reader, options.standard_input("TRACE"))
     if sys.stdin.isatty():
         events = f"as {other.name}" if other else "one JSON object per line"

@@ -2,7 +2,7 @@
 
 import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import partial
 from io import BytesIO
 from pathlib import Path, PurePath
@@ -25,7 +25,7 @@ from rvaft.monitoring.oversights import Oversights
 from rvaft.monitoring.parallel_reader import STRETCH
 from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, Totals, TraceRun, VerdictChange
 from rvaft.readers.json_lines import LinesRead
-from rvaft.readers.log import Log, LogReader, open_log, source_of
+from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of
 from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
 from rvaft.support.terminal import ProgressBar
@@ -46,7 +46,12 @@ class TraceSource(NamedTuple):
     events: Iterable[Json] | BinaryIO = ()
     reader: LogReader | None = None
 
-    def log(self, source: object, plan: MonitoringPlan, line: int, sink: Sink | None) -> Log | None:
+    @property
+    def live(self) -> bool:
+        """Whether its events come by themselves, from a URL."""
+        return self.reader is not None and bool(self.reader.schemes)
+
+    def log(self, source: object, plan: MonitoringPlan, line: int, live: Live, sink: Sink | None) -> Log | None:
         """How its source is read from that line on, if it is no JSON Lines; the first that is left out is told to the sink at once, if there is one."""
         if self.reader is None:
             return None
@@ -56,8 +61,8 @@ class TraceSource(NamedTuple):
                 sink.warn(f"{first}; left out, as others like it will be")
 
         needed = tuple((one.text, one.path[0]) for one in (plan.key.fields if plan.key else ()))
-        given = cast("BinaryIO | Path", source)
-        return Log(self.reader, given, self.name, plan.reads, plan.strict_json, line, needed=needed, told=told)
+        given, strict = cast("LogSource", source), plan.strict_json
+        return Log(self.reader, given, self.name, plan.reads, strict, line, needed=needed, told=told, live=live)
 
     @property
     def is_plain(self) -> bool:
@@ -245,20 +250,22 @@ class _Run(Listener):
             kept.save(run.state, 0, LinesRead(BytesIO()))
         run.begin()
         with ExitStack() as stack:
-            source: Iterable[Json] | BinaryIO | Path = trace.events
-            if trace.file is not None and follow:
+            source: Iterable[Json] | LogSource = trace.events
+            if trace.file is not None and follow and not trace.live:
                 stop, idle = stack.enter_context(stopping()), partial(keep, idle=True)
                 stream = FollowedFile(trace.file, stop=stop, changed=sink.warn, idle=idle, offset=offset, line=line)
                 stack.callback(stream.close)
             elif trace.file is not None and kept is not None:
                 stream = stack.enter_context(open_at(Path(trace.file), offset=offset, line=line))
             elif trace.file is not None:
-                reader = trace.reader
-                source = stack.enter_context(source_of(reader, trace.file) if reader else open_log(trace.file))
+                source = stack.enter_context(
+                    source_of(trace.reader, trace.file) if trace.reader else open_log(trace.file)
+                )
             at_once = trace.file is None or follow  # what is said is seen while events come
-            self._log = trace.log(stream or source, self.settings.plan, line + 1, sink if follow else None)
+            live = stack.enter_context(_listening(trace, sink))
+            self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)
-            by_blocks = seldom if self._log is None else trace.file is not None and stream is None
+            by_blocks = seldom if self._log is None else not (at_once or stream)
             how: dict[str, Any] = {"by_blocks": by_blocks, "live": at_once, "jobs": self._readers(trace)}
             for going_on in run.read(cast("BinaryIO", self._log or stream or source), trace.name, line=line + 1, **how):
                 if at_once:
@@ -270,6 +277,16 @@ class _Run(Listener):
                 sink.warn(f"{trace.name}: the last line has no end yet and is not read ({stream.unfinished} bytes)")
             if self.progress is not None:
                 self.progress.finish(trace.size)
+
+
+@contextmanager
+def _listening(trace: TraceSource, sink: Sink) -> Iterator[Live]:
+    """How the events of a URL are waited for, until Ctrl-C."""
+    if not trace.live:
+        yield Live()
+        return
+    with stopping() as stop:
+        yield Live(stop, partial(click.echo, f"rvaft: listening to {trace.name} (Ctrl-C ends)", err=True), sink.warn)
 
 
 def run(

@@ -95,8 +95,11 @@ class LogFormat:
     form: str | None
     options: InputOptions
 
-    def readers(self, files: Sequence[str]) -> list[LogReader]:
-        """For each file, or standard input by the name `-`, what reads it; raises `OptionError`, `UnknownFormat` and `ToolFailed`."""
+    def readers(self, files: Sequence[str], *, live: bool = False) -> list[LogReader]:
+        """For each file, or standard input by the name `-`, what reads it; raises `OptionError`, `UnknownFormat` and `ToolFailed`.
+
+        Unless `live`, URLs from which events come by themselves are refused.
+        """
         found: list[LogReader] = []
         unused = self.options.given
         for file in files:
@@ -104,6 +107,7 @@ class LogFormat:
             takes = reader_class(name).takes
             unused -= takes
             found.append(reader(name, self.options.only(takes)))
+            refuse(found[-1].schemes and not live, "a URL is for rvaft monitor: events come from it without end")
         names = listing(sorted({one.name for one in found}), "nor")
         refuse(
             files and unused,
@@ -135,7 +139,7 @@ def log_format(function: F) -> F:
         log_format = LogFormat(given.pop("input_form"), said)
         return function(**given, log_format=log_format)
 
-    known = "bag, csv, json, jsonl, parquet, regex, syslog, xes"
+    known = "bag, csv, json, jsonl, mqtt, parquet, regex, syslog, xes"
     what = f"The format of the logs: {known}, or somebody else's.  [default: by the name of the file, or else jsonl]"
     form = click.option("--input", "input_form", metavar="FORMAT", help=what)
     records = click.option(

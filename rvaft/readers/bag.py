@@ -5,13 +5,16 @@ An event is a message: its fields, `topic`, and `time`, the nanoseconds at which
 of the others only what is looked at is made JSON.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache
 from keyword import iskeyword
 from operator import attrgetter
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
-from rvaft.errors import ToolMissing, TraceError
+from rvaft.errors import OptionError, ToolMissing, TraceError
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import settled
 from rvaft.readers.log import BAG_METADATA, InputOptions, Log, LogReader, suffix
@@ -23,8 +26,9 @@ TOPIC: Final = "topic"
 """The field with the topic of a message."""
 TIME: Final = "time"
 """The field with the time at which a message was recorded."""
-_ELSEWHERE: Final = {name: f"message_{name}" for name in (TOPIC, TIME)}
+ELSEWHERE: Final = {name: f"message_{name}" for name in (TOPIC, TIME)}
 """Where fields stand that a message has of its own by these names."""
+_PLAIN: Final = frozenset({str, int, float, bool})
 _FLOATS: Final = frozenset({"float32", "float64", "float128"})
 
 
@@ -95,16 +99,16 @@ class _Decoder:
         self._topic, self._type, self._log = connection.topic, connection.msgtype, log
         self._deserialize = deserialize
         self.idle = not log.interest.may_be(TOPIC, connection.topic)
-        self._fields: dict[str, str] = {}
+        self._names: tuple[str, ...] = ()
+        self._keys: tuple[str, ...] = ()
         self._odd, self._unknown = False, ""
         if not self.idle:
             try:
-                names = [name for name, _ in types.fielddefs[connection.msgtype][1]]
-                fields = {name: _ELSEWHERE.get(name, name) for name in names}
+                defined = [name for name, _ in types.fielddefs[connection.msgtype][1]]
                 wanted = log.interest.fields
-                self._fields = {name: field for name, field in fields.items() if wanted is None or field in wanted}
-                self._odd = not _FLOATS.isdisjoint(_parts(types, connection.msgtype, self._fields))
-                self._values = _converter(types, connection.msgtype, self._fields)
+                self._names = tuple(one for one in defined if wanted is None or ELSEWHERE.get(one, one) in wanted)
+                self._keys = tuple(ELSEWHERE.get(name, name) for name in self._names)
+                self._odd = not _FLOATS.isdisjoint(_parts(types, connection.msgtype, self._names))
             except KeyError as error:
                 self._unknown = str(error.args[0])
 
@@ -113,8 +117,8 @@ class _Decoder:
         if self._unknown:
             raise _Unread(f"the type {self._unknown}, of {self._topic}, is not defined in the recording")
         event: dict[str, Json] = {TOPIC: self._topic, TIME: stamp}
-        if self._fields:
-            event |= self._values(self._deserialize(data, self._type))
+        if self._names:
+            event |= _fields(self._deserialize(data, self._type), self._names, self._keys)
         return settled(event, self._log) if self._odd else event
 
     def refusal(self, error: Exception) -> str:
@@ -122,41 +126,64 @@ class _Decoder:
         return f"no message of the type {self._type} on {self._topic}: {' '.join(str(error).split()) or type(error).__name__}"
 
 
-def _converter(types: "Typestore", name: str, fields: dict[str, str] | None = None) -> Callable[[Any], dict[str, Any]]:
-    """A function from messages of a type to JSON objects, with these fields under these names, or all."""
-    chosen = [(own, how) for own, how in types.fielddefs[name][1] if fields is None or own in fields]
-    names = [own for own, _ in chosen]
-    keys = [own if fields is None else fields[own] for own in names]
-    inner = [(key, convert) for key, (_, how) in zip(keys, chosen, strict=True) if (convert := _conversion(types, how))]
-    if not names:
-        return lambda _: {}
-    get = attrgetter(*(f"{own}_" if iskeyword(own) else own for own in names))
-    single = len(names) == 1
+def message_event(message: object, topic: str, time: int) -> dict[str, Json]:
+    """The event that a message of ROS is, as a recording of it has it: its fields, `topic`, and `time`, when it came, in nanoseconds.
 
-    def convert_all(message: Any) -> dict[str, Any]:
-        values = (get(message),) if single else get(message)
-        found = dict(zip(keys, values, strict=True))
-        for key, convert in inner:
-            found[key] = convert(found[key])
-        return found
+    The message is one of `rclpy` or of `rosbags`; raises `OptionError` for what is none.
 
-    return convert_all
+    >>> from dataclasses import make_dataclass
+    >>> Command = make_dataclass("Command", ["name", "waypoint"])
+    >>> message_event(Command("inspect", 3), "/command", 1772438401_000000000)
+    {'topic': '/command', 'time': 1772438401000000000, 'name': 'inspect', 'waypoint': 3}
+    """
+    return {TOPIC: topic, TIME: time, **_object(message, ELSEWHERE)}
 
 
-def _conversion(types: "Typestore", how: Any) -> Callable[[Any], Any] | None:
-    """What makes JSON of the value of a field, None where it is JSON."""
-    kind, about = how
-    match kind.name:
-        case "BASE":
-            return None
-        case "NAME":
-            return _converter(types, about)
+def _object(message: object, elsewhere: Mapping[str, str] = MappingProxyType({})) -> dict[str, Json]:
+    """The fields of a message as JSON, some of them under other names."""
+    kind: Any = type(message)
+    names = _field_names(kind)
+    return _fields(message, names, [elsewhere.get(name, name) for name in names])
+
+
+@cache
+def _field_names(kind: Any) -> Sequence[str]:
+    """The names of the fields of messages of a class, which says it as `rclpy` does, or is a dataclass of `rosbags`."""
+    if (told := getattr(kind, "get_fields_and_field_types", None)) is not None:
+        return tuple(told())
+    if not is_dataclass(kind):
+        raise OptionError(f"{kind.__name__} is no message of ROS")
+    names = [one.name for one in fields(kind) if "ClassVar" not in str(one.type)]  # the others are constants
+    return tuple(name[:-1] if iskeyword(name[:-1]) else name for name in names)
+
+
+def _fields(message: Any, names: Sequence[str], keys: Sequence[str]) -> dict[str, Json]:
+    """The values of these fields of a message, as JSON under these keys."""
+    values = _getter(names)(message)
+    return {key: value if type(value) in _PLAIN else _json(value) for key, value in zip(keys, values, strict=True)}
+
+
+@cache
+def _getter(names: Sequence[str]) -> Callable[[Any], Sequence[Any]]:
+    """What gives the values of these fields of a message."""
+    own = [f"{name}_" if iskeyword(name) else name for name in names]
+    return attrgetter(*own) if len(own) > 1 else lambda message: [getattr(message, name) for name in own]
+
+
+def _json(value: Any) -> Json:
+    """The value of a field as JSON: lists of arrays, numbers of single bytes, objects of messages."""
+    match value:
+        case str() | int() | float():
+            return value
+        case bytes():
+            return value[0] if len(value) == 1 else list(value)
+        case list() | tuple():
+            return [one if type(one) in _PLAIN else _json(one) for one in value]
+        case _ if hasattr(value, "tolist"):
+            found: Json = value.tolist()
+            return found
         case _:
-            of, named = about[0]
-            if of.name == "NAME":
-                convert = _converter(types, named)
-                return lambda values: [convert(value) for value in values]
-            return lambda values: values.tolist() if hasattr(values, "tolist") else list(values)
+            return _object(value)
 
 
 def _parts(types: "Typestore", name: str, fields: Collection[str] | None = None) -> set[str]:

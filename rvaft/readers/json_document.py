@@ -54,7 +54,7 @@ class JsonReader(LogReader):
         if options.records is not None:
             return True
         with suppress(*failures_of(str(path))), source_of(cls(), str(path)) as source:
-            assert not isinstance(source, Path), "it needs no file"
+            assert not isinstance(source, (Path, str)), "it needs no file"
             return _BEGINS.match(source.read(_HEAD).removeprefix(BOM)) is not None
         return False
 

@@ -11,7 +11,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from io import BufferedIOBase
 from itertools import count
 from pathlib import Path
@@ -29,7 +29,8 @@ MAX_DEPTH: Final = 500
 BLANK: Final = b" \t\r\n"
 """What a blank line may consist of."""
 
-_HINT: Final = "a trace has one JSON object per line"
+HINT: Final = "a trace has one JSON object per line"
+"""What errors about a line end with."""
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
@@ -110,11 +111,16 @@ def event_on(
 
 
 def decode(
-    line: bytes, *, reads: Scope | None = None, strict: bool = False, passed_on: bool = False
+    line: bytes,
+    *,
+    reads: Scope | None = None,
+    strict: bool = False,
+    passed_on: bool = False,
+    placed: Callable[[dict[str, Json]], dict[str, Json]] | None = None,
 ) -> dict[str, Json]:
     """The event on one line; raises `ValueError` with a message that does not repeat the line.
 
-    What is `passed_on` keeps all numbers as they came, or, if `strict`, has to be JSON.
+    What is `passed_on` keeps all numbers as they came, or, if `strict`, has to be JSON. What is `placed` becomes the event by that function.
 
     >>> event = decode(b'{"v": NaN}')
     >>> event, event.field, event.number
@@ -125,15 +131,17 @@ def decode(
     try:
         text = line.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line); {_HINT}") from None
+        raise ValueError(f"not UTF-8 (byte {error.start + 1} of the line); {HINT}") from None
     check_depth(text)
     try:
         event = (_STRICT if strict else DECODER).decode(text)
     except json.JSONDecodeError as error:  # its messages never quote the input
         reason = (error.msg[:1].lower() + error.msg[1:]).removesuffix(" at").removesuffix(" starting")
-        raise ValueError(f"not JSON: {reason} (column {error.colno}); {_HINT}") from None
+        raise ValueError(f"not JSON: {reason} (column {error.colno}); {HINT}") from None
     except RecursionError:
         raise ValueError("nested too deeply for the space left on the stack") from None
+    if placed is not None and isinstance(event, dict):
+        event = placed(event)
     return checked(event, text, reads, strict=strict, passed_on=passed_on)
 
 
@@ -148,7 +156,7 @@ def checked(
     if _SURROGATE.search(text) and any(escape[1] for escape in _ESCAPE.finditer(text)):
         raise ValueError("a lone surrogate: \\ud800 to \\udfff stand only in pairs")
     if not isinstance(event, dict):
-        raise ValueError(f"not a JSON object but {_KINDS[type(event)]}; {_HINT}")  # noqa: TRY004 (the text is wrong)
+        raise ValueError(f"not a JSON object but {_KINDS[type(event)]}; {HINT}")  # noqa: TRY004 (the text is wrong)
     _check_read(event, Reads(whole=True) if reads is None else reads.of(event))
     if _PERHAPS_WORD.search(text) or _PERHAPS_HUGE.search(text):
         return marked(event, reads, strict=strict, kept=passed_on)

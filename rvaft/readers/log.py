@@ -9,6 +9,7 @@ import errno
 import os
 import re
 import shutil
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -34,6 +35,9 @@ BOM: Final = b"\xef\xbb\xbf"
 """What may stand before the first line."""
 
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
+LogSource: TypeAlias = Path | BinaryIO | str
+"""What a reader reads: a file, a stream or a URL."""
+_SCHEME: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _WILD: Final = frozenset("*?[")
 
 
@@ -150,11 +154,20 @@ ALL: Final = Interest()
 """Everything is looked at."""
 
 
+@dataclass(frozen=True, slots=True)
+class Live:
+    """How events are waited for that come by themselves: until `stop` says so; `began` is told that they may come now, `warn` what may have been missed."""
+
+    stop: Callable[[], bool] = lambda: False
+    began: Callable[[], object] = lambda: None
+    warn: Callable[[str], object] = warnings.warn
+
+
 @dataclass(slots=True)
 class Log:
     r"""A log that is read: by which reader, from what, and what came of it so far.
 
-    `source` is a stream of bytes, or, for a reader that `needs_file`, the path of one; `name` stands for it in messages. `line` is the number
+    `source` is a stream of bytes, or, for a reader that `needs_file`, the path of one, or, for one of URLs, the URL; `name` stands for it in messages. `line` is the number
     of the first line, where a stream begins later than its file. Of each of the `needed` tuples one is a field that events must have. `rejected` counts what was left out; `first` is the error for the first of it, which is `told` at once where somebody wants to know.
 
     >>> import io
@@ -167,7 +180,7 @@ class Log:
     """
 
     reader: "LogReader"
-    source: Path | BinaryIO
+    source: LogSource
     name: str
     reads: Scope | None = None
     strict: bool = False
@@ -179,17 +192,24 @@ class Log:
     rejected: int = 0
     first: TraceError | None = None
     told: Callable[[TraceError], object] | None = None
+    live: Live = field(default_factory=Live)
 
     @property
     def stream(self) -> BinaryIO:
         """The bytes that are read."""
-        assert not isinstance(self.source, Path), "a reader that needs a file is given one"
+        assert not isinstance(self.source, (Path, str)), "a reader that needs a file is given one"
         return self.source
 
     @property
     def path(self) -> Path:
         """The file that is read."""
         assert isinstance(self.source, Path), "a reader that needs no file is given a stream"
+        return self.source
+
+    @property
+    def url(self) -> str:
+        """Where the events come from."""
+        assert isinstance(self.source, str), "only a reader of URLs is given one"
         return self.source
 
     def events(self) -> Iterator[dict[str, Json] | None]:
@@ -250,6 +270,8 @@ class LogReader(ABC):
     name: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]] = ()
     """Of its files, in small letters; behind each may stand that of a compression."""
+    schemes: ClassVar[tuple[str, ...]] = ()
+    """Of URLs that it reads in place of files: events that come by themselves, until somebody asks for the end."""
     unit: ClassVar[str] = "line"
     """What is counted: an event's place is the number of one, from 1."""
     takes: ClassVar[frozenset[str]] = frozenset()
@@ -269,6 +291,11 @@ class LogReader(ABC):
     def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003 (for readers that share a suffix)
         """Whether that file looks like one of the format: by its suffix, unless more is known."""
         return suffix(path) in cls.suffixes
+
+    @classmethod
+    def shown(cls, name: str) -> str:
+        """What stands for a file or URL in messages: of a URL not the password."""
+        return name
 
     @abstractmethod
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
@@ -324,6 +351,16 @@ def suffix(path: Path) -> str:
     return Path(path.stem).suffix.lower() if last in SUFFIXES else last
 
 
+def scheme(name: str) -> str:
+    """The scheme of a URL, in small letters; nothing for the name of a file.
+
+    >>> scheme("MQTT://localhost/doors/#"), scheme("c:/day.csv")
+    ('mqtt', '')
+    """
+    found = _SCHEME.match(name)
+    return found[1].lower() if found else ""
+
+
 def failures_of(file: str) -> tuple[type[Exception], ...]:
     """What reading from a file of that name may raise that is not the reader's fault."""
     return (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
@@ -337,9 +374,9 @@ def unreadable(error: Exception, file: str, line: int) -> TraceError:
 def expanded(name: str) -> list[str]:
     """The files that a name stands for: itself, or, where there is no such file, those that match it as a pattern.
 
-    In a pattern `**` stands for any folders, none included. Raises `FileNotFoundError` where nothing matches.
+    In a pattern `**` stands for any folders, none included. Raises `FileNotFoundError` where nothing matches. A URL stands for itself.
     """
-    if _WILD.isdisjoint(name) or os.path.lexists(name):
+    if _WILD.isdisjoint(name) or scheme(name) or os.path.lexists(name):
         return [name]
     from glob import iglob  # noqa: PLC0415 -- imported on use
 
@@ -367,12 +404,17 @@ def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryI
 
 
 @contextmanager
-def source_of(reader: LogReader, name: str) -> Iterator[Path | BinaryIO]:
-    """What a reader is to read of a file: its bytes, decompressed, or, if it needs one, a file with them.
+def source_of(reader: LogReader, name: str) -> Iterator[LogSource]:
+    """What a reader is to read of a file: its bytes, decompressed, or, if it needs one, a file with them; a URL as it is.
 
     Raises `OSError`, `ToolMissing`, and `TraceError` for a compressed file that is damaged.
     """
     path = Path(name)
+    if reader.schemes:
+        if scheme(name) not in reader.schemes:
+            raise OptionError(f"{name}: {reader.name} is read from a URL that begins with {reader.schemes[0]}://")
+        yield name
+        return
     if reader.needs_file and path.suffix.lower() not in SUFFIXES and not _is_folder(path):
         if not path.exists():
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name)
@@ -393,6 +435,7 @@ def source_of(reader: LogReader, name: str) -> Iterator[Path | BinaryIO]:
 
 def required_stream(reader: LogReader, stream: BinaryIO) -> BinaryIO:
     """Standard input, which the reader has to be able to read; raises `OptionError`."""
-    if reader.needs_file:
-        raise OptionError(f"<stdin>: {reader.name} is read from a file, not from standard input: name one")
+    if reader.needs_file or reader.schemes:
+        what = "a URL" if reader.schemes else "a file"
+        raise OptionError(f"<stdin>: {reader.name} is read from {what}, not from standard input: name one")
     return stream

@@ -5,7 +5,7 @@ Readers are found by the entry points `rvaft.readers` and imported on use.
 
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Generator, Iterator, Mapping
 from contextlib import nullcontext, suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -13,10 +13,21 @@ from pathlib import Path
 from typing import Final
 
 from rvaft.analysis.pattern_index import Scope
-from rvaft.errors import OptionError, RvaftError, ToolFailed, WrongType
+from rvaft.errors import OptionError, RvaftError, ToolFailed, WrongType, expect
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import JsonLinesReader
-from rvaft.readers.log import FieldType, InputOptions, Log, LogReader, Source, required_stream, source_of, suffix
+from rvaft.readers.log import (
+    FieldType,
+    InputOptions,
+    Live,
+    Log,
+    LogReader,
+    Source,
+    required_stream,
+    scheme,
+    source_of,
+    suffix,
+)
 from rvaft.rules.rule import did_you_mean
 
 GROUP: Final = "rvaft.readers"
@@ -77,12 +88,19 @@ def suffixes() -> frozenset[str]:
 
 
 def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa: B008 (immutable)
-    """The name of the format of a file: that of a reader which it suits, or else JSON Lines.
+    """The name of the format of a file or URL: that of a reader which it suits, or else JSON Lines; raises `OptionError` for a URL that none reads.
 
     >>> format_of("monday.csv.gz"), format_of("monday.log")
     ('csv', 'jsonl')
     """
-    path = Path(file)
+    path, known = Path(file), dict[str, str]()
+    if (begins := scheme(file)) and not path.exists():
+        for name in all_readers():
+            with suppress(ToolFailed):
+                known |= dict.fromkeys(reader_class(name).schemes, name)
+        if begins not in known:
+            raise OptionError(f"nothing is read from {begins}://, but from {', '.join(f'{one}://' for one in known)}")
+        return known[begins]
     if suffix(path) in JsonLinesReader.suffixes:
         return JsonLinesReader.name
     for name in all_readers():
@@ -104,6 +122,8 @@ def read_log(
     warn: Callable[[str], object] = warnings.warn,
 ) -> Iterator[dict[str, Json]]:
     """The events of a log in turn: of a file by its name, compressed or not, or of a binary stream, which is JSON Lines unless `form` says else.
+
+    Of a URL they come by themselves, without end; `live_events` is for asynchronous code.
 
     `form` names a format; `records`, `types` and `pattern` are as for `rvaft monitor`. What is no event is left out. After the last event
     that is told: to `warn` for text of which not all need be events, or else as `TraceError`. Raises `TraceError` also for
@@ -131,23 +151,55 @@ def read_log(
         required_stream(chosen, source)
     else:
         raise WrongType("the source of a log", source, "a path or a binary stream")
-    return _events(source, name or file, chosen, reads, warn)
+    return _events(source, name or chosen.shown(file), chosen, reads, Live(warn=warn))
+
+
+def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> AsyncIterator[dict[str, Json]]:
+    """The events of a URL as they come, for `rvaft.watch`; the connection ends with the iteration.
+
+    What may have been missed is told to `warn` at once. Raises what `read_log` raises.
+
+    >>> import rvaft
+    >>> async def first(tree):  # the first event that detects the tree
+    ...     async for event, verdict in rvaft.watch(tree, rvaft.live_events("mqtt://localhost/doors/#")):
+    ...         if verdict is rvaft.Verdict.TRUE:
+    ...             return event
+    """
+    from asyncio import to_thread  # noqa: PLC0415 -- imported on use
+
+    expect("the URL", url, str, "a text")
+    chosen, ended = reader(format_of(url)), False
+    if not chosen.schemes:
+        raise OptionError("events come by themselves from a URL alone: rvaft.read_log reads files")
+    events = _events(url, chosen.shown(url), chosen, None, Live(stop=lambda: ended, warn=warn))
+
+    async def coming() -> AsyncIterator[dict[str, Json]]:
+        nonlocal ended
+        try:
+            while (event := await to_thread(next, events, None)) is not None:
+                yield event
+        finally:
+            ended = True
+            with suppress(ValueError):  # a thread that still waits will see that it is the end
+                events.close()
+
+    return coming()
 
 
 def _events(
-    source: Source, name: str, chosen: LogReader, reads: Scope | None, warn: Callable[[str], object]
-) -> Iterator[dict[str, Json]]:
+    source: Source, name: str, chosen: LogReader, reads: Scope | None, live: Live
+) -> Generator[dict[str, Json], None, None]:
     with (
         source_of(chosen, os.fspath(source))
         if isinstance(source, (str, os.PathLike))
         else nullcontext(source) as opened
     ):
-        log = Log(chosen, opened, name, reads)
+        log = Log(chosen, opened, name, reads, live=live)
         yield from (event for event in log.events() if event is not None)
     if (fault := log.fault) is not None:
         if log.is_malformed(log.given):
             raise fault
-        warn(str(fault))
+        live.warn(str(fault))
 
 
 class UnknownFormat(RvaftError, LookupError):

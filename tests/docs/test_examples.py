@@ -16,6 +16,7 @@ NEEDS = {
     "spot": re.compile(r'--backend (ltlf|automaton)|"ltlf"|rvaft cross-check|rvaft compare|rvaft backends'),
     "pyarrow": re.compile(r"\.parquet"),
     "rosbags": re.compile(r"\.mcap"),
+    "paho": re.compile(r"mqtts?://"),
 }
 
 

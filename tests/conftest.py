@@ -1,8 +1,11 @@
 """What all tests need of the process that they run in."""
 
 import os
+import shutil
 import signal
 import threading
+from collections.abc import Iterator
+from typing import Any, Final
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -25,3 +28,26 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """How exact the times of `rvaft compare` are is no question."""
     monkeypatch.setattr("cross_check.benchmark.measurement.READERS", 1)
     monkeypatch.setattr("cross_check.benchmark.measurement.PATIENCE", 0.01)
+
+
+_SETTINGS: Final = (
+    *("headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "disable-background-networking"),
+    *("disable-component-update", "disable-sync", "window-size=1400,1000"),
+)
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Chromium, with a new profile, for all tests that look at a page."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium")
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if program is None or driver is None:
+        pytest.skip("needs chromium and chromium-driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for setting in (*_SETTINGS, f"user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(f"--{setting}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    running = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    yield running
+    running.quit()

@@ -38,6 +38,7 @@ _COMMANDS: Final = {
     "test": ("test", "Compare a tree's own traces with the verdicts expected of them."),
     "monitor": ("monitor", "Watch events for a tree and give verdicts."),
     "report": ("log_report", "Write a page about what happened in logs."),
+    "view": ("log_report", "Show browsers that page, also while a log grows."),
     "coverage": ("coverage", "Say which branches some logs exercise."),
     "traces": ("traces", "Write example logs for a tree."),
     "serve": ("ros", "Answer ROSMonitoring over WebSocket."),

@@ -1,6 +1,8 @@
-"""`rvaft report`: one page about what happened in logs, to be opened in a browser."""
+"""`rvaft report`: one page about what happened in logs, to be opened in a browser; `rvaft view`: the same page over HTTP, also while a log grows."""
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,18 +12,27 @@ from rvaft.api import narrowed
 from rvaft.cli import FAILED, Failures, options, warn
 from rvaft.cli.monitor import limit_option, plan_of, require_companions, source_of, stream_options
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held
-from rvaft.cli.monitor_run import run
+from rvaft.cli.monitor_run import TraceSource, run
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
-from rvaft.monitoring.detection import Hooks
+from rvaft.monitoring.detection import Hooks, counted
+from rvaft.monitoring.follow import POLL, stopping
+from rvaft.monitoring.live_page import PageServer, Questions
 from rvaft.monitoring.monitor_set import Per
-from rvaft.monitoring.report import PLACES, LogReport
-from rvaft.monitoring.run import MonitoredTrace, Totals, VerdictChange
+from rvaft.monitoring.report import PLACES, SHOWN, LogReport, Told
+from rvaft.monitoring.run import MonitoredTrace, Totals, TraceRun, VerdictChange
 from rvaft.readers.log import expanded
+from rvaft.support import network
 from rvaft.support.files import deliver
+from rvaft.support.network import LOCAL, require_host
+from rvaft.support.terminal import visible
 
 _OUTPUT: Final = "Write the page to this file instead of standard output."
+_MOST: Final = "Events that have a place on the page."
+_LATEST: Final = f"{_MOST}  [default: {PLACES}; with --follow {SHOWN}, the latest]"
+_LINES: Final = 500
+"""Lines of what was said that a page has while a log grows."""
 
 
 class PageReporter(Reporter):
@@ -29,10 +40,12 @@ class PageReporter(Reporter):
 
     concerned = sums = True
 
-    def __init__(self, settings: MonitorSettings, sink: Sink, most: int = PLACES) -> None:
+    def __init__(self, settings: MonitorSettings, sink: Sink, most: int | None = None) -> None:
         super().__init__(settings, sink)
-        self.report = LogReport(settings.tree, settings.plan, most=most)
+        grows = settings.follow
+        self.report = LogReport(settings.tree, settings.plan, most=most or (SHOWN if grows else PLACES), grows=grows)
         self.page: bytes | None = None
+        self.stopped = False
         sink.kept = []
 
     def begin(self, watch: MonitoredTrace) -> None:
@@ -53,33 +66,129 @@ class PageReporter(Reporter):
 
     def stop(self, watch: MonitoredTrace) -> None:
         """A log cannot be read further."""
+        self.stopped = True
         self.report.stop(watch)
 
-    def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:  # noqa: ARG002 (the interface)
-        """All logs have been read, one at least to its end: make the page."""
+    def told(self, said: Sequence[str] = ()) -> Told:
+        """What was said, and more of that, and what the logs held so far."""
+        totals, kept = self.totals, self.sink.kept or []
+        assert totals is not None
         hindsight = totals.hindsight
-        for line in self.report.left_out:
-            self.sink.warn(line)
         doubts = [f"warning: {line}" for line in totals.oversights.lines]
         meant = [f"note: {hindsight.line}"] if hindsight is not None and hindsight.line else []
         summed = [] if totals.statistics is None else list(held(totals.statistics))
-        self.page = self.report.page(
-            self.settings.name, {"said": self.sink.kept or [], "held": [*summed, *meant, *doubts]}
+        return {"said": [*kept, *said], "held": [*summed, *meant, *doubts]}
+
+    def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:  # noqa: ARG002 (the interface)
+        """All logs have been read, one at least to its end: make the page."""
+        for line in self.report.left_out:
+            self.sink.warn(line)
+        self.page = self.report.page(self.settings.name, self.told())
+
+
+class LivePageReporter(PageReporter):
+    """Answers what browsers ask while a log grows, whenever nothing of it is being read."""
+
+    def __init__(
+        self,
+        settings: MonitorSettings,
+        sink: Sink,
+        questions: Questions,
+        most: int | None,
+        ready: Callable[[], object],
+    ) -> None:
+        super().__init__(settings, sink, most)
+        self._questions = questions
+        self._ready = ready
+        self._gone = 0
+        self.run: TraceRun | None = None
+
+    def pause(self, run: TraceRun) -> None:
+        """Nothing is being read."""
+        if self.run is None:
+            self._ready()
+        self.run = run
+        self._questions.answer(self.answer)
+
+    def answer(self, cursor: str | None) -> Any:
+        """The page, or what is new since a cursor."""
+        kept = self.sink.kept or []
+        self._gone += max(len(kept) - _LINES, 0)
+        del kept[: max(len(kept) - _LINES, 0)]
+        gone = [f"{counted(self._gone, 'line')} before these are no longer here"] if self._gone else []
+        odd = [f"rvaft: warning: {line}" for line in self.run.warnings] if self.run and not self.run.ended else []
+        told = self.told([*gone, *odd, *(f"rvaft: warning: {line}" for line in self.report.left_out)])
+        name = self.settings.name
+        return self.report.page(name, told, live=True) if cursor is None else self.report.since(cursor, name, told)
+
+    def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
+        """The log is not followed any more; what is left out was told on the page."""
+
+
+_OPTIONS: Final = (
+    options.tree_argument,
+    options.semantics_option,
+    options.part_options,
+    click.argument("logs", nargs=-1, required=True, metavar="LOG..."),
+    options.choice("--per", words=Per, default=Per.TREE, text="Monitor also each branch or each kind."),
+    options.repeat_options,
+    stream_options,
+    options.log_format,
+    options.strict_json,
+    limit_option,
+)
+
+
+def _page_options(function: options.F) -> options.F:
+    """What is monitored for a page, and how."""
+    for option in reversed(_OPTIONS):
+        function = option(function)
+    return function
+
+
+class _Request:
+    """What logs a page is about, read as the options say."""
+
+    def __init__(
+        self, tree: str, logs: Sequence[str], branch: int | None, kind: Kind | None, *, follow: bool, given: Any
+    ) -> None:
+        whole = options.load_tree(tree)
+        plan = plan_of(narrowed(whole, branch, kind), whole, given)
+        self._missing = Failures()
+        found = list(self._missing.collect(expanded, logs))
+        files = [file for some in found for file in some]
+        readers = given["log_format"].readers(files)
+        wrong = next((reader.name for reader in readers if follow and not reader.by_lines), None)
+        options.refuse(wrong, f"--follow needs a log of lines (jsonl, regex, syslog): {wrong} is none")
+        self.traces: list[TraceSource] = [source_of(*one) for one in zip(files, readers, strict=True)]
+        several = len(self.traces) + len(logs) - len(found) > 1
+        streams = any(trace.file is None for trace in self.traces)
+        options.refuse(follow and (several or streams), "--follow needs one LOG, a file")
+        self.settings = MonitorSettings(
+            plan,
+            whole,
+            name=click.format_filename(tree),
+            per=given["per"],
+            form="text",
+            several=several,
+            detections=False,
+            drawn=False,
+            drawing=None,
+            hooks=Hooks(),
+            checkpoints=None,
+            follow=follow,
+            unchosen=given["semantics"] is None and whole.semantics is None,
         )
+
+    def run(self, make: Callable[[MonitorSettings, Sink], Reporter]) -> int:
+        """Read the logs; the exit status."""
+        status = run(self.settings, self.traces, report=make)
+        return FAILED if self._missing.met else status
 
 
 @click.command("report")
-@options.tree_argument
-@options.semantics_option
-@options.part_options
-@click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@options.choice("--per", words=Per, default=Per.TREE, text="Monitor also each branch or each kind.")
-@options.repeat_options
-@stream_options
-@options.log_format
-@options.strict_json
-@limit_option
-@options.number("--max-events", default=PLACES, text="Events that have a place on the page.")
+@_page_options
+@options.number("--max-events", default=PLACES, text=_MOST)
 @click.option("-o", "--output", metavar="FILE", help=_OUTPUT)
 def report_command(
     *, tree: str, logs: tuple[str, ...], branch: int | None, kind: Kind | None, output: str | None, **given: Any
@@ -91,39 +200,94 @@ def report_command(
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     require_companions(given)
     options.require_writable([output or "-"], [tree])
-    whole = options.load_tree(tree)
-    plan = plan_of(narrowed(whole, branch, kind), whole, given)
-    missing = Failures()
-    found = list(missing.collect(expanded, logs))
-    files = [file for some in found for file in some]
-    traces = [source_of(*one) for one in zip(files, given["log_format"].readers(files), strict=True)]
-    read = {Path(one.file).resolve() for one in traces if one.file is not None}
+    request = _Request(tree, logs, branch, kind, follow=False, given=given)
+    read = {Path(one.file).resolve() for one in request.traces if one.file is not None}
     if output is not None and Path(output).resolve() in read:
         raise OptionError(f"{output} would be written over, but it is one of the logs: name another file")
-    settings = MonitorSettings(
-        plan,
-        whole,
-        name=click.format_filename(tree),
-        per=given["per"],
-        form="text",
-        several=len(traces) + len(logs) - len(found) > 1,
-        detections=False,
-        drawn=False,
-        drawing=None,
-        hooks=Hooks(),
-        checkpoints=None,
-        follow=False,
-        unchosen=given["semantics"] is None and whole.semantics is None,
-    )
     made: list[PageReporter] = []
 
-    def reporter(settings: MonitorSettings, sink: Sink) -> Reporter:
+    def make(settings: MonitorSettings, sink: Sink) -> Reporter:
         made.append(PageReporter(settings, sink, given["max_events"]))
         return made[0]
 
-    status = run(settings, traces, report=reporter)
+    status = request.run(make)
     if made[0].page is None:
         warn(f"{output or 'the page'} is not written: no log was read to its end")
     else:
         deliver(made[0].page, output)
-    return FAILED if missing.met else status
+    return status
+
+
+@click.command("view")
+@_page_options
+@options.number("--max-events", text=_LATEST)
+@click.option("--follow", is_flag=True, help="Go on as the log grows; the page then shows what comes.")
+@click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Listen at this address.")
+@click.option("--origin", multiple=True, metavar="URL", help="A name by which browsers reach it; may be repeated.")
+@options.number(
+    "--port",
+    least=0,
+    most=65535,
+    default=0,
+    metavar="INTEGER RANGE",
+    text="Where browsers find it; 0 is any that is free.",
+)
+def view_command(
+    *,
+    tree: str,
+    logs: tuple[str, ...],
+    branch: int | None,
+    kind: Kind | None,
+    follow: bool,
+    host: str,
+    port: int,
+    origin: tuple[str, ...],
+    **given: Any,
+) -> int:
+    """Show the page of `rvaft report` to browsers, until Ctrl-C; with --follow it is kept up to date as the log grows.
+
+    The address of the page is printed once it is there. The exit status is 1 when the tree is detected in some log.
+    """
+    options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
+    require_companions(given)
+    require_host(host)
+    origins = [f"http://{host}", *map(network.origin, origin)]
+    request = _Request(tree, logs, branch, kind, follow=follow, given=given)
+    questions, made = Questions(), list[PageReporter]()
+    with PageServer(questions.ask, live=follow, host=host, port=port, origins=origins) as server:
+
+        def ready() -> None:
+            click.echo(visible(f"the page is at {server.url}"))
+            sys.stdout.flush()
+
+        def make(settings: MonitorSettings, sink: Sink) -> Reporter:
+            most = given["max_events"]
+            made.append(
+                LivePageReporter(settings, sink, questions, most, ready)
+                if follow
+                else PageReporter(settings, sink, most)
+            )
+            return made[0]
+
+        with server.listening() if follow else nullcontext():
+            status = request.run(make)
+            reporter, shown = made[0], False
+            if isinstance(reporter, LivePageReporter):
+                shown = reporter.run is not None
+                if shown and reporter.stopped:  # the page says why it goes no further
+                    _answer_until_stopped(questions, reporter.answer)
+            questions.close()
+        if not follow and reporter.page is not None:
+            shown = True
+            with server.listening():
+                ready()
+                _answer_until_stopped(questions, lambda _: reporter.page)
+        if shown:
+            click.echo(visible(f"rvaft: the page at {server.url} is closed"), err=True)
+    return status
+
+
+def _answer_until_stopped(questions: Questions, make: Callable[[str | None], Any]) -> None:
+    with stopping() as stop:
+        while not stop():
+            questions.answer(make, wait=POLL)

@@ -19,7 +19,7 @@ from rvaft.monitoring.checkpoint import CheckpointFile
 from rvaft.monitoring.detection import Hooks, counted
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per
 from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, Totals, VerdictChange
+from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, Totals, TraceRun, VerdictChange
 from rvaft.monitors import Ended, Explanation
 from rvaft.support.terminal import ProgressBar, columns, cut, visible
 
@@ -153,6 +153,8 @@ class Reporter(Listener):
         self.sink = sink
         self.fields = detection.told_fields(settings.tree)
         self._ends = 0
+        self.totals: Totals | None = None
+        """What the traces held so far, once the run has begun."""
 
     def ends(self, change: VerdictChange) -> dict[int, Ended]:
         """For the columns that can no longer detect how their last hope ended, unless that was said of very many keys."""
@@ -165,6 +167,9 @@ class Reporter(Listener):
             if self._ends == ENDS:
                 self.sink.warn(f"{ENDS} keys can no longer match: for others it is not said what was waited for")
         return found
+
+    def pause(self, run: TraceRun) -> None:
+        """Nothing of the present trace is being read: between two batches of events, and now and then while nothing comes."""
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
         """All traces have been read, one at least to its end; `totals` are what they held, what could have been missed, and what ⊥ means."""

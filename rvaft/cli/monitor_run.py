@@ -161,6 +161,7 @@ class _Run(Listener):
             Oversights(monitors.types),
             Hindsight(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
         )
+        self.reporter.totals = self.totals
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
         self.listeners: list[Listener] = [self, self.reporter, *([self.reaction] if reacts else [])]
@@ -228,6 +229,7 @@ class _Run(Listener):
             Events that were held back until the end have none: they come again when the trace goes on.
             """
             nonlocal flushed
+            self.reporter.pause(run)
             if kept is None or stream is None:
                 return
             if not run.ended and (ended or kept.is_due(run.number, idle=idle)):
@@ -238,10 +240,9 @@ class _Run(Listener):
             flushed = run.detected
 
         if kept is not None and (found := kept.load()) is not None:
-            checkpoint, state = found
-            offset, line = checkpoint.offset, checkpoint.line
+            offset, line = found[0].offset, found[0].line
             try:
-                run.restore(state, checkpoint.events)
+                run.restore(found[1], found[0].events)
             except Exception as error:  # whatever somebody may have put into it
                 raise kept.unreadable(error) from error
             for listener in self.listeners:

@@ -15,9 +15,11 @@ from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.monitoring.monitor_set import Per
 from rvaft.ros import configuration as ros
+from rvaft.ros.connections_page import ConnectionsPage
 from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
-from rvaft.ros.server import CONNECTIONS, LOCAL, PORT, Server, origin, require_host
+from rvaft.ros.server import CONNECTIONS, PORT, Server
 from rvaft.support.files import place
+from rvaft.support.network import LOCAL, origin, require_host
 from rvaft.support.terminal import visible
 
 CONFIGURATION: Final = "monitors.yaml"
@@ -138,9 +140,9 @@ def serve_command(
             asyncio.get_running_loop().add_signal_handler(sign, stop.set)
         listening = lambda url: click.echo(visible(f"listening at {url}"))  # noqa: E731
         fresh = (lambda: first) if shared else first.fork
-        await Server(speaking, fresh, say, how["host"], how["port"], origins, how["max_connections"]).serve(
-            stop, listening
-        )
+        page = ConnectionsPage(click.format_filename(tree), part, first, shared=shared)
+        where = how["host"], how["port"], origins, how["max_connections"]
+        await Server(speaking, fresh, say, *where, page).serve(stop, listening)
 
     asyncio.run(until_stopped())
     return 0

@@ -173,6 +173,18 @@ class MonitorSet:
         twin.found = [replace(count) for count in self.found]
         return twin
 
+    @classmethod
+    def beside(cls, sets: Sequence["MonitorSet"]) -> "MonitorSet":
+        """The monitors of several sets, which step them, as one that is only looked at."""
+        if len(sets) == 1:
+            return sets[0]
+        one = copy(sets[0])
+        one.columns = [column for some in sets for column in some.columns]
+        one.monitors = tuple(monitor for some in sets for monitor in some.monitors)
+        one.found = [count for some in sets for count in some.found]
+        one.since = {at: some.since[0] for at, some in enumerate(sets) if 0 in some.since}
+        return one
+
     @property
     def snapshot(self) -> Any:
         """What `resumed` needs to go on from here; for engines alone."""

@@ -2,15 +2,24 @@
 
 A listener notes it while the logs are read, compactly, since logs are long: lists with an entry for each place (an event that concerned the tree
 while a verdict could still change), which name by number what many places have in common. All values are texts, safe to show, or numbers.
+
+A page may be shown while its logs grow: whoever has it asks with a cursor for what is new. The lists only grow at their ends, until there are too many
+places: then the earlier ones go, all is numbered anew, and every cursor from before stands for nothing.
 """
 
 import json
-from collections.abc import Hashable, Mapping, Sequence
+import re
+from base64 import b64encode
+from bisect import bisect_left
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from contextlib import suppress
+from functools import cache
+from hashlib import sha256
 from html import escape
 from importlib.resources import files
 from itertools import islice
-from time import process_time
+from secrets import token_hex
+from time import monotonic, process_time
 from typing import Any, Final
 
 from rvaft.analysis.branches import branches
@@ -39,10 +48,20 @@ RECORDS: Final = 50
 """Ways to bind variables of which it is said at one place what they waited for."""
 LONGEST: Final = 240
 """Characters of an event, or of a value of a variable."""
+ENDED: Final = 1_000
+"""Traces and keys that have ended and are still on a page that grows."""
+SHARE: Final = 0.1
+"""How much of the time it may take, on a page that grows, to find out what is waited for, and again to look at every key."""
+_CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){6})")
+_STYLE_AND_SCRIPT: Final = re.compile(r"<(?:style|script)>(.*?)</(?:style|script)>", re.DOTALL)
+Told = Mapping[str, Sequence[str]]
+"""Lines of text by their heading: what was `said`, and what the logs `held`."""
 
 
 class LogReport(Listener):
     """Notes what happens in logs for a page about a tree; `most` events have a place, and of others it is told that they have none.
+
+    These are the first, or where it `grows` the latest: then a page can be kept up to date, and `unit` is what of several is watched there.
 
     >>> import rvaft
     >>> from rvaft.analysis.pattern_index import TreeReads
@@ -55,10 +74,14 @@ class LogReport(Listener):
 
     concerned = True
 
-    def __init__(self, tree: RVAFT, plan: MonitoringPlan, *, most: int = PLACES) -> None:
+    def __init__(
+        self, tree: RVAFT, plan: MonitoringPlan, *, most: int = PLACES, grows: bool = False, unit: str = ""
+    ) -> None:
         self.tree = tree = whole(tree)
         self.plan = plan
         self.most = most
+        self.grows = grows
+        self.unit = unit or ("log" if plan.key is None else "key")
         self.number = {name: place for place, name in enumerate(tree.order)}
         letters = [(self.number[one.node], Letter(one.pattern, one.when)) for one in tree.alphabet]
         readers = [(node, reader(place, letter)) for place, (node, letter) in enumerate(letters)]
@@ -80,9 +103,25 @@ class LogReport(Listener):
         self._left = SECONDS
         self._unplaced = self._unchanged = 0
         self._first_unplaced = self._first_unchanged = ""
+        self._dropped = self._undetected = self._unwatched = 0
+        """Places and detections that went since newer ones came, and watches that went since they ended."""
+        self._before: dict[int, _Seen] = {}
+        """By the number of a watch what its places that went had shown."""
+        self._ended: set[int] = set()
+        self._left_there = 0
+        """How many of those that have ended were still listed when room was made last."""
+        self._token, self._generation = token_hex(8), 0
+        self._rows: list[list[Any]] = []
+        """What was last said of each watch, and in `_revised` by which revision it came."""
+        self._revised: list[int] = []
+        self._told: Told = {}
+        self._told_revised = self._revision = 0
+        self._due = self._refilled = monotonic()
 
     def begin(self, watch: MonitoredTrace) -> None:
         """A log begins, or the first event of a key came."""
+        if self.grows and len(self._ended) - self._left_there > ENDED:
+            self._make_room()
         if id(watch) not in self._own:
             self._own[id(watch)] = len(self._watches)
             self._watches.append(watch)
@@ -92,7 +131,9 @@ class LogReport(Listener):
         nodes = self._fitting(event)
         if not nodes:  # an event that is none of the tree's, where nobody counts these
             return
-        if len(self._lists["number"]) >= self.most:
+        if self.grows:
+            self._make_room_where_full()
+        elif len(self._lists["number"]) >= self.most:
             self._unplaced += 1
             self._first_unplaced = self._first_unplaced or self._place(watch, number)
             self._latest.pop(id(watch), None)
@@ -101,19 +142,23 @@ class LogReport(Listener):
 
     def change(self, change: VerdictChange) -> None:
         """An event changed verdicts."""
-        if len(self._changes) >= CHANGES:
+        if self.grows:
+            self._make_room_where_full()
+        elif len(self._changes) >= CHANGES:
             self._unchanged += 1
             self._first_unchanged = self._first_unchanged or self._place(change.watch, change.number)
             return
         self._at.append(len(self._lists["number"]))
         self._note(change.watch, change.number, change.event, self._fitting(change.event))
-        self._changes.append(self._told(change))
+        self._changes.append(self._changed(change))
 
     def end(self, watch: MonitoredTrace) -> None:
         """A log ends: what is still waited for is wanted most."""
         place = self._latest.get(id(watch))
         if place is not None and self._lists["waits"][place] < 0:
             self._lists["waits"][place] = self._waiting(watch, limit=-SECONDS)
+            self._generation += 1
+        self._ended.add(self._own[id(watch)])
 
     def stop(self, watch: MonitoredTrace) -> None:
         """A log cannot be read further."""
@@ -123,6 +168,13 @@ class LogReport(Listener):
     def left_out(self) -> list[str]:
         """What is not on the page since it is too much, each as a sentence."""
         found = []
+        if self._dropped:
+            gone = f"{counted(self._dropped)} with {counted(self._undetected, 'detection')}"
+            kept = f"the slider has at most the latest {self.most}, and detections the latest {CHANGES}"
+            more = "; --max-events N allows more" if self.unit != "connection" else ""
+            found.append(f"{gone} are no longer here: {kept}{more}")
+        if self._unwatched:
+            found.append(f"{counted(self._unwatched, self.unit)} that ended no longer listed: {ENDED} are kept")
         if self._unplaced:
             more = f"more than {self.most} concern the tree; --max-events N allows more"
             found.append(f"{counted(self._unplaced)} without a place: {more} (first: {self._first_unplaced})")
@@ -134,44 +186,165 @@ class LogReport(Listener):
             watch, number = self._watches[self._lists["watch"][unasked[0]]], self._lists["number"][unasked[0]]
             why = f"to find it out takes too long (first: {self._place(watch, number)})"
             found.append(f"what is waited for is not said after {counted(len(unasked))}: {why}")
-        if len(self._lists["number"]) > SHOWN:
+        if not self.grows and len(self._lists["number"]) > SHOWN:
             found.append(
                 f"only the first {SHOWN} events are shown with what is in them, others where they were detected"
             )
         return found
 
-    def page(self, name: str, told: Mapping[str, Sequence[str]]) -> bytes:
-        """The page, one file that needs no other: `name` is that of the tree, and `told` are lines of text by their heading."""
-        monitors, tree = self.plan.monitors, self.tree
-        traces = {watch.trace: None for watch in self._watches}
-        order = {trace: place for place, trace in enumerate(traces)}
-        data = {
-            "tree": visible(name),
-            "semantics": monitors.semantics.value,
-            "traces": list(map(visible, traces)),
-            "key": None if self.plan.key is None else [visible(field.text) for field in self.plan.key.fields],
-            "columns": [column.title for column in monitors.columns],
-            "repeat": monitors.repeat,
-            "nodes": [self._node(name) for name in tree.order],
-            "branches": self._branches(),
-            "watches": [self._watch(watch, order[watch.trace]) for watch in self._watches],
-            "places": self._lists,
-            "node_sets": list(self._node_sets),
-            "waits": list(self._waits),
-            "at": self._at,
-            "changes": self._changes,
-            "told": {heading: [visible(line) for line in lines] for heading, lines in told.items()},
-        }
+    def page(self, name: str, told: Told, *, live: bool = False) -> bytes:
+        """The page, one file that needs no other: `name` is that of the tree; one that is `live` asks where it comes from for what is new."""
+        data = self._all(name, told)
+        if live:
+            data["cursor"] = self._cursor
         # A `<` could end the element that holds it; nothing else is special there.
         text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
-        page = files("rvaft.monitoring").joinpath("report.html").read_text(encoding="utf-8")
-        parts = {"TITLE": escape(visible(name)), "TREE": svg_text(tree), "DATA": text}
-        before, *rest = page.split("{{")
+        parts = {"TITLE": escape(visible(name)), "TREE": svg_text(self.tree), "DATA": text, "POLICY": policy(live=live)}
+        before, *rest = _template().split("{{")
         found = [before]
         for piece in rest:
             word, after = piece.split("}}", 1)
             found += [parts[word], after]
         return "".join(found).encode("utf-8", errors="replace")
+
+    def since(self, cursor: str, name: str, told: Told) -> tuple[str, bytes]:
+        """A cursor, and as JSON what is new since another one: nothing where nothing is, and everything where that one stands for nothing."""
+        self._revise(told)
+        here = self._cursor
+        if cursor == here:
+            return here, b""
+        known, ends = _CURSOR.fullmatch(cursor), [*map(int, here.split("-")[2:])]
+        from_ = [int(end) for end in known[2].split("-")[1:]] if known else ends
+        if known is None or not here.startswith(f"{known[1]}-") or any(map(int.__gt__, from_, ends)):
+            new: dict[str, Any] = {**self._all(name, told), "cursor": here}
+        else:
+            places, node_sets, waits, changes, revision, _ = from_
+            told_too = {"told": self._shown} if self._told_revised > revision else {}
+            new = {
+                "places": {name: some[places:] for name, some in self._lists.items()},
+                "node_sets": list(islice(self._node_sets, node_sets, None)),
+                "waits": list(islice(self._waits, waits, None)),
+                "at": self._at[changes:],
+                "changes": self._changes[changes:],
+                "watches": [[at, row] for at, row in enumerate(self._rows) if self._revised[at] > revision],
+                "traces": self._traces,
+                **told_too,
+            }
+        return here, json.dumps(new, separators=(",", ":")).encode()
+
+    @property
+    def _cursor(self) -> str:
+        ends = (self._lists["number"], self._node_sets, self._waits, self._changes)
+        return "-".join(map(str, (self._token, self._generation, *map(len, ends), self._revision, len(self._watches))))
+
+    @property
+    def _traces(self) -> list[str]:
+        return [visible(trace) for trace in dict.fromkeys(watch.trace for watch in self._watches)]
+
+    @property
+    def _shown(self) -> dict[str, list[str]]:
+        return {heading: [visible(line) for line in lines] for heading, lines in self._told.items()}
+
+    def _all(self, name: str, told: Told) -> dict[str, Any]:
+        monitors, tree = self.plan.monitors, self.tree
+        self._due = 0.0
+        self._revise(told)
+        return {
+            "token": self._token,
+            "unit": self.unit,
+            "tree": visible(name),
+            "semantics": monitors.semantics.value,
+            "traces": self._traces,
+            "key": None if self.plan.key is None else [visible(field.text) for field in self.plan.key.fields],
+            "columns": [column.title for column in monitors.columns],
+            "repeat": monitors.repeat,
+            "nodes": [self._node(name) for name in tree.order],
+            "branches": self._branches(),
+            "watches": self._rows,
+            "before": {
+                number: [verdict, fresh, [[node, *one] for node, one in seen.items()]]
+                for number, (seen, verdict, fresh) in self._before.items()
+            },
+            "places": self._lists,
+            "node_sets": list(self._node_sets),
+            "waits": list(self._waits),
+            "at": self._at,
+            "changes": self._changes,
+            "told": self._shown,
+        }
+
+    def _revise(self, told: Told) -> None:
+        """Look at what may have changed of what is there already, the rows of keys not too often."""
+        if dict(told) != self._told:
+            self._revision += 1
+            self._told, self._told_revised = dict(told), self._revision
+        begun = monotonic()
+        if begun < self._due and len(self._rows) == len(self._watches):
+            return
+        order = {trace: place for place, trace in enumerate(dict.fromkeys(watch.trace for watch in self._watches))}
+        rows = [self._watch(watch, order[watch.trace]) for watch in self._watches]
+        new = [at for at, row in enumerate(rows) if at >= len(self._rows) or row != self._rows[at]]
+        self._revised += [0] * (len(rows) - len(self._revised))
+        self._revision += bool(new)
+        for at in new:
+            self._revised[at] = self._revision
+        self._rows = rows
+        self._due = monotonic() + (monotonic() - begun) / SHARE
+
+    def _make_room_where_full(self) -> None:
+        if len(self._lists["number"]) >= self.most or len(self._changes) >= CHANGES:
+            self._make_room()
+
+    def _make_room(self) -> None:
+        """Let the earlier places go, and the watches that ended before others and have none any more."""
+        total = len(self._lists["number"])
+        gone = total - self.most * 3 // 4 if total >= self.most else 0
+        if len(self._changes) >= CHANGES:
+            gone = max(gone, self._at[-max(CHANGES * 3 // 4, 1)])
+        changes = {place: change for place, change in zip(self._at, self._changes, strict=True) if place < gone}
+        sets = list(self._node_sets)
+        for place in range(gone):
+            number, watch, nodes = (self._lists[name][place] for name in ("number", "watch", "nodes"))
+            title, repeat = self._titles[0], self.plan.monitors.repeat
+            before = self._before.get(watch)
+            self._before[watch] = _after(before, number, sets[nodes], changes.get(place), title, repeat=repeat)
+        self._dropped += gone
+        self._undetected += sum(
+            any(symbol == "⊤" for _, symbol, _ in change["verdicts"]) for change in changes.values()
+        )
+        lists = self._lists = {name: some[gone:] for name, some in self._lists.items()}
+        self._changes = self._changes[bisect_left(self._at, gone) :]
+        self._at = [place - gone for place in self._at if place >= gone]
+        self._latest = {watch: place - gone for watch, place in self._latest.items() if place >= gone}
+        self._keep_watches({*lists["watch"], *(at for at in range(len(self._watches)) if at not in self._ended)})
+        for name, table in (("nodes", self._node_sets), ("waits", self._waits)):
+            used = [one for one in dict.fromkeys(lists[name]) if one >= 0]
+            words, number = list(table), {one: place for place, one in enumerate(used)}
+            table.clear()
+            table.update((words[one], place) for one, place in number.items())
+            lists[name] = [number.get(one, -1) for one in lists[name]]
+        self._generation += 1
+
+    def _keep_watches(self, needed: Collection[int]) -> None:
+        """Let watches go that are not needed, but for the last of them."""
+        idle = [at for at in range(len(self._watches)) if at not in needed]
+        gone = set(idle[: max(len(idle) - ENDED // 2, 0)])
+        number = {at: place for place, at in enumerate(at for at in range(len(self._watches)) if at not in gone)}
+        self._unwatched += len(gone)
+        for at in gone:
+            self._own.pop(id(self._watches[at]), None)
+            self._latest.pop(id(self._watches[at]), None)
+        self._watches = [self._watches[at] for at in number]
+        self._own = {watch: number[at] for watch, at in self._own.items()}
+        self._before = {number[at]: seen for at, seen in self._before.items() if at in number}
+        self._ended = {number[at] for at in self._ended if at in number}
+        self._left_there = len(self._ended)
+        self._lists["watch"] = [number[at] for at in self._lists["watch"]]
+        self._rows, self._revised = [], []
+
+    @property
+    def _titles(self) -> list[str]:
+        return [column.title for column in self.plan.monitors.columns]
 
     def _place(self, watch: MonitoredTrace, number: int) -> str:
         return f"event {number} of {watch.trace}"
@@ -182,7 +355,7 @@ class LogReport(Listener):
 
     def _note(self, watch: MonitoredTrace, number: int, event: Json, nodes: tuple[int, ...]) -> None:
         lists = self._lists
-        lists["event"] += [_text(event)] if len(lists["number"]) < SHOWN else []
+        lists["event"] += [_text(event)] if self.grows or len(lists["number"]) < SHOWN else []
         lists["number"].append(number)
         lists["watch"].append(self._own[id(watch)])
         lists["nodes"].append(self._node_sets.setdefault(nodes, len(self._node_sets)))
@@ -199,6 +372,10 @@ class LogReport(Listener):
 
     def _waiting(self, watch: MonitoredTrace, limit: float = 0.0) -> int:
         """What the monitor of the whole waits for, by its number; -1 where that is too much to find out in what is left of the time."""
+        if self.grows:
+            now = monotonic()
+            self._left = min(SECONDS, self._left + (now - self._refilled) * SHARE)
+            self._refilled = now
         if self._left > limit:
             begun = process_time()
             try:
@@ -217,8 +394,8 @@ class LogReport(Listener):
         nodes = tuple(self.number[awaited.node] for awaited in one.awaited if awaited.node in self.number)
         return one.branch, nodes, ", ".join(f"{name} = {_text(value)}" for name, value in one.variables.items())
 
-    def _told(self, change: VerdictChange) -> dict[str, Any]:
-        titles, monitors = [column.title for column in self.plan.monitors.columns], change.watch.monitors
+    def _changed(self, change: VerdictChange) -> dict[str, Any]:
+        titles, monitors = self._titles, change.watch.monitors
         found: dict[str, Any] = {
             "verdicts": [
                 [
@@ -286,7 +463,42 @@ class LogReport(Listener):
     def _watch(self, watch: MonitoredTrace, trace: int) -> list[Any]:
         own = watch.monitors
         ends = [[verdict.symbol, own.since.get(at), own.found[at].told] for at, verdict in enumerate(own.verdicts)]
-        return [trace, None if watch.key is None else list(map(_text, watch.key)), watch.events, ends]
+        ended = [self._own[id(watch)] in self._ended] if self.grows else []
+        return [trace, None if watch.key is None else list(map(_text, watch.key)), watch.events, ends, *ended]
+
+
+_Seen = tuple[dict[int, tuple[int, int]], str, bool]
+"""The nodes whose events were seen, with the number of the last and how many; the verdict; and whether the monitor then began afresh."""
+
+
+def _after(
+    before: _Seen | None, number: int, nodes: Any, change: Mapping[str, Any] | None, title: str, *, repeat: bool
+) -> _Seen:
+    """What the places of a watch have shown with one more; as the page itself reckons."""
+    seen, verdict, fresh = before or ({}, "?", False)
+    if fresh:
+        seen, verdict, fresh = {}, "?", False
+    for node in nodes:
+        seen[node] = number, seen.get(node, (0, 0))[1] + 1
+    for named, symbol, _ in change["verdicts"] if change is not None else ():
+        if named == title:
+            verdict, fresh = symbol, repeat and symbol == "⊤"
+    return seen, verdict, fresh
+
+
+@cache
+def _template() -> str:
+    return files("rvaft.monitoring").joinpath("report.html").read_text(encoding="utf-8")
+
+
+@cache
+def policy(*, live: bool = False) -> str:
+    """The Content-Security-Policy of the page: its own style and script alone, and where it is live it may ask where it comes from."""
+    found = [b64encode(sha256(one.encode()).digest()).decode() for one in _STYLE_AND_SCRIPT.findall(_template())]
+    style, script = (f"'sha256-{one}'" for one in found)
+    fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"
+    asking = "; connect-src 'self'" if live else ""
+    return f"{fixed}; style-src {style}; script-src {script}{asking}"
 
 
 def _readers(decided: Decided, readers: Sequence[tuple[int, Reader]]) -> list[tuple[int, Reader]]:

@@ -18,9 +18,10 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitoring.monitor_set import Per, columns
-from rvaft.ros.server import LOCAL, PORT, REMEDY, is_address, require_host
+from rvaft.ros.server import PORT, REMEDY
 from rvaft.rules.rule import listing
 from rvaft.support.budget import Undecided
+from rvaft.support.network import LOCAL, is_address, require_host
 
 SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
 """The backends of the texts for ROSMonitoring's RML oracle, and how their files end."""

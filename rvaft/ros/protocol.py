@@ -26,7 +26,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.detection import explained, kept, matched_events, told_fields
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per, columns
 from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.run import EventBuffer
+from rvaft.monitoring.run import EventBuffer, Listener, MonitoredTrace, VerdictChange
 from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
 
@@ -89,6 +89,9 @@ class Session:
         self.failures: dict[str, str] = {}
         self.fields = told_fields(tree)
         self.buffer = EventBuffer()
+        self.listener: Listener | None = None
+        self.watch = MonitoredTrace("", self.looked_at, buffer=self.buffer)
+        """What a listener is told of, if there is one."""
         self.oversights = Oversights(self.monitors[_WHOLE].types)
         self.events = 0
 
@@ -101,15 +104,27 @@ class Session:
         twin.buffer.known.update(self.buffer.known)
         twin.oversights = Oversights(self.monitors[_WHOLE].types)
         twin.oversights.merge(self.oversights)
+        twin.watch = MonitoredTrace("", twin.looked_at, buffer=twin.buffer, events=self.events)
         return twin
+
+    def tell(self, listener: Listener, trace: str, key: tuple[Json, ...] | None = None) -> None:
+        """Let a listener know from now on what the events change, of a trace, or a key in it, of that name."""
+        self.listener, self.watch.trace, self.watch.key = listener, trace, key
+        listener.begin(self.watch)
+
+    @property
+    def looked_at(self) -> MonitorSet:
+        """All monitors as one that is only looked at."""
+        return MonitorSet.beside(list(self.monitors.values()))
 
     def read(self, event: Json, came: Json) -> None:
         """Read one event; `came` is how it came, where that was put otherwise."""
         self.events += 1
-        for label, monitors in self.monitors.items():
+        changed: list[int] = []
+        for column, (label, monitors) in enumerate(self.monitors.items()):
             if label not in self.failures:
                 try:
-                    monitors.step(event, self.events)
+                    changed += [column] * len(monitors.step(event, self.events))
                 except TooLarge as error:
                     self.failures[label] = str(error)
         whole = self.monitors[_WHOLE]
@@ -119,6 +134,12 @@ class Session:
             self.oversights.note_late(event, self.events, "", whole.engines[0].latest)
         elif _WHOLE not in self.failures:
             self.oversights.see(event, self.events, "", whole.types.of(event))
+        if self.listener is not None and _WHOLE not in self.failures:
+            self.watch.events, self.watch.monitors = self.events, self.looked_at
+            if changed:
+                self.listener.change(VerdictChange(self.watch, self.events, event, changed))
+            elif whole.concerned and any(monitors.live for monitors in self.monitors.values()):
+                self.listener.event(self.watch, self.events, event)
 
     def begin_again(self) -> None:
         """Let the monitors that repeat and have detected with the last event begin afresh."""

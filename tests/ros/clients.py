@@ -13,6 +13,7 @@ import pytest
 
 from rvaft import loads
 from rvaft.model.values import Json
+from rvaft.ros.connections_page import ConnectionsPage
 from rvaft.ros.protocol import Protocol, Session
 from rvaft.ros.server import Server
 from tests.cli.runs import started
@@ -38,14 +39,18 @@ def live(scenario: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., No
 
 @asynccontextmanager
 async def served(
-    fresh: Callable[[], Session] | None = None, *, origins: Sequence[str] = (), longest: int = 1024 * 1024
+    fresh: Callable[[], Session] | None = None,
+    *,
+    origins: Sequence[str] = (),
+    longest: int = 1024 * 1024,
+    page: ConnectionsPage | None = None,
 ) -> AsyncIterator[str]:
     """The URL of a server, which is stopped at the end and has then let go of everything; each connection has a `fresh` session."""
     stop = asyncio.Event()
     url: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     speaking, make = Protocol(SEQUENCE, longest=longest), fresh or Session(SEQUENCE).fork
     async with asyncio.TaskGroup() as group:
-        server = Server(speaking, make, lambda _: None, port=0, origins=origins)
+        server = Server(speaking, make, lambda _: None, port=0, origins=origins, page=page)
         group.create_task(server.serve(stop, url.set_result))
         try:
             yield await url

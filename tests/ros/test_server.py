@@ -15,11 +15,14 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from rvaft import loads
 from rvaft.errors import OptionError
-from rvaft.ros import server
+from rvaft.monitoring.monitor_set import Per
+from rvaft.ros import connections_page, server
+from rvaft.ros.connections_page import ConnectionsPage
 from rvaft.ros.protocol import Session
-from rvaft.ros.server import allowed, require_host
-from rvaft.ros.server import origin as origin_of
+from rvaft.support.network import allowed, require_host
+from rvaft.support.network import origin as origin_of
 from tests.cli.runs import SAND, TREES, failed, run, written
 from tests.ros.clients import SEQUENCE, A, B, asked, connected, live, served, serving, websockets
 from tests.tables import rows
@@ -146,6 +149,79 @@ async def test_a_defect_is_said_and_ends_its_connection_alone(caplog: pytest.Log
             await asked(fine, A)
     said = [record.getMessage() for record in caplog.records if record.name == "rvaft.ros"]
     assert said == ["rvaft: error: a defect in rvaft ended a connection: ZeroDivisionError: no way with {'event': 'a'}"]
+
+
+# -- the page ----------------------------------------------------------------------------------------------------------
+
+
+async def told(url: str, target: str = "/", *, method: str = "GET", host: str = "localhost", more: str = "") -> str:
+    """What a plain request is answered, whole."""
+    reader, writer = await asyncio.open_connection(*endpoint(url))
+    writer.write(f"{method} {target} HTTP/1.1\r\nHost: {host}\r\n{more}\r\n".encode())
+    answer = await asyncio.wait_for(reader.read(), 20)
+    writer.close()
+    return answer.decode()
+
+
+@pytest.mark.parametrize(
+    ("status", "asks"),
+    [
+        (200, {}),
+        (200, {"target": "/?x"}),
+        (200, {"host": "dashboard.example"}),
+        (403, {"host": "evil.example"}),
+        (403, {"more": "Origin: http://evil.example\r\n"}),
+        (403, {"more": "Host: evil.example\r\n"}),
+        (404, {"target": "/../etc/passwd"}),
+        (404, {"target": "http://[/"}),
+        (405, {"method": "POST"}),
+        (414, {"target": "/" + "y" * 70_000}),
+        (431, {"more": f"X: {'y' * 70_000}\r\n"}),
+        (426, {"more": "Origin: https://dashboard.example\r\n"}),
+    ],
+)
+@live
+async def test_a_browser_is_given_the_page_and_others_an_error(status: int, asks: dict[str, str]) -> None:
+    page = ConnectionsPage("<b>.rvaft", SEQUENCE, Session(SEQUENCE))
+    async with served(page=page, origins=["https://dashboard.example"]) as url, connected(url) as connection:
+        answer = await told(url, **asks)
+        assert answer.startswith(f"HTTP/1.1 {status} ")
+        assert ("<!DOCTYPE html>" in answer) is (status == 200)
+        (reply,) = await asked(connection, A)
+        assert reply["verdict"] == "currently_true"
+
+
+@pytest.mark.parametrize(
+    ("shared", "per", "rows"),
+    [
+        (False, Per.TREE, [[["?", None, 0]], [["⊤", 2, 1]]]),
+        (True, Per.TREE, [[["⊤", 2, 1]]]),
+        (
+            False,
+            Per.KIND,
+            [[["?", None, 0], ["?", None, 0], ["?", None, 0]], [["⊤", 1, 1], ["?", None, 0], ["⊤", 1, 1]]],
+        ),
+    ],
+)
+@live
+async def test_the_page_has_what_each_connection_did(
+    shared: bool, per: Per, rows: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections_page, "_WAIT", 0.5)
+    tree = SEQUENCE if per is Per.TREE else loads("top or a b; a fault; b attack;")
+    first = Session(tree, "scattered", per=per)
+    page = ConnectionsPage("tree", tree, first, shared=shared)
+    async with served((lambda: first) if shared else first.fork, page=page) as url:
+        async with connected(url), connected(url) as other:
+            await asked(other, *([A, B] if per is Per.TREE else [B]), "nonsense")
+            stream = (await told(url, "/events?after=x")).partition("data: ")[2]
+            data = json.loads(stream)
+            assert [row[3] for row in data["watches"]] == rows
+            assert ("message refused" in " ".join(data["told"]["held"]), data["changes"] != []) == (True, True)
+            empty = await told(url, "/events", more=f"Last-Event-ID: {data['cursor']}\r\n")
+            assert "data: " not in empty
+        later = await told(url, f"/events?after={data['cursor']}")
+        assert "closed after" in later
 
 
 # -- who is let in -----------------------------------------------------------------------------------------------------

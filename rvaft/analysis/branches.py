@@ -6,7 +6,8 @@ the branch does not reach has digit 0. The search goes from the slowest digit to
 digits above 0 force upon the gates nearer the root, so it never enters a dead end.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -25,6 +26,8 @@ _MOST: Final = 10**9
 """Counts stop here; a number beyond is not told."""
 _EFFORT: Final = 20_000_000
 """How many steps to spend on counting."""
+_SHARED_EFFORT: Final = 1_000_000
+"""The same where nodes are shared; beyond, branches are looked at one after the other."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +87,13 @@ def number_of(
 ) -> int | None:
     """The lowest number of a branch that makes these choices (and has that kind); None where finding it takes too long.
 
-    Where a node is shared, or a kind asked for, `limit` branches are looked at. Otherwise they are counted: the number is one more than, summed
+    Where a kind is asked for, `limit` branches are looked at. Otherwise they are counted: the number is one more than, summed
     over the gates from the last to the first, the count of branches that agree on the gates after it and have a smaller digit
-    there. Such a count is a product over gates, a sum over the choices of an `or`.
+    there. Such a count is a product over gates, a sum over the choices of an `or`; where a node is shared it goes from the root down.
     """
+    if tree.shared and kind is None:
+        with suppress(TooLarge):
+            return _number_among_shared(tree, choices)
     if tree.shared or kind is not None:
         for candidate in islice(branches(tree), limit):
             made = all(candidate.choices.get(name) == child for name, child in choices.items())
@@ -148,6 +154,69 @@ def or_gates(tree: RVAFT) -> list[str]:
         seen.update(new)
         order.extend(new)
     return [name for name in order if body(tree.nodes[name]).op is Op.ONE]
+
+
+def _number_among_shared(tree: RVAFT, choices: Mapping[str, str]) -> int | None:
+    """The same where nodes are shared; raises `TooLarge`.
+
+    The gates are resolved parents first. What a branch has resolved so far matters only in which of the others it reaches: branches that
+    reach the same are counted together.
+    """
+    gates = or_gates(tree)
+    place = {name: number for number, name in enumerate(_depth_first(tree, gates))}
+    reached: dict[str, int] = {}
+    for node in tree.bottom_up():
+        reached[node.name] = 1 << place[node.name] if node.name in place else union(reached[c] for c in node.children)
+    ways = [[reached[child] for child in tree.nodes[name].children] for name in place]
+    free = [range(len(way)) for way in ways]
+    effort = 0
+
+    def count(digits: Sequence[range]) -> int:
+        nonlocal effort
+        found = {reached[tree.root]: 1}
+        for gate, own in enumerate(digits):
+            following: dict[int, int] = {}
+            for ahead, number in found.items():
+                effort += len(own)
+                if not ahead >> gate & 1:
+                    if 0 in own:
+                        following[ahead] = following.get(ahead, 0) + number
+                    continue
+                for digit in own:
+                    after = (ahead | ways[gate][digit]) & -(2 << gate)
+                    following[after] = following.get(after, 0) + number
+            if effort > _SHARED_EFFORT:
+                raise TooLarge("steps to count branches", limit=_SHARED_EFFORT)
+            found = following
+        return sum(found.values())
+
+    number = 1
+    for name in reversed(gates):
+        digit = tree.nodes[name].children.index(choices[name]) if name in choices else 0
+        own = place[name]
+        if digit:
+            free[own] = range(digit)
+            number += count(free)
+        if number > _MOST:
+            return None
+        free[own] = range(digit, digit + 1)
+    return number
+
+
+def _depth_first(tree: RVAFT, gates: Iterable[str]) -> list[str]:
+    """Gates, each before those below it and, as far as can be, directly before them."""
+    done: dict[str, None] = {}
+    agenda = [(tree.root, reversed(tree.nodes[tree.root].children))]
+    while agenda:
+        name, children = agenda[-1]
+        child = next((one for one in children if one not in done), None)
+        if child is not None:
+            agenda.append((child, reversed(tree.nodes[child].children)))
+        else:
+            done[name] = None
+            agenda.pop()
+    wanted = set(gates)
+    return [name for name in reversed(done) if name in wanted]
 
 
 class _Digits(NamedTuple):

@@ -4,7 +4,9 @@ Where no variable ties events together and no event can serve two occurrences th
 over an event, and what a node can do depends on nothing but when it starts. So each node is told to start when what precedes it is
 complete, listens for its event, and tells its parents when it is complete; a sequence starts its children in turn. Each
 node starts and completes at most once, so the total work is linear in the tree, beside the look-up per event.
-`linear_starts` says where this holds.
+
+A shared node starts when all is complete that precedes it through any of its parents, and the first of its choices that is complete is the
+choice for all of them: nothing of the choices is followed but which nodes are complete. `linear_starts` says where this holds.
 """
 
 from collections import Counter
@@ -19,6 +21,7 @@ from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Hit, Reading, Sket
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
+from rvaft.support.bits import union
 
 EFFORT: Final = 1_000_000
 """How many steps to spend on the question whether two occurrences compete for an event; beyond, the answer is yes."""
@@ -27,34 +30,51 @@ Served: TypeAlias = Sequence[tuple[int, Mapping[str, Json]]]
 """The occurrences that an event can serve, and the values each sees."""
 
 
+Before: TypeAlias = tuple[int, int]
+"""What a start waits for: a node and -1, that it is complete; a gate and a number, that so many of its children are (0: that its own event
+has come)."""
+
+
 class Starts(NamedTuple):
     """When each node may start.
 
-    A node starts with its parent, except a later child of a sequence (when those before it are complete) and a child of a
+    A node starts with its parents, except a later child of a sequence (when those before it are complete) and a child of a
     gate whose own event comes first (when that has come). Whatever precedes a node's event is found along its starts.
     """
 
     parents: list[list[int]]
-    start: list[tuple[int, int] | None]
-    """A gate, and the slot before which its children are complete (0: after the gate's own event); None is the beginning."""
+    before: list[frozenset[Before]]
+    """All that has to have come before a node starts, but for what precedes that."""
 
 
 def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> Starts | None:
-    """The one start of each node where no variable ties events together and nothing competes for an event, else None."""
+    """The one start of each node where no variable ties events together and nothing competes for an event, else None.
+
+    What a shared node waits for through one parent it must wait for in every scenario, which it does where that parent is in all
+    scenarios that have the node. A part that may be without events orders nothing, so it must wait for the same through all parents.
+    """
     if any(compiled.exported):
         return None
-    found = Starts([[] for _ in compiled.names], [None] * len(compiled.names))
-    for node, children in enumerate(compiled.children):
-        for slot, child in enumerate(children):
-            start = found.start[node]
-            if slot > 0 and compiled.ops[node] is Op.SEQUENCE:
-                start = (node, slot)
-            elif compiled.own[node] and compiled.top_down:
-                start = (node, 0)
-            if found.parents[child] and found.start[child] != start:
+    found = Starts([[] for _ in compiled.names], [frozenset()] * len(compiled.names))
+    silent, implied = _may_be_silent(compiled), list[int]()
+    ways: list[list[frozenset[Before]]] = [[] for _ in compiled.names]
+    for node, children in enumerate(compiled.children):  # parents come first
+        parents = found.parents[node]
+        before = found.before[node] = frozenset(chain(*ways[node]))
+        if any(way != before for way in ways[node]):
+            implied = implied or _implied(compiled)
+            always = [implied[node] >> one & ~compiled.chooses >> one & 1 for one in parents]
+            sure = {one for way, certain in zip(ways[node], always, strict=True) if certain for one in way}
+            if silent[node] or any(one not in sure and any(one not in way for way in ways[node]) for one in before):
                 return None
+        own = frozenset([(node, 0)]) if compiled.own[node] and compiled.top_down else before
+        for slot, child in enumerate(children):
+            way = own
+            if slot > 0 and compiled.ops[node] is Op.SEQUENCE:
+                elder = children[slot - 1]
+                way = frozenset([(node, slot) if silent[elder] else (elder, -1)])
             found.parents[child].append(node)
-            found.start[child] = start
+            ways[child].append(way)
     serving = [(letter.pattern, nodes) for letter, nodes in zip(letters.letters, letters.serves, strict=True) if nodes]
     overlaps = Overlaps([pattern for pattern, _ in serving]).pairs()
     alike = (pair for _, nodes in serving for pair in combinations(nodes, 2))
@@ -66,6 +86,30 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> Starts | None
         if beside or effort > EFFORT:
             return None
     return found
+
+
+def _may_be_silent(compiled: CompiledTree) -> list[bool]:
+    """For each node whether some scenario has no event in its part."""
+    found = [False] * len(compiled.names)
+    for node in range(len(found) - 1, -1, -1):
+        found[node] = (
+            not compiled.own[node] and sum(found[one] for one in compiled.children[node]) >= compiled.need[node]
+        )
+    return found
+
+
+def _implied(compiled: CompiledTree) -> list[int]:
+    """For each node the nodes that all scenarios with it have."""
+    below = [1 << node for node in range(len(compiled.names))]
+    for node in range(len(below) - 1, -1, -1):
+        if not compiled.chooses >> node & 1:
+            below[node] |= union(below[child] for child in compiled.children[node])
+    above = [-1] * len(below)
+    for node, children in enumerate(compiled.children):
+        below[node] |= above[node] if node != compiled.root else 0
+        for child in children:
+            above[child] &= below[node]
+    return below
 
 
 def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
@@ -132,15 +176,17 @@ class UsefulEvents:
         compiled, latest = self.compiled, self._latest
         if not compiled.top_down and any(latest.get(child, 0) >= last for child in compiled.children[node]):
             return True
-        start = self.starts.start[node]
-        while start is not None:
-            gate, slot = start
-            # a later child of a sequence comes after the gate's own event too, whatever stands between: it may be silent
-            if compiled.top_down and self.own.get(gate, 0) >= last:
-                return True
-            if any(latest.get(elder, 0) >= last for elder in compiled.children[gate][:slot]):
-                return True
-            start = self.starts.start[gate]
+        agenda, seen = [node], {node}
+        while agenda:
+            for one, count in self.starts.before[agenda.pop()]:
+                elders = (one,) if count < 0 else compiled.children[one][:count]
+                # a later child of a sequence comes after the gate's own event too, whatever stands between: it may be silent
+                if any(latest.get(elder, 0) >= last for elder in elders) or (
+                    compiled.top_down and self.own.get(one, 0) >= last
+                ):
+                    return True
+                agenda.extend(new := {one, *elders} - seen)
+                seen |= new
         return False
 
 
@@ -224,13 +270,17 @@ class EarliestRun:
 
     def _start(self, node: int) -> None:
         compiled = self.compiled
-        if node in self._started or compiled.dead >> node & 1:
+        if node in self._started or compiled.dead >> node & 1 or not all(map(self._has_come, self.starts.before[node])):
             return
         self._started.add(node)
         if compiled.own[node] and (compiled.top_down or not compiled.children[node]):
             self.listening.add(node)
         else:
             self._agenda.append((self._start_inside, node))
+
+    def _has_come(self, before: Before) -> bool:
+        node, count = before
+        return node in self._done if count < 0 else node in self._completed and len(self._completed[node]) >= count
 
     def _start_inside(self, node: int) -> None:
         children = self.compiled.children[node]
@@ -256,11 +306,19 @@ class EarliestRun:
         needed = compiled.need[gate]
         if len(complete) == needed or self.choices.get(gate, child) != child:
             return  # it has all it needs already, or the child is not what it keeps
+        in_order = compiled.ops[gate] is Op.SEQUENCE
+        if in_order and child != compiled.children[gate][len(complete)]:
+            return  # it is shared, and heard in its turn
         complete[child] = None
+        while in_order and len(complete) < needed:
+            following = compiled.children[gate][len(complete)]
+            self._agenda.append((self._start, following))
+            if following not in self._done:
+                break
+            complete[following] = None
         if len(complete) < needed:
-            if compiled.ops[gate] is Op.SEQUENCE:
-                self._agenda.append((self._start, compiled.children[gate][len(complete)]))
-        elif compiled.own[gate] and not compiled.top_down:
+            return
+        if compiled.own[gate] and not compiled.top_down:
             self.listening.add(gate)
         else:
             self._agenda.append((self._complete, gate))

@@ -6,7 +6,8 @@ of a part against the rest of the tree orders all of them.
 
 The search for the resolutions that fit a configuration walks the core from the root and resolves only the choices it reaches. A
 resolution in the making is dropped as soon as what was taken cannot be reached any more, or breaks an order among the nodes it
-keeps: neither can be mended by choices to come.
+keeps: neither can be mended by choices to come. Of those that leave the same to choices to come only one is followed: they have
+reached the same nodes, and what they have resolved stands in the same order to these, as far as that matters.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -18,7 +19,7 @@ from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration, PartProgress
 from rvaft.errors import TooLarge
-from rvaft.support.bits import bits, mask_of
+from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 20_000
 """How many answers are remembered; then the memory starts afresh."""
@@ -143,23 +144,40 @@ class SharedNodes:
             within[node] = below | own
         return before
 
-    def _allows(self, configuration: Configuration, kept: Resolution, touched: int) -> bool:
-        """Whether a resolution is feasible and the configuration is downward closed in it, with an order it allows."""
+    def _outlook(self, configuration: Configuration, kept: Resolution, touched: int, ahead: int) -> Hashable:
+        """What a resolution leaves to the nodes ahead, which it reaches and has yet to resolve.
+
+        None where it is not feasible, or the configuration not downward closed in it with an order it allows.
+        """
         present, finished = self._elements(configuration, kept)
-        before = self._precedence(kept, present)
-        if any(before[element] & ~finished for element in bits(present & touched)):
-            return False
-        if any(before.get(late, 0) >> early & 1 for early, late in configuration.inversions):
-            return False
-        if any(before[element] >> element & 1 for element in bits(present)):
-            return False
         left = present & ~finished
+        if not self._ordered:
+            return left > 0
+        before = self._precedence(kept, present | ahead)  # a node ahead stands for all of its part
+        if any(before[element] & left for element in bits(present & touched)):
+            return None
+        if any(before.get(late, 0) >> early & 1 for early, late in configuration.inversions):
+            return None
+        if any(before[element] >> element & 1 for element in bits(present)):
+            return None
         while left:  # unless there is a cycle some element has none of those left before it
             free = mask_of(element for element in bits(left) if not before[element] & left)
             if not free:
-                return False
+                return None
             left ^= free
-        return True
+        # Of each node ahead: which others come before it, at once or in the end, and what must not or may not be in its part.
+        left = present & ~finished
+        early, late = (mask_of(pair[end] for pair in configuration.inversions) for end in (0, 1))
+        relations: list[Hashable] = [left > 0]
+        for node in bits(ahead):
+            direct = earlier = agenda = before[node]
+            after = mask_of(one for one in bits(present & (touched | late)) if before[one] >> node & 1)
+            while agenda:
+                agenda = union(before[one] for one in bits(agenda)) & ~earlier
+                earlier |= agenda
+            orders = direct & ahead, earlier & ahead, direct & early, after & late
+            relations.append((*orders, direct & left > 0, after & touched > 0))
+        return tuple(relations)
 
     def resolutions(self, configuration: Configuration, *, complete: bool) -> Iterator[Resolution]:
         """Resolutions with a feasible scenario in which what is taken is downward closed; some, if there are any.
@@ -177,7 +195,7 @@ class SharedNodes:
         ]
         # Resolutions in the making: the place in the core, the nodes reached, those resolved.
         agenda: list[tuple[int, int, dict[int, tuple[int, ...]]]] = [(0, 1, {})] if able & 1 else []
-        seen: set[tuple[int, int]] = set()
+        seen: set[Hashable] = set()
         steps = 0
         while agenda:
             place, reached, kept = agenda.pop()
@@ -197,17 +215,17 @@ class SharedNodes:
                 names = [compiled.names[node] for node in core if compiled.chooses >> node & 1]
                 named = ", ".join(names[:10]) + (", …" if len(names) > 10 else "")
                 raise TooLarge(f"resolutions of the choices that share nodes: {named}", limit=self.limit)
-            ahead = (place, reached & self._mask & -(1 << core[place]) if place < len(core) else 0)
+            ahead = reached & self._mask & -(1 << core[place]) if place < len(core) else 0
             within_reach = reached
             for later in core[place:]:
                 if within_reach >> later & able >> later & 1:
                     within_reach |= mask_of(compiled.children[later])
-            if ahead in seen or not all(within_reach >> one & 1 for one in needed):
+            if not all(within_reach >> one & 1 for one in needed):
                 continue
-            if not self._ordered:
-                seen.add(ahead)  # what is reached ahead is all that matters
-            if not self._allows(configuration, kept, touched):
+            outlook = self._outlook(configuration, kept, touched, ahead)
+            if outlook is None or (place, ahead, outlook) in seen:
                 continue
+            seen.add((place, ahead, outlook))
             if place == len(core):
                 yield kept
             else:

@@ -110,3 +110,46 @@ def test_with_late_what_is_followed_is_bounded(name: str) -> None:
         sizes[late] = len(monitor._strategy.partial)  # type: ignore[union-attr]
     assert sizes[" late 2 s"] < 60
     assert sizes[""] > 1_000
+
+
+SHARED: Final = {
+    "two ANDs": ("and x y", "x and {cs}; y and {cs};", "c{i} or a{i} b{i};"),
+    "two sequences": ("and x y", "x sand {cs}; y sand {cs};", "c{i} or a{i} b{i};"),
+    "pairs in sequence": ("and {ps}", "", "p{i} sand c{i} c{j}; c{i} or a{i} b{i};"),
+    "a ladder of sequences": ("and c0", "", "c{i} or l{i} m{i}; l{i} sand c{j} a{i}; m{i} sand c{j} b{i};"),
+}  # fmt: skip
+
+
+def choices(name: str, count: int) -> str:
+    """A tree with choices that are shared."""
+    top, parents, each = SHARED[name]
+    last = f'c{count} on e("first", _); last on e("last", _); '
+    made = [each.format(i=i, j=i + 1) + f' a{i} on e("a{i}", _); b{i} on e("b{i}", _);' for i in range(count)]
+    cs, ps = (" ".join(f"{one}{i}" for i in range(count)) for one in "cp")
+    ends = last if "c{j}" in each else last[last.index("last on") :]
+    return f"{TYPES}top {top.format(ps=ps)} last; {parents.format(cs=cs)} {' '.join(made)} {ends}"
+
+
+@pytest.mark.slow
+def test_shared_choices_do_not_double(capsys: pytest.CaptureFixture[str]) -> None:
+    """What an event costs with 20 and with 40 shared choices; both children of each come, but for semantics that would end by it."""
+    rows, failures = [f"{'':24} {'semantics':12} {'ms with 20':>11} {'ms with 40':>11}"], []
+    for name in SHARED:
+        for semantics in ("strict", "projected", "consecutive", "scattered"):
+            found = []
+            for count in (20, 40):
+                order = [*range(count)][:: -1 if "ladder" in name else 1]
+                kinds = "ab" if semantics == "scattered" else "a"
+                monitor = Engine(rvaft.loads(choices(name, count)), semantics)
+                events = [{"n": f"{kind}{number}", "v": 1} for number in order for kind in kinds]
+                events.insert(0 if "ladder" in name else len(events), {"n": "first", "v": 1})
+                start = time.process_time()
+                for event in events:
+                    monitor.step(event)
+                found.append((time.process_time() - start) / len(events))
+            rows.append(f"{name:24} {semantics:12} {found[0] * 1e3:11.2f} {found[1] * 1e3:11.2f}")
+            if found[1] > 12 * found[0] + 0.001 or (semantics == "scattered" and found[0] > 0.005):
+                failures.append((name, semantics))
+    with capsys.disabled():
+        sys.stdout.write("\n" + "\n".join(rows) + "\n")
+    assert not failures

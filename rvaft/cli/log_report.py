@@ -157,8 +157,8 @@ class _Request:
         self._missing = Failures()
         found = list(self._missing.collect(expanded, logs))
         files = [file for some in found for file in some]
-        readers = given["log_format"].readers(files)
-        wrong = next((reader.name for reader in readers if follow and not reader.by_lines), None)
+        readers = given["log_format"].readers(files, live=follow)
+        wrong = next((reader.name for reader in readers if follow and not (reader.by_lines or reader.schemes)), None)
         options.refuse(wrong, f"--follow needs a log of lines (jsonl, regex, syslog): {wrong} is none")
         self.traces: list[TraceSource] = [source_of(*one) for one in zip(files, readers, strict=True)]
         several = len(self.traces) + len(logs) - len(found) > 1

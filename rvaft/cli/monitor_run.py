@@ -263,7 +263,7 @@ class _Run(Listener):
                     source_of(trace.reader, trace.file) if trace.reader else open_log(trace.file)
                 )
             at_once = trace.file is None or follow  # what is said is seen while events come
-            live = stack.enter_context(_listening(trace, sink))
+            live = stack.enter_context(_listening(trace, sink, partial(keep, idle=True)))
             self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)
             by_blocks = seldom if self._log is None else not (at_once or stream)
@@ -281,13 +281,26 @@ class _Run(Listener):
 
 
 @contextmanager
-def _listening(trace: TraceSource, sink: Sink) -> Iterator[Live]:
+def _listening(trace: TraceSource, sink: Sink, idle: Callable[[], object]) -> Iterator[Live]:
     """How the events of a URL are waited for, until Ctrl-C."""
     if not trace.live:
         yield Live()
         return
+    listening = False
+
+    def began() -> None:
+        nonlocal listening
+        listening = True
+        click.echo(f"rvaft: listening to {trace.name} (Ctrl-C ends)", err=True)
+
     with stopping() as stop:
-        yield Live(stop, partial(click.echo, f"rvaft: listening to {trace.name} (Ctrl-C ends)", err=True), sink.warn)
+
+        def asked() -> bool:
+            if listening:
+                idle()
+            return stop()
+
+        yield Live(asked, began, sink.warn)
 
 
 def run(

@@ -107,7 +107,10 @@ class LogFormat:
             takes = reader_class(name).takes
             unused -= takes
             found.append(reader(name, self.options.only(takes)))
-            refuse(found[-1].schemes and not live, "a URL is for rvaft monitor: events come from it without end")
+            refuse(
+                found[-1].schemes and not live,
+                "a URL is for rvaft monitor and rvaft view --follow: events come from it without end",
+            )
         names = listing(sorted({one.name for one in found}), "nor")
         refuse(
             files and unused,

@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 
 def page(path: Path) -> dict[str, Any]:
@@ -17,6 +18,12 @@ def data_of(text: str) -> dict[str, Any]:
     assert found
     data: dict[str, Any] = json.loads(found[1])
     return data
+
+
+def fetched(url: str) -> dict[str, Any]:
+    """The data in the page at a URL."""
+    with urlopen(url, timeout=20) as answer:
+        return data_of(answer.read().decode())
 
 
 class Shown:

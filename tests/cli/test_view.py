@@ -23,7 +23,7 @@ from rvaft.monitoring.monitor_set import MonitorSet, columns
 from rvaft.monitoring.oversights import Oversights
 from rvaft.monitoring.report import LogReport
 from rvaft.monitoring.run import EventBuffer, Key, MonitoringPlan, Totals, TraceRun
-from tests.cli.pages import Shown, data_of
+from tests.cli.pages import Shown, data_of, fetched
 from tests.cli.runs import SAND, failed, run, soon, started, written
 
 TREE: Final = "top sand a b; a attack; b fault;\n"
@@ -59,12 +59,6 @@ def ended(running: Any, sign: signal.Signals = signal.SIGTERM) -> tuple[int, lis
     running.send_signal(sign)
     said = running.communicate(timeout=20)[1]
     return running.returncode, said.splitlines()
-
-
-def fetched(url: str) -> dict[str, Any]:
-    """The data in the page."""
-    with urlopen(url, timeout=20) as answer:
-        return data_of(answer.read().decode())
 
 
 def news(url: str, cursor: str) -> dict[str, Any]:

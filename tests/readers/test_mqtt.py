@@ -19,6 +19,7 @@ import pytest
 import rvaft
 from rvaft.readers import mqtt
 from rvaft.readers.mqtt import Address
+from tests.cli.pages import fetched
 from tests.cli.runs import SAND, failed, process, run, soon, started
 
 pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is not installed")
@@ -227,6 +228,17 @@ def test_the_command_monitors_until_it_is_asked_to_end(broker: Broker, tmp_path:
     ran = [json.loads(line) for line in (tmp_path / "ran").read_text().splitlines()]
     assert [one["trace"] for one in ran] == [f"{broker.url}/doors/+"] * 2
     assert ran[0]["events"]["1"]["topic"] == "doors/n"
+
+
+@broker_needed
+def test_a_page_shows_messages_as_they_come(broker: Broker) -> None:
+    with started("view", SAND, f"{broker.url}/doors/#", "--follow", "--semantics", "scattered") as running:
+        url = running.stdout.readline().split()[-1]
+        assert fetched(url)["places"]["number"] == []
+        broker.send(*[("doors/1", {"event": event}) for event in ("a", "b", "c")])
+        assert soon(lambda: fetched(url)["watches"] == [[0, None, 3, [["⊤", 3, 1]], False]])
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(20) == 1
 
 
 @broker_needed

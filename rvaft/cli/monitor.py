@@ -2,7 +2,8 @@
 
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge, ToolMissing
 from rvaft.export import PICTURES
+from rvaft.foxglove import FoxgloveSink, port_of
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
@@ -97,6 +99,9 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @click.option("--exec", "execute", metavar="CMD", help="Run this command on detection.")
 @click.option("--exec-fault", metavar="CMD", help="Run it on detection of a fault.")
 @click.option("--exec-attack", metavar="CMD", help="Run it on detection of an attack.")
+@click.option(
+    "--foxglove", metavar="PORT|FILE", help="Serve detections to Foxglove at PORT, or write them to FILE.mcap."
+)
 @click.option("--checkpoint", metavar="FILE", help="Keep the state in FILE, and go on from it.")
 @options.number("--checkpoint-every", text=f"Events between checkpoints.  [default: {EVERY}]")
 @limit_option
@@ -171,8 +176,26 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         checkpoints=checkpoints,
         unchosen=given["semantics"] is None and whole.semantics is None and backend is None,
     )
-    status = run(settings, traces, given["jobs"])
+    if given["foxglove"] is not None:
+        endless = live or given["follow"] or (streams and given["word"] is None)
+        status = _with_foxglove(settings, traces, given["foxglove"], given["jobs"], endless=endless)
+    else:
+        status = run(settings, traces, given["jobs"])
     return FAILED if missing.met else status
+
+
+def _with_foxglove(
+    settings: MonitorSettings, traces: Sequence[TraceSource], target: str, jobs: int, *, endless: bool
+) -> int:
+    """Run all traces, of which Foxglove is told, too."""
+    options.refuse(jobs > 1, "--foxglove is for one process: leave out --jobs")
+    served = port_of(target) is not None
+    why = "--foxglove PORT is for events that come by themselves: --follow, a URL, standard input; name a FILE.mcap"
+    options.refuse(served and not endless, why)
+    with FoxgloveSink(settings.tree, target, name=settings.name, key=settings.key, warn=warn) as sink:
+        if sink.url:
+            click.echo(f"rvaft: Foxglove connects to {sink.url}", err=True)
+        return run(replace(settings, others=(sink,)), traces)
 
 
 def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPlan:

@@ -94,7 +94,7 @@ class Sink:
 class MonitorSettings:
     """How every trace is run and what is told of it: `name` is that of the tree, with `several` traces are named.
 
-    `unchosen` says that neither the tree nor the command line says a semantics.
+    `unchosen` says that neither the tree nor the command line says a semantics. The `others` are told of the runs, too.
     With `detections` only these are told, with `drawn` as drawings among the text; `drawing` is the file to draw one to.
     """
 
@@ -111,6 +111,7 @@ class MonitorSettings:
     checkpoints: CheckpointFile | None
     follow: bool
     unchosen: bool = False
+    others: Sequence[Listener] = ()
 
     @property
     def summed(self) -> bool:

@@ -164,7 +164,7 @@ class _Run(Listener):
         self.reporter.totals = self.totals
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
-        self.listeners: list[Listener] = [self, self.reporter, *([self.reaction] if reacts else [])]
+        self.listeners: list[Listener] = [self, *settings.others, self.reporter, *([self.reaction] if reacts else [])]
         self._log: Log | None = None
         """The present log, if it is no JSON Lines."""
 

@@ -1,0 +1,230 @@
+"""Detections and verdicts for Foxglove: channels in a file of MCAP, or of a WebSocket server to which Foxglove connects while the monitor runs.
+
+Messages are JSON with a schema: on `/rvaft/detections` what a command is told of a detection, on `/rvaft/verdicts` each change of a verdict. They are logged at the time of their event where the
+tree says where its events have one, else at the time when they are logged. Needs `foxglove-sdk`.
+"""
+
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Final, Self, TypeVar, Unpack
+
+import rvaft
+from rvaft.asynchronous import MonitorOptions
+from rvaft.errors import OptionError, installed
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
+from rvaft.monitoring.detection import detection, matched_events
+from rvaft.monitoring.run import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.monitors import Explanation
+from rvaft.support.files import telling
+
+Given = TypeVar("Given")
+DETECTIONS: Final = "/rvaft/detections"
+VERDICTS: Final = "/rvaft/verdicts"
+HOST: Final = "127.0.0.1"
+_TEXT: Final = {"type": "string"}
+_WHOLE: Final = {"type": "integer"}
+_ABOUT: Final = {"tree": _TEXT, "trace": _TEXT, "key": {}, "event": _WHOLE, "again": {"type": "boolean"}}
+_MATCHED: Final = {"type": "object", "properties": {"node": _TEXT, "event": _WHOLE, "time": {}, "topic": _TEXT}}
+_SCHEMAS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
+    DETECTIONS: (
+        "rvaft.Detection",
+        {
+            **_ABOUT,
+            "detection": _WHOLE,
+            "suppressed": _WHOLE,
+            "branch": {"type": ["integer", "null"]},
+            "kinds": {"type": "array", "items": _TEXT},
+            "matched": {"type": "array", "items": _MATCHED},
+            "variables": {"type": "object"},
+            "events": {"type": "object"},
+        },
+    ),
+    VERDICTS: ("rvaft.Verdict", {**_ABOUT, "verdict": _TEXT, "verdicts": {"type": "object"}}),
+}
+"""For each channel the name of its messages, and what they have."""
+
+
+class FoxgloveSink(Listener):
+    """Writes messages to a file named `.mcap`, whole once it is closed, or sends them from a port (a number, or `HOST:PORT`); a context manager.
+
+    What cannot be written is told to `warn` at once and stops nothing; `close` raises `OSError` for it. Raises `OptionError` for what is neither file nor port and for a port
+    that cannot be had, `OSError` for a file that cannot be written, and `ToolMissing`.
+
+    >>> import rvaft, tempfile
+    >>> from pathlib import Path
+    >>> tree = rvaft.loads("time t as s; top sand a b;")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with FoxgloveSink(tree, f"{folder}/run.mcap") as sink:
+    ...         step = sink.on_detection(semantics="scattered")
+    ...         print([step({"event": name, "t": 7}).symbol for name in "ab"])
+    ...     print([path.name for path in Path(folder).iterdir()])
+    ['?', '⊤']
+    ['run.mcap']
+    """
+
+    whole = True
+
+    def __init__(
+        self,
+        tree: RVAFT,
+        target: int | str | os.PathLike[str],
+        *,
+        name: str = "tree",
+        key: Callable[[MonitoredTrace], Mapping[str, Json]] = lambda _: {},
+        warn: Callable[[str], object] = lambda _: None,
+    ) -> None:
+        self._tree, self._name, self._key, self._warn = tree, name, key, warn
+        self._failure: OSError | None = None
+        found = port_of(target)
+        remedy = "pip install '.[foxglove]' in a checkout of rvaft"
+        sdk = installed("foxglove", "foxglove-sdk", remedy)
+        context = self._context = sdk.Context()  # gone, its channels would be closed
+        self._channels = {
+            topic: sdk.Channel(topic, schema={"type": "object", "title": title, "properties": has}, context=context)
+            for topic, (title, has) in _SCHEMAS.items()
+        }
+        self._file: _File | None = None
+        self.url = ""
+        """Where Foxglove connects to, if to anything."""
+        if found is None:
+            self._file = _File(Path(str(target)))
+            self._open: Any = sdk.open_mcap(self._file, context=context)
+            return
+        host, port = found
+        try:
+            self._open = sdk.start_server(name=f"rvaft {name}", host=host, port=port, context=context)
+        except (RuntimeError, ValueError) as error:
+            reason = str(error).removeprefix("FoxgloveError: ")
+            raise OptionError(f"no server for Foxglove at {host}:{port}: {reason}") from error
+        self.url = f"ws://{host}:{self._open.port}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the server, or write the rest of the file and put it in its place; raises `OSError` where that fails."""
+        if self._file is None:
+            self._open.stop()
+        elif not self._file.closed:
+            with suppress(RuntimeError):  # the file knows why
+                self._open.close()
+            self._file.finish()
+
+    def on_detection(self, **options: Unpack[MonitorOptions]) -> Callable[[Json], Verdict]:
+        """A function to be called with each event, as that of `rvaft.on_detection`, with the same options; what is detected goes to Foxglove."""
+        monitor, buffer = rvaft.monitor(self._tree, **options), EventBuffer()
+        number, about = 0, {"tree": self._name}
+        event: Json = {}
+
+        def detected(explanation: Explanation | None) -> None:
+            events = buffer.events(matched_events([explanation] if explanation else []))
+            self._log(DETECTIONS, detection({**about, "event": number}, explanation, events, self._tree), event)
+
+        inner = rvaft.on_detection(monitor, detected)
+
+        def step(new: Json) -> Verdict:
+            nonlocal number, event
+            number, event, before = number + 1, new, monitor.verdict
+            buffer.remember(number, new)
+            verdict = inner(new)
+            if verdict is not before and not (options.get("repeat") and verdict is Verdict.UNKNOWN):
+                self._log(VERDICTS, {**about, "event": number, "verdict": verdict.value}, new)
+            return verdict
+
+        return step
+
+    def change(self, change: VerdictChange) -> None:
+        """Log what an event changed, and what it detected."""
+        watch, labels = change.watch, [column.label for column in change.watch.monitors.columns]
+        again = {"again": True} if change.number <= self.told_before else {}
+        about = {"tree": self._name, "trace": watch.trace, **self._key(watch), "event": change.number, **again}
+        each = {label: verdict.value for label, verdict in zip(labels, change.verdicts, strict=True)}
+        verdicts = {"verdicts": each} if len(labels) > 1 else {}
+        self._log(VERDICTS, {**about, "verdict": change.verdicts[0].value, **verdicts}, change.event)
+        for explanation, _, count in change.detections:
+            counted = {} if count is None else count.fields
+            told = detection({**about, **counted}, explanation, change.events, self._tree)
+            self._log(DETECTIONS, told, change.event)
+
+    def _log(self, topic: str, message: Mapping[str, Json], event: Json) -> None:
+        if self._failure is not None:
+            return
+        time = None if self._tree.time is None else self._tree.time.read(event)
+        self._channels[topic].log(dict(message), log_time=time if time is not None and 0 <= time < 1 << 64 else None)
+        if self._file is not None and (failure := self._file.failure) is not None:
+            self._failure = failure
+            self._warn(f"{self._file.path}: cannot be written: {failure.strerror}")
+
+
+def port_of(target: int | str | os.PathLike[str]) -> tuple[str, int] | None:
+    """The host and the port that a text or a number stands for, None for a file of MCAP; raises `OptionError` for what is neither.
+
+    >>> port_of(8765), port_of("0.0.0.0:8765"), port_of("run.mcap")
+    (('127.0.0.1', 8765), ('0.0.0.0', 8765), None)
+    """
+    text = str(target)
+    host, _, port = text.rpartition(":")
+    if Path(text).suffix.lower() == ".mcap":
+        return None
+    if not (port.isascii() and port.isdigit() and int(port) < 1 << 16):
+        raise OptionError(f"{text!r} is neither a port (8765 or HOST:8765) nor a file named .mcap")
+    return host or HOST, int(port)
+
+
+class _File:
+    """A file that is written under another name in its folder until it is whole; remembers the first failure, after which nothing is written."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.failure: OSError | None = None
+        self._new = path.with_name(f".{path.name[:100]}.new")
+        with telling("cannot write", path):
+            if path.is_dir():
+                raise IsADirectoryError(None, "it is a folder; name a file")
+            self._stream: BinaryIO = self._new.open("wb")
+
+    @property
+    def closed(self) -> bool:
+        return self._stream.closed
+
+    def write(self, data: bytes) -> int:
+        return self._unless_failed(lambda: self._stream.write(data), len(data))
+
+    def flush(self) -> None:
+        self._unless_failed(self._stream.flush, None)
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._unless_failed(lambda: self._stream.seek(offset, whence), offset)
+
+    def _unless_failed(self, do: Callable[[], Given], otherwise: Given) -> Given:
+        """Do what is asked, or remember why it failed; the library is told that all is well, since it would say so again and again."""
+        if self.failure is None:
+            try:
+                return do()
+            except OSError as error:
+                self.failure = error
+        return otherwise
+
+    def finish(self) -> None:
+        """Put the file in its place; raises `OSError`, and leaves none then, if not all of it was written."""
+        with telling("cannot write", self.path):
+            try:
+                self.flush()
+                with suppress(OSError):  # what could not be flushed
+                    self._stream.close()
+                if self.failure is not None:
+                    raise self.failure
+                self._new.replace(self.path)
+            except OSError:
+                self._new.unlink(missing_ok=True)
+                raise

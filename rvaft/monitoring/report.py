@@ -107,7 +107,8 @@ class LogReport(Listener):
         """Places and detections that went since newer ones came, and watches that went since they ended."""
         self._before: dict[int, _Seen] = {}
         """By the number of a watch what its places that went had shown."""
-        self._ended: set[int] = set()
+        self._ended: dict[int, list[Any]] = {}
+        """By its number what is said of a watch that has ended, on a page that grows; its monitors are not needed any more."""
         self._left_there = 0
         """How many of those that have ended were still listed when room was made last."""
         self._token, self._generation = token_hex(8), 0
@@ -158,7 +159,11 @@ class LogReport(Listener):
         if place is not None and self._lists["waits"][place] < 0:
             self._lists["waits"][place] = self._waiting(watch, limit=-SECONDS)
             self._generation += 1
-        self._ended.add(self._own[id(watch)])
+        if self.grows:
+            at = self._own.pop(id(watch))
+            self._latest.pop(id(watch), None)
+            self._ended[at] = self._watch(watch)
+            self._watches[at] = MonitoredTrace(watch.trace, self.plan.monitors, watch.key)
 
     def stop(self, watch: MonitoredTrace) -> None:
         """A log cannot be read further."""
@@ -174,7 +179,7 @@ class LogReport(Listener):
             more = "; --max-events N allows more" if self.unit != "connection" else ""
             found.append(f"{gone} are no longer here: {kept}{more}")
         if self._unwatched:
-            found.append(f"{counted(self._unwatched, self.unit)} that ended no longer listed: {ENDED} are kept")
+            found.append(f"{counted(self._unwatched, self.unit)} that ended are no longer listed")
         if self._unplaced:
             more = f"more than {self.most} concern the tree; --max-events N allows more"
             found.append(f"{counted(self._unplaced)} without a place: {more} (first: {self._first_unplaced})")
@@ -282,7 +287,11 @@ class LogReport(Listener):
         if begun < self._due and len(self._rows) == len(self._watches):
             return
         order = {trace: place for place, trace in enumerate(dict.fromkeys(watch.trace for watch in self._watches))}
-        rows = [self._watch(watch, order[watch.trace]) for watch in self._watches]
+        rows: list[list[Any]] = []
+        for at, watch in enumerate(self._watches):
+            ended = at in self._ended
+            row = self._ended[at] if ended else self._watch(watch)
+            rows.append([order[watch.trace], *row, *([ended] if self.grows else [])])
         new = [at for at, row in enumerate(rows) if at >= len(self._rows) or row != self._rows[at]]
         self._revised += [0] * (len(rows) - len(self._revised))
         self._revision += bool(new)
@@ -331,13 +340,10 @@ class LogReport(Listener):
         gone = set(idle[: max(len(idle) - ENDED // 2, 0)])
         number = {at: place for place, at in enumerate(at for at in range(len(self._watches)) if at not in gone)}
         self._unwatched += len(gone)
-        for at in gone:
-            self._own.pop(id(self._watches[at]), None)
-            self._latest.pop(id(self._watches[at]), None)
         self._watches = [self._watches[at] for at in number]
         self._own = {watch: number[at] for watch, at in self._own.items()}
         self._before = {number[at]: seen for at, seen in self._before.items() if at in number}
-        self._ended = {number[at] for at in self._ended if at in number}
+        self._ended = {number[at]: row for at, row in self._ended.items() if at in number}
         self._left_there = len(self._ended)
         self._lists["watch"] = [number[at] for at in self._lists["watch"]]
         self._rows, self._revised = [], []
@@ -460,11 +466,10 @@ class LogReport(Listener):
             for one in watched
         ]
 
-    def _watch(self, watch: MonitoredTrace, trace: int) -> list[Any]:
+    def _watch(self, watch: MonitoredTrace) -> list[Any]:
         own = watch.monitors
         ends = [[verdict.symbol, own.since.get(at), own.found[at].told] for at, verdict in enumerate(own.verdicts)]
-        ended = [self._own[id(watch)] in self._ended] if self.grows else []
-        return [trace, None if watch.key is None else list(map(_text, watch.key)), watch.events, ends, *ended]
+        return [None if watch.key is None else list(map(_text, watch.key)), watch.events, ends]
 
 
 _Seen = tuple[dict[int, tuple[int, int]], str, bool]

@@ -174,6 +174,7 @@ class Server:
                 self.host,
                 self.port,
                 process_request=self.admit,
+                create_connection=_answering(library.ServerConnection),
                 compression=None,
                 ping_interval=None,  # the client of ROSMonitoring answers pings only while it waits for a reply
                 open_timeout=_HANDSHAKE,
@@ -194,6 +195,22 @@ class Server:
 
 def _library(part: str) -> Any:
     return installed(f"websockets.{part}", "websockets", REMEDY)
+
+
+def _answering(connection: Any) -> Any:
+    """The library's connection, which leaves what is no request, or has a body, without an answer, so that it has one."""
+
+    class Answering(connection):  # type: ignore[misc] # the library is imported on use
+        def send_data(self) -> None:
+            unread = isinstance(self.protocol.handshake_exc, _library("exceptions").InvalidMessage)
+            if unread and self.request is None and not self.transport.is_closing():
+                why = b"400 what came is no request of HTTP, or has a body\n"
+                head = b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
+                with suppress(RuntimeError, OSError):  # the library has said its last word already
+                    self.transport.write(head % len(why) + why)
+            super().send_data()
+
+    return Answering
 
 
 def _peer(connection: "ServerConnection") -> str:

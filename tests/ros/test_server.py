@@ -17,6 +17,7 @@ import pytest
 
 from rvaft import loads
 from rvaft.errors import OptionError
+from rvaft.monitoring import report
 from rvaft.monitoring.monitor_set import Per
 from rvaft.ros import connections_page, server
 from rvaft.ros.connections_page import ConnectionsPage
@@ -96,7 +97,7 @@ def frame(payload: bytes) -> bytes:
         pytest.param(True, b"\xff" * 64, b"\x88", id="breaks the protocol"),
         pytest.param(True, frame(b"\xff\xff"), b"\x03\xef", id="text that is none: 1007, as RFC 6455 has it"),
         pytest.param(True, frame(b" " * 60_000), b"\x03\xf1", id="far too much: 1009"),
-        pytest.param(False, b"\x16\x03\x01 hello\r\n\r\n", b"", id="speaks something else"),
+        pytest.param(False, b"\x16\x03\x01 hello\r\n\r\n", b"HTTP/1.1 400 ", id="speaks something else"),
     ],
 )
 @pytest.mark.parametrize("shared", [False, True])
@@ -174,6 +175,8 @@ async def told(url: str, target: str = "/", *, method: str = "GET", host: str = 
         (403, {"more": "Host: evil.example\r\n"}),
         (404, {"target": "/../etc/passwd"}),
         (404, {"target": "http://[/"}),
+        (400, {"target": "two words"}),
+        (400, {"method": "POST", "more": "Content-Length: 2\r\n"}),
         (405, {"method": "POST"}),
         (414, {"target": "/" + "y" * 70_000}),
         (431, {"more": f"X: {'y' * 70_000}\r\n"}),
@@ -189,6 +192,25 @@ async def test_a_browser_is_given_the_page_and_others_an_error(status: int, asks
         assert ("<!DOCTYPE html>" in answer) is (status == 200)
         (reply,) = await asked(connection, A)
         assert reply["verdict"] == "currently_true"
+
+
+@live
+async def test_of_connections_that_are_closed_the_page_has_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report, "ENDED", 4)
+    first = Session(SEQUENCE, "scattered")
+    page = ConnectionsPage("tree", SEQUENCE, first)
+    async with served(first.fork, page=page) as url, connected(url) as lasting:
+        await asked(lasting, A)
+        for _ in range(20):
+            async with connected(url) as passing:
+                await asked(passing, {})
+        await asked(lasting, B)
+        data = json.loads((await told(url, "/events")).partition("data: ")[2])
+    rows = {row[1][0].split()[0]: row[2:] for row in data["watches"]}
+    assert rows["1"] == [2, [["⊤", 2, 1]], False]
+    assert len(rows) < 10
+    (said,) = [line for line in data["told"]["held"] if line.startswith("warning: ")]
+    assert said == f"warning: {21 - len(rows)} connections that ended are no longer listed"
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,9 @@ class LogReport(Listener):
         self._changes: list[dict[str, Any]] = []
         self._at: list[int] = []
         """The places of the changes."""
-        self._left = SECONDS
+        self._most_left = self._left = SECONDS * SHARE if grows else SECONDS
+        self._found_late: list[tuple[int, int]] = []
+        """Places of which it was said later what was waited for, and what."""
         self._unplaced = self._unchanged = 0
         self._first_unplaced = self._first_unchanged = ""
         self._dropped = self._undetected = self._unwatched = 0
@@ -157,13 +159,17 @@ class LogReport(Listener):
         """A log ends: what is still waited for is wanted most."""
         place = self._latest.get(id(watch))
         if place is not None and self._lists["waits"][place] < 0:
-            self._lists["waits"][place] = self._waiting(watch, limit=-SECONDS)
-            self._generation += 1
+            self._find_late(place, watch, -SECONDS)
         if self.grows:
             at = self._own.pop(id(watch))
             self._latest.pop(id(watch), None)
             self._ended[at] = self._watch(watch)
             self._watches[at] = MonitoredTrace(watch.trace, self.plan.monitors, watch.key)
+
+    def _find_late(self, place: int, watch: MonitoredTrace, limit: float = 0.0) -> None:
+        state = self._lists["waits"][place] = self._waiting(watch, limit)
+        if state >= 0:
+            self._found_late.append((place, state))
 
     def stop(self, watch: MonitoredTrace) -> None:
         """A log cannot be read further."""
@@ -223,12 +229,13 @@ class LogReport(Listener):
         if known is None or not here.startswith(f"{known[1]}-") or any(map(int.__gt__, from_, ends)):
             new: dict[str, Any] = {**self._all(name, told), "cursor": here}
         else:
-            places, node_sets, waits, changes, revision, _ = from_
+            places, node_sets, waits, changes, revision, late = from_
             told_too = {"told": self._shown} if self._told_revised > revision else {}
             new = {
                 "places": {name: some[places:] for name, some in self._lists.items()},
                 "node_sets": list(islice(self._node_sets, node_sets, None)),
                 "waits": list(islice(self._waits, waits, None)),
+                "late": self._found_late[late:],
                 "at": self._at[changes:],
                 "changes": self._changes[changes:],
                 "watches": [[at, row] for at, row in enumerate(self._rows) if self._revised[at] > revision],
@@ -240,7 +247,9 @@ class LogReport(Listener):
     @property
     def _cursor(self) -> str:
         ends = (self._lists["number"], self._node_sets, self._waits, self._changes)
-        return "-".join(map(str, (self._token, self._generation, *map(len, ends), self._revision, len(self._watches))))
+        return "-".join(
+            map(str, (self._token, self._generation, *map(len, ends), self._revision, len(self._found_late)))
+        )
 
     @property
     def _traces(self) -> list[str]:
@@ -280,6 +289,11 @@ class LogReport(Listener):
 
     def _revise(self, told: Told) -> None:
         """Look at what may have changed of what is there already, the rows of keys not too often."""
+        last = len(self._lists["waits"]) - 1
+        if self.grows and last >= 0 and self._lists["waits"][last] < 0:  # where somebody looks
+            at = self._lists["watch"][last]
+            if at not in self._ended:
+                self._find_late(last, self._watches[at])
         if dict(told) != self._told:
             self._revision += 1
             self._told, self._told_revised = dict(told), self._revision
@@ -332,6 +346,7 @@ class LogReport(Listener):
             table.clear()
             table.update((words[one], place) for one, place in number.items())
             lists[name] = [number.get(one, -1) for one in lists[name]]
+        self._found_late.clear()
         self._generation += 1
 
     def _keep_watches(self, needed: Collection[int]) -> None:
@@ -380,7 +395,7 @@ class LogReport(Listener):
         """What the monitor of the whole waits for, by its number; -1 where that is too much to find out in what is left of the time."""
         if self.grows:
             now = monotonic()
-            self._left = min(SECONDS, self._left + (now - self._refilled) * SHARE)
+            self._left = min(self._most_left, self._left + (now - self._refilled) * SHARE)
             self._refilled = now
         if self._left > limit:
             begun = process_time()

@@ -197,6 +197,8 @@ class _Following:
             self.data["places"][name] += some
         for name in ("node_sets", "waits", "at", "changes"):
             self.data[name] += more[name]
+        for place, state in more["late"]:
+            self.data["places"]["waits"][place] = state
         for watch, row in more["watches"]:
             self.data["watches"][watch:] = [row, *self.data["watches"][watch + 1 :]]
         self.data |= {"traces": more["traces"], "told": more.get("told", self.data["told"])}
@@ -255,6 +257,20 @@ def test_what_goes_since_there_is_too_much_is_told(monkeypatch: pytest.MonkeyPat
     before = going.cursor
     going.look({"said": ["new"], "held": []})
     assert (going.data["told"]["said"], going.wholes, before != going.cursor) == (["new"], 1, True)
+
+
+def test_the_latest_event_is_told_what_is_waited_for_as_soon_as_there_is_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    going = _Following(100)
+    going.notes._left = going.notes._most_left = 0.0
+    going.read([{"event": "a", "who": "x"}, {"event": "a", "who": "y"}])
+    going.look()
+    assert going.data["places"]["waits"] == [-1, -1]
+    going.notes._most_left = 1.0
+    monkeypatch.setattr(going.notes, "_refilled", -1e9)
+    going.look()
+    assert going.data["places"]["waits"] == [-1, 0]
+    assert going.data["waits"] == [[[1, [2], ""]]]
+    assert going.wholes == 1
 
 
 # -- in a browser --------------------------------------------------------------------------------------------------------

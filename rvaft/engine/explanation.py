@@ -26,7 +26,7 @@ from rvaft.model.expressions import event_text
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, fingerprint
 from rvaft.monitors import Awaited, Explanation, Pending
-from rvaft.support.bits import union
+from rvaft.support.bits import mask_of
 
 SEARCHING: Final = 20_000_000
 """How many nodes are looked at in search of a lower branch."""
@@ -166,7 +166,7 @@ class MatchFinder:
         if isinstance(strategy, Earliest):
             came = {node for node in range(len(compiled.names)) if strategy.came(node)}
         else:
-            taken = union(match.taken for match in strategy.matches)
+            taken = mask_of(step.node for match in strategy.matches for step in history(match.witness))
             came = {node for node, own in enumerate(compiled.own) if not own or taken >> node & 1}
         able = possible_nodes(compiled, compiled.children.__getitem__, among=came)
         unavoidable = {compiled.root}

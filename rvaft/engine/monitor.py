@@ -10,6 +10,7 @@ from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import Earliest, linear_starts
+from rvaft.engine.settled_choices import SettledChoices
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -201,4 +202,4 @@ def _strategy(tree: RVAFT, semantics: Semantics, limit: int, *, apart: bool) -> 
     starts = linear_starts(compiled, letters)
     if starts is not None:
         return Earliest(compiled, letters, starts, limit=limit)
-    return ScatteredMatches(compiled, letters, limit=limit, apart=apart)
+    return ScatteredMatches(compiled, letters, SettledChoices(tree, compiled), limit=limit, apart=apart)

@@ -21,6 +21,7 @@ from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, T
 from rvaft.engine.configuration import SURE, Configuration, Witness, history
 from rvaft.engine.independent_parts import IndependentPart, independent_parts
 from rvaft.engine.partial_matches import Following, Matching
+from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.stage_group import Bound, Member, StageGroup, in_order
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
 from rvaft.errors import TooLarge
@@ -65,6 +66,8 @@ class Stage:
     """Which of their values can do more than others."""
     deadlines: tuple[TimeDifference, ...]
     """What has to hold between times for a partial match here to come to anything."""
+    settled: bool
+    """Whether partial matches here may differ in choices that are settled."""
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
 
 
@@ -127,14 +130,15 @@ class StageMove:
 class Stages:
     """The stages of a tree, found when first needed."""
 
-    def __init__(self, matching: Matching) -> None:
+    def __init__(self, matching: Matching, choices: SettledChoices) -> None:
         self.matching = matching
+        self.choices = choices
         self.size = 0
         self._known: dict[Hashable, Stage] = {}
 
     def of(self, configuration: Configuration) -> Stage:
         """The stage of a configuration."""
-        place = configuration.taken, configuration.dead, configuration.closed, configuration.inversions
+        place, settled = self.choices.place(configuration, self.matching.progress)
         found = self._known.get(place)
         if found is None:
             self.size += 1 + len(configuration.flags)
@@ -144,8 +148,16 @@ class Stages:
             names, ranks = tuple(sorted(sample.binding)), ranking(self.matching.compiled, sample)
             open_nodes = [node for node in self.matching.asked if not sample.closed >> node & 1]
             asked = [one for node in open_nodes if self._has_to_hold(sample, node) for one in self.matching.asked[node]]
-            found = self._known[place] = Stage(sample, is_match, names, ranks, tuple(asked))
+            found = self._known[place] = Stage(sample, is_match, names, ranks, tuple(asked), settled)
         return found
+
+    def rank(self, stage: Stage, binding: Mapping[str, Json], last: Witness | None, node: int | None = None) -> Rank:
+        """The rank of a partial match with these steps, and a node's event after them."""
+        rank = stage.ranking.of(binding)
+        if not stage.settled:
+            return rank
+        steps = last if node is None else Witness(last, node, 0, binding)
+        return rank._replace(values=(*rank.values, -self.choices.number(steps)))
 
     def _has_to_hold(self, sample: Configuration, node: int) -> bool:
         trial = sample.copy()
@@ -184,7 +196,11 @@ class Stages:
             before, node = move.stage.sample, move.node
             values = dict.fromkeys(self.matching.compiled.exported[node])
             after = self.matching.extended(before, node, values, 0, judged=judged)
-            found = None if after is None else (self.of(after), commits(self.matching, before, after, node))
+            found = (
+                None
+                if after is None
+                else (self.of(after), commits(self.matching, before, after, node, firsts=self.choices.firsts))
+            )
             move.outcomes[place] = found
         return move.outcomes[place]
 
@@ -215,7 +231,7 @@ class Stages:
                     elif isinstance(part, Operation) and part.operator in ORDERINGS and (sign := tendency(part, name)):
                         orders.setdefault(Term(1, Extreme(Operator.MAX, (name,))), []).append(_bound(part, name, sign))
             found = self.outcome(move, move.alone, (True,) * len(joint))
-            target = found[0] if found and len(needed) == len(joint) else None
+            target = found[0] if found and len(needed) == len(joint) and not found[0].settled else None
             terms = (*map(Variable, move.compared), *joined.values())
             told = {*own, *joined}
             ranged = [Order.of(term, bounds, target, told) for term, bounds in orders.items()]
@@ -313,9 +329,11 @@ _QUIET: Final = Reading(relevant=False, hits=(None,))
 class ScatteredMatches(Following):
     """The partial matches by their stages; none changes once it is there."""
 
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int, apart: bool = True) -> None:
+    def __init__(
+        self, compiled: CompiledTree, letters: TreeLetters, choices: SettledChoices, *, limit: int, apart: bool = True
+    ) -> None:
         super().__init__(compiled, letters, limit=limit, early=True)
-        self._stages = Stages(self.matching)
+        self._stages = Stages(self.matching, choices)
         self._parts = independent_parts(compiled, letters) if apart else ()
         self._begun = 0
         """The nodes of the parts that need not begin again."""
@@ -325,7 +343,7 @@ class ScatteredMatches(Following):
     def follow(self, configurations: Iterable[Configuration]) -> None:
         """Follow these, and nothing else."""
         if self._stages.size > MEMORY:
-            self._stages = Stages(self.matching)  # else the same for all copies
+            self._stages = Stages(self.matching, self._stages.choices)  # else the same for all copies
         self._groups: dict[Stage, StageGroup] = {}
         self._watches: dict[int, LetterWatch] = {}
         self._quiet: set[Hashable] = set()
@@ -477,7 +495,7 @@ class ScatteredMatches(Following):
                                 ended[member.number] = group, member
                             binding = {name: bound[name] for name in stage.names}
                             at = (member.number, order, place)
-                            rank = stage.ranking.of(binding)
+                            rank = self._stages.rank(stage, binding, before.witness, move.node)
                             new = NewMatch(at, before, move.node, values, stage, binding, rank)
                             self._note(new, found, followed - len(ended))
                             if enough is not None and all(
@@ -565,7 +583,13 @@ class ScatteredMatches(Following):
                 )
             group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
             group.floor = self._floor
-        group.add(Member(self._added, configuration, rank or stage.ranking.of(configuration.binding)))
+        group.add(
+            Member(
+                self._added,
+                configuration,
+                rank or self._stages.rank(stage, configuration.binding, configuration.witness),
+            )
+        )
         self._added += 1
         for part in self._parts if configuration.taken else ():
             if configuration.taken & part.nodes and self._is_whole(part, configuration):

@@ -71,12 +71,14 @@ class SharedNodes:
         touched = self._touched(configuration) & ~(1 << element)
         return frozenset((element, other) for other in bits(touched) if self._before[other] >> element & 1)
 
-    def settled(self, configuration: Configuration, node: int) -> bool:
-        """Whether every scenario has this node's element, and before it only what is taken."""
+    def settled(self, configuration: Configuration, node: int, *, chosen: bool) -> bool:
+        """Whether every scenario has this node's element, which may be `chosen`, and before it only what is taken."""
         own = self.compiled.part_of[node]
-        if not self.compiled.certain >> own & 1:
+        if not chosen and not self.compiled.certain >> own & 1:
             return False
         for element in bits(self._before[own]):
+            if any(self._has(configuration, rival, TOUCHED) for rival in self.rivals.get(element, ())):
+                continue  # no scenario has it any more
             if element in self.compiled.members:
                 if not configuration.taken >> element & 1:
                     return False
@@ -85,6 +87,14 @@ class SharedNodes:
                 if not flags & SURE or (flags & MORE and self.compiled.picks >> element & 1):
                     return False
         return True
+
+    @cached_property
+    def rivals(self) -> dict[int, tuple[int, ...]]:
+        """For each part that a choice of one child in the core may keep the other such parts."""
+        compiled = self.compiled
+        choices = (compiled.children[node] for node in compiled.core if compiled.ops[node] is Op.ONE)
+        parts = [[child for child in children if child not in compiled.members] for children in choices]
+        return {one: tuple(other for other in some if other != one) for some in parts for one in some}
 
     # The elements: the events of the core, and its parts as wholes, with the precedence among them (semantics, section 2).
 

@@ -3,7 +3,7 @@
 **Taken or passed over.** Under `scattered` a configuration may pass over every event. Passing over is of no use where the occurrence
 belongs to all that the configuration can still become and taking it costs nothing: no variable is bound by it, no choice made. Then
 whatever the configuration could do later, it can do with the event taken, within the same branch (so that the explanation still
-finds the lowest).
+finds the lowest). The same goes for a choice that every scenario makes and that nothing has to come before, where the event is all of the child with the lowest branch.
 
 **Different values.** Take two partial matches that have come equally far (the same taken, decided with the same outcome, and broken)
 and whose bindings agree but for some variables that no occurrence to come mentions: these are of consequence through the guards still
@@ -49,21 +49,28 @@ from typing import Any, Final, NamedTuple, assert_never
 from rvaft.analysis.normal_form import Op
 from rvaft.analysis.time_differences import Extreme
 from rvaft.engine.compiled_tree import CompiledTree
-from rvaft.engine.configuration import MORE, POSSIBLE, SURE, TOUCHED, Configuration
+from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import Guard, Operation, Operator, variables
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json, exact, is_number, key
 
 
-def commits(matching: Matching, before: Configuration, after: Configuration, node: int) -> bool:
-    """Whether the configuration after a node's event can do all that the one before it can."""
+def commits(matching: Matching, before: Configuration, after: Configuration, node: int, *, firsts: int) -> bool:
+    """Whether the configuration after a node's event can do all that the one before it can.
+
+    `firsts` are the parts of the core that a choice, which every scenario makes, can keep with the lowest branch.
+    """
     compiled, flags = matching.compiled, matching.progress.flags
     if after.binding != before.binding or after.closed != before.closed:
         return False
     if any(name not in before.binding for name in compiled.exported[node]):
         return False
-    if compiled.core and not matching.shared.settled(before, node):
+    part = compiled.part_of[node]
+    chosen = (
+        firsts >> part & 1 > 0 and flags(after, part) == TOUCHED | DONE | SURE and before.inversions == after.inversions
+    )
+    if compiled.core and not matching.shared.settled(before, node, chosen=chosen):
         return False
 
     def ends(node: int, flags: int) -> bool:  # nothing more comes of it in the same branch

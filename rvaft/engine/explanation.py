@@ -113,7 +113,13 @@ class MatchFinder:
             return
         found: dict[Hashable, tuple[set[str], Mapping[str, Json]]] = {}
         known: dict[Hashable, set[str]] = {}
-        for matching, match in self._replayed(histories, choices):
+        histories = list(histories)
+        replayed = list(self._replayed(histories, choices))
+        if not replayed and choices and not self.strategy.uses_up:  # those of this branch have been replaced by others
+            kept = kept_nodes(self._base, choices)
+            rest = [[step for step in steps if self._names[step.node] in kept] for steps in histories]
+            replayed = list(self._replayed(rest, choices)) or list(self._replayed([[]], choices))
+        for matching, match in replayed:
             place = match.taken, match.dead, match.closed, match.inversions
             if place not in known:
                 known[place] = {self.tree.origins.get(name, name) for name in matching.admitted(match)}
@@ -131,14 +137,19 @@ class MatchFinder:
             }
         )
 
+    @property
+    def _base(self) -> RVAFT:
+        """The tree whose choices are made."""
+        of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
+        return self.tree if of_branch or is_all(self.tree) else whole(self.tree)
+
     def _replayed(
         self, histories: Iterable[list[Witness]], choices: Choices | None
     ) -> Iterator[tuple[Matching, Configuration]]:
         """The matches with these steps that can be made under choices too; with None as they are."""
         assert isinstance(self.strategy, Following), "the linear way follows no matches"
         matching, node_of = self.strategy.matching, {node: node for node in range(len(self._names))}
-        of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
-        base = self.tree if of_branch or is_all(self.tree) else whole(self.tree)
+        base = self._base
         if choices or (choices is not None and base is not self.tree):
             kept = kept_nodes(base, choices)
             histories = [steps for steps in histories if all(self._names[step.node] in kept for step in steps)]

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from rvaft.analysis.time_differences import TimeDifference
 from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
@@ -155,6 +155,9 @@ class Following(ABC):
 
     Raises `TooLarge` beyond `limit` of them.
     """
+
+    uses_up: ClassVar = True
+    """Whether a partial match has to use every event that counts."""
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int, early: bool = False) -> None:
         self.compiled = compiled

@@ -329,6 +329,8 @@ _QUIET: Final = Reading(relevant=False, hits=(None,))
 class ScatteredMatches(Following):
     """The partial matches by their stages; none changes once it is there."""
 
+    uses_up = False
+
     def __init__(
         self, compiled: CompiledTree, letters: TreeLetters, choices: SettledChoices, *, limit: int, apart: bool = True
     ) -> None:

@@ -19,7 +19,7 @@ from rvaft.analysis.scenarios import Fewest, Kept, Point, ScenarioSpace, event, 
 from rvaft.api import meant, narrowed
 from rvaft.engine import Engine
 from rvaft.engine.alternatives import Alternatives
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, TreeLetters
+from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness, history
 from rvaft.engine.explanation import awaited, chosen_part
 from rvaft.engine.monitor import DEFAULT_LIMIT
@@ -31,7 +31,7 @@ from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.fast_reader import FastReader, exact_time, plain_fields
-from rvaft.monitoring.near_misses import EventTypeIndex
+from rvaft.monitoring.near_misses import EventTypeIndex, Sight
 from rvaft.monitoring.oversights import Oversight, Oversights
 from rvaft.monitors import Awaited
 from rvaft.readers.json_lines import read
@@ -336,12 +336,12 @@ class Coverage:
         self._best: list[BranchCoverage] = []
         self._infeasible: list[int] = []
         self._logs = 0
-        self._types = EventTypeIndex(tree)
-        self._oversights = Oversights(self._types)
         carrier = tree if is_plain(tree) else without_conditions(tree)
         self._seen: set[int] = set()
         self._compiled = CompiledTree(carrier)
         self._letters = TreeLetters(carrier, self._compiled)
+        self._types = EventTypeIndex(tree, (letter.pattern for letter in self._letters.letters))
+        self._oversights = Oversights(self._types)
         number = {name: node for node, name in enumerate(self._compiled.names)}
         chosen = [numbered(tree, branch)] if branch is not None else list(islice(branches(tree), limit + 1))
         if branch is None and len(chosen) > limit:
@@ -373,11 +373,10 @@ class Coverage:
             else enumerate(events, 1)
         )
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
+        projects = self.semantics.projects
         try:
-            for number, event, late in oversights.over(numbered, f"{log}: "):
-                reading = NOTHING if late else self._letters.read(event)
-                counts = reading.relevant or not self.semantics.projects
-                hit = {node for hit in reading.hits for node in hit.nodes} if counts else set[int]()
+            for number, event, sight in oversights.over(numbered, f"{log}: "):
+                hit = set[int]() if sight is None else self._hit(event, sight, projects=projects)
                 seen |= hit
                 if hit or strict:
                     for follower, nodes in live:
@@ -400,6 +399,16 @@ class Coverage:
                 came = known.needed - reach.lacking
                 best = replace(best, reached=came, log=log, event=reach.event, awaited=reach.awaited)
             self._best[place] = best
+
+    def _hit(self, event: Json, sight: Sight, *, projects: bool) -> set[int]:
+        """The nodes that an event may be, where it counts."""
+        if sight.monitored is None:
+            sight.monitored = (self._letters.sketch(event),)
+        sketch: Sketch = sight.monitored[0]
+        if projects and any(one.admits(event) for one in sketch.ignored):
+            return set()
+        reading = self._letters.read(event, sketch)
+        return {node for hit in reading.hits for node in hit.nodes} if reading.relevant or not projects else set()
 
     def _numbered(self, log: str, stream: BufferedIOBase, strict_json: bool) -> Iterator[tuple[int, Json]]:
         """The events of a log with their numbers; those that concern nothing are left out where that can be."""

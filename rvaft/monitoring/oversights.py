@@ -156,16 +156,22 @@ class Oversights:
         if good and kinds is not None and version == self._version and sight.good is not None:
             sight.good[3].add(kinds)
 
-    def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, bool]]:
-        """The events of a trace, which have numbers, and whether they are late, each after it was looked at."""
-        latest: int | None = None
+    def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, Sight | None]]:
+        """The events of a trace, which have numbers, and what they are, nothing for one that is late, each after it was looked at."""
+        latest, look_up = None, self._types.of
+        time = self._time if self._time is not None and self._time.late is not None else None
         for number, event in events:
-            late, latest = self._time.is_late(event, latest) if self._time else (False, None)
+            late = False
+            if time is not None:
+                late, latest = time.is_late(event, latest)
             if late:
                 self.note_late(event, number, prefix, latest)
-            elif (sight := self._types.of(event)).looked_at or type(event) is not dict:
+                yield number, event, None
+                continue
+            sight = look_up(event)
+            if sight.looked_at or type(event) is not dict:
                 self.see(event, number, prefix, sight)
-            yield number, event, late
+            yield number, event, sight
 
     def note(self, reason: Reason, about: str, place: str, example: str) -> None:
         """Count one event."""

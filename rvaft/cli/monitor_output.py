@@ -203,7 +203,7 @@ class _JsonLines(Reporter):
             before, after = json.dumps(self._said(watch, 0, verdicts)).rsplit('"event": 0, "verdict": ', 1)
             self._alike = watch, verdicts, f'{before}"event": ', f', "verdict": {after}\n'
         _, _, head, tail = self._alike
-        self.sink.write("".join([f"{head}{number}{tail}" for number in range(first, last + 1)]))
+        self.sink.write(f"{head}{f'{tail}{head}'.join(map(str, range(first, last + 1)))}{tail}")
 
     def _said(self, watch: MonitoredTrace, number: int, verdicts: Sequence[Verdict]) -> dict[str, Json]:
         said: dict[str, Json] = {"trace": watch.trace} if self.settings.several else {}

@@ -180,18 +180,22 @@ class FastReader:
         for first, text, lines, size in _blocks(stream, file, line, live=live):
             dense = self._dense
             sound = self._sound(text, lines) if dense else None
-            heads, found = self._heads(text, lines) if sound is None else (sound, list(map(self._of_event, sound)))
+            heads, found, told = (
+                self._heads(text, lines) if sound is None else (sound, list(map(self._of_event, sound)), None)
+            )
             different = set(found)
             known = {values: self._meaning(values) for values in different if values is not _DOUBT}
             dead = {values for values, (live, _) in known.items() if not live}
             places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))
             self._dense = 2 * len(places) > len(found)
-            passed: list[int] = []
-            kept: list[Any] = []
+            passed: Sequence[int] = ()
+            kept: Sequence[Any] = ()
             get: Callable[[Any], Any] | None = self._kept_of_event if dense else self._kept_of_head
-            if get is not None and dead:
+            if told is not None and not places:
+                passed, kept = range(len(found)), told
+            elif get is not None and dead:
                 passed = [place for place, values in enumerate(found) if values in dead]
-                kept = [get(heads[place]) for place in passed]
+                kept = [get(heads[place]) for place in passed] if told is None else [told[place] for place in passed]
             if sound is not None:
                 reached(size, len(lines) - (not text.endswith(b"\n")))
                 events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
@@ -263,8 +267,11 @@ class FastReader:
         """Whether there is more than one value where the time is."""
         return self._time is not None and type(event.get(self._time)) in (dict, list)
 
-    def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[Any], list[Hashable]]:
-        """For each line what the decoder makes of it and its values in the discriminating fields, `_DOUBT` where it cannot be trusted."""
+    def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[Any], list[Hashable], Sequence[Any] | None]:
+        """For each line what the decoder makes of it and its values in the discriminating fields, `_DOUBT` where it cannot be trusted.
+
+        Third what is kept of each, if that is known for all.
+        """
         decoder = self._event if self._dense else self._head
         get: Callable[[Any], Hashable] = self._of_event if self._dense else self._of_head
         doubts = _doubtful(text, lines)
@@ -275,6 +282,7 @@ class FastReader:
             heads = [_decoded(decoder, line) for line in lines]
             found = [_DOUBT if head is None else get(head) for head in heads]
             doubts.update(place for place, values in enumerate(found) if values is _DOUBT)
+        columns = {} if doubts else {field: list(map(self._lookup(field), heads)) for field in self._kept}
         counts = Counter(found)
         for number, field in enumerate(dict.fromkeys((*self._asked, *self._kept))):
             # Where no line writes a field otherwise than it is, to count them in the block will do.
@@ -285,12 +293,19 @@ class FastReader:
                 asked = ((self._every(values)[number], count) for values, count in counts.items())
                 there = sum(count for value, count in asked if value is not msgspec.UNSET)
             else:
-                there = len(heads) - list(map(self._lookup(field), heads)).count(msgspec.UNSET)
+                types = set(map(type, columns[field]))
+                there = len(heads) - (columns[field].count(msgspec.UNSET) if msgspec.UnsetType in types else 0)
             if doubts or text.count(key) != there:
                 doubts.update(place for place, line in enumerate(lines) if line.count(key) > 1)
         for place in doubts:
             found[place] = _DOUBT
-        return heads, found
+        if not columns:
+            return heads, found, None
+        return (
+            heads,
+            found,
+            next(iter(columns.values())) if len(columns) == 1 else list(zip(*columns.values(), strict=True)),
+        )
 
     def _lookup(self, field: str) -> Callable[[Any], Any]:
         """Gives the value in a field of what the present decoder makes of a line."""
@@ -320,7 +335,7 @@ def _gets(fields: Sequence[str]) -> Callable[[dict[str, Json]], Any]:
     return gets[0] if len(gets) == 1 else lambda event: tuple([get(event) for get in gets])
 
 
-def _without(blank: Sequence[int], places: list[int]) -> list[int]:
+def _without(blank: Sequence[int], places: Sequence[int]) -> Sequence[int]:
     """Places among the lines that are not blank."""
     return [place - bisect_left(blank, place) for place in places] if blank else places
 

@@ -156,6 +156,19 @@ class OrderedField:
         return place
 
 
+def _in_places(batch: Batch, others: Sequence[Any], own: Sequence[Any]) -> list[Any]:
+    """What stands for each event of a batch: one of its `own`, or for those that concern nothing one of the others."""
+    if len(own) < len(others):
+        found = list(others)
+        for (place, _), one in zip(batch.events, own, strict=True):
+            found.insert(place, one)
+        return found
+    found = [None] * batch.total
+    for place, one in zip(chain(batch.passed, (place for place, _ in batch.events)), chain(others, own), strict=True):
+        found[place] = one
+    return found
+
+
 class Ordering(OrderedField):
     """Holds back up to `window` events and gives the one with the smallest place first, events with equal ones as they came.
 
@@ -190,17 +203,10 @@ class Ordering(OrderedField):
 
         Those of the batch that concern nothing have these `values` in the field, and what stands for them among the events are the `others`.
         """
-        came: list[Any] = [None] * batch.total
-        places: list[int | float | None] = [None] * batch.total
-        for place, other in zip(batch.passed, others, strict=True):
-            came[place] = other
-        for place, event in batch.events:
-            came[place] = event
+        came = _in_places(batch, others, [event for _, event in batch.events])
+        places: list[int | float | None]
         if self.time is None and self._holds is False and _NUMBERS.issuperset(map(type, values)):
-            for place, number in zip(batch.passed, values, strict=True):
-                places[place] = number
-            for place, event in batch.events:
-                places[place] = self.place(event)
+            places = _in_places(batch, values, [self.place(event) for _, event in batch.events])
         else:  # the first of all says what the field holds
             known, name = dict(zip(batch.passed, values, strict=True)), self.field.text
             told = ({name: known[place]} if place in known else event for place, event in enumerate(came))
@@ -407,8 +413,10 @@ def _tell_all(
 
 def _batch_of(events: Sequence[Any]) -> Batch:
     """Events in a row; a tuple stands for one that concerns nothing, and is what was kept of it."""
-    passed = [place for place, event in enumerate(events) if type(event) is tuple]
     found = [(place, event) for place, event in enumerate(events) if type(event) is not tuple]
+    if not found:
+        return Batch(len(events), (), range(len(events)), events)
+    passed = [place for place, event in enumerate(events) if type(event) is tuple]
     return Batch(len(events), found, passed, [events[place] for place in passed])
 
 
@@ -553,6 +561,7 @@ class TraceRun:
         of_concern = [listener for listener in self.listeners if listener.concerned and not listener.every]
         skips = fresh.semantics.projects and bool(fresh.engines)  # what is not relevant changes nothing
         unfit = fresh.semantics is Semantics.SCATTERED and fresh.finds_no_more
+        name, known = self._key_names[0] if len(self._key_names) == 1 else "", self._passed
         strict, look_up, may_be_late = fresh.semantics is Semantics.STRICT, fresh.types.of, fresh.may_be_late
         oversights, hindsight = self.totals.oversights, self.totals.hindsight
         for batch in self._batches(source, name, line, by_blocks=by_blocks, live=live, jobs=jobs):
@@ -569,7 +578,9 @@ class TraceRun:
                     self.number = number
                     sight = look_up(event)
                     if key is not None:
-                        watch = self._watch_of(key, event, number)
+                        value = event.get(name) if name else None
+                        watch = known.get((value,)) if type(value) is str else None
+                        watch = watch or self._watch_of(key, event, number)
                     late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
                     relevant = True
                     if watch is not None and late:

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import msgspec
 
 import rvaft
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import loads, meant, narrowed
 from rvaft.api import monitor as monitor_of
 from rvaft.engine.monitor import DEFAULT_LIMIT
@@ -170,8 +169,8 @@ def _planned(options: _Options) -> _Plan:
     monitors = MonitorSet(parts, make, semantics, repeat=options.repeat, cooldown=options.cooldown)
     key = Key.parse(options.key)
     order_by = options.order_by or ".".join(tree.time.field if tree.time else ())
-    reads = TreeReads(tree, [field.path for field in (*key.fields, Field.parse(order_by))])
-    return _Plan(tree, MonitoringPlan(monitors, reads, strict_json=options.strict_json), key, order_by)
+    also = (*key.fields, Field.parse(order_by))
+    return _Plan(tree, MonitoringPlan(monitors, strict_json=options.strict_json, also=also), key, order_by)
 
 
 def _keyed(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:

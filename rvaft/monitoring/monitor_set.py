@@ -152,6 +152,8 @@ class MonitorSet:
         self.found = [DetectionCount() for _ in self.columns]
         self.serves = self.concerned = self.late = False
         self.may_be_late = bool(self.engines) and self.time is not None and self.time.late is not None
+        self.counts_all = self._strict or not self.engines
+        """Whether an event that fits nothing may change a verdict."""
         self._live = tuple(range(len(self.monitors)))
         self._resting: tuple[int, ...] = ()
         """The columns that detected with the last event and begin afresh with the next."""
@@ -248,6 +250,19 @@ class MonitorSet:
             serves = serves or engine.noted
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()
+
+    def repeat_step(self, event: Json, first: int, last: int) -> tuple[int, Sequence[int]]:
+        """Read one event under each of these numbers, until a verdict changes: the number of the last, and the columns."""
+        if self.engines or self._resting or len(self._live) > 1:
+            for number in range(first, last + 1):
+                if changed := self.step(event, number):
+                    return number, changed
+            return last, ()
+        step = self.monitors[self._live[0]].step
+        for number in range(first, last + 1):
+            if step(event) is not _UNKNOWN:
+                return number, self._changed(number, event)
+        return last, ()
 
     def _changed(self, number: int, event: Json) -> Sequence[int]:
         """The columns that detected with the event of that number, or whose verdict it made final."""

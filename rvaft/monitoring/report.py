@@ -64,10 +64,9 @@ class LogReport(Listener):
     These are the first, or where it `grows` the latest: then a page can be kept up to date, and `unit` is what of several is watched there.
 
     >>> import rvaft
-    >>> from rvaft.analysis.pattern_index import TreeReads
     >>> from rvaft.monitoring.monitor_set import MonitorSet, columns
     >>> tree = rvaft.loads("top sand a b;")
-    >>> plan = MonitoringPlan(MonitorSet(columns(tree), rvaft.monitor, rvaft.Semantics.PROJECTED), TreeReads(tree))
+    >>> plan = MonitoringPlan(MonitorSet(columns(tree), rvaft.monitor, rvaft.Semantics.PROJECTED))
     >>> LogReport(tree, plan).left_out
     []
     """

@@ -5,11 +5,11 @@ from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, S
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from heapq import heappop, heappush, heappushpop
+from heapq import heappush, heappushpop
 from io import BufferedIOBase, IOBase
 from itertools import chain, count, islice
 from math import inf
-from operator import gt, itemgetter
+from operator import gt, itemgetter, le, lt
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Self, cast
 
@@ -190,6 +190,8 @@ class Ordering(OrderedField):
         self._came = 0
         self._held: list[tuple[int | float, int, Any]] = []
         """Events with the number in the field and that in the trace."""
+        self._as_they_came = False
+        """Whether those that are held are in the order of their places and of their numbers alike."""
         self._before: int | float = -inf
         self._given: int | float = -inf
 
@@ -217,13 +219,19 @@ class Ordering(OrderedField):
 
     def _add_sorted(self, places: Sequence[Any], events: Sequence[Any]) -> list[Any] | None:
         """Take events all at once, and give those whose turn it is; None, and nothing is taken, where one of them is too late."""
-        known = sorted([*self._held, *zip(places, count(self._came + 1), events)])  # by place and number, which differ
+        known = [*self._held, *zip(places, count(self._came + 1), events)]
         turns = max(0, len(known) - self.window)
+        last = self._held[-1][0] if self._held else self._given
+        if not (self._as_they_came and places and last <= places[0] and all(map(le, places, islice(places, 1, None)))):
+            known.sort()  # by place and number, which differ
+            numbers = [number for _, number, _ in known]
+            self._as_they_came = all(map(lt, numbers, islice(numbers, 1, None)))
+            # Each has to be there when its turn comes: with the first event that has no room in the window, the second, and so on.
+            full = self._came + 1 + self.window - len(self._held)
+            if turns and (known[0][0] < self._given or any(map(gt, numbers[:turns], count(full)))):
+                self._as_they_came = False
+                return None
         due = known[:turns]
-        # Each has to be there when its turn comes: with the first event that has no room in the window, the second, and so on.
-        full = self._came + 1 + self.window - len(self._held)
-        if due and (due[0][0] < self._given or any(map(gt, map(itemgetter(1), due), count(full)))):
-            return None
         self._came += len(events)
         self._held = known[turns:]
         if places:
@@ -234,6 +242,7 @@ class Ordering(OrderedField):
 
     def _add(self, place: int | float | None, event: Any) -> Any:
         self._came += 1
+        self._as_they_came = False
         if place is None:
             place = self._before
             self.without += 1
@@ -253,8 +262,8 @@ class Ordering(OrderedField):
 
     def rest(self) -> Iterator[dict[str, Json]]:
         """The events still held, in order: the trace has ended."""
-        while self._held:
-            yield heappop(self._held)[2]
+        rest, self._held = sorted(self._held), []
+        yield from (event for _, _, event in rest)
 
 
 class Backwards(OrderedField):
@@ -425,50 +434,56 @@ def _batch_of(events: Sequence[Any]) -> Batch:
 
 @dataclass(frozen=True)
 class MonitoringPlan:
-    """What is done with every trace: `monitors` have read nothing; `reads` is what is read of an event."""
+    """What is done with every trace: `monitors` have read nothing; `also` are fields that somebody else looks at."""
 
     monitors: MonitorSet
-    reads: Scope
     key: Key | None = None
     max_keys: int = MAX_KEYS
     order_by: str | None = None
     window: int = DEFAULT_WINDOW
     strict_json: bool = False
+    also: tuple[Field, ...] = ()
 
     @property
     def plain(self) -> bool:
         """Whether every event goes to the same monitors, in the order in which it stands."""
         return self.key is None and self.order_by is None
 
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """The fields of the order, of the key, and those that somebody else looks at."""
+        order = () if self.order_by is None else (Field.parse(self.order_by),)
+        return (*order, *(self.key.fields if self.key else ()), *self.also)
+
+    @cached_property
+    def reads(self) -> TreeReads:
+        """What is read of an event."""
+        return TreeReads(self.monitors.types.tree, [field.path for field in self.fields])
+
+    @property
+    def every(self) -> bool:
+        """Whether the time of each event counts; a text of a backend does not say what it makes of times."""
+        monitors = self.monitors
+        return monitors.may_be_late if monitors.engines else monitors.time is not None
+
     @cached_property
     def interest(self) -> Interest:
         """What of an event is looked at, where nobody wants to see all of it."""
-        if not self.monitors.engines:
-            return ALL
-        named = (*(self.key.fields if self.key else ()), *([Field.parse(self.order_by)] if self.order_by else []))
-        also = (name for one in named for name in (one.text, one.path[0]))
+        also = (name for one in self.fields for name in (one.text, one.path[0]))
         found = Interest.of(self.reads, (TIME, *told_fields(self.monitors.types.tree), *also))
         # What concerns nothing is counted by the key that it has, has its place in the order, and is late or not.
-        counted_only = self.plain and not self.monitors.may_be_late and found.fields is not None
+        counted_only = self.plain and not self.every and found.fields is not None
         return replace(found, may_be=self.monitors.types.may_be) if counted_only else found
 
     @cached_property
     def fast_reader(self) -> FastReader | None:
         """What reads files quickly, or None where every event has to be seen as it stands."""
-        if not self.monitors.engines or not isinstance(self.reads, TreeReads):
+        # Where every event counts, those that concern nothing would have to be given to the monitors of their keys.
+        each = self.key is not None and self.monitors.counts_all
+        if each or any(len(field.path) > 1 for field in self.fields):
             return None
-        kept = [
-            *([] if self.order_by is None else [Field.parse(self.order_by)]),
-            *(self.key.fields if self.key else ()),
-        ]
-        each = (
-            self.key is not None and self.monitors.semantics is Semantics.STRICT
-        )  # every event ends matches of its key
-        if each or any(len(field.path) > 1 for field in kept):
-            return None
-        types, every = self.monitors.types, self.monitors.may_be_late  # then the time of each event counts
-        possible = (lambda _: True) if every else types.possible
-        names = [field.text for field in kept]
+        types, names = self.monitors.types, [field.text for field in self.fields]
+        possible = (lambda _: True) if self.every else types.possible
         fields, time = plain_fields(self.reads, (TIME, *told_fields(types.tree), *names)), exact_time(types.tree)
         if not fields or time in names:
             return None
@@ -561,8 +576,9 @@ class TraceRun:
         of_concern = [listener for listener in self.listeners if listener.concerned and not listener.every]
         skips = fresh.semantics.projects and bool(fresh.engines)  # what is not relevant changes nothing
         unfit = fresh.semantics is Semantics.SCATTERED and fresh.finds_no_more
-        name, known = self._key_names[0] if len(self._key_names) == 1 else "", self._passed
-        strict, look_up, may_be_late = fresh.semantics is Semantics.STRICT, fresh.types.of, fresh.may_be_late
+        keyed_by, known = self._key_names[0] if len(self._key_names) == 1 else "", self._passed
+        fills = fresh.counts_all
+        look_up, may_be_late = fresh.types.of, fresh.may_be_late
         oversights, hindsight = self.totals.oversights, self.totals.hindsight
         for batch in self._batches(source, name, line, by_blocks=by_blocks, live=live, jobs=jobs):
             before, statistics, clock = self.number, self.totals.statistics, self.clock
@@ -573,12 +589,12 @@ class TraceRun:
             try:
                 for place, event in events:
                     number = before + place + 1
-                    if strict:
+                    if fills:
                         self._fill(number)
                     self.number = number
                     sight = look_up(event)
                     if key is not None:
-                        value = event.get(name) if name else None
+                        value = event.get(keyed_by) if keyed_by else None
                         watch = known.get((value,)) if type(value) is str else None
                         watch = watch or self._watch_of(key, event, number)
                     late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
@@ -593,6 +609,8 @@ class TraceRun:
                             statistics.tally[() if late else sight.constant] += 1  # type: ignore[index] # plain says so
                         else:
                             relevant = statistics.add(event, number, prefix, sight)
+                    elif skips and sight.ignored and not (late or sight.decided.open):
+                        relevant = not any(admits(event) for admits in sight.ignored)
                     if watch is None:
                         continue
                     watch.events += 1
@@ -632,7 +650,7 @@ class TraceRun:
     @property
     def _one_by_one(self) -> bool:
         """Whether every listener that is told of every event is told of one after the other."""
-        return self.plan.key is not None or self.plan.monitors.semantics is Semantics.STRICT
+        return self.plan.key is not None or self.plan.monitors.counts_all
 
     def _batches(
         self, source: BinaryIO | Log | Iterable[Json], name: str, line: int, *, by_blocks: bool, live: bool, jobs: int
@@ -667,8 +685,8 @@ class TraceRun:
         else:
             yield _END
         self.ended = True
-        for event in () if ordering is None else ordering.rest():
-            yield _batch_of([event])
+        if ordering is not None and (rest := list(ordering.rest())):
+            yield _batch_of(rest)
         if failure is not None:
             raise failure
 
@@ -732,7 +750,7 @@ class TraceRun:
     def _pass_over(self, batch: Batch, events: Sequence[tuple[int, Json]], last: int) -> None:
         """Count those of a batch that concern nothing and so are not among the events; `last` is the number of its last event."""
         passed = batch.total - len(events)
-        if self.plan.monitors.semantics is Semantics.STRICT:
+        if self.plan.monitors.counts_all:
             self._fill(last + 1)
         if self.totals.statistics is not None:
             self.totals.statistics.events += passed
@@ -743,10 +761,9 @@ class TraceRun:
             self._count_passed(batch, events, batch.total)
 
     def _fill(self, number: int) -> None:
-        """Under `strict` an event before that number that was passed over, since it fits nothing, ends a match."""
+        """Events before that number that were passed over, since they fit nothing: under `strict` they end a match, and a text says itself."""
         while self.watch.monitors.live and self.number + 1 < number:
-            self.number += 1
-            changed = self.watch.monitors.step(_NO_EVENT, self.number)
+            self.number, changed = self.watch.monitors.repeat_step(_NO_EVENT, self.number + 1, number - 1)
             if changed:
                 self._tell(VerdictChange(self.watch, self.number, _NO_EVENT, changed))
 

@@ -10,7 +10,6 @@ from collections.abc import Collection
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Final
 
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.tree import RVAFT
 from rvaft.monitoring.detection import counted
 from rvaft.monitoring.live_page import BROWSERS, PERIOD, asked, cursor_of, headers, message
@@ -46,7 +45,7 @@ class ConnectionsPage:
     def __init__(self, name: str, tree: RVAFT, session: Session, *, shared: bool = False) -> None:
         self.name = name
         self.shared = shared
-        plan = MonitoringPlan(session.looked_at, TreeReads(tree), None if shared else Key.parse([UNIT]))
+        plan = MonitoringPlan(session.looked_at, None if shared else Key.parse([UNIT]))
         self.report = LogReport(tree, plan, most=SHOWN, grows=True, unit=UNIT)
         self._lines: deque[str] = deque(maxlen=_LINES)
         self._earlier = self._asking = 0

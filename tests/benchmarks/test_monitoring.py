@@ -374,11 +374,11 @@ WAYS: Final = {
 
 
 @pytest.mark.benchmark
-@pytest.mark.parametrize("share", [10, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("share", "slowest"), [(10, 2.0), pytest.param(1, 1.5, marks=pytest.mark.slow)])
 def test_every_way_is_about_as_fast_as_the_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, share: int
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, share: int, slowest: float
 ) -> None:
-    """In processor time, each way in turn; asserted are the ratios of the shortest times."""
+    """In processor time, each way in turn; asserted are the ratios of the shortest times, of more rounds where three do not show it."""
 
     def seconds(way: str, watched: Watched) -> float:
         kept = tmp_path / "kept"
@@ -394,14 +394,14 @@ def test_every_way_is_about_as_fast_as_the_file(
 
     lines, slow = [], []
     for watched in watched_logs(tmp_path, share)[:2]:
-        timings: dict[str, list[float]] = {way: [] for way in WAYS}
-        for _ in range(3):
-            for way in WAYS:
-                timings[way].append(seconds(way, watched))
-        for way, taken in timings.items():
-            ratio = min(taken) / min(timings["file"])
-            lines.append(f"{watched.name:17} {way:26} {min(taken):9.3f} s {ratio:8.2f} x the file")
-            if ratio > 2.0:
+        best = dict.fromkeys(WAYS, math.inf)
+        for number in range(6):
+            if number < 3 or max(best.values()) > slowest * best["file"]:
+                best = {way: min(known, seconds(way, watched)) for way, known in best.items()}
+        for way, taken in best.items():
+            ratio = taken / best["file"]
+            lines.append(f"{watched.name:17} {way:26} {taken:9.3f} s {ratio:8.2f} x the file")
+            if ratio > slowest:
                 slow.append(lines[-1])
     with capsys.disabled():
         sys.stdout.write("\n" + "\n".join(lines) + "\n")

@@ -12,7 +12,6 @@ from typing import Any, Final
 import pytest
 
 import rvaft
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.export.svg import svg_text
 from rvaft.model.verdict import Semantics
 from rvaft.monitoring import report as log_report
@@ -198,7 +197,7 @@ def test_no_box_covers_another_one(path: Path) -> None:
 def test_the_listener_works_without_the_command() -> None:
     tree = rvaft.load(PRUNED)
     monitors = MonitorSet(columns(tree), rvaft.monitor, Semantics.PROJECTED)
-    plan = MonitoringPlan(monitors, TreeReads(tree))
+    plan = MonitoringPlan(monitors)
     notes = log_report.LogReport(tree, plan)
     going = TraceRun(plan, "row3", [notes], Totals(None, Oversights(monitors.types)), buffer=EventBuffer())
     going.begin()

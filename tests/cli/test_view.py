@@ -16,7 +16,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rvaft
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.model.verdict import Semantics
 from rvaft.monitoring import report
 from rvaft.monitoring.monitor_set import MonitorSet, columns
@@ -172,7 +171,7 @@ class _Following:
     def __init__(self, most: int) -> None:
         tree = rvaft.loads(TREE)
         monitors = MonitorSet(columns(tree), rvaft.monitor, Semantics.SCATTERED, repeat=True)
-        plan = MonitoringPlan(monitors, TreeReads(tree), Key.parse(["who"]))
+        plan = MonitoringPlan(monitors, Key.parse(["who"]))
         self.notes = LogReport(tree, plan, most=most, grows=True)
         self.run = TraceRun(plan, "log", [self.notes], Totals(None, Oversights(monitors.types)), buffer=EventBuffer())
         self.run.begin()

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 
 from cross_check.generate.traces import random_trace
 from rvaft import Semantics, TraceError, loads, monitor
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.errors import OptionError, TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -213,9 +212,7 @@ def plan_of(
 ) -> MonitoringPlan:
     make = lambda part: monitor(part, semantics=semantics)  # noqa: E731
     monitors = MonitorSet(columns(tree, per), make, Semantics(semantics), repeat=repeat)
-    key, order = options.get("key"), options.get("order_by")
-    paths = [*(field.path for field in (key.fields if key else ())), *([Field.parse(order).path] if order else [])]
-    return MonitoringPlan(monitors, TreeReads(tree, paths), **options)
+    return MonitoringPlan(monitors, **options)
 
 
 def run_of(plan: MonitoringPlan, told: Told) -> TraceRun:

@@ -33,8 +33,8 @@ from cross_check.participants import (
     translated,
 )
 from cross_check.product import Exploration
+from cross_check.published_monitor import MONPOLY, VERIMON, monpoly_of, published_of
 from cross_check.published_monitor import NAME as PUBLISHED
-from cross_check.published_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.analysis.branches import restrict
@@ -59,7 +59,7 @@ class Roster:
 
     `backends` names backends; None is all faithful ones, unless there are texts to hold `against` the tree, which are then
     compared with the reference alone. `rml_monitor` is a checkout of the published RML monitor, to take part as `rml-published`, and
-    with `mona` MONA takes part as `ltlf-mona`. `patience` bounds the seconds of a program of others, `limit` the
+    with `mona` MONA takes part as `ltlf-mona`. `monpoly` is the program MonPoly, to take part with its verified kernel as `mfotl-monpoly` and `mfotl-verimon`. `patience` bounds the seconds of a program of others, `limit` the
     size of a translation in the unit of the backend.
     """
 
@@ -67,6 +67,7 @@ class Roster:
     against: tuple[Handwritten, ...] = ()
     rml_monitor: Path | None = None
     mona: bool = False
+    monpoly: Path | None = None
     patience: float = PATIENCE
     limit: int | None = None
 
@@ -90,6 +91,9 @@ class Roster:
             yield name, partial(translated, name, part, job.semantics, limit=self.limit)
         if self.rml_monitor is not None:
             yield PUBLISHED, partial(published_of, part, job.semantics, self.rml_monitor, timeout=self.patience)
+        for name in (MONPOLY, VERIMON) if self.monpoly is not None else ():
+            assert self.monpoly is not None
+            yield name, partial(monpoly_of, part, job.semantics, self.monpoly, name, timeout=self.patience)
         if self.mona:
             yield MONA, partial(translated, "ltlf", part, job.semantics, tool="mona")
         for text in self.against:
@@ -180,7 +184,8 @@ class _Row:
     @property
     def detections_only(self) -> bool:
         """Whether it tells detections alone."""
-        return self.participant is not None and tells_detections_only(self.participant)
+        one = self.participant or self.outside
+        return one is not None and tells_detections_only(one)
 
     def judge(self, asked: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
         """Look at what it says of the traces; where a program is known to deviate, that is only counted."""
@@ -238,6 +243,8 @@ class Comparison:
                     row.fail(error)
                 case Outside() as outside:
                     row.outside, row.why = outside, "its states are not known"
+                    if outside.detections_only:
+                        row.why = DETECTIONS_ONLY
                 case participant:
                     row.participant = participant
             row.seconds = perf_counter() - started

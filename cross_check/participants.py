@@ -61,11 +61,7 @@ class Participant:
         """What it says after every prefix of each trace."""
         if self.first_detections is None:
             return [tuple(self.start().run(trace)) for trace in traces]
-        found = zip(traces, self.first_detections(traces), strict=True)
-        return [
-            tuple(Verdict.TRUE if at and number >= at else Verdict.UNKNOWN for number in range(1, len(trace) + 1))
-            for trace, at in found
-        ]
+        return [*map(detected, traces, self.first_detections(traces))]
 
     @property
     def ties(self) -> bool:
@@ -95,6 +91,7 @@ class Outside:
     name: str
     answers: Callable[[Sequence[Sequence[Json]]], Sequence[Answer]]
     specification: Specification
+    detections_only: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +230,19 @@ def _of_whole_traces(monitor: Monitor) -> FirstDetections | None:
 
 def tells_detections_only(one: Enlisted) -> bool:
     """Whether somebody tells detections alone, and no ⊥."""
-    return isinstance(one, Participant) and one.first_detections is not None
+    match one:
+        case Participant(first_detections=first):
+            return first is not None
+        case Outside(detections_only=only):
+            return only
+        case Absent():
+            return False
+
+
+def detected(trace: Sequence[Json], first: int | None) -> tuple[Verdict, ...]:
+    """The verdict after every prefix of a trace of which this event, if any, is the first detection."""
+    reached = (first is not None and number >= first for number in range(1, len(trace) + 1))
+    return tuple(Verdict.TRUE if one else Verdict.UNKNOWN for one in reached)
 
 
 def detections(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:

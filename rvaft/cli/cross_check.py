@@ -167,6 +167,9 @@ _PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a ch
 @click.option("--save-bogus", metavar="DIR", help="Shrink each disagreement and save it as a case below DIR.")
 @click.option("--replay", metavar="DIR", help="Run saved cases again.")
 @click.option("--rml-monitor", metavar="DIR", help=_PUBLISHED)
+@click.option(
+    "--monpoly", metavar="PROGRAM", help="Also run MFOTL by this build of MonPoly, and by its verified kernel."
+)
 @click.option("--mona", is_flag=True, help="Also run LTLf by MONA (small trees without variables).")
 @_report_options
 @click.option("--fail-on-not-expressible", is_flag=True, help="Exit with 2 where a language cannot say a tree.")
@@ -205,6 +208,7 @@ def cross_check_command(
         tuple(failures.collect(handwritten, [*against, *texts])),
         rml_monitor=None if given["rml_monitor"] is None else Path(given["rml_monitor"]),
         mona=given["mona"],
+        monpoly=None if given["monpoly"] is None else Path(given["monpoly"]),
         patience=timeout or PATIENCE,
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )

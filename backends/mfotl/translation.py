@@ -1,0 +1,177 @@
+"""From a tree to a formula: a disjunction over its scenarios, each of which says which positions have the events of its nodes."""
+
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import chain, count
+from typing import Final
+
+import networkx as nx
+
+from backends.mfotl.conditions import Conditions, Unsayable, both, times_of
+from backends.mfotl.predicates import Column, Header, Predicate
+from rvaft.analysis.scenarios import Kept, event, precedence, resolutions
+from rvaft.analysis.unification import overlaps
+from rvaft.backend import Metrics
+from rvaft.errors import NotExpressible, TooLarge, TreeError
+from rvaft.model.guards import Guard, conjuncts, variables
+from rvaft.model.patterns import Pattern, rigid_variables
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+
+_SCENARIOS: Final = 2_000
+_ILLEGAL: Final = re.compile(r"[^a-z0-9_]+")
+_TOKEN: Final = re.compile(r'"[^"]*"|\w+(?:\.\d+)?|[^\s\w]')
+_WORD: Final = re.compile(r"\w+")
+_RESERVED: Final = (
+    "null",
+    "true",
+    "false",
+    "r2s",
+    "s2r",
+    "f2i",
+    "i2f",
+    "i2s",
+    "s2i",
+    "f2s",
+    "s2f",
+    "rvaft",
+    "time",
+    "when",
+)
+
+
+class Translation:
+    """One translation. Raises `NotExpressible`, `TooLarge` beyond `limit` atoms and comparisons, `TreeError` without a feasible scenario."""
+
+    def __init__(self, tree: RVAFT, limit: int) -> None:
+        self._tree = tree
+        self._limit = limit
+        self._size = 0
+        self._header = Header(time=tree.time)
+        self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
+        times = frozenset(name for pattern in self._patterns.values() for name in times_of(pattern))
+        self._names = _names([*tree.variables, *times])
+        self._conditions = Conditions(times, self._column)
+        self._predicates: dict[tuple[Pattern, tuple[Guard, ...], tuple[Column, ...]], str] = {}
+        self._taken = {*_RESERVED}
+
+    def text(self) -> tuple[str, Metrics]:
+        """The text and its sizes."""
+        formulas = [formula for kept in self._scenarios() for formula in self._disjuncts(kept)]
+        if not formulas:
+            message = f"no scenario of {self._tree.root} is feasible"
+            raise TreeError(message, rule="no-scenario", nodes=[self._tree.root])
+        self._header.predicates = {name: Predicate(*one) for one, name in self._predicates.items()}
+        formula = formulas[0] if len(formulas) == 1 else "\nOR ".join(f"({one})" for one in formulas)
+        return f"{self._header}{formula}\n", Metrics(symbols=len(_TOKEN.findall(formula)), subformulas=self._size)
+
+    def _scenarios(self) -> Iterator[tuple[Kept, nx.DiGraph]]:
+        """The nodes of each scenario with the order of its events, where they have one."""
+        for kept in resolutions(self._tree, minimal=True, limit=_SCENARIOS):
+            points = precedence(self._tree, kept)
+            if nx.is_directed_acyclic_graph(points):
+                yield kept, points
+
+    def _disjuncts(self, scenario: tuple[Kept, nx.DiGraph]) -> Iterator[str]:
+        """A scenario, once for each way in which its guards can hold."""
+        kept, points = scenario
+        events = [name for name in kept if self._tree.nodes[name].has_event]
+        after = {name: _later(points, name, events) for name in events}
+        events.sort(key=lambda name: -len(after[name]))
+        guards = [(name, one) for name in kept for one in conjuncts(self._tree.nodes[name].when) if variables(one)]
+        own: dict[str, list[Guard]] = {name: [] for name in events}
+        shared: list[Guard] = []
+        wanted: set[Column] = set()
+        for node, guard in guards:
+            names = set(variables(guard))
+            having = [name for name in events if names <= set(rigid_variables(self._patterns[name]))]
+            if having:
+                own[having[0]].append(guard)
+                continue
+            try:
+                wanted |= self._conditions.columns(guard)
+            except Unsayable as error:
+                reason = f"a guard over several events: {error}"
+                raise NotExpressible(reason, backend="mfotl", semantics=Semantics.SCATTERED, nodes=[node]) from None
+            shared.append(guard)
+        uses = [name for one in events for name in rigid_variables(self._patterns[one])]
+        tied = {name for name in uses if uses.count(name) > 1}
+        places = {name: f"i{number}" for number, name in enumerate(events, 1)}
+        atoms = [self._atom(name, tuple(own[name]), wanted, tied, places[name]) for name in events]
+        orders: list[list[str]] = []
+        for name in events:
+            earlier = [one for one in events if name in after[one]]
+            last = [one for one in earlier if after[one].isdisjoint(earlier)]
+            orders.append([f"{places[one]} < {places[name]}" for one in last])
+        for number, name in enumerate(events):
+            for other in events[:number]:
+                if name not in after[other] and overlaps(self._patterns[name], self._patterns[other]):
+                    orders[number].append(f"NOT ({places[other]} = {places[name]})")
+        bound = sorted({column for _, some in atoms for column in some})
+        for way in both(*(self._conditions.truth(guard, wanted=True) for guard in shared)):
+            self._count(len(events) + sum(map(len, orders)) + len(way))
+            yield _conjunction(atoms, orders, way, [*map(self._column, bound), *places.values()])
+
+    def _atom(
+        self, node: str, guards: tuple[Guard, ...], wanted: set[Column], tied: set[str], place: str
+    ) -> tuple[str, tuple[Column, ...]]:
+        """What says that a position has the event of a node, and the arguments that are bound by it."""
+        names = sorted(rigid_variables(self._patterns[node]))
+        columns = tuple((name, "text") for name in names if name in tied and (name, "integer") not in wanted)
+        columns = tuple(dict.fromkeys((*columns, *(one for one in sorted(wanted) if one[0] in names))))
+        known = self._patterns[node], guards, columns
+        if known not in self._predicates:
+            self._predicates[known] = self._fresh(node)
+        arguments = ", ".join([*map(self._column, columns), place])
+        return f"(ONCE {self._predicates[known]}({arguments}))", columns
+
+    def _column(self, column: Column) -> str:
+        return f"{self._names[column[0]]}_{column[1]}"
+
+    def _fresh(self, node: str) -> str:
+        """A name of a predicate that no other has, like that of a node."""
+        name = _ILLEGAL.sub("_", node.lower()).strip("_") or "event"
+        name = f"e{name}" if name[0].isdigit() else name
+        found = _free(name, self._taken)
+        self._taken.add(found)
+        return found
+
+    def _count(self, more: int) -> None:
+        self._size += more
+        if self._size > self._limit:
+            raise TooLarge("atoms and comparisons of the formula", limit=self._limit)
+
+
+def _later(points: nx.DiGraph, name: str, events: Collection[str]) -> set[str]:
+    """Of these events those that come after that of a node."""
+    after = nx.descendants(points, event(name))
+    return {other for other in events if event(other) in after}
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    """The name, or one like it that is not taken."""
+    return next(one for one in chain([name], (f"{name}_{number}" for number in count(2))) if one not in taken)
+
+
+def _names(variables_of_tree: Iterable[str]) -> dict[str, str]:
+    """A word of MonPoly for each variable; positions are `i1`, `i2`, …, which no argument is called."""
+    found: dict[str, str] = {}
+    for name in dict.fromkeys(variables_of_tree):
+        plain = "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in name)
+        found[name] = _free(plain, found.values())
+    return found
+
+
+def _conjunction(
+    atoms: Sequence[tuple[str, tuple[Column, ...]]], orders: Sequence[list[str]], way: Sequence[str], bound: list[str]
+) -> str:
+    """The atoms one after the other, each comparison as soon as all that it is about is bound."""
+    formula, known, waiting, arguments = "", set[str](), list(way), frozenset(bound)
+    for (atom, _), order in zip(atoms, orders, strict=True):
+        formula = f"({formula} AND {atom})" if formula else atom
+        known |= set(_WORD.findall(atom))
+        ready = [one for one in waiting if known.issuperset(arguments.intersection(_WORD.findall(one)))]
+        waiting = [one for one in waiting if one not in ready]
+        for condition in (*order, *ready):
+            formula = f"({formula} AND {condition if condition.startswith('NOT') else f'({condition})'})"
+    return f"EXISTS {', '.join(bound)}. {formula}"

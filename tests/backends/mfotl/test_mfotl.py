@@ -1,0 +1,177 @@
+"""MFOTL: pinned texts, what is refused, a stand-in for MonPoly, and MonPoly itself with its verified kernel where `MONPOLY` names the program."""
+
+import os
+import stat
+from collections.abc import Sequence
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from backends import conformance
+from backends.conformance import Example
+from backends.mfotl.monpoly import first_detections
+from backends.mfotl.predicates import Header
+from cross_check import comparison
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
+from cross_check.results import Job, Status
+from cross_check.traces import ONE_TREE
+from rvaft import Semantics, load, loads
+from rvaft.backend import backend
+from rvaft.errors import NotExpressible, RvaftError, ToolFailed, ToolMissing
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json, is_finite
+from rvaft.model.verdict import Verdict
+from rvaft.semantics import Reference
+from tests.tables import rows
+
+PROGRAM = Path(os.environ.get("MONPOLY", "/nowhere"))
+published = pytest.mark.skipif(not PROGRAM.is_file(), reason="MONPOLY does not name the program MonPoly")
+TREES = Path(__file__).parents[3] / "trees"
+EVENTS = "event e(v) = { e: v }; event p(v, w) = { v: v, w: w }; "
+
+
+def emitted(tree: str, name: str = "mfotl") -> str:
+    return backend(name).translate(loads(tree), Semantics.SCATTERED).text
+
+
+@pytest.mark.parametrize(("tree", "text"), rows(__file__, "texts.txt"))
+def test_texts(tree: str, text: str) -> None:
+    assert emitted(tree) == text
+
+
+@pytest.mark.parametrize(("tree", "reason"), rows(__file__, "refused.txt"))
+def test_what_cannot_be_said_is_refused_with_the_reason(tree: str, reason: str) -> None:
+    with pytest.raises(NotExpressible, match=reason):
+        emitted(EVENTS + tree)
+
+
+def test_every_tree_is_said_under_scattered() -> None:
+    def required(example: Example, semantics: Semantics) -> bool:
+        return semantics is Semantics.SCATTERED and conformance.everything(example, semantics)
+
+    report = conformance.run(backend("mfotl"), Reference, required=required)
+    assert report.passed, report
+
+
+def test_the_signature_and_the_facts_of_an_event() -> None:
+    tree = 'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*) p(\\"1\\")"); b on p(X, Y) when Y > 1;'
+    text = emitted(tree)
+    assert emitted(tree, "mfotl-signature").splitlines() == [
+        "a(X_text: string, At_a_integer: int, At_a_kind: string, position: int)",
+        "b(X_text: string, At_b_integer: int, At_b_kind: string, position: int)",
+    ]
+    header = Header.read(text)
+    event = {"v": '"), a("\n', "w": '*) p("1")', "t": 2}
+    assert [*header.facts(event, 7)] == ['a("%22%22%29%2C%20a%28%22%0A",2000000000,"n",7)']
+    assert [*header.facts({"v": [1.0, None], "w": 2}, 0)] == ['b("%5B1%2Cnull%5D",0,"o",0)']
+
+
+STAND_IN = "#!/bin/sh\n{}\n"
+
+
+@pytest.mark.parametrize(
+    ("script", "said"),
+    [
+        ("echo '@1 (time point 1): true'", [2]),
+        ("exit 0", [None]),
+        ("echo 'The analyzed formula is NOT monitorable.'", "NOT monitorable"),
+        ("echo 'cannot read' >&2; exit 3", "cannot read"),
+        ("exit 3", "exit status 3"),
+    ],
+)
+def test_what_a_program_says(tmp_path: Path, script: str, said: list[int | None] | str) -> None:
+    (program := tmp_path / "monpoly").write_text(STAND_IN.format(script))
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    text, trace = emitted("top sand a b;"), [{"event": "a"}, {"event": "b"}]
+    if isinstance(said, str):
+        with pytest.raises(ToolFailed, match=said):
+            first_detections(program, text, [trace])
+    else:
+        assert first_detections(program, text, [trace]) == said
+    with pytest.raises(ToolMissing, match="name the program that its build makes"):
+        first_detections(tmp_path / "nowhere", text, [trace])
+
+
+def compared(tree: RVAFT, program: Path, text: str | None = None) -> dict[str, Status]:
+    """How a comparison of MonPoly and VeriMon with the reference ends."""
+    roster = comparison.Roster(backends=(), monpoly=program)
+    found = comparison.Comparison(tree, Job("tree", Semantics.SCATTERED), ONE_TREE).run(
+        roster.candidates(tree, Job("tree", Semantics.SCATTERED))
+    )
+    return {one.participant: one.status for one in found}
+
+
+def test_without_the_program_it_is_missing() -> None:
+    found = compared(loads("top sand a b;"), Path("/nowhere"))
+    assert found["mfotl-monpoly"] is found["mfotl-verimon"] is Status.TOOL_MISSING
+
+
+def first(tree: RVAFT, trace: Sequence[Json]) -> int | None:
+    verdicts = [*Reference(tree, Semantics.SCATTERED).run(trace)]
+    return verdicts.index(Verdict.TRUE) + 1 if Verdict.TRUE in verdicts else None
+
+
+@pytest.mark.published
+@published
+@pytest.mark.parametrize("verified", [False, True])
+def test_both_kernels_say_what_the_definition_says(*, verified: bool) -> None:
+    random, asked = Random("mfotl"), 0
+    trees = [(one.tree, [*conformance.traces(one, 4, random)]) for one in conformance.examples()]
+    for _ in range(60):
+        tree = random_tree(random, Shape(max_nodes=7, variables=0.7, guards=0.4, typed_events=0.8))
+        trees.append((tree, [random_trace(random, tree) for _ in range(4)]))
+    for tree, traces in trees:
+        try:
+            text = backend("mfotl").translate(tree, Semantics.SCATTERED).text
+        except RvaftError:
+            continue
+        header = Header.read(text)
+        some = [one for one in traces if all(map(is_finite, one)) and all(map(header.is_exact, one))]
+        assert first_detections(PROGRAM, text, some, verified=verified) == [first(tree, one) for one in some], text
+        asked += len(some)
+    assert asked > 2_000
+
+
+TIED = (
+    "time t as s; event n(k, x) = { k: k, y: x }; event e(k, x) = { k: k, x: x }; top sand a both within 1 s; "
+    "both and b c d when Y < Z; a on n(1, Y); b on n(_, Z); c on e(2, X); d on e(_, X);"
+)
+FAULTS = {
+    "an order dropped": ("(i1 < i2)", "(i1 <= i1)"),
+    "an order turned round": ("(i1 < i2)", "(i2 < i1)"),
+    "one event serves two": ("NOT (i3 = i4)", "NOT (i1 = i4)"),
+    "a variable of its own": ("ONCE d(X_text", "ONCE d(_"),
+    "a guard dropped": ("(Y_number < Z_number)", "(Y_number <= Y_number)"),
+    "a window one unit off": ("<= 1000000000", "<= 999999999"),
+}
+
+
+@pytest.mark.published
+@published
+def test_planted_faults_show() -> None:
+    """Each text that is edited detects something else than the tree, on one of these traces."""
+    tree = loads(TIED)
+    text = backend("mfotl").translate(tree, Semantics.SCATTERED).text
+    events: list[Json] = [{"k": k, "y": y} for k in (1, 3) for y in (1, 2)]
+    events += [{"k": k, "x": x} for k in (2, 3) for x in (1, 2)]
+    random = Random("faults")
+    traces: list[list[Json]] = [[{**random.choice(events), "t": n * 0.25} for n in range(8)] for _ in range(60)]
+    ends: list[Json] = [{"k": 3, "y": 2, "t": 0.5}, {"k": 2, "x": 1, "t": 0.6}, {"k": 3, "x": 1, "t": 1}]
+    traces.append([{"k": 1, "y": 1, "t": 0}, *ends])
+    wanted = [first(tree, one) for one in traces]
+    assert first_detections(PROGRAM, text, traces) == wanted
+    assert wanted[-1] == 4
+    for name, (right, wrong) in FAULTS.items():
+        edited = text.replace(right, wrong)
+        assert edited != text, name
+        assert first_detections(PROGRAM, edited, traces) != wanted, name
+
+
+@pytest.mark.published
+@published
+@pytest.mark.parametrize("tree", sorted(TREES.glob("gates/*.rvaft")), ids=lambda path: path.stem)
+def test_the_shipped_gates_are_compared(tree: Path) -> None:
+    found = compared(load(tree), PROGRAM)
+    assert found["mfotl-monpoly"] is found["mfotl-verimon"] is Status.TESTED

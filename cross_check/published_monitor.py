@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from backends.mfotl.monpoly import first_detections
-from backends.mfotl.predicates import Header
+from backends.mfotl.predicates import MfotlHeader
 from backends.rml.prolog import prolog
 from cross_check.participants import Answer, Outside, absent_on_error, detected
 from rvaft.backend import backend
@@ -40,7 +40,7 @@ _ERROR_LENGTH: Final = 300
 def monpoly_of(part: RVAFT, semantics: Semantics, program: Path, name: str, *, timeout: float) -> Outside:
     """MonPoly, or VeriMon, with the MFOTL text of a tree; absent where that cannot be said, or the path is no program."""
     specification = backend("mfotl").translate(part, semantics)
-    header = Header.read(specification.text)
+    header = MfotlHeader.read(specification.text)
 
     def answers(traces: Sequence[Sequence[Json]]) -> list[Answer]:
         inexact = (None if all(map(header.is_exact, trace)) else _INEXACT for trace in traces)

@@ -9,8 +9,8 @@ import time
 from dataclasses import replace
 from typing import ClassVar
 
-from backends.mfotl.predicates import Header
-from backends.mfotl.translation import Translation
+from backends.mfotl.predicates import MfotlHeader
+from backends.mfotl.translation import MfotlFormula
 from rvaft.backend import Backend, Specification
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
@@ -45,7 +45,7 @@ class MfotlBackend(Backend):
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as a formula; `NotExpressible` for late events, multiplication and what else only Python computes alike, `TooLarge`."""
         tree, start = self.plain(tree, Semantics(semantics)), time.perf_counter()
-        text, metrics = Translation(tree, self.default_limit if limit is None else limit).text()
+        text, metrics = MfotlFormula(tree, self.default_limit if limit is None else limit).text()
         return Specification(text, self.language, replace(metrics, seconds=time.perf_counter() - start))
 
 
@@ -66,5 +66,5 @@ class MfotlSignatureBackend(MfotlBackend):
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The signature; raises what the formula does."""
         made = super().translate(tree, semantics, limit=limit)
-        header = Header.read(made.text)
+        header = MfotlHeader.read(made.text)
         return replace(made, text=header.signature(), language=self.language)

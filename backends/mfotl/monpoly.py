@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from backends.mfotl.predicates import Header
+from backends.mfotl.predicates import MfotlHeader
 from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.model.values import Json
 
@@ -23,7 +23,7 @@ def first_detections(
     Raises `LanguageError` for a text without a header, `ToolMissing` where the path is no program, `ToolFailed` where it does not take the text,
     and `TimeoutExpired` of `subprocess` after so many seconds for one trace.
     """
-    header, found = Header.read(text), list[int | None]()
+    header, found = MfotlHeader.read(text), list[int | None]()
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
         names = [Path(folder) / name for name in ("signature", "formula", "log")]
         names[0].write_text(header.signature(), encoding="utf-8")

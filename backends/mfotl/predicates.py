@@ -111,7 +111,7 @@ class Predicate:
 
 
 @dataclass(slots=True)
-class Header:
+class MfotlHeader:
     """What the comment says: the predicates by name, in the order of their lines."""
 
     predicates: dict[str, Predicate] = field(default_factory=dict)
@@ -126,7 +126,7 @@ class Header:
         return "\n".join(["(* rvaft", *lines, "*)\n"])
 
     @classmethod
-    def read(cls, text: str) -> "Header":
+    def read(cls, text: str) -> "MfotlHeader":
         """The header of a text; raises `LanguageError` where it has none."""
         opening, _, rest = text.partition("\n")
         lines, end, _ = rest.partition("*)")

@@ -8,7 +8,7 @@ from typing import Final
 import networkx as nx
 
 from backends.mfotl.conditions import Conditions, Unsayable, both, times_of
-from backends.mfotl.predicates import Column, Header, Predicate
+from backends.mfotl.predicates import Column, MfotlHeader, Predicate
 from rvaft.analysis.scenarios import Kept, event, precedence, resolutions
 from rvaft.analysis.unification import overlaps
 from rvaft.backend import Metrics
@@ -40,14 +40,14 @@ _RESERVED: Final = (
 )
 
 
-class Translation:
+class MfotlFormula:
     """One translation. Raises `NotExpressible`, `TooLarge` beyond `limit` atoms and comparisons, `TreeError` without a feasible scenario."""
 
     def __init__(self, tree: RVAFT, limit: int) -> None:
         self._tree = tree
         self._limit = limit
         self._size = 0
-        self._header = Header(time=tree.time)
+        self._header = MfotlHeader(time=tree.time)
         self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
         times = frozenset(name for pattern in self._patterns.values() for name in times_of(pattern))
         self._names = _names([*tree.variables, *times])

@@ -11,7 +11,7 @@ import pytest
 from backends import conformance
 from backends.conformance import Example
 from backends.mfotl.monpoly import first_detections
-from backends.mfotl.predicates import Header
+from backends.mfotl.predicates import MfotlHeader
 from cross_check import comparison
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
@@ -62,7 +62,7 @@ def test_the_signature_and_the_facts_of_an_event() -> None:
         "a(X_text: string, At_a_integer: int, At_a_kind: string, position: int)",
         "b(X_text: string, At_b_integer: int, At_b_kind: string, position: int)",
     ]
-    header = Header.read(text)
+    header = MfotlHeader.read(text)
     event = {"v": '"), a("\n', "w": '*) p("1")', "t": 2}
     assert [*header.facts(event, 7)] == ['a("%22%22%29%2C%20a%28%22%0A",2000000000,"n",7)']
     assert [*header.facts({"v": [1.0, None], "w": 2}, 0)] == ['b("%5B1%2Cnull%5D",0,"o",0)']
@@ -127,7 +127,7 @@ def test_both_kernels_say_what_the_definition_says(*, verified: bool) -> None:
             text = backend("mfotl").translate(tree, Semantics.SCATTERED).text
         except RvaftError:
             continue
-        header = Header.read(text)
+        header = MfotlHeader.read(text)
         some = [one for one in traces if all(map(is_finite, one)) and all(map(header.is_exact, one))]
         assert first_detections(PROGRAM, text, some, verified=verified) == [first(tree, one) for one in some], text
         asked += len(some)

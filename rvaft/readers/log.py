@@ -168,7 +168,7 @@ class Log:
     r"""A log that is read: by which reader, from what, and what came of it so far.
 
     `source` is a stream of bytes, or, for a reader that `needs_file`, the path of one, or, for one of URLs, the URL; `name` stands for it in messages. `line` is the number
-    of the first line, where a stream begins later than its file. Of each of the `needed` tuples one is a field that events must have. `rejected` counts what was left out; `first` is the error for the first of it, which is `told` at once where somebody wants to know.
+    of the first line, where a stream begins later than its file. Of each of the `needed` tuples one is a field that events must have. `reading` is the line that is looked at. `rejected` counts what was left out; `first` is the error for the first of it, which is `told` at once where somebody wants to know.
 
     >>> import io
     >>> from rvaft.readers.registry import reader
@@ -188,6 +188,7 @@ class Log:
     needed: Sequence[tuple[str, ...]] = ()
     interest: Interest = ALL
     place: int = 0
+    reading: int | None = None
     given: int = 0
     rejected: int = 0
     first: TraceError | None = None
@@ -317,6 +318,7 @@ class LineReader(LogReader):
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
         """The events of all lines; bytes that are no UTF-8 become escapes of their numbers."""
         for number, data in lines_of(log):
+            log.reading = number
             text = data.decode(errors="backslashreplace").rstrip("\r\n")
             if not text.strip():
                 continue

@@ -4,6 +4,7 @@ Not every line of such a log need be an event: how many are not, and the first o
 """
 
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
@@ -13,7 +14,10 @@ from rvaft.errors import OptionError
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import settled
 from rvaft.readers.log import InputOptions, LineReader, Log, by_content
+from rvaft.support.budget import Expired, looking
 
+_PATIENCE: Final = 1.0
+"""Seconds between two looks at the line that is searched."""
 _FACILITIES: Final = (
     *("kern", "user", "mail", "daemon", "auth", "syslog", "lpr", "news", "uucp", "cron", "authpriv", "ftp"),
     *("ntp", "security", "console", "solaris-cron", *(f"local{number}" for number in range(8))),
@@ -133,13 +137,31 @@ class RegexReader(LineReader):
         for name in options.types:
             if name not in groups:
                 raise OptionError(f"the pattern has no group {name}, of which a type is given")
+        self._searched = self._before = ""
+        """The line that is searched, and that at the last look."""
         self._converters = {
             name: by_content if (kind := options.types.get(name)) is None else kind.value_of for name in groups
         }
 
+    def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
+        """The events of all lines; raises `TraceError` where the expression takes more than a second or two on one."""
+        with looking(self._look, _PATIENCE):
+            try:
+                yield from super().events(log)
+            except Expired:
+                most = f"the pattern takes more than {_PATIENCE:g} s on this line: repeat nothing that repeats itself"
+                raise log.error_at(most, log.reading) from None
+
+    def _look(self) -> None:
+        if self._searched and self._searched is self._before:
+            raise Expired
+        self._before = self._searched
+
     def event(self, line: str, log: Log) -> dict[str, Json]:
         """The event on a line: the groups that took part in the match."""
+        self._searched = line
         found = self._search(line)
+        self._searched = ""
         if found is None:
             raise ValueError("the pattern does not match")
         event: dict[str, Json] = {}

@@ -6,8 +6,8 @@ thousands of gates deep; Python's own recursion may not.
 
 import signal
 import threading
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
 from typing import Any, Final, TypeAlias, TypeVar
@@ -79,6 +79,26 @@ def within(seconds: float | None) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+
+
+@contextmanager
+def looking(look: Callable[[], object], seconds: float) -> Iterator[None]:
+    """Call a function again and again while the block lasts; what it raises is raised wherever the block is.
+
+    Works as `within` does, and not at all where somebody else uses the signal.
+    """
+    main = threading.current_thread() is threading.main_thread() and hasattr(signal, "SIGALRM")
+    if not main or signal.getsignal(signal.SIGALRM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGALRM, lambda _signal, _frame: look())
+    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        with suppress(ValueError):  # another thread may let go of it
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
 
 
 def run(call: Call[T]) -> T:

@@ -424,3 +424,23 @@ def test_a_table_is_no_slower_than_the_engine() -> None:
     engine = shortest(lambda: monitor(tree, semantics="scattered"))
     table = shortest(lambda: translate(tree, "automaton", semantics="scattered").monitor())
     assert table < 2 * engine
+
+
+@pytest.mark.benchmark
+@pytest.mark.slow
+def test_two_processes_read_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What two cores would take that nobody else uses, from the processor time of each process: at most 1 / 1.6 of one alone."""
+
+    def taken(jobs: int) -> float:
+        before = time.process_time(), os.times()
+        with contextlib.redirect_stdout(io.TextIOWrapper(io.BytesIO(), encoding="utf-8")):
+            main(["monitor", str(TREE), str(log.file), "--jobs", str(jobs)], standalone_mode=False)
+        mine, after = time.process_time() - before[0], os.times()
+        others = sum(after[2:4]) - sum(before[1][2:4])
+        return max(mine, (mine + others) / 2) if jobs > 1 else mine
+
+    log = telemetry(tmp_path / "log.jsonl", 1_000_000)
+    one, two = (min(taken(jobs) for _ in range(3)) for jobs in (1, 2))
+    with capsys.disabled():
+        sys.stdout.write(f"\none process {one:.3f} s, two {two:.3f} s: {one / two:.2f} x\n")
+    assert one / two > 1.6

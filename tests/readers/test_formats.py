@@ -521,3 +521,12 @@ def test_a_type_that_nobody_defines(tmp_path: Path) -> None:
     assert run("monitor", SAND, file).exit_code == 2
     other = written(tmp_path / "t.rvaft", 'event goal(g) = { topic: "/move_base/goal", goal: g }; top on goal(1);')
     assert run("monitor", other, file).exit_code == 1
+
+
+def test_an_expression_that_never_ends_is_stopped_at_its_line(tmp_path: Path) -> None:
+    log = written(tmp_path / "door.log", "by a\nby " + "a" * 60 + "b\nby a\n")
+    tree = written(tmp_path / "tree.rvaft", "top or a b; a; b;")
+    done = run("monitor", tree, log, "--input", "regex", "--pattern", "by (?P<event>(a+)+)$")
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"rvaft: error: {log}:2: the pattern takes more than 1 s on this line")
+    assert "event 1: true" in done.stdout

@@ -27,11 +27,12 @@ from rvaft.language.parser import parse
 from rvaft.model.expressions import GATES
 from rvaft.model.guards import FUNCTIONS, ORDERINGS, Operation, Operator, holds, walk
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import Literal, Variable, match, variables
+from rvaft.model.patterns import ListPattern, Literal, Variable, match, variables
+from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Monitor
+from rvaft.monitors import DetectionMonitor, Monitor
 
 # The trees, each with the events that matter to it.
 #
@@ -190,6 +191,18 @@ def without_variables_or_determinate(example: Example, semantics: Semantics) -> 
     return not example.tree.variables or (example.determinate and not anywhere)
 
 
+def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
+    """Every tree without variables and times where events are skipped at will, if what is asked of each is a constant at a field."""
+    asked = (
+        part
+        for name in example.tree.occurrences
+        if (p := example.tree.pattern(name)) is not None
+        for part in walk_pattern(p)
+    )
+    simple = all(not isinstance(part, ListPattern) and part != Literal(None) for part in asked)
+    return semantics is Semantics.SCATTERED and without_variables(example, semantics) and simple
+
+
 def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
     """Whether a guard orders what an event has against a string, or asks what is in one.
 
@@ -286,8 +299,11 @@ def run(
             if backend.readable:
                 tried = list(traces(example, words, Random(f"{seed} {example.name}")))  # noqa: S311 -- no secret
                 try:
-                    if specification.monitor().verdict is not Verdict.UNKNOWN:
+                    first = specification.monitor()
+                    if first.verdict is not Verdict.UNKNOWN:
                         found.append(("start", "the verdict before any event is not unknown", ()))
+                    if isinstance(first, DetectionMonitor):
+                        tried = [trace for trace in tried if not first.left_open(trace)]
                 except LanguageError as error:
                     found.append(("readable", f"the backend cannot read its own text: {error.message}", ()))
                 else:

@@ -13,6 +13,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Final, TypeAlias, TypeVar
 
+from cross_check.generate.times import in_order
 from cross_check.letters import TIMES, VARIABLES
 from cross_check.participants import (
     ENGINE,
@@ -187,6 +188,11 @@ class _Row:
         one = self.participant or self.outside
         return one is not None and tells_detections_only(one)
 
+    def leaves_open(self, trace: Trace) -> str:
+        """Why its language tells nothing of a trace, if that is so."""
+        left_open = None if self.participant is None else self.participant.left_open
+        return "" if left_open is None else left_open(trace)
+
     def judge(self, asked: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
         """Look at what it says of the traces; where a program is known to deviate, that is only counted."""
         for (trace, wanted), answer in zip(asked, answers, strict=True):
@@ -344,6 +350,7 @@ class Comparison:
             if traces:
                 json_alone = row.participant is None or row.participant.json_alone
                 asked = [one for one in every if not json_alone or all(map(is_finite, one[0]))]
+                asked = self._told(row, baseline, asked)
                 answers = row.answers([trace for trace, _ in asked])
                 if answers is not None:
                     row.judge(asked, answers)
@@ -353,6 +360,18 @@ class Comparison:
                 row.end(Status.COULD_NOT_RUN, "there was no trace to try")
             row.status = row.status or Status.TESTED
         return True
+
+    def _told(self, row: _Row, baseline: _Row, asked: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:
+        """The traces of which the language of a participant tells something, others at times that increase; what is left is counted."""
+        told = [one for one in asked if not row.leaves_open(one[0])]
+        if len(told) < len(asked):
+            others = [in_order(self.tree, trace) for trace, _ in asked if row.leaves_open(trace)]
+            whys = [why for trace in others if (why := row.leaves_open(trace))]
+            row.masks.update(dict.fromkeys(whys))
+            row.masked += len(whys)
+            others = [trace for trace in others if not row.leaves_open(trace)]
+            told += zip(others, baseline.answers(others) or (), strict=False)
+        return told
 
     def _result(self, row: _Row, baseline: _Row | None) -> Result:
         source = row.participant or row.outside

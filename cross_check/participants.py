@@ -28,7 +28,7 @@ from rvaft.model.patterns import Literal, Pattern, rigid_variables, walk
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DetectionMonitor, FirstDetections, Monitor
+from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
 from rvaft.semantics import Reference
 
 REFERENCE: Final = "reference"
@@ -44,7 +44,8 @@ class Participant:
     """Somebody who gives verdicts; `start` makes a fresh monitor.
 
     `observed` is all that it asks of events but their times, None where nobody knows; `timed` says that it asks for these, too.
-    With `json_alone` it is not asked about numbers that are not finite. With `first_detections` it tells detections alone, of whole traces.
+    With `json_alone` it is not asked about numbers that are not finite. With `first_detections` it tells detections alone, of whole traces, and
+    says with `left_open` why its language tells nothing of one.
     `specification` is there for a text, `tree` for the meaning of another tree than the one that is compared.
     """
 
@@ -56,6 +57,7 @@ class Participant:
     timed: bool = False
     json_alone: bool = False
     first_detections: FirstDetections | None = None
+    left_open: LeftOpen | None = None
 
     def answers(self, traces: Sequence[Sequence[Json]]) -> list[tuple[Verdict, ...]]:
         """What it says after every prefix of each trace."""
@@ -220,12 +222,12 @@ def translated(
     first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
     called = name if tool is None else f"{name}-{tool}"
     observed = language.observed(specification.text)
-    asks = times_matter(part), language.json_alone, _of_whole_traces(first)
-    return Participant(called, first.fork, specification, observed, None, *asks)
+    asks = times_matter(part), language.json_alone
+    return Participant(called, first.fork, specification, observed, None, *asks, *_of_whole_traces(first))
 
 
-def _of_whole_traces(monitor: Monitor) -> FirstDetections | None:
-    return monitor.first_detections if isinstance(monitor, DetectionMonitor) else None
+def _of_whole_traces(monitor: Monitor) -> tuple[FirstDetections | None, LeftOpen | None]:
+    return (monitor.first_detections, monitor.left_open) if isinstance(monitor, DetectionMonitor) else (None, None)
 
 
 def tells_detections_only(one: Enlisted) -> bool:
@@ -291,8 +293,8 @@ class Handwritten:
         atoms.path = self.path
         first = reader.read(self.text, atoms=atoms)
         observed = reader.observed(self.text, atoms=atoms)
-        alone, of_traces = reader.json_alone, _of_whole_traces(first)
-        return Participant(self.path, first.fork, observed=observed, json_alone=alone, first_detections=of_traces)
+        asks = observed, None, False, reader.json_alone
+        return Participant(self.path, first.fork, None, *asks, *_of_whole_traces(first))
 
 
 class _NodeEvents(dict[str, Pattern]):

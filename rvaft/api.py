@@ -4,9 +4,9 @@
 """
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from rvaft.analysis.branches import restrict
 from rvaft.backend import Specification, backend
@@ -34,8 +34,9 @@ def translate(
     branch: int | None = None,
     kind: Kind | str | None = None,
     limit: int | None = None,
+    mapping: Mapping[str, Any] | None = None,
 ) -> Specification:
-    r"""The tree as a specification; `language` names a backend.
+    r"""The tree as a specification; `language` names a backend. A `mapping` says how a language that takes one calls the fields of events.
 
     Raises `UnknownBackend`, `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind,
     `NotExpressible` where the language cannot say it, `TooLarge` beyond the limit (None is the backend's own), and `WrongType`.
@@ -47,7 +48,9 @@ def translate(
     expect("language", language, str, "a str, the name of a backend")
     expect("branch", branch, int | None, "an int")
     expect("limit", limit, int | None, "an int")
-    return backend(language).translate(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
+    expect("mapping", mapping, Mapping | None, "a mapping of event types")
+    speaks = backend(language) if mapping is None else backend(language).mapped(mapping)
+    return speaks.translate(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
 
 
 def monitor(

@@ -14,7 +14,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from itertools import count
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed, ToolMissing
@@ -155,6 +155,10 @@ class Backend(ABC):
 
         Raises `NotExpressible` where the language cannot say it, `TooLarge` where it could but not within the limit.
         """
+
+    def mapped(self, mapping: Mapping[str, Any]) -> "Backend":  # noqa: ARG002
+        """The same backend for events whose fields are called as a mapping says, of each event type each field; raises `OptionError`."""
+        raise OptionError(f"{self.name} takes no mapping: in {self.language} the fields of events have their own names")
 
     def require(self) -> None:
         """Raises `ToolMissing` where the program that runs its texts is an extra which is not installed."""

@@ -196,19 +196,24 @@ FirstDetections: TypeAlias = Callable[[Sequence[Sequence[Json]]], Sequence[int |
 """What a program says that looks at whole traces: for each, the number of the event, from 1, with which it first is a detection, if it is one."""
 
 
+LeftOpen: TypeAlias = Callable[[Sequence[Json]], str]
+"""Why a language says nothing of a trace (its events have no order there, say), in a few words; empty where it does."""
+
+
 class DetectionMonitor(Monitor):
     """Asks a program that looks at whole traces, after each event, whether the events so far are a detection; it never says ⊥.
 
-    Every event costs as much as all before it: ask `first_detections` itself where a trace is known to its end.
+    What a language has `left_open` raises `TraceError`, and no comparison asks for it. Every event costs as much as all before it: ask `first_detections` itself where a trace is known to its end.
 
     >>> two = DetectionMonitor(lambda traces: [2 if len(trace) > 1 else None for trace in traces])
     >>> [verdict.symbol for verdict in two.run([{}, {}, {}])], two.first_detections([[], [{}, {}]])
     (['?', '⊤', '⊤'], [None, 2])
     """
 
-    def __init__(self, first_detections: FirstDetections) -> None:
+    def __init__(self, first_detections: FirstDetections, left_open: LeftOpen = lambda _: "") -> None:
         super().__init__()
         self.first_detections = first_detections
+        self.left_open = left_open
         self._events: tuple[Json, ...] = ()
 
     def _advance(self, event: Json) -> Verdict:

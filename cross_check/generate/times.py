@@ -32,6 +32,7 @@ from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json
 
 SECOND: Final = UNITS["s"]
+MICROSECOND: Final = UNITS["us"]
 TODAY: Final = 1_760_000_000 * SECOND
 """When believable logs begin."""
 _STEPS: Final = 9
@@ -356,6 +357,24 @@ def walked(random: Random, tree: RVAFT, trace: Iterable[Json], *, plain: bool = 
         now += random.choice(steps) * random.choice((1, 1, 1, 1, -1))
         instant = None if random.random() < _UNDEFINED and not plain else now
         found.append(timed(random, tree, event, instant, plain=random.random() < 0.5 or plain))
+    return found
+
+
+def in_order(tree: RVAFT, trace: Iterable[Json]) -> list[Json]:
+    """The events at times near to theirs that increase, in whole microseconds: what was a nanosecond off a bound is a microsecond off it."""
+    if tree.time is None:
+        return [*trace]
+    events = [*trace]
+    times = [tree.time.read(event) for event in events]
+    shift = -min((time for time in times if time is not None), default=0) // SECOND * SECOND + SECOND
+    now, found = -MICROSECOND, []
+    for event, time in zip(events, times, strict=True):
+        if time is not None:
+            near = round((time + shift) / MICROSECOND)
+            off = (time + shift) - near * MICROSECOND
+            now = max(now, (near - 1 + (off > 0) - (off < 0)) * MICROSECOND)
+        now += MICROSECOND
+        found.append(timed(Random(0), tree, event, now, plain=True))  # noqa: S311 -- no secret
     return found
 
 

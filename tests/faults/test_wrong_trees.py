@@ -25,6 +25,7 @@ from cross_check.participants import (
 from cross_check.results import Job, Result, Status
 from rvaft import RVAFT, Semantics, Verdict
 from rvaft.analysis.branches import restrict
+from rvaft.backend import backend
 from rvaft.model.values import Json
 from rvaft.monitors import Monitor
 from tests.faults.wrong_trees import MISREADINGS, MISTAKES
@@ -99,9 +100,25 @@ def is_killed(participant: str, wrong: Callable[[RVAFT], RVAFT], **others: Any) 
     return False
 
 
+NO_DETECTION: frozenset[str] = frozenset(
+    {
+        "an or of which more may come",
+        "exactly K for at least K",
+        "`ignore` forgotten",
+        "an `ignore` without its guard",
+        "the events of one branch alone relevant",
+        "an event relevant whatever its guard says",
+        "the events of gates not relevant",
+    }
+)
+"""Mistakes about relevance, and about more than is needed: where events are skipped at will, no detection is another."""
+
+
 @pytest.mark.parametrize("mistake", MISTAKES)
 @pytest.mark.parametrize("participant", PRESENT)
 def test_a_wrong_tree_shows(participant: str, mistake: str) -> None:
+    if participant != ENGINE and backend(participant).semantics == {Semantics.SCATTERED} and mistake in NO_DETECTION:
+        pytest.skip("no detection is another")
     assert is_killed(participant, MISTAKES[mistake]), "no verdict differs"
 
 

@@ -1,0 +1,77 @@
+"""The `stix` backend: STIX 2.1 patterns, as threat intelligence is shared and security products run it.
+
+An event of a log is an object `x-rvaft` in an observation, its fields the properties of the object; or, by a mapping that the user gives, an object
+of another type. The unit of `limit` is observation expressions. Reading a text needs stix2-matcher, translating does not.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+from backends.stix.objects import Header
+from backends.stix.reader import StixMonitor
+from backends.stix.translation import Translation
+from rvaft.backend import Backend, Metrics, Specification
+from rvaft.errors import NotExpressible
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import Monitor
+
+__all__ = ["StixBackend"]
+
+
+class StixBackend(Backend):
+    """STIX patterns: trees under `scattered` whose events share no variables.
+
+    >>> from rvaft import loads
+    >>> print(StixBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text)
+    [x-rvaft:event = 'break_in'] FOLLOWEDBY [x-rvaft:event = 'alarm']
+    """
+
+    name: ClassVar[str] = "stix"
+    language: ClassVar[str] = "stix"
+    suffix: ClassVar[str] = ".stix"
+    verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
+    json_alone: ClassVar[bool] = True
+    extra: ClassVar[str] = "stix"
+    modules: ClassVar[tuple[str, ...]] = ("stix2matcher", "stix2patterns")
+    semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+    untimed: ClassVar[str] = "of times a pattern has WITHIN alone, and compares no two of them"
+    default_limit: ClassVar[int] = 250
+
+    def __init__(self, header: Header | None = None) -> None:
+        self._header = header or Header()
+
+    def mapped(self, mapping: Mapping[str, Any]) -> "StixBackend":
+        """The same for events whose fields are properties of other objects: of each event type the path of each field that it asks for.
+
+        >>> from rvaft import loads
+        >>> stix = StixBackend().mapped({"a": {"event": "user-account:account_login"}})
+        >>> print(stix.translate(loads("top or a;"), Semantics.SCATTERED).text)
+        /* rvaft {"objects":{"user-account:account_login":["event"]}} */ [user-account:account_login = 'a']
+        """
+        return StixBackend(Header.mapped(mapping))
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        """The tree as a pattern; `TooLarge` beyond `limit` observation expressions, `OptionError` for a mapping that lacks a type or a field."""
+        semantics, start = Semantics(semantics), time.perf_counter()
+        if semantics not in self.semantics:
+            reason = "a pattern says which observations there are and not that there are none between"
+            raise NotExpressible(reason, backend=self.name, semantics=semantics)
+        plain = self.plain(tree.changed(nodes=[replace(n, within=None) for n in tree.nodes.values()]), semantics)
+        header = replace(
+            self._header, time=tree.time if any(node.within is not None for node in tree.top_down()) else None
+        )
+        limit = self.default_limit if limit is None else limit
+        text, symbols = Translation(tree, plain, semantics, header, limit).text()
+        return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
+        """A monitor that asks stix2-matcher, whoever wrote the pattern; raises `LanguageError` and `ToolMissing`.
+
+        The events stand 1 s apart, or, where the pattern begins with a header that says so, at their own times, which then have to increase.
+        """
+        self.require()
+        return StixMonitor(text)

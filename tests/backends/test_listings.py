@@ -47,7 +47,10 @@ def test_no_text_ends_a_listing_or_escapes_from_it(text: str) -> None:
 @pytest.mark.parametrize("name", readable(*sorted(all_backends())))
 def test_every_backend_is_listed_and_hard_strings_stay_inside(name: str) -> None:
     semantics = "projected" if Semantics.PROJECTED in backend(name).semantics else "scattered"
-    emitting = ("emit", PRUNED, "--to", name, "--semantics", semantics)
+    source = (
+        PRUNED.parents[1] / "gates" / "vot.rvaft" if name == "stix" else PRUNED
+    )  # it has no variables of several events
+    emitting = ("emit", source, "--to", name, "--semantics", semantics)
     found = run(*emitting, "--format", "latex")
     assert (found.exit_code, found.stderr) == (0, "")
     assert body(found.stdout) == run(*emitting).stdout.rstrip("\n")

@@ -38,6 +38,7 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 from rvaft.support.bits import bits, mask_of
 
+_UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
 RELEVANT: Final = -1
 """Stands among the numbers of events for the propositions that say an event is relevant."""
 LIMIT: Final = 100_000
@@ -296,8 +297,9 @@ class HoaProgram:
         )
         """Whether what holds of an event alone says where it leads: then the text is a table over that."""
         asked = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
-        self._holding = PatternIndex(asked, self._decided).of
-        self.move = cache(self._move)
+        self.of_shape = PatternIndex(asked, self._decided).of
+        """As `holding`, or None where the shape of an event does not say it."""
+        self.move = lru_cache(maxsize=LIMIT)(self._move)
 
     def _decided(self, decided: Decided) -> frozenset[int] | None:
         """As `holding`, of all events of a shape, or None where that does not say it."""
@@ -311,17 +313,17 @@ class HoaProgram:
 
     def holding(self, event: Mapping[str, Json]) -> frozenset[int]:
         """The events that one is, where no variables are shared, and `RELEVANT` where it is that."""
-        found = self._holding(event)
+        found = self.of_shape(event)
         if found is None:
             events = (number for number, pattern in self._patterns.items() if match(pattern, event, {}) is not None)
             found = frozenset((*events, *([RELEVANT] if self.relevant and self.is_relevant(event) else ())))
         return found
 
-    def _move(self, state: int, holding: frozenset[int]) -> tuple[Verdict, slices.Slices]:
-        """What an event means in a state, where no variables are shared, and what is followed then."""
+    def _move(self, state: int, holding: frozenset[int]) -> tuple[Verdict, int]:
+        """What an event means in a state, where no variables are shared, and the state after it."""
         read = ((number if number in self.events else RELEVANT) in holding for number in self.table.seen(state))
         to = self.table.next(state, tuple(read))
-        return self.table.verdicts[to], slices.start(to)
+        return self.table.verdicts[to], to
 
     def _take(self, name: str, values: list[str]) -> None:
         many, what = _EXPECTED[name]
@@ -389,19 +391,31 @@ class HoaMonitor(Monitor):
         super().__init__()
         self._program = program
         self._slices = slices.start(0)
+        self._at = 0
+        """The state, where no variables are shared: then there is one slice."""
+        self._plain = program.ties_nothing
 
     @property
     def state(self) -> Hashable:
         """The slices; after a final verdict only that."""
-        return self._verdict if self._verdict.final else frozenset(self._slices)
+        if self._verdict.final:
+            return self._verdict
+        return frozenset(slices.start(self._at) if self._plain else self._slices)
+
+    def step(self, event: Json) -> Verdict:
+        """Read one event and return the verdict after it; raises `TraceError` for what is no JSON object."""
+        if not self._plain or type(event) is not dict or self._verdict is not _UNKNOWN:
+            return super().step(event)
+        self._read += 1  # what follows is for very many events
+        program = self._program
+        holding = program.of_shape(event)
+        self._verdict, self._at = program.move(self._at, program.holding(event) if holding is None else holding)
+        return self._verdict
 
     def _advance(self, event: Json) -> Verdict:
         program, run, events = self._program, self._program.table, self._program.events
-        if program.ties_nothing:
-            ((_, state),) = self._slices
-            verdict, after = program.move(state, program.holding(event))
-            if verdict is not Verdict.TRUE:
-                self._slices = after if verdict is Verdict.UNKNOWN else {}
+        if self._plain:
+            verdict, self._at = program.move(self._at, program.holding(event))
             return verdict
         event = event if program.time is None else program.time.stamped(event)
         relevant = bool(program.relevant) and program.is_relevant(event)

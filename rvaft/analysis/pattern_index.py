@@ -6,12 +6,12 @@ what a shape says is worked out once. It decides most patterns: those that ask f
 """
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from typing import Final, Generic, NamedTuple, TypeAlias, TypeVar
 
-from rvaft.model.guards import Guard, Predicate, predicate, renamed
+from rvaft.model.guards import Guard, Predicate, by_outcome, predicate, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 from rvaft.model.patterns import variables as pattern_variables
@@ -96,7 +96,8 @@ class PatternIndex(Generic[T]):
         asked: dict[str, set[type]] = {}
         for field, value in (item for some in literals for item in some.items()):
             asked.setdefault(field, set()).add(type(value))
-        self._shape = _shape_by(tuple(field for field, types in asked.items() if types == {str}))
+        texts = tuple(field for field, types in asked.items() if types == {str})
+        self._shape = _shape_by(texts, names=any(one.variables for one in self._flat.values()))
         self._others = tuple(field for field, types in asked.items() if types != {str})
 
     def of(self, event: Mapping[str, Json]) -> T:
@@ -130,8 +131,13 @@ def brief(values: Iterable[Json]) -> bool:
     return all(not isinstance(value, str) or len(value) <= LONGEST for value in values)
 
 
-def _shape_by(fields: tuple[str, ...]) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
-    """The shape of an event given the fields where patterns have strings: so many values at its end. Few fields are asked for one by one."""
+def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
+    """The shape of an event given the fields where patterns have strings: so many values at its end, after the names of its fields if they count.
+
+    Few fields are asked for one by one.
+    """
+    if not names:
+        return (lambda event: (event.get(fields[0]),)) if len(fields) == 1 else lambda event: (*map(event.get, fields),)
     match fields:
         case (one,):
             return lambda event: (*event, event.get(one))
@@ -316,6 +322,10 @@ class Reader(NamedTuple):
     """Whether the shape of an event decides that it fits the pattern. Then `holds` is asked of the event itself."""
     values: Values
     """If so what gives the values of the variables, but for the local ones, in an event that is this letter."""
+    asked: Guard | None
+    """If so the guard, with the fields of the event for its variables."""
+    fields: tuple[tuple[str, str], ...]
+    """If so the variables, but for the local ones, and their fields."""
 
     def admits(self, event: Mapping[str, Json]) -> bool:
         """Whether an event is this letter."""
@@ -337,15 +347,17 @@ def reader(number: int, letter: Letter) -> Reader:
     when = letter.when
     fields: tuple[tuple[str, str], ...] = ()
     holds: Predicate | None = None
+    asked: Guard | None = None
     if when is not None and not set(guard_variables(when)) <= set(pattern_variables(letter.pattern)):
-        holds = lambda _: False  # noqa: E731
+        holds, asked = (lambda _: False), Literal(False)
     elif plain is not None:
         named = {name: field for field, name in plain.variables.items() if name}
         fields = tuple((name, field) for name, field in named.items() if not name.startswith("_"))
-        holds = None if when is None else predicate(renamed(when, named))
+        asked = None if when is None else renamed(when, named)
+        holds = None if asked is None else predicate(asked)
     elif when is not None:
         holds = predicate(when)
-    return Reader(number, letter.pattern, holds, plain is not None, _values(fields))
+    return Reader(number, letter.pattern, holds, plain is not None, _values(fields), asked, fields)
 
 
 def _values(fields: tuple[tuple[str, str], ...]) -> Values:
@@ -357,3 +369,12 @@ def _values(fields: tuple[tuple[str, str], ...]) -> Values:
             return lambda event: {name: event[field], other: event[its]}
         case _:
             return lambda event: {name: event[field] for name, field in fields}
+
+
+def outcomes(
+    asked: Sequence[Guard | None], derive: Callable[[Callable[[int], bool]], T]
+) -> Callable[[Mapping[str, Json]], T]:
+    """What is derived of which of some guards hold of an event, those that are None always; `derive` asks by their places."""
+    places: dict[Guard, int] = {}
+    bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in asked]
+    return by_outcome([*places], lambda held: derive(lambda place: held & bit[place] == bit[place]))

@@ -12,11 +12,12 @@ configuration has to remember, and the guards that wait for them.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
-from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, reader
+from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, outcomes, reader
 from rvaft.analysis.time_differences import TimeDifference, differences
 from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard, Predicate, conjuncts, predicate
@@ -159,6 +160,8 @@ class Reading(NamedTuple):
 _new: Final = tuple.__new__  # half the time of the classes' own; they add nothing
 NOTHING: Final = Reading(relevant=False, hits=())
 """What an event means that fits no pattern."""
+QUIET: Final = Reading(relevant=False, hits=(None,))
+"""What an event means to `scattered` that fits some node and changes nothing."""
 
 
 _Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json] | None]
@@ -175,14 +178,33 @@ class Admission(NamedTuple):
     relevant: bool
     test: Predicate | None
     values: _Values
+    reader: Reader
+    """How it is read off an event."""
+    timed: bool
+    """Whether one of the values is the time."""
 
 
-class Sketch(NamedTuple):
-    """What events of one shape may be: the letters, those of them that serve a node, and those that are ignored."""
+@dataclass(slots=True, eq=False)
+class Sketch:
+    """What events of one shape may be: the letters, those of them that serve a node, and those that are ignored.
+
+    Where the fields of an event say the rest, `told` gives what they say, by a table over the guards that hold.
+    """
 
     letters: tuple[Admission, ...]
     serving: tuple[Admission, ...]
     ignored: tuple[Reader, ...]
+    told: Callable[[Mapping[str, Json]], "Told"] | None = None
+    followed: Any = None
+    """What a strategy makes of it."""
+
+
+@dataclass(slots=True, eq=False)
+class Told:
+    """What the fields of an event say: whether it is relevant, and the letters that it is and that serve a node."""
+
+    relevant: bool
+    serving: tuple[Admission, ...]
 
 
 def _time_variable(tree: RVAFT, name: str) -> str | None:
@@ -192,6 +214,18 @@ def _time_variable(tree: RVAFT, name: str) -> str | None:
         return None
     field, part = pattern.fields[-1]
     return part.name if field == TIME and isinstance(part, Variable) else None
+
+
+def _told(sketch: Sketch) -> Callable[[Mapping[str, Json]], Told]:
+    letters = len(sketch.letters)
+
+    def derive(holds: Callable[[int], bool]) -> Told:
+        own = [one for place, one in enumerate(sketch.letters) if holds(place)]
+        ignored = any(holds(letters + place) for place in range(len(sketch.ignored)))
+        relevant = not ignored and any(one.relevant for one in own)
+        return Told(relevant, tuple(one for one in own if one.nodes))
+
+    return outcomes([one.asked for one in (*(one.reader for one in sketch.letters), *sketch.ignored)], derive)
 
 
 class TreeLetters:
@@ -242,27 +276,40 @@ class TreeLetters:
             for one in possible:
                 if one.number < len(self.letters):
                     test, relevant = one.holds if one.plain else None, told[one.number] in alphabet
-                    letters.append(Admission(one.number, self.serves[one.number], relevant, test, values[one.number]))
+                    time = told[one.number][1] is not None and tree.time is not None
+                    nodes = self.serves[one.number]
+                    letters.append(Admission(one.number, nodes, relevant, test, values[one.number], one, time))
             serving = tuple(one for one in letters if one.nodes)
-            return Sketch(tuple(letters), serving, tuple(possible[len(letters) :]))
+            found = Sketch(tuple(letters), serving, tuple(possible[len(letters) :]))
+            if all(one.plain for one in possible) and not any(one.timed for one in letters):
+                found.told = _told(found)
+            return found
 
         self.sketch = PatternIndex((one.pattern for one in readers), sketch).of
         """What the shape of an event says: for who reads many events of few shapes."""
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means; `sketch` is what its shape says, where that is known."""
-        letters, _, ignored = self.sketch(event) if sketch is None else sketch
-        if not letters:
+        if sketch is None:
+            sketch = self.sketch(event)
+        if not sketch.letters:
             return NOTHING
-        relevant = False
         hits: list[Hit] = []
-        for number, nodes, matters, test, values_of in letters:
+        if sketch.told is not None:
+            told = sketch.told(event)
+            for number, nodes, _, _, values_of, _, _ in told.serving:
+                values = values_of(event)
+                if values is not None:
+                    hits.append(_new(Hit, (number, nodes, values)))
+            return _new(Reading, (told.relevant, hits))
+        relevant = False
+        for number, nodes, matters, test, values_of, _, _ in sketch.letters:
             if test is None or test(event):
                 values = values_of(event)
                 if values is not None:
                     relevant = relevant or matters
                     if nodes:
                         hits.append(_new(Hit, (number, nodes, values)))
-        if relevant and ignored:
-            relevant = not any(one.admits(event) for one in ignored)
+        if relevant and sketch.ignored:
+            relevant = not any(one.admits(event) for one in sketch.ignored)
         return _new(Reading, (relevant, hits))

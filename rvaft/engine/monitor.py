@@ -1,11 +1,11 @@
 """The engine as a monitor."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from typing import Any, ClassVar, Final, Self
 
 from rvaft.analysis.plain_trees import plain_trees, without_conditions
 from rvaft.engine.alternatives import Alternatives
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, TreeLetters
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
@@ -83,6 +83,12 @@ class Engine(Monitor):
     def read(self) -> Callable[..., Reading]:
         """What an event means, for `take`; a second argument is what its shape says, where that is known."""
         return self._strategy.read
+
+    def is_relevant(self, event: Mapping[str, Json], sketch: Sketch) -> bool:
+        """Whether an event of a shape is relevant, for semantics that leave out what is not."""
+        if sketch.told is None or isinstance(self._strategy, Alternatives):
+            return self._strategy.read(event, sketch).relevant
+        return sketch.told(event).relevant
 
     @property
     def noted(self) -> bool:

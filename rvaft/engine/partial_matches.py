@@ -6,7 +6,7 @@ from copy import copy
 from typing import Any, ClassVar, Self
 
 from rvaft.analysis.time_differences import TimeDifference
-from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
 from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.errors import TooLarge
@@ -251,6 +251,14 @@ class Contiguous(Following):
     def partial(self) -> list[Configuration]:
         """The partial matches that are followed."""
         return self._configurations
+
+    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
+        """What an event means; unless all events count, what is not relevant means nothing."""
+        if sketch is None:
+            sketch = self.letters.sketch(event)
+        if self._projected and sketch.told is not None and not sketch.told(event).relevant:
+            return NOTHING
+        return self.letters.read(event, sketch)
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""

@@ -16,8 +16,9 @@ from functools import partial
 from itertools import chain, islice, product
 from typing import Any, Final, NamedTuple
 
+from rvaft.analysis.pattern_index import outcomes
 from rvaft.analysis.time_differences import Extreme, TimeDifference
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import NOTHING, QUIET, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import SURE, Configuration, Witness, history
 from rvaft.engine.independent_parts import IndependentPart, independent_parts
 from rvaft.engine.partial_matches import Following, Matching
@@ -34,6 +35,7 @@ from rvaft.model.guards import (
     Operator,
     Predicate,
     predicate,
+    renamed,
     value,
 )
 from rvaft.model.patterns import Variable
@@ -43,8 +45,8 @@ from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 500_000
 """How much is remembered of stages: each with the nodes that it knows flags of."""
-QUIET: Final = 20_000
-"""How many values are remembered that change nothing."""
+REMEMBERED: Final = 20_000
+"""How many values are remembered that change nothing, and of how many kinds of events what they may change."""
 FEW: Final = 1_000
 """Stages that are followed at once whatever the limit."""
 DEARER: Final = 10
@@ -322,8 +324,33 @@ class NewMatch(NamedTuple):
     rank: Rank
 
 
-_QUIET: Final = Reading(relevant=False, hits=(None,))
-"""An event that fits some node and changes nothing."""
+class Followed(NamedTuple):
+    """A letter that an event is, the nodes whose event that is, and what follows from its fields alone."""
+
+    letter: int
+    nodes: tuple[int, ...]
+    held: int
+    """The guards that hold, of those that the event alone decides."""
+    fields: Mapping[str, str]
+    """The fields that hold its variables."""
+    values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
+
+
+class Hopeful(NamedTuple):
+    """A letter of which something may come, as long as its values were not there before; these are the fields that matter."""
+
+    letter: int
+    watch: LetterWatch
+    held: int
+    fields: tuple[str, ...]
+    values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
+
+
+@dataclass(slots=True, eq=False)
+class FollowedLetters:
+    """The letters that an event is, as far as they serve nodes."""
+
+    letters: tuple[Followed, ...]
 
 
 class ScatteredMatches(Following):
@@ -350,6 +377,8 @@ class ScatteredMatches(Following):
         self._watches: dict[int, LetterWatch] = {}
         self._quiet: set[Hashable] = set()
         """Letters with values that are known to change nothing as long as the partial matches are the same."""
+        self._hopeful: dict[FollowedLetters, tuple[Hopeful, ...]] = {}
+        """Of the letters that an event is those of which something may come, as long as there are the same groups."""
         self._added = 0
         self._whole = 0
         """The nodes of the parts that have a match."""
@@ -409,8 +438,27 @@ class ScatteredMatches(Following):
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means: of its letters those that may change something as long as nothing else is read."""
+        if sketch is None:
+            sketch = self.letters.sketch(event)
+        if not sketch.serving:
+            return NOTHING
         fits, loud, watches, groups = False, list[LoudHit](), self._watches, len(self._groups)
-        for letter, nodes, _, test, values_of in (self.letters.sketch(event) if sketch is None else sketch).serving:
+        if sketch.told is not None:
+            if sketch.followed is None:
+                sketch.followed = self._followed(sketch)
+            found = sketch.followed(event)
+            hopes = self._hopeful.get(found)
+            for number, one, held, fields, own_values in self._hope(found) if hopes is None else hopes:
+                if len(fields) == 1:
+                    v = event[fields[0]]
+                    place: Hashable = (number, v if type(v) is str or type(v) is int else exact(v))
+                else:
+                    plain = [v if type(v := event[field]) is str or type(v) is int else exact(v) for field in fields]
+                    place = (number, *plain)
+                if place not in self._quiet:
+                    loud.append(LoudHit(own_values(event) or {}, one, held, place))
+            return Reading(False, loud) if loud else QUIET if found.letters else NOTHING
+        for letter, nodes, _, test, values_of, _, _ in sketch.serving:
             if (test is None or test(event)) and (values := values_of(event)) is not None:
                 fits = True
                 watch = watches.get(letter)
@@ -433,22 +481,59 @@ class ScatteredMatches(Following):
                     )
                     if name not in self._quiet:
                         loud.append(LoudHit(values, watch, held, name))
-        return Reading(False, loud) if loud else _QUIET if fits else NOTHING
+        return Reading(False, loud) if loud else QUIET if fits else NOTHING
+
+    def _alone(self, nodes: Iterable[int]) -> dict[int, Guard]:
+        """The guards, each as a set of one, that the values of an event decide that is these nodes' own."""
+        compiled, found = self.compiled, dict[int, Guard]()
+        for node in nodes:
+            own = set(compiled.exported[node])
+            for waiting in dict.fromkeys(n for name in own for n in compiled.guarded_by.get(name, ())):
+                guard = compiled.guards[waiting]
+                if guard is not None and own.issuperset(compiled.needs[waiting]):
+                    found[1 << waiting] = guard
+        return found
+
+    def _followed(self, sketch: Sketch) -> Callable[[Mapping[str, Json]], FollowedLetters]:
+        """From an event of a shape to the letters that it is."""
+        serving = sketch.serving
+        alone = [[*self._alone(one.nodes).items()] for one in serving]
+        asked = [one.reader.asked for one in serving]
+        for one, guards in zip(serving, alone, strict=True):
+            asked += [renamed(guard, dict(one.reader.fields)) for _, guard in guards]
+
+        def derive(holds: Callable[[int], bool]) -> FollowedLetters:
+            found, place = [], len(serving)
+            for number, one in enumerate(serving):
+                held = sum(bit for at, (bit, _) in enumerate(alone[number], place) if holds(at))
+                place += len(alone[number])
+                if holds(number):
+                    found.append(Followed(one.letter, one.nodes, held, dict(one.reader.fields), one.values))
+            return FollowedLetters(tuple(found))
+
+        return outcomes(asked, derive)
+
+    def _hope(self, found: FollowedLetters) -> tuple[Hopeful, ...]:
+        """Of the letters that an event is those of which something may come."""
+        hopes, groups = [], len(self._groups)
+        for letter, nodes, held, fields, values in found.letters:
+            watch = self._watches.get(letter)
+            if watch is None or watch.groups != groups:
+                watch = self._watch(letter, nodes)
+            if any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves):
+                hopes.append(Hopeful(letter, watch, held, tuple(fields[name] for name in watch.names), values))
+        if len(self._hopeful) >= REMEMBERED:
+            self._hopeful.clear()
+        self._hopeful[found] = tuple(hopes)
+        return self._hopeful[found]
 
     def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterWatch:
         """What is known of a letter, up to date."""
         watch = self._watches.get(letter)
         if watch is None:
-            compiled = self.compiled
-            alone: dict[int, Predicate] = {}
-            for node in nodes:
-                own = set(compiled.exported[node])
-                for guard in dict.fromkeys(n for name in own for n in compiled.guarded_by.get(name, ())):
-                    holds = compiled.predicates[guard]
-                    if holds is not None and own.issuperset(compiled.needs[guard]):
-                        alone[1 << guard] = holds
-            exported = dict.fromkeys(name for node in nodes for name in compiled.exported[node])
-            watch = self._watches[letter] = LetterWatch(tuple(alone.items()), tuple(exported))
+            alone = tuple((bit, predicate(guard)) for bit, guard in self._alone(nodes).items())
+            exported = dict.fromkeys(name for node in nodes for name in self.compiled.exported[node])
+            watch = self._watches[letter] = LetterWatch(alone, tuple(exported))
         for stage, group in islice(self._groups.items(), watch.groups, None):
             for place, node in enumerate(nodes):
                 move = self._stages.move(stage, node) if self._may_take(stage, node) else None
@@ -469,7 +554,7 @@ class ScatteredMatches(Following):
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""
-        if not reading.hits or reading.hits is _QUIET.hits:
+        if not reading.hits or reading.hits is QUIET.hits:
             self.noted = False
             return _UNKNOWN
         found: dict[Hashable, NewMatch] = {}
@@ -507,8 +592,8 @@ class ScatteredMatches(Following):
         self.noted = bool(found or ended)
         if begun != self._begun:
             self._begun = begun
-            self._watches.clear()
-        if self.noted or len(self._quiet) > QUIET:
+            self._forget_watches()
+        if self.noted or len(self._quiet) > REMEMBERED:
             self._quiet.clear()
         if self.noted:
             return self._change(found.values(), ended.values(), position)
@@ -569,10 +654,14 @@ class ScatteredMatches(Following):
             group.forget(floor)
         self._drop_empty()
 
+    def _forget_watches(self) -> None:
+        self._watches.clear()
+        self._hopeful.clear()
+
     def _drop_empty(self) -> None:
         for stage in [stage for stage, group in self._groups.items() if not group.members]:
             del self._groups[stage]
-            self._watches.clear()
+            self._forget_watches()
 
     def _add(self, stage: Stage, configuration: Configuration, rank: Rank | None = None) -> None:
         group = self._groups.get(stage)
@@ -584,6 +673,7 @@ class ScatteredMatches(Following):
                     f"sets of events that partial matches have; any of {named} may be passed over", limit=most
                 )
             group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
+            self._hopeful.clear()
             group.floor = self._floor
         group.add(
             Member(
@@ -596,7 +686,7 @@ class ScatteredMatches(Following):
         for part in self._parts if configuration.taken else ():
             if configuration.taken & part.nodes and self._is_whole(part, configuration):
                 self._whole |= part.nodes
-                self._watches.clear()
+                self._forget_watches()
                 for group in () if part.chooses else self._groups.values():  # of this part it is followed alone
                     for member in [*group.members.values()]:
                         if member.number != self._added - 1 and member.configuration.taken & part.nodes:

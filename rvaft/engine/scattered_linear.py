@@ -17,12 +17,14 @@ from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.analysis.normal_form import Op
 from rvaft.analysis.unification import Overlaps
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Hit, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import NOTHING, QUIET, Admission, CompiledTree, Hit, Reading, Sketch, Told, TreeLetters
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import union
 
+MEMORY: Final = 4096
+"""Of how many kinds of events it is remembered what they may change."""
 EFFORT: Final = 1_000_000
 """How many steps to spend on the question whether two occurrences compete for an event; beyond, the answer is yes."""
 
@@ -150,6 +152,8 @@ class UsefulEvents:
         """The position of the last event kept for a node's own occurrence."""
         self._latest: dict[int, int] = {}
         """The same for a node and everything below it."""
+        self.useless: set[int] = set()
+        """Nodes for which no event is worth keeping before another one is kept."""
 
     @property
     def state(self) -> dict[str, Any]:
@@ -158,9 +162,12 @@ class UsefulEvents:
 
     def note(self, position: int, served: Served) -> None:
         """Keep an event for the occurrences it may be needed for."""
-        kept = [one for one in served if self._is_useful(one[0])]
-        if kept:
-            self.entries.append((position, kept))
+        kept = [one for one in served if one[0] not in self.useless and self._is_useful(one[0])]
+        if not kept:
+            self.useless.update(node for node, _ in served)
+            return
+        self.entries.append((position, kept))
+        self.useless.clear()
         agenda = [node for node, _ in kept]
         self.own.update(dict.fromkeys(agenda, position))
         while agenda:
@@ -342,9 +349,6 @@ class Earliest:
     Raises `TooLarge` where these are more than `limit`.
     """
 
-    noted = True
-    """Whether the last event may be part of a match."""
-
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, starts: Starts, *, limit: int) -> None:
         self.compiled = compiled
         self.letters = letters
@@ -353,6 +357,10 @@ class Earliest:
         self.run = EarliestRun(compiled, starts)
         self.useful = UsefulEvents(compiled, starts) if Op.ONE in compiled.ops else None
         """Where no branch chooses, no event matters but to those that listen."""
+        self.noted = True
+        """Whether the last event may be part of a match."""
+        self._matter: dict[Told, tuple[Admission, ...]] = {}
+        """Of the letters that an event is those that may change something, as long as nothing has changed."""
 
     def forget(self, floor: int) -> None:
         """No event with an earlier time than this will count any more, which changes nothing here."""
@@ -361,6 +369,7 @@ class Earliest:
         """An independent copy."""
         twin = copy(self)
         twin.run, twin.useful = copy(self.run), copy(self.useful)
+        twin._matter = {}  # noqa: SLF001 (its own)
         twin.restore(self.snapshot())
         return twin
 
@@ -376,24 +385,52 @@ class Earliest:
     def restore(self, snapshot: tuple[dict[str, Any], dict[str, Any]]) -> None:
         """Take over a snapshot."""
         run, useful = snapshot
+        self._matter.clear()
         vars(self.run).update(run)
         if self.useful is not None:
-            vars(self.useful).update(useful)
+            vars(self.useful).update(useful, useless=set())
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means, as far as that matters now: letters that nobody waits for are not tried."""
+        if sketch is None:
+            sketch = self.letters.sketch(event)
+        if not sketch.serving:
+            return NOTHING
+        if sketch.told is None:
+            asked, sure = sketch.serving, False
+        else:
+            told = sketch.told(event)
+            found = self._matter.get(told)
+            asked, sure = self._mattering(told) if found is None else found, True
+            if not asked:
+                return QUIET if told.serving and self.useful is not None else NOTHING
         unheard = None if self.useful is not None else self.run.listening.isdisjoint
         hits = []
-        for letter, nodes, _, test, values_of in (self.letters.sketch(event) if sketch is None else sketch).serving:
-            if (unheard is None or not unheard(nodes)) and (test is None or test(event)):
+        for letter, nodes, _, test, values_of, _, _ in asked:
+            if sure or ((unheard is None or not unheard(nodes)) and (test is None or test(event))):
                 values = values_of(event)
                 if values is not None:
                     hits.append(Hit(letter, nodes, values))
         return Reading(False, hits) if hits else NOTHING
 
+    def _mattering(self, told: Told) -> tuple[Admission, ...]:
+        """Of the letters that an event is those that may change something."""
+        deaf, useful = self.run.listening.isdisjoint, self.useful
+        found = tuple(
+            one
+            for one in told.serving
+            if not deaf(one.nodes) or (useful is not None and not useful.useless.issuperset(one.nodes))
+        )
+        if len(self._matter) >= MEMORY:
+            self._matter.clear()
+        self._matter[told] = found
+        return found
+
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""
-        if reading.hits:
+        self.noted = bool(reading.hits) and reading.hits is not QUIET.hits
+        if self.noted:
+            self._matter.clear()
             served = [(node, hit.values) for hit in reading.hits for node in hit.nodes]
             if self.useful is not None:
                 self.useful.note(position, served)

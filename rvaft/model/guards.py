@@ -9,14 +9,17 @@ import json
 import operator as python
 import re
 import sys
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 from functools import lru_cache, partial
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from rvaft.model.patterns import Binding, Literal, Variable
 from rvaft.model.values import NUMBER, Json, equal, is_finite, is_number
+
+T = TypeVar("T")
 
 MAX_DEPTH: Final = 100
 
@@ -339,6 +342,8 @@ Predicate: TypeAlias = Callable[[Mapping[str, Json]], bool]
 
 _NUMBERS: Final = (int, float)
 _LARGEST: Final = sys.float_info.max
+MEMORY: Final = 4096
+"""How many outcomes of guards are remembered; then the memory starts afresh."""
 
 
 def predicate(guard: Guard) -> Predicate:
@@ -353,18 +358,81 @@ def predicate(guard: Guard) -> Predicate:
         case Operation(operator, (Variable(name), Literal(constant))) if compare := OPERATORS[operator].compare:
             if type(constant) not in (str, *_NUMBERS):
                 return lambda binding: holds(guard, binding)
+            other = (int if type(constant) is str else str) if operator in (Operator.EQ, Operator.NE) else None
 
             def with_number(binding: Mapping[str, Json]) -> bool:
                 value = binding[name]
-                if type(value) is int or (type(value) is float and -_LARGEST <= value <= _LARGEST):
+                kind = type(value)
+                if kind is int or kind is other or (kind is float and -_LARGEST <= value <= _LARGEST):
                     found: bool = compare(value, constant)
                     return found
                 return holds(guard, binding)
 
             def with_text(binding: Mapping[str, Json]) -> bool:
                 value = binding[name]
-                return bool(compare(value, constant)) if type(value) is str else holds(guard, binding)
+                kind = type(value)
+                return bool(compare(value, constant)) if kind is str or kind is other else holds(guard, binding)
 
             return with_text if type(constant) is str else with_number
         case _:
             return lambda binding: holds(guard, binding)
+
+
+def by_outcome(guards: Sequence[Guard], derive: Callable[[int], T]) -> Callable[[Mapping[str, Json]], T]:
+    """What is derived of the guards that hold of a binding, as bits; made once for each set of them that comes.
+
+    Where all compare one variable with numbers, it is found by the place of its value among these.
+
+    >>> past = lambda number: Operation(Operator.GT, (Variable("X"), Literal(number)))
+    >>> held = by_outcome([past(1), past(5)], bin)
+    >>> held({"X": 0}), held({"X": 3}), held({"X": 9}), held({"X": "a"})
+    ('0b0', '0b1', '0b11', '0b0')
+    """
+    memory: dict[int, T] = {}
+    asked = [(1 << place, predicate(guard)) for place, guard in enumerate(guards)]
+
+    def derived(binding: Mapping[str, Json]) -> T:
+        return derived_of(sum([bit for bit, holds in asked if holds(binding)]))
+
+    def derived_of(held: int) -> T:
+        try:
+            return memory[held]
+        except KeyError:
+            found = memory[held] = derive(held)
+        if len(memory) > MEMORY:
+            memory.clear()
+        return found
+
+    compared: list[tuple[str, Any]] = [
+        (guard.operands[0].name, guard.operands[1].value)
+        for guard in guards
+        if isinstance(guard, Operation) and OPERATORS[guard.operator].compare
+        if isinstance(guard.operands[0], Variable) and isinstance(guard.operands[1], Literal)
+        if is_number(guard.operands[1].value) and is_finite(guard.operands[1].value)
+    ]
+    if not guards:
+        always = derive(0)
+        return lambda _: always
+    if len(guards) == 1 and not compared:
+        ((_, holds_alone),) = asked
+        return lambda binding: derived_of(1 if holds_alone(binding) else 0)
+    if len(compared) < len(guards) or len({name for name, _ in compared}) > 1:
+        return derived
+    name, points = compared[0][0], sorted({number for _, number in compared})
+    by_place: dict[int, T] = {}
+    """By the place of the value: before the first of the numbers, at it, between it and the second, and so on."""
+
+    def placed(binding: Mapping[str, Json]) -> T:
+        value = binding[name]
+        if type(value) is not int and not (type(value) is float and -_LARGEST <= value <= _LARGEST):
+            return derived(binding)
+        place = bisect_left(points, value) + bisect_right(points, value)
+        try:
+            return by_place[place]
+        except KeyError:
+            found = by_place[place] = derived(binding)
+        if len(by_place) > MEMORY:
+            by_place.clear()
+        return found
+
+    return placed

@@ -12,7 +12,7 @@ from typing import Any, Final, Self, cast
 
 from rvaft.analysis.branches import branches
 from rvaft.api import narrowed
-from rvaft.engine.compiled_tree import NOTHING
+from rvaft.engine.compiled_tree import NOTHING, QUIET
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, TooLarge, TreeError
 from rvaft.model.nodes import Kind
@@ -238,7 +238,13 @@ class MonitorSet:
         sketches = sight.monitored
         if sketches is None:
             sketches = sight.monitored = tuple([engine.letters.sketch(event) for engine in engines])
+        if not self._live and self._projected:
+            self.concerned = engines[0].is_relevant(event, sketches[0])
+            return ()
         reading = self._read(event, sketches[0])
+        if reading is QUIET and (not self._live or self._live[-1] == 0):
+            self.concerned = True
+            return ()
         concerned = self.concerned = reading.relevant if self._projected else bool(reading.hits)
         if not (concerned or self._strict):
             return ()

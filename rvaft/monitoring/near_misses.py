@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -14,6 +14,7 @@ from rvaft.analysis.pattern_index import (
     Reader,
     TreeReads,
     literals_of,
+    outcomes,
     reader,
 )
 from rvaft.engine.explanation import whole
@@ -45,6 +46,7 @@ class Sight:
     __slots__ = (
         "_asked",
         "constant",
+        "counted",
         "decided",
         "entries",
         "good",
@@ -69,10 +71,22 @@ class Sight:
         asked = any(one.holds is not None for _, one in self.entries)
         self.constant = None if asked else tuple(dict.fromkeys(name for name, _ in self.entries))
         self.plain = bool(self.constant) and not self.ignored and not decided.open
+        self.counted: Callable[[Mapping[str, Json]], tuple[str, ...] | None] | None = None
+        """Where the fields of an event say it, from it to the types of which it is relevant, and None where it is ignored."""
+        ignored = [one for kind, _, one in letters if kind == "ignored"]
+        readers = [one for _, one in self.entries] + ignored
+        if (asked or ignored) and not decided.open and all(one.plain for one in readers):
+            self.counted = outcomes([one.asked for one in readers], self._types)
         self.noted: object = None
         self.monitored: tuple[Any, ...] | None = None
         self.looked_at = UNSEEN
         self.good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
+
+    def _types(self, holds: Callable[[int], bool]) -> tuple[str, ...] | None:
+        """The types of which an event is relevant, of which these letters hold; None where it is ignored."""
+        if any(holds(len(self.entries) + place) for place in range(len(self.ignored))):
+            return None
+        return tuple(dict.fromkeys(name for place, (name, _) in enumerate(self.entries) if holds(place)))
 
     def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
         """The types of which an event that is not ignored is relevant."""
@@ -198,6 +212,12 @@ class Statistics:
                 self._look_at(event, f"{prefix}event {number}")
                 return False
             sight.noted = self
+        if sight.counted is not None:
+            found = sight.counted(event)
+            if found is None:
+                return False
+            self.tally[found] += 1
+            return bool(found)
         for admits in sight.ignored:
             if admits(event):
                 return False

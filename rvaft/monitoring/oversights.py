@@ -114,6 +114,17 @@ class Oversights:
 
     def see(self, event: Mapping[str, Json], number: int, prefix: str, sight: Sight) -> None:
         """Look at an event of which something is asked, or that is a `NonFiniteEvent`."""
+        good = sight.good
+        if (
+            good is not None
+            and self._time is None
+            and type(event) is dict
+            and good[0] is self
+            and good[1] == self._version
+        ):
+            fields = good[2]  # mostly; asked of every event
+            if fields is not None and len(fields) == 1 and (type(event[fields[0]]),) in good[3]:
+                return
         if sight.looked_at == UNSEEN:
             sight = self._types.decided(sight, event) if sight.decided.open else sight
             sight.looked_at = tuple(number for number in sight.decided.fits if number in self._asked)
@@ -122,11 +133,11 @@ class Oversights:
             if sight.looked_at or self._time is None or event.field.split(".")[0] != self._time.field[0]:
                 self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
             return
-        of, version, fields, good = sight.good or (None, -1, None, ())
+        of, version, fields, known = good or (None, -1, None, ())
         if of is not self or version != self._version:
-            fields, good = self._good(sight)
+            fields, known = self._good(sight)
         kinds = None if fields is None else tuple([type(event[field]) for field in fields])
-        if kinds is None or kinds not in good:
+        if kinds is None or kinds not in known:
             self._look(event, f"{prefix}event {number}", sight, kinds)
         if self._time is None or not sight.entries or self._time.read(event) is not None:
             return

@@ -25,7 +25,7 @@ from rvaft.monitoring.oversights import Oversights
 from rvaft.monitoring.parallel_reader import STRETCH
 from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, Totals, TraceRun, VerdictChange
 from rvaft.readers.json_lines import LinesRead
-from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of
+from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
 from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
 from rvaft.support.terminal import ProgressBar
@@ -204,6 +204,11 @@ class _Run(Listener):
                 self.sink.warn(str(fault))
         for said in run.warnings:
             self.sink.warn(f"{prefix}{said}")
+        concerned = any(watch.monitors.concerned for watch in run.watches)
+        if ended and run.number == 1 and not concerned and trace.reader is None and suffix(path) == ".json":
+            self.sink.warn(
+                f"{trace.name} is one event, as JSON Lines; of a document say where the events are with --records PATH"
+            )
         rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if settings.summed else []
         status = FAILED if failed else FOUND if run.found else 0
         key = settings.plan.key

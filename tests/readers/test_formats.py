@@ -530,3 +530,15 @@ def test_an_expression_that_never_ends_is_stopped_at_its_line(tmp_path: Path) ->
     assert done.exit_code == 2
     assert done.stderr.startswith(f"rvaft: error: {log}:2: the pattern takes more than 1 s on this line")
     assert "event 1: true" in done.stdout
+
+
+def test_a_document_that_looks_like_one_event_is_hinted_at(tmp_path: Path) -> None:
+    tree = written(tmp_path / "tree.rvaft", "top or a b; a; b;")
+    one = written(tmp_path / "one.json", '{"hits": {"hits": [{"event": "a"}]}}\n')
+    done = run("monitor", tree, one)
+    assert "events read: 1;" in done.stdout
+    assert done.stderr == (
+        f"rvaft: warning: {one} is one event, as JSON Lines; of a document say where the events are with --records PATH\n"
+    )
+    assert run("monitor", tree, one, "--records", "hits.hits").stderr == ""
+    assert run("monitor", tree, written(one, '{"event": "a"}')).stderr == ""

@@ -338,6 +338,23 @@ def value(guard: Guard, binding: Binding) -> Json:
             return not decides
 
 
+def is_total(guard: Guard) -> bool:
+    """Whether a guard surely is true or false, and never undefined, whichever JSON values its variables have.
+
+    >>> is_total(Operation(Operator.NE, (Variable("X"), Literal("a"))))
+    True
+    >>> is_total(Operation(Operator.LT, (Variable("X"), Literal("a"))))
+    False
+    """
+    match guard:
+        case Operation(Operator.EQ | Operator.NE | Operator.IN, (Variable(), *others)):
+            return all(isinstance(one, Literal) and is_finite(one.value) for one in others)
+        case Operation(Operator.NOT | Operator.AND | Operator.OR, parts):
+            return all(map(is_total, parts))
+        case _:
+            return False
+
+
 Predicate: TypeAlias = Callable[[Mapping[str, Json]], bool]
 
 _NUMBERS: Final = (int, float)

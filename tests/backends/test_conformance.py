@@ -31,6 +31,7 @@ from tests.semantics.cases import CASES
 
 REQUIRED: dict[str, Required] = {
     "automaton": conformance.everything,
+    "eql": conformance.scattered_by_single_events,
     "ltlf": conformance.everything,
     "rml": conformance.without_variables_or_determinate,
     "stix": conformance.scattered_by_single_events,

@@ -1,0 +1,58 @@
+"""The `eql` backend: sequences of the Event Query Language, as Elasticsearch and the package `eql` read it.
+
+A text has one query for each order in which the events of the tree may come; any of them is a detection. The unit of `limit` is the events
+of these queries. Reading a text needs the package `eql`, translating does not.
+"""
+
+import time
+from collections.abc import Mapping
+from typing import ClassVar
+
+from backends.eql.reader import compiled
+from backends.eql.translation import Translation
+from rvaft.backend import Backend, Metrics, Specification
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import DetectionMonitor
+
+__all__ = ["EqlBackend"]
+
+
+class EqlBackend(Backend):
+    """Sequences of EQL: what is `scattered`, with variables that tie all events, and windows over whole sequences.
+
+    >>> from rvaft import loads
+    >>> tree = loads('event login(u) = { user: u, ok: true }; theft sand break_in in; break_in times 2; in on login("root");')
+    >>> print(EqlBackend().translate(tree, Semantics.SCATTERED).text, end="")
+    // rvaft: any of these queries is a detection
+    sequence
+      [any where event == "break_in"] with runs=2
+      [any where user == "root" and ok == true]
+    """
+
+    name: ClassVar[str] = "eql"
+    language: ClassVar[str] = "eql"
+    suffix: ClassVar[str] = ".eql"
+    verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
+    json_alone: ClassVar[bool] = True
+    extra: ClassVar[str] = "eql"
+    modules: ClassVar[tuple[str, ...]] = ("eql",)
+    semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+    untimed: ClassVar[str] = "of times EQL has `maxspan` alone: how long a whole sequence may take"
+    default_limit: ClassVar[int] = 1_000
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        """The tree as queries; `TooLarge` beyond `limit` events of them, `NotExpressible` for what a sequence cannot say."""
+        start, limit = time.perf_counter(), self.default_limit if limit is None else limit
+        text, symbols = Translation(self, tree, Semantics(semantics), limit).text()
+        return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:  # noqa: ARG002
+        """A monitor that asks the engine of the package `eql` about queries in the syntax of Elasticsearch, `;` between them.
+
+        Raises `LanguageError`, also for what that engine reads otherwise than Elasticsearch does; `ToolMissing`.
+        """
+        self.require()
+        queries = compiled(text)
+        return DetectionMonitor(queries.first_detections, queries.left_open)

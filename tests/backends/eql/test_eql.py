@@ -1,0 +1,169 @@
+"""Texts, refusals, and texts that people write; agreement with the reference is tested with all backends."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from backends.eql import EqlBackend
+from backends.eql.reader import compiled
+from rvaft.api import loads
+from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolFailed, ToolMissing
+from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.model.patterns import Literal, ObjectPattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
+from rvaft.semantics import Reference
+from tests.backends.injections import INJECTIONS
+from tests.backends.texts import signs, tree
+from tests.cli.runs import run
+from tests.tables import rows
+
+BACKEND = EqlBackend()
+TEXTS = rows(__file__, "texts.txt")
+
+
+@pytest.mark.parametrize(("text", "expected"), TEXTS)
+def test_text(text: str, expected: list[str]) -> None:
+    assert BACKEND.translate(loads(text), Semantics.SCATTERED).text.splitlines()[1:] == expected
+
+
+@pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "refused.txt"))
+def test_what_it_cannot_say_is_refused(text: str, semantics: str, reason: str | None) -> None:
+    with pytest.raises(TooLarge if reason is None else NotExpressible, match=reason or "events of all orders"):
+        BACKEND.translate(tree(text), Semantics(semantics))
+
+
+def test_half_a_sign_and_a_long_guard() -> None:
+    with pytest.raises(NotExpressible, match="surrogate"):
+        BACKEND.translate(injected("\ud800", as_name=False), Semantics.SCATTERED)
+    guard = "X < 1"
+    for number in range(60):
+        guard = f"({guard} {'or' if number % 2 else 'and'} X > {number})"
+    with pytest.raises(TooLarge):
+        BACKEND.translate(
+            loads(f"event e(k) = {{ k: k }}; t sand a b; a on e(X) when not {guard};"), Semantics.SCATTERED
+        )
+
+
+@pytest.mark.parametrize(("text", "line", "column", "message"), rows(__file__, "malformed.txt"))
+def test_malformed(text: str, line: int, column: int, message: str) -> None:
+    with pytest.raises(LanguageError, match=message) as raised:
+        BACKEND.read(text)
+    assert (raised.value.line, raised.value.column) == (line, column)
+
+
+@pytest.mark.parametrize(("text", "trace", "number"), rows(__file__, "runs.txt"))
+def test_hand_written(text: str, trace: list[Json], number: int) -> None:
+    """Twice, and beside other traces: an engine keeps nothing of one for another."""
+    assert compiled(text).first_detections([trace, [], trace, trace[: number - 1], trace]) == [
+        number,
+        None,
+        number,
+        None,
+        number,
+    ]
+
+
+def injected(text: str, *, as_name: bool) -> RVAFT:
+    """A tree that has a text as a value, and as a label; or as the names of a node and of a field, too."""
+    leaf = text if as_name else "leaf"
+    event = EventType("seen", (), ObjectPattern(((text if as_name else "field", Literal(text)),)))
+    nodes = [Node("first", label=text), Node(leaf, on=On("seen", ()))]
+    return RVAFT("top", [Node("top", Gate.SAND, ("first", leaf), label=text), *nodes], [event])
+
+
+@pytest.mark.parametrize("as_name", [False, True])
+@pytest.mark.parametrize(
+    "text",
+    [*INJECTIONS, 'a" or true or "', "; any where true ;\n", "]} [any where true] ", '"""', "// a", "and", "a.b[0]"],
+)
+def test_nothing_breaks_out(text: str, as_name: bool) -> None:
+    made = injected(text, as_name=as_name)
+    if as_name and set(text) & set("\n\r"):
+        with pytest.raises(NotExpressible, match="no line break"):
+            BACKEND.translate(made, Semantics.SCATTERED)
+        return
+    written = BACKEND.translate(made, Semantics.SCATTERED).text
+    field = text if as_name else "field"
+    trace: list[Json] = [
+        {"event": "first"},
+        {field: "a", "b": 1},
+        {field: text[:-1]},
+        {field: text.swapcase() + "x"},
+        {field: text},
+    ]
+    assert (written.count("\n  [any where "), signs(BACKEND.read(written), trace)) == (2, "????T")
+
+
+WRONG = {  # what a slip in the text makes of it, and a row of the texts on whose trees it shows
+    "order dropped": (
+        '[any where event == "a"]\n  [any where event == "b"]',
+        '[any where event == "b"]\n  [any where event == "a"]',
+    ),
+    "one event for two": (" with runs=2", ""),
+    "one event less": (" with runs=3", " with runs=2"),
+    "an order forgotten": (';\nsequence\n  [any where event == "b"]\n  [any where event == "a"]', ""),
+    "a guard dropped": (" and ((u == 1) == null or u != 1)", ""),
+    "a typed comparison": ('((u == "entrance") == null or u != "entrance")', 'u != "entrance"'),
+    "a bound one off": ("u >= -2.5", "u > -2.5"),
+    "a null overlooked": ("u != null", "(u == 1 or u != 1)"),
+    "contains for startsWith": ("not startsWith(u", "not stringContains(u"),
+    "no join": ("sequence by user.name", "sequence"),
+    "the wrong key": ("by v[1]", "by v[0]"),
+    "a window less by one unit": ("maxspan=10m", "maxspan=599s"),
+    "a window more by one unit": ("maxspan=10m", "maxspan=601s"),
+    "a string for an object": ('not stringContains(`a b`, "") and ', ""),
+}
+
+
+@pytest.mark.parametrize("slip", WRONG)
+def test_a_slip_in_the_text_shows(slip: str) -> None:
+    right, wrong = WRONG[slip]
+    assert any(
+        differs(text, "\n".join(lines).replace(right, wrong)) for text, lines in TEXTS if right in "\n".join(lines)
+    )
+
+
+def differs(text: str, written: str) -> bool:
+    made, found = loads(text), compiled(written)
+    values: list[Json] = [{"event": name} for name in "abc"]
+    values += [{"u": value, "v": [1, value], "event": "b"} for value in (1, 3, None, "entrance", -2.5, -3)]
+    values += [{"u": value} for value in ("xA\n'", "entrance", -2.5, -3)]
+    values += [{"user": {"name": name}, "ok": ok} for name in ("x", "y") for ok in (False, True)]
+    values += [{"and": '"]\\', "a b": "by"}, {"and": 1, "a b": {"by": True}}, {"and": '"]\\', "a b": {"by": True}}]
+    values += [{"event": name, "ts": ts} for name, ts in (("a", 0), ("b", 600), ("b", 601))]
+    lasts = [*values[:1], *values[-2:], {"user": {"name": "y"}, "ok": True}]
+    traces = [[one, other, third] for one in values for other in values for third in [*lasts, other]]
+    traces = [trace for trace in traces if not found.left_open(trace)]
+    for trace, number in zip(traces, found.first_detections(traces), strict=True):
+        signs_of = signs(Reference(made, Semantics.SCATTERED), trace)
+        if (signs_of.find("T") + 1 or None) != number:
+            return True
+    return False
+
+
+def test_a_rule_is_held_against_a_tree(tmp_path: Path) -> None:
+    rule = tmp_path / "rule.eql"
+    rule.write_text('sequence [any where event == "a"] [any where event == "b"] [any where event == "c"]')
+    good = run("cross-check", "trees/gates/sand.rvaft", "--against", rule, "--semantics", "scattered")
+    assert (good.exit_code, "detections only" in good.output) == (0, True)
+    rule.write_text('sequence [any where event == "a"] [any where event == "c"]')
+    bad = run("cross-check", "trees/gates/sand.rvaft", "--against", rule, "--semantics", "scattered")
+    assert (bad.exit_code, "differs after 2 events" in bad.output) == (1, True)
+    rule.write_text("sequence\n  [any were true]")
+    result = run("cross-check", "trees/gates/sand.rvaft", "--against", rule)
+    assert (result.exit_code, result.stderr.splitlines()[0].endswith("2:8: this is no query of EQL")) == (2, True)
+
+
+def test_what_the_engine_cannot_run() -> None:
+    with pytest.raises(ToolFailed, match="event 2: ZeroDivisionError"):
+        compiled("any where a % b == 1").first_detections([[{}, {"a": 1, "b": 0}]])
+
+
+def test_without_the_package_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "eql", None)
+    text = BACKEND.translate(loads("toplevel r; r and never_read_before b;"), Semantics.SCATTERED).text
+    with pytest.raises(ToolMissing, match=r"pip install '\.\[eql\]'"):
+        BACKEND.read(text)

@@ -333,11 +333,14 @@ class Comparison:
         baseline, *others = self._present
         rest = [*others, *self._outside]
         unproved = any(row.status is None for row in rest)
+        more = any(row.status is None and not row.detections_only for row in rest)
         traces: list[Trace] = []
         if unproved or self.effort.recheck:
             part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
             participants = [row.participant for row in self._present if row.participant is not None]
-            traces = list(trials(part, self.job, self.effort, participants, words=unproved))
+            traces = list(
+                trials(part, self.job, self.effort, participants, words=unproved and (more or self.effort.recheck))
+            )
         expected = baseline.answers(traces)
         if expected is None:
             return False
@@ -347,6 +350,8 @@ class Comparison:
             for row in rest:
                 row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
         for row in rest:
+            if row.status is Status.PROVED and not self.effort.recheck:
+                continue
             if traces:
                 json_alone = row.participant is None or row.participant.json_alone
                 asked = [one for one in every if not json_alone or all(map(is_finite, one[0]))]

@@ -91,10 +91,14 @@ class Reports:
         if not self.every:
             if lines := reports.part_lines(self.results, self.parts):
                 click.echo("\n".join(["", *lines, ""]))
-            for result in totals.unable[:_SHOWN]:
-                click.echo(visible(f"{result.participant} on {_job(result)}: {result.text}"))
-            if len(totals.unable) > _SHOWN:
-                click.echo(f"and {len(totals.unable) - _SHOWN} more that were not compared")
+            unable: dict[tuple[str, str], list[Result]] = {}
+            for result in totals.unable:
+                unable.setdefault((result.participant, result.text), []).append(result)
+            for (participant, why), some in [*unable.items()][:_SHOWN]:
+                where = f" on {_job(some[0])}" if len(some) == 1 else f" on {len(some):,} of the comparisons"
+                click.echo(visible(f"{participant}{where}: {why}"))
+            if more := sum(map(len, [*unable.values()][_SHOWN:])):
+                click.echo(f"and {more:,} more that were not compared")
         click.echo("; ".join(filter(None, [totals.headline, note])))
         self.write(note)
         if note:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import chain, count
+from itertools import chain, count, islice
 from pathlib import Path
 from time import perf_counter
 from typing import Final, TypeAlias, TypeVar
@@ -40,16 +40,22 @@ from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.analysis.branches import restrict
 from rvaft.api import narrowed
+from rvaft.backend import Match
 from rvaft.errors import TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.semantics import matches
 from rvaft.support.budget import Expired, within
 
 T = TypeVar("T")
 Enlist: TypeAlias = Callable[[], Enlisted]
 
+MATCHED: Final = 8
+"""Of so many traces of a comparison with a detection all matches are compared, at the most."""
+TRIED: Final = 2_000
+"""So many events are tried for the matches of one of them."""
 PATIENCE: Final = 60.0
 """Seconds for all traces of one comparison."""
 
@@ -147,6 +153,8 @@ class _Row:
     difference: tuple[tuple[Json, ...], tuple[Verdict, ...]] | None = None
     masks: dict[str, None] = field(default_factory=dict)
     masked: int = 0
+    matched: int = 0
+    match: str = ""
 
     def end(self, status: Status, why: str = "") -> None:
         """Nothing more is asked of it, for that reason."""
@@ -218,6 +226,20 @@ class _Row:
                 self.status = Status.DIFFERS
                 if self.difference is None or length < len(self.difference[0]):
                     self.difference = tuple(trace[:length]), tuple(got[:length])
+                return
+
+    def compare_matches(self, known: Sequence[tuple[Trace, frozenset[Match]]]) -> None:
+        """All matches of traces; of those that differ the first one that is missing or too many is kept."""
+        traces = [trace for trace, _ in known]
+        if self.participant is None or self.participant.matches is None or self.difference is not None:
+            return
+        found = self.attempt(partial(self.participant.matches, traces), self.patience) or ()
+        for (trace, wanted), got in zip(known, found, strict=bool(found)):
+            self.matched += 1
+            if differing := sorted(sorted(match, key=lambda pair: pair[1]) for match in wanted ^ got):
+                what = "missing" if frozenset(differing[0]) in wanted else "too many"
+                self.match = f"a match is {what}: {', '.join(f'{name} {number}' for name, number in differing[0])}"
+                self.status, self.difference = Status.DIFFERS, (tuple(trace), self.said(trace))
                 return
 
     def shorten(self, baseline: "_Row") -> None:
@@ -359,6 +381,8 @@ class Comparison:
                 answers = row.answers([trace for trace, _ in asked])
                 if answers is not None:
                     row.judge(asked, answers)
+                if row.participant is not None and row.participant.matches is not None:
+                    row.compare_matches(self._matches(asked))
                 if row.participant is not None:
                     row.shorten(baseline)
             elif row.status is None:
@@ -378,6 +402,18 @@ class Comparison:
             told += zip(others, baseline.answers(others) or (), strict=False)
         return told
 
+    def _matches(self, asked: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:
+        """All matches of some traces that are detections, where these are few."""
+        found: dict[str, tuple[Trace, frozenset[Match]]] = {}
+        detecting = (trace for trace, answer in asked if Verdict.TRUE in (answer.verdicts or ()))
+        for trace in islice(detecting, MATCHED):
+            with suppress(TooLarge):
+                every = matches(
+                    self.tree, self.job.semantics, trace, branch=self.job.branch, kind=self.job.kind, limit=TRIED
+                )
+                found[repr(trace)] = trace, every
+        return [*found.values()]
+
     def _result(self, row: _Row, baseline: _Row | None) -> Result:
         source = row.participant or row.outside
         if row.status is None:
@@ -386,8 +422,9 @@ class Comparison:
         difference = None
         if row.difference is not None and baseline is not None:
             trace, got = row.difference
-            difference = Difference(trace, baseline.name, baseline.said(trace), got)
-        known = {name: getattr(row, name) for name in ("seconds", "verdicts", "traces", "longest", "why", "masked")}
+            difference = Difference(trace, baseline.name, baseline.said(trace), got, row.match)
+        names = ("seconds", "verdicts", "traces", "longest", "why", "masked", "matched")
+        known = {name: getattr(row, name) for name in names}
         if source is not None and source.specification is not None:
             known |= {name: getattr(source.specification.metrics, name) for name in ("symbols", "states")}
         known |= {"masks": tuple(sorted(row.masks)), "detections_only": row.detections_only}

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import wraps
+from functools import partial, wraps
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
@@ -16,7 +16,7 @@ from rvaft.analysis.branches import restrict
 from rvaft.analysis.plain_trees import asks_for_time
 from rvaft.analysis.scenarios import SCENARIOS, most_scenarios
 from rvaft.api import loads
-from rvaft.backend import Backend, Observed, Specification, all_backends, backend, speaking
+from rvaft.backend import Backend, Match, Observed, Specification, all_backends, backend, speaking
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.language.printer import dumps
@@ -39,6 +39,10 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
+AllMatches: TypeAlias = Callable[[Sequence[Sequence[Json]]], Sequence[frozenset[Match]] | None]
+"""All matches in each trace, or None where only some are known."""
+
+
 @dataclass(frozen=True, slots=True)
 class Participant:
     """Somebody who gives verdicts; `start` makes a fresh monitor.
@@ -46,6 +50,7 @@ class Participant:
     `observed` is all that it asks of events but their times, None where nobody knows; `timed` says that it asks for these, too.
     With `json_alone` it is not asked about numbers that are not finite. With `first_detections` it tells detections alone, of whole traces, and
     says with `left_open` why its language tells nothing of one.
+    `matches` gives all matches in each trace, or None where it knows only some.
     `specification` is there for a text, `tree` for the meaning of another tree than the one that is compared.
     """
 
@@ -58,6 +63,7 @@ class Participant:
     json_alone: bool = False
     first_detections: FirstDetections | None = None
     left_open: LeftOpen | None = None
+    matches: AllMatches | None = None
 
     def answers(self, traces: Sequence[Sequence[Json]]) -> list[tuple[Verdict, ...]]:
         """What it says after every prefix of each trace."""
@@ -222,8 +228,9 @@ def translated(
     first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
     called = name if tool is None else f"{name}-{tool}"
     observed = language.observed(specification.text)
-    asks = times_matter(part), language.json_alone
-    return Participant(called, first.fork, specification, observed, None, *asks, *_of_whole_traces(first))
+    asks = times_matter(part), language.json_alone, *_of_whole_traces(first)
+    found = None if tool is not None else partial(language.matches, specification.text)
+    return Participant(called, first.fork, specification, observed, None, *asks, found)
 
 
 def _of_whole_traces(monitor: Monitor) -> tuple[FirstDetections | None, LeftOpen | None]:
@@ -293,8 +300,8 @@ class Handwritten:
         atoms.path = self.path
         first = reader.read(self.text, atoms=atoms)
         observed = reader.observed(self.text, atoms=atoms)
-        asks = observed, None, False, reader.json_alone
-        return Participant(self.path, first.fork, None, *asks, *_of_whole_traces(first))
+        asks = observed, None, False, reader.json_alone, *_of_whole_traces(first)
+        return Participant(self.path, first.fork, None, *asks, partial(reader.matches, self.text))
 
 
 class _NodeEvents(dict[str, Pattern]):

@@ -86,12 +86,16 @@ DETECTIONS_ONLY: Final = "detections only"
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A trace on which a participant and the first one give different verdicts, and what each says after every prefix."""
+    """A trace on which a participant and the first one give different verdicts, and what each says after every prefix.
+
+    Where the verdicts are the same and the matches are not, `match` is the first one that is missing or too many.
+    """
 
     trace: tuple[Json, ...]
     baseline: str
     expected: tuple[Verdict, ...]
     got: tuple[Verdict, ...]
+    match: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +121,7 @@ class Result:
 
     `seconds` is the time of the translation and the first reading, `verdicts` how many were compared, `symbols` and `states` the
     sizes of its text. `why` explains what is neither proved nor tested, or why it is only tested. `masked` counts traces
-    on which it differs as its tool is known to, `masks` says in which ways. With `detections_only` a ⊥ was compared with nothing.
+    on which it differs as its tool is known to, `masks` says in which ways. On `matched` traces all matches were compared, too. With `detections_only` a ⊥ was compared with nothing.
     """
 
     job: Job
@@ -133,6 +137,7 @@ class Result:
     difference: Difference | None = None
     masked: int = 0
     masks: tuple[str, ...] = ()
+    matched: int = 0
     detections_only: bool = False
 
     @property
@@ -145,7 +150,8 @@ class Result:
                 because = f" ({self.why})" if self.why else ""
                 masked = f", {self.masked} masked ({', '.join(self.masks)})" if self.masked else ""
                 traces = f"{self.traces} {_plural('trace', self.traces)}"
-                return f"tested: {traces} up to length {self.longest}{masked}{because}"
+                matched = f", all matches of {self.matched}" if self.matched else ""
+                return f"tested: {traces} up to length {self.longest}{matched}{masked}{because}"
             case Status.DIFFERS:
                 length = len(self.difference.trace) if self.difference else 0
                 return f"differs after {length} {_plural('event', length)}"
@@ -269,7 +275,8 @@ def difference_lines(result: Result) -> list[str]:
     rows = [("EVENT", found.baseline, result.participant)]
     for event, expected, got in zip(found.trace, found.expected, found.got, strict=True):
         rows.append((json.dumps(event, ensure_ascii=False), expected.symbol, got.symbol))
-    return columns(rows) if found.trace else ["they differ before any event"]
+    lines = columns(rows) if found.trace else ["they differ before any event"]
+    return [*lines, found.match] if found.match else lines
 
 
 # -- files: each form takes the results and a note, which is what else there is to say -----------------------------------
@@ -297,7 +304,7 @@ def json_text(results: Iterable[Result], note: str = "") -> str:
 
 def _object(result: Result) -> dict[str, Json]:
     job = {name: getattr(result.job, name) for name in ("branch", "kind", "semantics")}
-    sizes = ("symbols", "states", "verdicts", "traces", "longest", "masked", "masks", "detections_only")
+    sizes = ("symbols", "states", "verdicts", "traces", "longest", "masked", "masks", "matched", "detections_only")
     return {
         "tree": result.job.name,
         **job,
@@ -307,8 +314,13 @@ def _object(result: Result) -> dict[str, Json]:
         "seconds": round(result.seconds, 6),
         **{name: getattr(result, name) for name in sizes},
         "result": result.text,
-        "difference": result.difference and asdict(result.difference),
+        "difference": result.difference and _difference(result.difference),
     }
+
+
+def _difference(found: Difference) -> dict[str, Json]:
+    """A difference of verdicts, or of matches, with which match it is."""
+    return {name: value for name, value in asdict(found).items() if name != "match" or value}
 
 
 def junit_text(results: Iterable[Result], note: str = "") -> str:

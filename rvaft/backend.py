@@ -14,7 +14,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from itertools import count
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed, ToolMissing
@@ -28,6 +28,10 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
 GROUP = "rvaft.backends"
+
+
+Match: TypeAlias = frozenset[tuple[str, int]]
+"""The occurrences of a match, each with the number of its event, from 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +170,11 @@ class Backend(ABC):
             if find_spec(module) is None:
                 raise ToolMissing(module, remedy=f"pip install '.[{self.extra}]' in a checkout of rvaft")
 
+    @classmethod
+    def spoken(cls, dialect: str) -> str:
+        """The name of the backend that writes its language in a dialect; raises `OptionError` where there is none."""
+        raise OptionError(f"{cls.name} has no dialects, and so not {dialect}")
+
     def plain(self, tree: RVAFT, semantics: Semantics) -> RVAFT:
         """The tree said without counted leaves, `pand`, windows and time points, for a language that has none of these.
 
@@ -219,6 +228,13 @@ class Backend(ABC):
         for it, `LanguageError` as `read` does, and `OptionError` for a tool that is none of these.
         """
         raise OptionError(f"no tool {tool} runs {self.language}; known: {', '.join(self.tools) or 'none'}")
+
+    def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:  # noqa: ARG002
+        """All matches in each trace, where the language gives them and the text says so; None, the default, where it does not.
+
+        Raises `LanguageError` as `read` does, and what `read_with` may raise.
+        """
+        return None
 
     def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:  # noqa: ARG002
         """Why the published tools of the language may differ from what `read` says of this text on this trace, in a few words each.

@@ -30,6 +30,7 @@ _TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
 @click.command("emit")
 @options.tree_argument
 @click.option("--to", "language", metavar="LANGUAGE", required=True, help=_TO)
+@click.option("--dialect", metavar="DIALECT", help="Of SQL: sqlite, duckdb or postgres.  [default: sqlite]")
 @options.semantics_option
 @options.part_options
 @options.output_format("text", "latex", text=_FORMATS)
@@ -38,11 +39,12 @@ _TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
     "--mapping", metavar="FILE", callback=lambda _context, _option, path: path and _mapping(path), help=_MAPPING
 )
 @options.output_option
-def emit_command(*, tree: str, language: str, form: str, output: str | None, **chosen: Any) -> int:
+def emit_command(*, tree: str, language: str, dialect: str | None, form: str, output: str | None, **chosen: Any) -> int:
     """Write a specification of a tree that means the tree under the chosen semantics."""
     drawing = None if output is None else format_of(output)
     drawn, suffix = drawing in (*PICTURES, Format.DOT), PurePath(output or "").suffix
     if language == "dot":
+        options.refuse(dialect, "--to dot is a drawing, which has no --dialect")
         loaded = options.read_tree(tree)
         options.refuse(form != "text", f"--to dot is a drawing, which has no --format {form}")
         options.refuse(chosen["mapping"] is not None, "--to dot is a drawing, which takes no --mapping")
@@ -62,6 +64,7 @@ def emit_command(*, tree: str, language: str, form: str, output: str | None, **c
     options.refuse(drawn, f"{language} is written as text, which {output} would not be: {mend}")
     with options.suggesting():
         try:
+            language = language if dialect is None else backend(language).spoken(dialect)
             text = translate(options.read_tree(tree), language, **chosen).text
         except UnknownBackend as error:
             raise UnknownBackend(error.name, (*error.known, "dot")) from error

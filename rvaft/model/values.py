@@ -80,6 +80,24 @@ def is_finite(value: Json) -> bool:
     return True
 
 
+def has_larger(value: Json, bits: int) -> bool:
+    """Whether a whole number in a value has more than so many bits, its sign among them.
+
+    >>> has_larger({"id": 2**63 - 1}, 64), has_larger([2**63], 64)
+    (False, True)
+    """
+    todo = [value]
+    while todo:
+        part = todo.pop()
+        if isinstance(part, Mapping):
+            todo.extend(part.values())
+        elif isinstance(part, list):
+            todo.extend(part)
+        elif isinstance(part, int) and part.bit_length() >= bits:
+            return True
+    return False
+
+
 def finite(value: Json) -> Json:
     """The value, with null in place of numbers that are not finite.
 

@@ -5,7 +5,8 @@ import it, and it shares nothing with what it is held against except the tree it
 branches and relevance are all written here a second time.
 """
 
+from rvaft.semantics.matches import matches
 from rvaft.semantics.reference import Reference
 from rvaft.semantics.scenarios import Scenario, branches, feasible_scenarios, scenarios
 
-__all__ = ["Reference", "Scenario", "branches", "feasible_scenarios", "scenarios"]
+__all__ = ["Reference", "Scenario", "branches", "feasible_scenarios", "matches", "scenarios"]

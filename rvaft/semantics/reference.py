@@ -48,12 +48,7 @@ class Reference(Monitor):
         super().__init__()
         self.tree = tree
         self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
-        chosen = _chosen(tree, branch, None if kind is None else Kind(kind))
-        self.scenarios = [s for s in feasible_scenarios(tree) if any(of_branch(s, b) for b in chosen)]
-        if not self.scenarios:
-            raise TreeError("no feasible scenario", rule="no-scenario", nodes=[tree.root])
-        for scenario in self.scenarios:
-            _check_scenario(scenario)
+        self.scenarios = chosen_scenarios(tree, branch, None if kind is None else Kind(kind))
         numbers = [(one, order) for one, s in enumerate(self.scenarios) for order in range(len(s.orders))]
         self._starts = [Partial(scenario, order, frozenset(), {}, {}) for scenario, order in numbers]
         self._partials = {partial.key: partial for partial in self._starts}
@@ -172,6 +167,17 @@ def _relevant_to(tree: RVAFT, name: str, event: Any) -> bool:
 def _served(entry: Relevant, event: Any) -> bool:
     found = matches(entry.pattern, event, {}, {})
     return found is not None and (entry.when is None or holds(entry.when, found))
+
+
+def chosen_scenarios(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Scenario]:
+    """The feasible scenarios of the branches that are asked for; raises `TreeError` where there is none, or a guard of one is unbound."""
+    chosen = _chosen(tree, branch, kind)
+    found = [scenario for scenario in feasible_scenarios(tree) if any(of_branch(scenario, one) for one in chosen)]
+    if not found:
+        raise TreeError("no feasible scenario", rule="no-scenario", nodes=[tree.root])
+    for scenario in found:
+        _check_scenario(scenario)
+    return found
 
 
 def _chosen(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Resolution]:

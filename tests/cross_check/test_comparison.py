@@ -251,7 +251,7 @@ def test_guards_that_differ_in_1_and_1_0_are_two_questions() -> None:
     trace: list[Json] = [{"event": "ev", "x": 10**400}, {"event": "ev", "x": 0}]
     for _, enlist in Roster().candidates(loads(both), Job("both", Semantics.PROJECTED)):
         made = enlist()
-        if isinstance(made, Participant):
+        if isinstance(made, Participant) and not (made.left_open and made.left_open(trace)):
             assert [str(verdict) for verdict in made.start().run(trace)] == ["unknown", "unknown"], made.name
 
 

@@ -1,0 +1,112 @@
+"""The `sql` backend: a query on a table of events, whose rows are the detections.
+
+The text explains itself: a comment says what the table is, which rows there are, and how the time was declared. The unit of `limit` is events joined.
+Python's own SQLite reads it; `sql-duckdb` and `sql-postgres` are the same query in other dialects.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from time import perf_counter
+from typing import ClassVar
+
+from backends.sql.dialects import DIALECTS
+from backends.sql.reader import DuckDb, Sqlite, query
+from backends.sql.translation import Translation
+from rvaft.backend import Backend, Highlighting, Match, Specification
+from rvaft.errors import NotExpressible, OptionError
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import DetectionMonitor, Monitor
+
+__all__ = ["SqlBackend", "SqlDuckdbBackend", "SqlPostgresBackend"]
+
+
+class SqlBackend(Backend):
+    """SQL as SQLite has it: every tree under every semantics, late events too; its runs tell detections alone.
+
+    >>> from rvaft import loads
+    >>> specification = SqlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
+    >>> [verdict.symbol for verdict in specification.monitor().run([{"event": "break_in"}, {"event": "alarm"}])]
+    ['?', '⊤']
+    """
+
+    name: ClassVar[str] = "sql"
+    language: ClassVar[str] = "sql"
+    suffix: ClassVar[str] = ".sql"
+    dialect: ClassVar[str] = "sqlite"
+    tools: ClassVar[tuple[str, ...]] = ("duckdb",)
+    verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
+    json_alone: ClassVar[bool] = True
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
+    untimed: ClassVar[str] = ""
+    highlighting: ClassVar[Highlighting | None] = Highlighting("SQL")
+    default_limit: ClassVar[int] = 2_000
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        """The tree as a query; `TooLarge` beyond `limit` events that are joined, `NotExpressible` for a constant that no table can hold."""
+        semantics, start = Semantics(semantics), perf_counter()
+        limit = self.default_limit if limit is None else limit
+        try:
+            text, metrics = Translation(tree, semantics, DIALECTS[self.dialect], limit).text()
+        except NotExpressible as error:
+            raise NotExpressible(error.reason, backend=self.name, semantics=semantics) from None
+        return Specification(text, self.language, replace(metrics, seconds=perf_counter() - start), self.read)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
+        """A monitor that runs a query, whoever wrote it; raises `LanguageError`."""
+        asked = query(text, Sqlite)
+        return DetectionMonitor(asked.first_detections, asked.left_open)
+
+    def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+        """By `duckdb`: a monitor that runs a query in that dialect; raises `LanguageError`, and `ToolMissing`."""
+        if tool not in self.tools:
+            return super().read_with(tool, text, atoms=atoms)
+        asked = query(text, DuckDb)
+        return DetectionMonitor(asked.first_detections, asked.left_open)
+
+    def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
+        """All matches in each trace, where the text says that its rows are these."""
+        asked = query(text, Sqlite)
+        return asked.matches(traces) if asked.every else None
+
+    @classmethod
+    def spoken(cls, dialect: str) -> str:
+        """The name of the backend that writes a dialect."""
+        if dialect not in DIALECTS:
+            raise OptionError(f"unknown dialect {dialect}; known: {', '.join(DIALECTS)}")
+        return cls.name if dialect == cls.dialect else f"{cls.name}-{dialect}"
+
+
+class SqlDuckdbBackend(SqlBackend):
+    """SQL as DuckDB has it."""
+
+    name: ClassVar[str] = "sql-duckdb"
+    dialect: ClassVar[str] = "duckdb"
+    form_of: ClassVar[str | None] = "sql"
+    extra: ClassVar[str] = "duckdb"
+    modules: ClassVar[tuple[str, ...]] = ("duckdb",)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+        """A monitor that runs a query by DuckDB; raises `LanguageError`, and `ToolMissing`."""
+        return self.read_with("duckdb", text, atoms=atoms)
+
+    def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
+        """All matches in each trace, where the text says that its rows are these."""
+        asked = query(text, DuckDb)
+        return asked.matches(traces) if asked.every else None
+
+
+class SqlPostgresBackend(SqlBackend):
+    """SQL as PostgreSQL has it; only emitted."""
+
+    name: ClassVar[str] = "sql-postgres"
+    dialect: ClassVar[str] = "postgres"
+    form_of: ClassVar[str | None] = "sql"
+    readable: ClassVar[bool] = False
+    tools: ClassVar[tuple[str, ...]] = ()
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        """The tree as a query that nothing here runs."""
+        return replace(super().translate(tree, semantics, limit=limit), reader=None)

@@ -1,0 +1,96 @@
+"""All matches of a trace, tried one by one (definition, section 3)."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rvaft.errors import TooLarge
+from rvaft.model.nodes import Kind
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+from rvaft.semantics.events import Binding, observe, time_of
+from rvaft.semantics.reference import Partial, chosen_scenarios, guards_hold, relevant
+from rvaft.semantics.scenarios import Scenario
+
+Match = frozenset[tuple[str, int]]
+"""The occurrences of a match, each with its position, from 1."""
+
+
+def matches(
+    tree: RVAFT,
+    semantics: Semantics,
+    trace: Sequence[Any],
+    *,
+    branch: int | None = None,
+    kind: Kind | None = None,
+    limit: int = 10_000,
+) -> frozenset[Match]:
+    """Every match of a feasible scenario in a trace; raises `TooLarge` where more than `limit` events would be tried for occurrences.
+
+    >>> from rvaft import loads
+    >>> found = matches(loads("top sand a b;"), Semantics.SCATTERED, [{"event": name} for name in "aab"])
+    >>> sorted(sorted(match) for match in found)
+    [[('a', 1), ('b', 3)], [('a', 2), ('b', 3)]]
+    """
+    found, left = set[Match](), limit
+    for scenario in chosen_scenarios(tree, branch, kind):
+        for positions in _windows(tree, semantics, trace, len(scenario.occurrences)):
+            for match, tried in _served(scenario, trace, positions, left):
+                left -= tried
+                if match is not None:
+                    found.add(match)
+    return frozenset(found)
+
+
+def _windows(tree: RVAFT, semantics: Semantics, trace: Sequence[Any], size: int) -> Iterator[Sequence[int]]:
+    """Clause: which positions a match may use; late events are never among them."""
+    every, late = [*range(1, len(trace) + 1)], set[int]()
+    greatest: int | None = None
+    for position in every:
+        time = time_of(tree.time, trace[position - 1])
+        if time is not None and tree.time is not None and tree.time.late is not None:
+            if greatest is not None and greatest - time > tree.time.late:
+                late.add(position)
+            greatest = time if greatest is None else max(time, greatest)
+    in_time = [position for position in every if position not in late]
+    counted = [position for position in in_time if semantics.projects and relevant(tree, trace[position - 1])]
+    match semantics:
+        case Semantics.STRICT:  # exactly the first k positions
+            starts = [every[:size]] if late.isdisjoint(every[:size]) else []
+        case Semantics.PROJECTED:  # exactly the first k relevant positions
+            starts = [counted[:size]]
+        case Semantics.CONSECUTIVE:  # exactly k relevant positions that follow each other
+            starts = [counted[first : first + size] for first in range(len(counted))]
+        case Semantics.SCATTERED:  # any
+            starts = [in_time]
+    yield from (window for window in starts if len(window) >= size)
+
+
+def _served(
+    scenario: Scenario, trace: Sequence[Any], positions: Sequence[int], limit: int
+) -> Iterator[tuple[Match | None, int]]:
+    """The matches with these positions, each once, and how many events were tried since the one before.
+
+    Clauses: one position for each occurrence and no position twice; every event matches its occurrence under one assignment of the variables;
+    precedence is kept; every guard holds.
+    """
+    names, tried = sorted(scenario.occurrences), 0
+    agenda: list[tuple[tuple[int, ...], Binding]] = [((), {})]
+    while agenda:
+        taken, binding = agenda.pop()
+        if len(taken) == len(names):
+            place = dict(zip(names, taken, strict=True))
+            in_order = any(all(place[a] < place[b] for b in names for a in order[b]) for order in scenario.orders)
+            times = {name: time_of(scenario.tree.time, trace[position - 1]) for name, position in place.items()}
+            if in_order and guards_hold(scenario, Partial(0, 0, scenario.occurrences, binding, times)):
+                yield frozenset(place.items()), tried
+                limit, tried = limit - tried, 0
+            continue
+        node = scenario.observing[names[len(taken)]]
+        for position in positions:
+            tried += 1
+            if tried > limit:
+                raise TooLarge("events tried for the occurrences of a match", limit=limit)
+            bound = None if position in taken else observe(scenario.tree, node, trace[position - 1], binding)
+            if bound is not None:
+                agenda.append(((*taken, position), bound))
+    yield None, tried

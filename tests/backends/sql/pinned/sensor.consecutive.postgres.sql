@@ -1,0 +1,37 @@
+-- rvaft sql postgres
+-- The attack-fault tree "alarm" under consecutive: every match.
+-- v1 Room
+-- v2 Value
+-- v3 At_warm
+-- v4 At_door
+-- v5 At_window
+-- events(trace, pos, event, time): the log, its number from 1, the event as JSON, nanoseconds or NULL.
+-- time ["ts"] as s
+WITH
+  place_1 AS MATERIALIZED (
+    SELECT trace, pos, event, time, row_number() OVER (PARTITION BY trace ORDER BY pos) AS place FROM events WHERE ((json_typeof(event::json -> 'room') IS NOT NULL AND json_typeof(event::json -> 'value') IS NOT NULL AND coalesce(CASE WHEN json_typeof(event::json -> 'value') = 'number' AND (event::json ->> 'value') ~ '^-?[0-9]+$' THEN CAST((event::json ->> 'value') AS bigint) END >= CAST('30' AS bigint), CAST('30.0' AS double precision) <= CASE WHEN json_typeof(event::json -> 'value') = 'number' AND (event::json ->> 'value') !~ '^-?[0-9]+$' THEN CAST((event::json ->> 'value') AS double precision) END)) OR (json_typeof(event::json -> 'room') IS NOT NULL AND (event::json ->> 'value') = 'door') OR ((event::json ->> 'event') = 'window'))
+  ),
+  shift_1 AS MATERIALIZED (
+    SELECT 0 AS shift UNION ALL SELECT 1 AS shift UNION ALL SELECT 2 AS shift
+  ),
+  n1 AS MATERIALIZED (
+    SELECT trace, pos, CASE WHEN json_typeof(event::json -> 'room') = 'number' AND (event::json ->> 'room') ~ '^-?[0-9]+$' THEN to_jsonb((event::json ->> 'room')::bigint) WHEN json_typeof(event::json -> 'room') = 'number' AND (event::json ->> 'room') !~ '^-?[0-9]+$' THEN CASE WHEN (event::json ->> 'room')::float8 = floor((event::json ->> 'room')::float8) AND abs((event::json ->> 'room')::float8) < 9e18 THEN to_jsonb((event::json ->> 'room')::float8::bigint) ELSE to_jsonb((event::json ->> 'room')::float8) END ELSE (event::json -> 'room')::jsonb END AS v1_key, (event::json -> 'room')::text AS v1_json, (event::json -> 'value')::text AS v2_json, time, place - shift AS start, shift AS place FROM place_1, shift_1 WHERE json_typeof(event::json -> 'room') IS NOT NULL AND json_typeof(event::json -> 'value') IS NOT NULL AND coalesce(CASE WHEN json_typeof(event::json -> 'value') = 'number' AND (event::json ->> 'value') ~ '^-?[0-9]+$' THEN CAST((event::json ->> 'value') AS bigint) END >= CAST('30' AS bigint), CAST('30.0' AS double precision) <= CASE WHEN json_typeof(event::json -> 'value') = 'number' AND (event::json ->> 'value') !~ '^-?[0-9]+$' THEN CAST((event::json ->> 'value') AS double precision) END)
+  ),
+  n2 AS MATERIALIZED (
+    SELECT trace, pos, CASE WHEN json_typeof(event::json -> 'room') = 'number' AND (event::json ->> 'room') ~ '^-?[0-9]+$' THEN to_jsonb((event::json ->> 'room')::bigint) WHEN json_typeof(event::json -> 'room') = 'number' AND (event::json ->> 'room') !~ '^-?[0-9]+$' THEN CASE WHEN (event::json ->> 'room')::float8 = floor((event::json ->> 'room')::float8) AND abs((event::json ->> 'room')::float8) < 9e18 THEN to_jsonb((event::json ->> 'room')::float8::bigint) ELSE to_jsonb((event::json ->> 'room')::float8) END ELSE (event::json -> 'room')::jsonb END AS v1_key, time, place - shift AS start, shift AS place FROM place_1, shift_1 WHERE json_typeof(event::json -> 'room') IS NOT NULL AND (event::json ->> 'value') = 'door'
+  ),
+  n3 AS MATERIALIZED (
+    SELECT trace, pos, time, place - shift AS start, shift AS place FROM place_1, shift_1 WHERE (event::json ->> 'event') = 'window'
+  )
+SELECT e1.trace, greatest(e2.pos, e3.pos) AS detected, 1 AS branch,
+  '{"warm": ' || e1.pos || ', "door": ' || e2.pos || ', "window": ' || e3.pos || '}' AS nodes, '{"Room": ' || e1.v1_json || ', "Value": ' || e1.v2_json || '}' AS variables
+FROM n1 AS e1, n2 AS e2, n3 AS e3
+WHERE e2.trace = e1.trace
+  AND e3.trace = e1.trace
+  AND e2.start = e1.start
+  AND e3.start = e1.start
+  AND e1.place < e2.place
+  AND e1.place < e3.place
+  AND e2.place <> e3.place
+  AND e2.v1_key = e1.v1_key
+  AND ((CASE WHEN e1.time IS NULL OR e2.time IS NULL OR e3.time IS NULL THEN NULL ELSE greatest(e1.time, e2.time, e3.time) END - CASE WHEN e1.time IS NULL OR e2.time IS NULL OR e3.time IS NULL THEN NULL ELSE least(e1.time, e2.time, e3.time) END) <= CAST('600000000000' AS bigint))

@@ -1,0 +1,290 @@
+"""SQL: what events it tells apart, what it refuses, what is read by hand, and what SQLite and DuckDB make of the same tree."""
+
+import json
+import re
+import shutil
+import sqlite3
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from backends.sql import SqlBackend, SqlDuckdbBackend, SqlPostgresBackend
+from cross_check.comparison import cross_check
+from rvaft import backend as backends
+from rvaft.api import load, loads, translate
+from rvaft.backend import Backend, backend
+from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolFailed, ToolMissing, TraceError
+from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.model.patterns import Literal, ObjectPattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.semantics import Reference, matches
+from tests.backends.injections import INJECTIONS
+from tests.backends.texts import flat, signs
+from tests.cli.runs import run
+
+HERE = Path(__file__).parent
+READING = [
+    SqlBackend(),
+    pytest.param(SqlDuckdbBackend(), marks=pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")),
+]
+
+
+def tree_with(text: str) -> tuple[RVAFT, list[Any]]:
+    """A tree that has the text as the name of a node, of an event, of a field and as a literal, and a trace that it detects."""
+    inner = ObjectPattern(((text, Literal(1)),))
+    event = EventType(f"{text} ", (), ObjectPattern(((text, Literal(text)), (f"{text}.", inner))))
+    named = f"{text}!"
+    nodes = [Node("top ", Gate.SAND, (text, named), label=text), Node(text, on=On(event.name, ())), Node(named)]
+    return RVAFT("top ", nodes, [event]), [{text: text, f"{text}.": {text: 1.0}}, {"event": named}]
+
+
+WITHOUT_NUL = [text for text in INJECTIONS if "\0" not in text]
+
+
+def rows(name: str) -> list[Any]:
+    lines = (HERE / name).read_text("utf-8").splitlines()
+    return [json.loads(line) for line in lines if line and not line.startswith("#")]
+
+
+def first(language: Backend, tree: Any, semantics: Semantics, events: list[Any]) -> int | None:
+    monitor = language.read(language.translate(tree, semantics).text)
+    return monitor.first_detections([events])[0]  # type: ignore[attr-defined,no-any-return]
+
+
+@pytest.mark.parametrize("language", READING)
+def test_events_are_told_apart_as_the_definition_tells_them(language: Backend) -> None:
+    for text, named, events, expected in rows("events.txt"):
+        tree, semantics = loads(text), Semantics(named)
+        assert [*Reference(tree, semantics).run(events)].count(Verdict.TRUE) == (
+            len(events) - expected + 1 if expected else 0
+        ), text
+        assert first(language, tree, semantics, events) == expected, text
+
+
+@pytest.mark.parametrize("language", READING)
+def test_what_users_write_stays_in_its_place(language: Backend) -> None:
+    for text in WITHOUT_NUL:
+        tree, trace = tree_with(text)
+        for semantics in Semantics if language.name == "sql" else [Semantics.SCATTERED]:
+            assert first(language, tree, semantics, trace) == 2, text
+            assert first(language, tree, semantics, [trace[0], {"event": text}]) is None, text
+
+
+@pytest.mark.skipif(shutil.which("psql") is None, reason="needs PostgreSQL's psql")
+def test_a_text_for_postgres_is_one_statement_on_one_table() -> None:
+    for text in WITHOUT_NUL:
+        made = SqlPostgresBackend().translate(tree_with(text)[0], Semantics.PROJECTED)
+        code = re.sub(r"'(?:[^']|'')*'", "", re.sub(r"^--.*$", "", made.text, flags=re.MULTILINE))
+        assert ";" not in code
+        assert "--" not in code
+        assert set(re.findall(r"FROM (\w+)", code)) <= {"events", "place_1", "n1", "n2"}
+        assert made.reader is None
+
+
+@pytest.mark.parametrize(("text", "reason"), rows("refused.txt"))
+def test_what_sql_cannot_say_is_refused(text: str, reason: str) -> None:
+    with pytest.raises(NotExpressible) as raised:
+        SqlBackend().translate(loads(text), Semantics.SCATTERED)
+    assert (raised.value.reason, raised.value.backend) == (reason, "sql")
+
+
+@pytest.mark.parametrize(("text", "message"), rows("malformed.txt"))
+def test_what_is_no_query_is_one_line(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(LanguageError, match=message):
+        SqlBackend().read(text)
+    (tmp_path / "wrong.sql").write_text(text, "utf-8")
+    done = run("cross-check", "trees/gates/and.rvaft", "--against", str(tmp_path / "wrong.sql"))
+    assert (
+        done.exit_code,
+        len(re.findall(r"^rvaft: error: ", done.stderr, re.MULTILINE)),
+        "Traceback" in done.stderr,
+    ) == (2, 1, False)
+
+
+@pytest.mark.parametrize("event", [{"x": float("nan")}, {"x": [2**63]}, {"a\0": 1}, {"t": 10**30, "event": "a"}])
+def test_what_a_table_does_not_keep_is_an_error_and_never_another_value(event: dict[str, Any]) -> None:
+    monitor = SqlBackend().translate(loads("time t as s; r and a b within 1 s;"), Semantics.SCATTERED).monitor()
+    with pytest.raises(TraceError, match=r"^<trace>:1: an? (number|integer|text|time)"):
+        monitor.step(event)
+    large = (
+        SqlBackend().translate(loads("event e(x) = { x: x }; r on e(X) when X * X == 1;"), Semantics.STRICT).monitor()
+    )
+    with pytest.raises(ToolFailed, match="malformed JSON"):  # what the query does where a product has more than 64 bits
+        large.step({"x": 2**40})
+
+
+def test_the_limit_counts_events_that_are_joined() -> None:
+    with pytest.raises(TooLarge, match=r"\(limit 3\)"):
+        SqlBackend().translate(loads("r or a b c d;"), Semantics.STRICT, limit=3)
+    for gate, size in ((Gate.SAND, 61), (Gate.SAND, 3_000)):
+        with pytest.raises(TooLarge):
+            SqlBackend().translate(flat(gate, size), Semantics.STRICT)
+    for semantics in Semantics:
+        with pytest.raises(TooLarge):
+            SqlBackend().translate(flat(Gate.VOT, 40, 20), semantics)
+
+
+@pytest.mark.parametrize("semantics", ["scattered", "consecutive"])
+@pytest.mark.parametrize("dialect", ["sqlite", "duckdb", "postgres"])
+def test_pinned(dialect: str, semantics: str) -> None:
+    pinned = HERE / "pinned" / f"sensor.{semantics}.{dialect}.sql"
+    name = SqlBackend.spoken(dialect)
+    assert translate(load(str(HERE / "pinned" / "sensor.rvaft")), name, semantics=semantics).text == pinned.read_text(
+        "utf-8"
+    )
+
+
+def test_rows_have_branch_nodes_and_variables_and_pass_a_result_of_several_traces() -> None:
+    tree = loads('event at(p) = { at: p }; top or x y; x sand a b; y on at("z"); a on at(P); b on at(P);')
+    query = SqlBackend().translate(tree, Semantics.SCATTERED).text
+    connection = sqlite3.connect(":memory:")
+    connection.execute("CREATE TABLE events (trace, pos, event, time)")
+    events = [(0, 1, '{"at": "é"}'), (0, 5, '{"at": "\\u00e9"}'), (1, 1, '{"at": "é"}'), (2, 9, '{"at": "z"}')]
+    connection.executemany("INSERT INTO events VALUES (?, ?, ?, NULL)", events)
+    assert connection.execute(query).fetchall() == [
+        (0, 5, 1, '{"a": 1, "b": 5}', '{"P": "é"}'),
+        (2, 9, 2, '{"y": 9}', "{}"),
+    ]
+
+
+RIGHT = """
+SELECT max(b.pos, c.pos) AS detected FROM events a, events b, events c
+WHERE a.event ->> '$.event' = 'a' AND b.event ->> '$.event' = 'b' AND c.event ->> '$.event' = 'c' AND a.pos < b.pos AND b.pos < c.pos;
+-- by hand
+"""
+
+
+def test_queries_by_hand_are_held_against_a_tree(tmp_path: Path) -> None:
+    (tmp_path / "right.sql").write_text(RIGHT, "utf-8")
+    (tmp_path / "wrong.sql").write_text(RIGHT.replace(" AND b.pos < c.pos", ""), "utf-8")
+    files = [str(tmp_path / name) for name in ("right.sql", "wrong.sql")]
+    tree = loads("top sand a b c;")
+    _, right, wrong = cross_check(tree, "scattered", against=files)
+    assert (right.status, right.detections_only, right.matched) == ("tested", True, 0)
+    assert wrong.difference is not None
+    assert [event["event"] for event in wrong.difference.trace] in (["a", "c", "b"], ["c", "a", "b"])
+
+
+EDITS = {  # of the text of `trees/gates` and others: what a wrong translation would write
+    "an order is dropped": (r"\n  AND e\d\.(pos|place) < e\d\.\1", ""),
+    "another event is not asked for": (r"\n  AND e\d\.(pos|place) <> e\d\.\1", ""),
+    "traces are mixed": (r"(WHERE|\n  AND) e2\.trace = e1\.trace", r"\1 true"),
+    "a variable is not tied": (r"\n  AND e2\.v1_key = e1\.v1_key", ""),
+    "the wrong column is joined": (r"e2\.v1_key = e1\.v1_key", "e2.v1_key = e1.trace"),
+    "a place more": (r"place <= 2", "place <= 3"),
+    "a guard is dropped": (r" AND coalesce\(CASE WHEN json_type\(event, '\$\.v'\).*?>= 3.*(?=\n)", ""),
+    "a window one unit longer": (r"<= 5000000000", "<= 6000000000"),
+    "one group for all traces": (r" GROUP BY n\.trace", ""),
+    "the greatest position first": (r"min\(n\.pos\)", "max(n.pos)"),
+    "what is ignored counts": (r" AND \([^\n]*\) IS NOT TRUE", ""),
+    "late events are used": (r"NOT late", "true"),
+    "a start is not shared": (r"\n  AND e2\.start = e1\.start", ""),
+}
+EDITED = (
+    (
+        "event e(k, v) = { k: k, v: v }; time t as s late 3 s; r sand a b c; ignore e(9, _); c; "
+        'a on e("x", V); b on e("x", V) when V >= 3;'
+    ),
+    'event e(k) = { k: k }; r and a b; a on e("x"); b on e("x");',
+    "time t as s; r and a b within 5 s;",
+    "r sand a b;",
+)
+WORDS: list[list[Any]] = (
+    [
+        [{"event": name, "t": time} for name, time in pairs]
+        for pairs in (
+            [("a", 0), ("b", 6)],
+            [("b", 0), ("a", 1)],
+            [("a", 0)],
+            [("b", 0)],
+            [("a", 0), ("a", 1), ("b", 2), ("b", 3)],
+            [("z", 1), ("a", 1), ("b", 1)],
+        )
+    ]
+    + [
+        [{"k": "x", "v": v, "t": t} for v, t in pairs] + [{"event": "c", "t": 9}]
+        for pairs in ([(3, 8), (3, 8)], [(3, 8), (4, 8)], [(2, 8), (2, 8)], [(3, 9), (3, 1)], [(3, 1), (3, 9)])
+    ]
+    + [
+        [{"k": "x", "v": 3, "t": 1}, {"k": 9, "v": 1, "t": 1}, {"k": "x", "v": 3, "t": 1}, {"event": "c", "t": 1}],
+        [{"k": "x", "t": 0}],
+    ]
+)
+WORDS += [
+    [{"event": "c", "t": 1}, {"k": "x", "v": 3, "t": 1}, {"k": "x", "v": 3, "t": 1}],
+    [{"event": "b"}, {"event": "x"}, {"event": "a"}, {"event": "b"}],
+]
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_a_wrong_text_shows(edit: str) -> None:
+    pattern, by = EDITS[edit]
+    for text in EDITED:
+        for semantics in Semantics:
+            tree = loads(text)
+            made = SqlBackend().translate(tree, semantics).text
+            wrong = re.sub(pattern, by, made)
+            if wrong == made:
+                continue
+            expected = [
+                min((max(n for _, n in match) for match in matches(tree, semantics, word)), default=None)
+                for word in WORDS
+            ]
+            assert SqlBackend().read(made).first_detections(WORDS) == expected, made  # type: ignore[attr-defined]
+            if SqlBackend().read(wrong).first_detections(WORDS) != expected:  # type: ignore[attr-defined]
+                return
+    raise AssertionError(edit)
+
+
+def test_a_match_that_is_missing_shows_where_detections_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Once(SqlBackend):
+        def matches(self, text: str, traces: Any) -> Any:
+            return [frozenset(sorted(found, key=sorted)[:1]) for found in super().matches(text, traces) or ()]
+
+    event = 'event e(k) = { k: k }; r and a b; a on e("x"); b on e("x");'
+    right, *_ = [one for one in cross_check(loads(event), "scattered", backends=["sql"]) if one.participant == "sql"]
+    assert right.matched > 0
+    assert f"all matches of {right.matched}" in right.text
+    monkeypatch.setattr(
+        "cross_check.participants.backend", lambda name: Once() if name == "sql" else backends.backend(name)
+    )
+    wrong, *_ = [one for one in cross_check(loads(event), "scattered", backends=["sql"]) if one.participant == "sql"]
+    assert wrong.difference is not None
+    assert wrong.difference.expected[-1] is wrong.difference.got[-1] is Verdict.TRUE
+    assert re.fullmatch(r"a match is missing: [ab] \d, [ab] \d", wrong.difference.match)
+
+
+def test_dialects_and_tools_that_are_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    for arguments, message in (
+        (("--to", "sql", "--dialect", "oracle"), "unknown dialect oracle; known: sqlite, duckdb, postgres"),
+        (("--to", "rml", "--dialect", "duckdb"), "rml has no dialects"),
+        (("--to", "dot", "--dialect", "duckdb"), "has no --dialect"),
+    ):
+        done = run("emit", "trees/gates/and.rvaft", *arguments)
+        assert (
+            done.exit_code,
+            len(re.findall(r"^rvaft: error: ", done.stderr, re.MULTILINE)),
+            "Traceback" in done.stderr,
+        ) == (2, 1, False)
+        assert message in done.stderr
+    done = run("emit", "trees/gates/and.rvaft", "--to", "sql", "--dialect", "postgres")
+    assert done.stdout.startswith("-- rvaft sql postgres\n")
+    with pytest.raises(OptionError, match="no tool mona runs sql; known: duckdb"):
+        SqlBackend().read_with("mona", "SELECT 1")
+    monkeypatch.setitem(__import__("sys").modules, "duckdb", None)
+    with pytest.raises(ToolMissing, match=r"pip install '.\[duckdb\]'"):
+        SqlBackend().read_with("duckdb", "SELECT 2 AS detected")
+    assert signs(backend("sql").read("SELECT 2 AS detected FROM events WHERE pos = 2"), "a b") == "?T"
+
+
+def test_one_query_in_duckdb_is_one_statement() -> None:
+    pytest.importorskip("duckdb")
+    for text in (
+        "SELECT 1 AS detected); DROP TABLE events; SELECT * FROM (SELECT 1",
+        "SELECT 1 AS detected FROM read_csv('/etc/passwd')",
+    ):
+        with pytest.raises(LanguageError):
+            backend("sql-duckdb").read(text)

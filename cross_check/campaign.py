@@ -156,7 +156,7 @@ _IN_PRACTICE: Final = {
     "guards with endswith and contains": 'r sand a b; a on read(V) when endswith(V, "b"); b on read(W) when contains(W, "b");',
     "a guard with like": 'r sand a b; a on read(V) when like(V, "a*b?"); b;',
     "guards with lower and number": 'r sand a b; a on read(V) when lower(V) == "ab"; b on read(W) when number(W) >= 2;',
-    "guards with abs, min and max": "r sand a b; a on read(V) when abs(V) < 2; b on at(P, S) when max(S, 1) > min(3, S);",
+    "guards with abs, min and max": "r sand a b; a on read(V) when abs(V) > V; b on at(P, S) when max(S, 1) > min(3, S);",
 }
 """What real logs need. Where times matter, and where several values or texts do, it is tested."""
 

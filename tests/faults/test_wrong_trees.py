@@ -120,6 +120,8 @@ NO_DETECTION: frozenset[str] = frozenset(
 def test_a_wrong_tree_shows(participant: str, mistake: str) -> None:
     if participant != ENGINE and backend(participant).semantics == {Semantics.SCATTERED} and mistake in NO_DETECTION:
         pytest.skip("no detection is another")
+    if (participant, mistake) == ("sigma", "a pand as a sand"):
+        pytest.skip("it says `pand` over single events alone, which is `sand`")
     assert is_killed(participant, MISTAKES[mistake]), "no verdict differs"
 
 

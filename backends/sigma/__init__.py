@@ -1,0 +1,63 @@
+"""The `sigma` backend: rules for single events and one correlation of them, the format of detections that SIEM systems share.
+
+The unit of `limit` is rules. Reading a text needs pySigma and its backend for SQLite, whose queries Python's sqlite3 runs; translating needs PyYAML.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+from backends.sigma.reader import SigmaMonitor
+from backends.sigma.translation import Translation
+from rvaft.backend import Backend, Metrics, Specification
+from rvaft.errors import NotExpressible
+from rvaft.model.patterns import Pattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import Monitor
+
+__all__ = ["SigmaBackend"]
+
+
+class SigmaBackend(Backend):
+    """Sigma correlations: under `scattered`, events in sequence, or any gates without order, where no event is two things at once.
+
+    >>> from rvaft import loads
+    >>> print(SigmaBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text.split("---")[-1], end="")
+    <BLANKLINE>
+    title: theft
+    correlation:
+      type: temporal_ordered
+      rules:
+      - break_in
+      - alarm
+      timespan: 36500d
+    """
+
+    name: ClassVar[str] = "sigma"
+    language: ClassVar[str] = "sigma"
+    suffix: ClassVar[str] = ".yml"
+    verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
+    json_alone: ClassVar[bool] = True
+    extra: ClassVar[str] = "sigma"
+    modules: ClassVar[tuple[str, ...]] = ("sigma", "sigma.backends.sqlite", "yaml")
+    semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+    untimed: ClassVar[str] = "of times a correlation has its timespan alone"
+    default_limit: ClassVar[int] = 100
+
+    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+        """The tree as a correlation with its rules; `TooLarge` beyond `limit` rules, `NotExpressible`, `ToolMissing` without PyYAML."""
+        semantics, start = Semantics(semantics), time.perf_counter()
+        if semantics not in self.semantics:
+            reason = "a correlation says which events there are and not that there are none between"
+            raise NotExpressible(reason, backend=self.name, semantics=semantics)
+        plain = self.plain(tree.changed(nodes=[replace(n, within=None) for n in tree.nodes.values()]), semantics)
+        made = Translation(tree, plain, semantics, self.default_limit if limit is None else limit)
+        text, symbols = made.text()
+        return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
+        """A monitor that asks SQLite what pySigma makes of the rules, whoever wrote them; raises `LanguageError` and `ToolMissing`."""
+        self.require()
+        return SigmaMonitor(text)

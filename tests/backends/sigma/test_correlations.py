@@ -1,0 +1,135 @@
+"""Correlations of trees, pinned; what is refused; rules written by hand; and mistakes in a correlation."""
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from backends.sigma.reader import SigmaMonitor
+from cross_check.comparison import cross_check
+from cross_check.traces import Effort
+from rvaft.api import loads, translate
+from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, TraceError
+from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.model.patterns import Literal, ObjectPattern
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.monitors import DetectionMonitor
+from tests.backends.injections import INJECTIONS
+from tests.backends.texts import events, flat
+from tests.tables import rows
+
+DECLARED = 'event px(p) = { x: p }; event in(u) = { e: "in", u: u }; event out(u) = { e: "out", u: u }; event cp(u) = { e: "cp", by: { u: u } }; time t as s; toplevel r; '
+
+
+@pytest.mark.parametrize(("text", "correlation", "selections"), rows(__file__, "correlations.txt"))
+def test_correlations(text: str, correlation: object, selections: object) -> None:
+    *rules, last = yaml.safe_load_all(translate(loads(DECLARED + text), "sigma", semantics="scattered").text)
+    assert last["correlation"] == correlation
+    assert {one["name"]: [v for k, v in one["detection"].items() if k != "condition"] for one in rules} == selections
+
+
+@pytest.mark.parametrize(("text", "reason"), rows(__file__, "refusals.txt"))
+def test_refusals(text: str, reason: str) -> None:
+    with pytest.raises(NotExpressible) as error:
+        translate(loads(DECLARED + text), "sigma", semantics="scattered")
+    assert error.value.reason == reason
+
+
+@pytest.mark.parametrize(("text", "message"), rows(__file__, "malformed.txt"))
+def test_malformed_correlations(text: str, message: str) -> None:
+    with pytest.raises(LanguageError, match=re.escape(message)) as error:
+        SigmaMonitor(text)
+    assert "\n" not in error.value.message
+
+
+def test_names_and_values_stay_in_their_place() -> None:
+    said = 0
+    for place, odd in enumerate(INJECTIONS):
+        field = EventType(odd, (), ObjectPattern(((odd, Literal(odd)), ("x", Literal(1)))))
+        value = EventType(odd, (), ObjectPattern((("v", Literal(odd)), ("x", Literal(1)))))
+        for event, name in ((field, odd), (value, "v")):
+            nodes = [Node(f"{odd} ", Gate.SAND, (odd, "b"), label=odd), Node(odd, on=On(odd, ())), Node("b")]
+            other = EventType("b", (), ObjectPattern((("x", Literal(2)),)))
+            nodes[2] = Node("b", on=On("b", ()))
+            made = RVAFT(f"{odd} ", nodes, [event, other])
+            try:
+                text = translate(made, "sigma", semantics="scattered").text
+            except NotExpressible:
+                continue
+            said += 1
+            assert len([*yaml.safe_load_all(text)]) == 3
+            wrong: list[list[Json]] = [[{name: INJECTIONS[place - 1], "x": 1}, {"x": 2}], [{"x": 1}, {"x": 2}]]
+            traces: list[list[Json]] = [[{name: odd, "x": 1}, {"x": 2}], *wrong]
+            assert SigmaMonitor(text).first_detections(traces) == [2, None, None], odd
+    assert said > 30
+
+
+@pytest.mark.parametrize(("text", "field", "correlation", "trace"), rows(__file__, "by_hand.txt"))
+def test_rules_by_hand(text: str, field: str, correlation: dict[str, Any], trace: str | None, tmp_path: Path) -> None:
+    """Where one is wrong, a shortest trace says so."""
+    rules = [
+        {"title": one, "name": one, "logsource": {"category": "x"}, "detection": {"s": {field: one}, "condition": "s"}}
+        for one in correlation["rules"]
+    ]
+    (written := tmp_path / "hand.yml").write_text(
+        yaml.safe_dump_all([*rules, {"title": "it", "correlation": correlation}])
+    )
+    _, result = cross_check(loads(text), "scattered", against=[str(written)])
+    assert result.detections_only
+    found = None if result.difference is None else list(result.difference.trace)
+    assert found == (None if trace is None else events(trace)), result
+
+
+EDITS: list[tuple[str, Callable[[str], str]]] = [
+    ("nothing", lambda text: text),
+    ("no order", lambda text: text.replace("temporal_ordered", "temporal")),
+    ("another order", lambda text: text.replace("  - a\n  - b\n", "  - b\n  - a\n")),
+    ("one event less", lambda text: text.replace("  timespan", "  condition: (a or b) and c\n  timespan")),
+    ("no group", lambda text: re.sub(r"  group-by:\n  - u\n", "", text)),
+    ("another group", lambda text: text.replace("  - u\n", "  - e\n")),
+    ("a longer timespan", lambda text: text.replace("timespan: 3s", "timespan: 4s")),
+    ("a shorter timespan", lambda text: text.replace("timespan: 3s", "timespan: 2s")),
+    ("another constant", lambda text: text.replace("e|cased: cp", "e|cased: in")),
+    ("two of three", lambda text: text.replace("timespan", "condition:\n    gte: 2\n  timespan")),
+]
+
+
+@pytest.mark.parametrize(("name", "edit"), EDITS)
+def test_mistakes_in_a_correlation_show(name: str, edit: Callable[[str], str], tmp_path: Path) -> None:
+    declared = "".join(f'event {one}(u) = {{ e: "{one}", u: u }}; ' for one in ("in", "cp", "out"))
+    made = loads(f"{declared} time t as s; r sand a b c within 3 s; a on in(User); b on cp(User); c on out(User);")
+    (written := tmp_path / "hand.yml").write_text(edit(translate(made, "sigma", semantics="scattered").text))
+    _, result = cross_check(made, "scattered", against=[str(written)], effort=Effort(traces=100))
+    assert (result.difference is None) is (name == "nothing"), result
+
+
+def test_what_is_left_open() -> None:
+    monitor = translate(
+        loads(f"{DECLARED} r sand a b within 2 s; a on in(User); b on out(User);"), "sigma", semantics="scattered"
+    ).monitor()
+    assert isinstance(monitor, DetectionMonitor)
+    a, b = {"e": "in", "u": "bob", "t": 5}, {"e": "out", "u": "bob", "t": 7}
+    assert monitor.first_detections([[a, b], [a, {**b, "t": "7.000001"}], [a, {**b, "u": "eve"}]]) == [2, None, None]
+    for other in ({**b, "u": "Bob"}, {**b, "u": None}, {**b, "t": 5}, {"e": "out", "u": "bob"}):
+        assert monitor.left_open([a, other])
+        with pytest.raises(TraceError, match="says nothing to Sigma"):
+            monitor.first_detections([[a, other]])
+
+
+def test_sizes_and_limits() -> None:
+    for gate, size, least in ((Gate.AND, 101, None), (Gate.SAND, 101, None)):
+        with pytest.raises(TooLarge, match="rules of the correlation"):
+            translate(flat(gate, size, least), "sigma", semantics="scattered")
+    assert translate(flat(Gate.VOT, 5, 2), "sigma", semantics="scattered").metrics.symbols == 158
+
+
+def test_without_pysigma_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "sigma.collection", None)
+    text = translate(loads("r and never_read_before b;"), "sigma", semantics="scattered").text
+    with pytest.raises(ToolMissing, match="sigma"):
+        SigmaMonitor(text)

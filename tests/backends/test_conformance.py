@@ -41,6 +41,7 @@ REQUIRED: dict[str, Required] = {
     "automaton": conformance.everything,
     "eql": conformance.scattered_by_single_events,
     "ltlf": conformance.everything,
+    "mtl": conformance.scattered_by_single_events,
     "rml": conformance.without_variables_or_determinate,
     "sigma": single_default_events,
     "sql": lambda *_: True,

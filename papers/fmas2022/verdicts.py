@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cross_check.comparison import Roster
-from cross_check.participants import ENGINE, Absent, Outside, Participant
+from cross_check.participants import ENGINE, Absent, Outside, Participant, faithful_backends
 from cross_check.results import Job
 from papers.fmas2022 import printed
+from rvaft.backend import backend
 from rvaft.errors import RvaftError
 from rvaft.export.property_text import property_sign
 from rvaft.model.tree import RVAFT
@@ -56,11 +57,11 @@ def monitors(tree: RVAFT) -> Monitors:
 
 
 def enlist(tree: RVAFT) -> Enlisted:
-    """Everybody who can say what the tree and its branches mean, under `projected`."""
+    """Everybody who can say what the tree and its branches mean, under `projected`, and who tells all verdicts."""
+    telling = tuple(name for name in faithful_backends() if Verdict.FALSE in backend(name).verdicts)
+    roster = Roster(telling)
     return {
-        sign: {
-            name: make() for name, make in Roster().candidates(tree, Job("tree", Semantics.PROJECTED, branch=branch))
-        }
+        sign: {name: make() for name, make in roster.candidates(tree, Job("tree", Semantics.PROJECTED, branch=branch))}
         for sign, branch in monitors(tree).items()
     }
 

@@ -26,7 +26,10 @@ def monitor(name: str) -> Monitor:
         pytest.skip(str(missing))
 
 
-@pytest.mark.parametrize("name", ["engine", "reference", *all_backends()])
+ALL_VERDICTS = [name for name in all_backends() if Verdict.FALSE in backend(name).verdicts]
+
+
+@pytest.mark.parametrize("name", ["engine", "reference", *ALL_VERDICTS])
 class TestAnyMonitor:
     @pytest.mark.parametrize("event", ['{"event": "a"}', b"{}", [], 5, None, [{"event": "a"}]])
     def test_only_objects_are_events(self, name: str, event: Any) -> None:

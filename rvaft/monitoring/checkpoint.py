@@ -240,11 +240,13 @@ class CheckpointFile:
         Raises `CheckpointError` for one that was made with anything else, and for a file that is damaged or no
         checkpoint; `OSError` and what `identity` raises for a file that cannot be read.
         """
+        start = len(_MAGIC) + 65
         try:
-            data = self.path.read_bytes()
+            with self.path.open("rb") as stream:
+                data = stream.read(start)
+                data += stream.read() if data.startswith(_MAGIC) else b""  # what is no checkpoint may have no end
         except FileNotFoundError:
             return None
-        start = len(_MAGIC) + 65
         body = memoryview(data)[start:]
         self._digest = _sha(body)
         if not data.startswith(_MAGIC):

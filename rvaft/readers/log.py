@@ -11,6 +11,7 @@ import re
 import shutil
 import warnings
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
@@ -398,8 +399,10 @@ BAG_METADATA: Final = "metadata.yaml"
 
 
 def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryIO]:
-    """The bytes of a log, decompressed; raises `OSError` and `ToolMissing`. Of a folder it is said that logs with the `usual` suffix may be in it."""
+    """The bytes of a log, decompressed; raises `OSError` and `ToolMissing`. Of a folder it is said which logs are in it, or else that those with the `usual` suffix may be."""
     if Path(name).is_dir():
+        suffixes = Counter(path.suffix for path in sorted(Path(name).iterdir()) if path.suffix and path.is_file())
+        usual = suffixes.most_common(1)[0][0] if suffixes and usual == ".jsonl" not in suffixes else usual
         hint = f"'{os.path.join(name, f'*{usual}')}'"  # noqa: PTH118 (as typed)
         raise IsADirectoryError(errno.EISDIR, f"Is a directory; name the logs in it, for example {hint}", name)
     return opened(Path(name))

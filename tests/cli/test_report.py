@@ -244,6 +244,14 @@ def test_nodes_light_up_as_the_slider_moves(show: Any) -> None:
     assert "φ ⊤" in shown.text("#place")
 
 
+def test_what_is_detected_looks_so_though_it_is_waited_for_again(show: Any, tmp_path: Path) -> None:
+    log = written(tmp_path / "log.jsonl", '{"event": "a"}\n{"event": "b"}\n{"event": "c"}\n')
+    shown = show(SAND, log, "--repeat", "--semantics", "scattered")
+    assert (len(shown.nodes("lit")), shown.nodes("waits")) == (4, ["a"])
+    strokes = "[...document.querySelectorAll('.lit .box')].map(box => getComputedStyle(box).stroke)"
+    assert len(set(shown.ask(strokes))) == 1
+
+
 def test_text_of_logs_stays_text(show: Any, tmp_path: Path) -> None:
     log = written(tmp_path / "<img src=x onerror=window.hacked=1>.jsonl", NASTY)
     shown = show(PRUNED, log, "--key", "waypoint", "--semantics", "scattered")

@@ -404,6 +404,10 @@ def test_damaged_files(tmp_path: Path) -> None:
             failed(run("coverage", SAND, bad), str(bad))
     failed(run("monitor", SAND, tmp_path / "no.bag"), "no.bag: No such file")
     failed(run("monitor", SAND, tmp_path / "no.csv"), "no.csv: No such file")
+    folder = tmp_path / "recording"
+    folder.mkdir()
+    (folder / "recording_0.db3").touch()  # its metadata.yaml was never written
+    failed(run("monitor", SAND, folder), "recording: Is a directory", "recording/*.db3'")
 
 
 def test_messages_that_are_lost_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

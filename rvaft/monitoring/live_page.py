@@ -189,7 +189,9 @@ class _Answering(BaseHTTPRequestHandler):
             try:
                 if kind == "page":
                     self._send(HTTPStatus.OK, server.ask(None), "page")
-                elif self.command == "GET":
+                elif self.command == "HEAD":
+                    self._begin(HTTPStatus.OK, "events")
+                else:
                     self._stream(cursor_of(self.path, self.headers.get("Last-Event-ID")))
             finally:
                 server.room.release()
@@ -201,6 +203,10 @@ class _Answering(BaseHTTPRequestHandler):
         self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, "only GET and HEAD")
 
     do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_TRACE = do_CONNECT = do_POST  # noqa: N815 (the interface)
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002 (the interface)
+        """What is no request is told so; the message would repeat it."""
+        super().send_error(code)
 
     def _stream(self, cursor: str) -> None:
         self._begin(HTTPStatus.OK, "events")

@@ -76,7 +76,8 @@ def raw(url: str, sent: bytes) -> bytes:
 
 
 BAD: Final = {
-    b"nonsense\r\n\r\n": 400,
+    b"nonsense passwd\r\n\r\n": 400,
+    b"nonsense of /etc/passwd\r\n\r\n": 400,
     b"GET / HTTP/9.9\r\n\r\n": 505,
     b"GET / HTTP/1.1\r\n\r\n": 403,
     b"GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n": 403,
@@ -88,8 +89,9 @@ BAD: Final = {
     b"GET /%2e%2e/etc/passwd HTTP/1.1\r\nHost: localhost\r\n\r\n": 404,
     b"GET http://[/ HTTP/1.1\r\nHost: localhost\r\n\r\n": 404,
     b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n\r\nhi": 405,
-    b"BREW / HTTP/1.1\r\nHost: localhost\r\n\r\n": 501,
+    b"passwd / HTTP/1.1\r\nHost: localhost\r\n\r\n": 501,
     b"HEAD / HTTP/1.1\r\nHost: localhost\r\n\r\n": 200,
+    b"HEAD /events HTTP/1.1\r\nHost: localhost\r\n\r\n": 200,
 }
 
 

@@ -31,9 +31,8 @@ from cross_check.benchmark.measurement import (
     walks,
 )
 from rvaft import backend as registry
-from rvaft.backend import Backend, Metrics, Specification, backend
+from rvaft.backend import Backend, Metrics, Specification, all_backends, backend
 from rvaft.engine import Engine
-from rvaft.backend import all_backends, backend
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Gate
 from rvaft.model.tree import RVAFT

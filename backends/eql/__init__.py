@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from backends.eql.reader import compiled
-from backends.eql.translation import Translation
+from backends.eql.translation import EqlText
 from rvaft.backend import Backend, Metrics, Specification
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
@@ -45,7 +45,7 @@ class EqlBackend(Backend):
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as queries; `TooLarge` beyond `limit` events of them, `NotExpressible` for what a sequence cannot say."""
         start, limit = time.perf_counter(), self.default_limit if limit is None else limit
-        text, symbols = Translation(self, tree, Semantics(semantics), limit).text()
+        text, symbols = EqlText(self, tree, Semantics(semantics), limit).text()
         return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:  # noqa: ARG002

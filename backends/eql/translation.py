@@ -68,7 +68,7 @@ def query(items: Sequence[Item]) -> str:
     return "\n".join(lines)
 
 
-class Translation:
+class EqlText:
     """One translation. Raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible scenario."""
 
     def __init__(self, backend: Backend, tree: RVAFT, semantics: Semantics, limit: int) -> None:

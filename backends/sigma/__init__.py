@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from backends.sigma.reader import SigmaMonitor
-from backends.sigma.translation import Translation
+from backends.sigma.translation import SigmaRules
 from rvaft.backend import Backend, Metrics, Specification
 from rvaft.errors import NotExpressible
 from rvaft.model.patterns import Pattern
@@ -53,7 +53,7 @@ class SigmaBackend(Backend):
             reason = "a correlation says which events there are and not that there are none between"
             raise NotExpressible(reason, backend=self.name, semantics=semantics)
         plain = self.plain(tree.changed(nodes=[replace(n, within=None) for n in tree.nodes.values()]), semantics)
-        made = Translation(tree, plain, semantics, self.default_limit if limit is None else limit)
+        made = SigmaRules(tree, plain, semantics, self.default_limit if limit is None else limit)
         text, symbols = made.text()
         return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
 

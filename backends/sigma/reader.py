@@ -26,12 +26,12 @@ class SigmaMonitor(DetectionMonitor):
     """A correlation on a trace; raises `LanguageError` and `ToolMissing`."""
 
     def __init__(self, text: str) -> None:
-        program = _Program(text)
+        program = _SigmaProgram(text)
         super().__init__(lambda traces: [program.first(trace) for trace in traces], program.left_open)
 
 
 @lru_cache(maxsize=64)
-class _Program:
+class _SigmaProgram:
     """The query of a text, and what it said of some traces; monitors of one text share it."""
 
     def __init__(self, text: str) -> None:

@@ -25,7 +25,7 @@ _COLUMN: Final = re.compile(r"rowid|oid|_rowid_|rvaft_.*", re.IGNORECASE)
 """What columns of a table are called that are no fields."""
 
 
-class Translation:
+class SigmaRules:
     """One translation of a tree; `plain` is the same without counted leaves, `pand` and windows. `limit` counts rules."""
 
     def __init__(self, tree: RVAFT, plain: RVAFT, semantics: Semantics, limit: int) -> None:

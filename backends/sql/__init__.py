@@ -10,8 +10,8 @@ from time import perf_counter
 from typing import ClassVar
 
 from backends.sql.dialects import DIALECTS
-from backends.sql.reader import DuckDb, Sqlite, query
-from backends.sql.translation import Translation
+from backends.sql.reader import DuckDb, SqliteTable, query
+from backends.sql.translation import SqlQuery
 from rvaft.backend import Backend, Highlighting, Match, Specification
 from rvaft.errors import NotExpressible, OptionError
 from rvaft.model.patterns import Pattern
@@ -49,14 +49,14 @@ class SqlBackend(Backend):
         semantics, start = Semantics(semantics), perf_counter()
         limit = self.default_limit if limit is None else limit
         try:
-            text, metrics = Translation(tree, semantics, DIALECTS[self.dialect], limit).text()
+            text, metrics = SqlQuery(tree, semantics, DIALECTS[self.dialect], limit).text()
         except NotExpressible as error:
             raise NotExpressible(error.reason, backend=self.name, semantics=semantics) from None
         return Specification(text, self.language, replace(metrics, seconds=perf_counter() - start), self.read)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a query, whoever wrote it; raises `LanguageError`."""
-        asked = query(text, Sqlite)
+        asked = query(text, SqliteTable)
         return DetectionMonitor(asked.first_detections, asked.left_open)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
@@ -68,7 +68,7 @@ class SqlBackend(Backend):
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
         """All matches in each trace, where the text says that its rows are these."""
-        asked = query(text, Sqlite)
+        asked = query(text, SqliteTable)
         return asked.matches(traces) if asked.every else None
 
     @classmethod

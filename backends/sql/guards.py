@@ -1,6 +1,6 @@
 """The guards of a tree as conditions of SQL, with NULL for undefined.
 
-`and` and `or` of SQL look at both sides, those of guards from the left: so they become CASE. A value is a `Term`, a column for each type that it
+`and` and `or` of SQL look at both sides, those of guards from the left: so they become CASE. A value is a `SqlTerm`, a column for each type that it
 may have; which one it has is known when the query runs.
 """
 
@@ -21,7 +21,7 @@ _EXACT: Final = 2**53
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
+class SqlTerm:
     """A value as expressions, of which at most one is not NULL; None where it never has that type.
 
     `total` says that it is defined whatever the event; `constant` is a number that it always is, and a variable has a `key`, which equal values share.
@@ -37,7 +37,7 @@ class Term:
     key: str | None = None
 
     @classmethod
-    def of(cls, facets: Mapping[str, str]) -> "Term":
+    def of(cls, facets: Mapping[str, str]) -> "SqlTerm":
         """A variable with these columns."""
         whole, real, text, truth, null, key = map(facets.__getitem__, FACETS)
         return cls(whole, real, text, truth, null, total=True, key=key)
@@ -49,20 +49,20 @@ class Guards:
     def __init__(self, dialect: Duckdb) -> None:
         self.dialect = dialect
 
-    def variable(self, event: str, path: Path) -> Term:
+    def variable(self, event: str, path: Path) -> SqlTerm:
         """What stands at a path of an event."""
-        return Term.of(self.facets(event, path))
+        return SqlTerm.of(self.facets(event, path))
 
     def facets(self, event: str, path: Path) -> dict[str, str]:
-        """What stands at a path of an event, by the names of the columns of a `Term`."""
+        """What stands at a path of an event, by the names of the columns of a `SqlTerm`."""
         facets = {kind: self.dialect.facet(kind, event, path) for kind in FACETS[:4]}
         return {**facets, "null": self.dialect.is_a("null", event, path), "key": self.dialect.key(event, path)}
 
-    def literal(self, value: object) -> Term:
+    def literal(self, value: object) -> SqlTerm:
         """A constant; raises `NotExpressible` for a number of more than 64 bits."""
         match value:
             case bool():
-                return Term(truth="true" if value else "false", total=True)
+                return SqlTerm(truth="true" if value else "false", total=True)
             case int() | float():
                 if isinstance(value, int) and abs(value) >= 2**63:
                     reason = f"{value} is an integer of more than 64 bits"
@@ -70,18 +70,18 @@ class Guards:
                 said = self.dialect.number(value)
                 known = value if abs(value) < _EXACT else None
                 if isinstance(value, int):
-                    return Term(whole=said, total=True, constant=known)
-                return Term(real=said, total=True, constant=known)
+                    return SqlTerm(whole=said, total=True, constant=known)
+                return SqlTerm(real=said, total=True, constant=known)
             case str():
-                return Term(text=self.dialect.text(value), total=True)
+                return SqlTerm(text=self.dialect.text(value), total=True)
             case _:
-                return Term(null="true", total=True)
+                return SqlTerm(null="true", total=True)
 
-    def condition(self, guard: Guard, binding: Mapping[str, Term]) -> str:
+    def condition(self, guard: Guard, binding: Mapping[str, SqlTerm]) -> str:
         """What is true where the guard holds."""
         return self.term(guard, binding).truth or UNDEFINED
 
-    def term(self, guard: Guard, binding: Mapping[str, Term]) -> Term:
+    def term(self, guard: Guard, binding: Mapping[str, SqlTerm]) -> SqlTerm:
         """The value of a guard, or of a part of it."""
         match guard:
             case Literal(value):
@@ -90,11 +90,11 @@ class Guards:
                 return binding[name]
             case Operation(Operator.LIKE, (text, Literal(str() as glob))):
                 value = self.term(text, binding).text
-                return Term(truth=value and f"({self.dialect.like(value, glob)})")
+                return SqlTerm(truth=value and f"({self.dialect.like(value, glob)})")
             case Operation(operator, operands):
                 return self._applied(operator, [self.term(operand, binding) for operand in operands])
 
-    def _applied(self, operator: Operator, terms: list[Term]) -> Term:
+    def _applied(self, operator: Operator, terms: list[SqlTerm]) -> SqlTerm:
         dialect, first = self.dialect, terms[0]
         match operator:
             case Operator.AND | Operator.OR:
@@ -108,57 +108,57 @@ class Guards:
                         else f"WHEN true THEN true WHEN false THEN {found}"
                     )
                     found = f"CASE {one.truth} {ways} END" if one.truth else "CAST(NULL AS BOOLEAN)"
-                return Term(truth=found)
+                return SqlTerm(truth=found)
             case Operator.NOT:
-                return Term(truth=first.truth and f"(NOT {first.truth})")
+                return SqlTerm(truth=first.truth and f"(NOT {first.truth})")
             case Operator.EQ:
-                return Term(truth=self.equal(first, terms[1]))
+                return SqlTerm(truth=self.equal(first, terms[1]))
             case Operator.NE:
-                return Term(truth=f"(NOT {self.equal(first, terms[1])})")
+                return SqlTerm(truth=f"(NOT {self.equal(first, terms[1])})")
             case Operator.IN:
-                return Term(truth=f"({' OR '.join(self.equal(first, one) for one in terms[1:])})")
+                return SqlTerm(truth=f"({' OR '.join(self.equal(first, one) for one in terms[1:])})")
             case Operator.STARTSWITH | Operator.ENDSWITH | Operator.CONTAINS:
                 asked = {"startswith": dialect.startswith, "endswith": dialect.endswith, "contains": dialect.contains}
                 some = first.text is not None and terms[1].text is not None
-                return Term(truth=f"({asked[operator](first.text or '', terms[1].text or '')})" if some else None)
+                return SqlTerm(truth=f"({asked[operator](first.text or '', terms[1].text or '')})" if some else None)
             case Operator.LOWER:
-                return Term(text=first.text and dialect.lower(first.text))
+                return SqlTerm(text=first.text and dialect.lower(first.text))
             case Operator.NUMBER:
                 of_text = {kind: first.text and dialect.read_number(first.text, kind) for kind in ("whole", "real")}
-                return Term(_first(first.whole, of_text["whole"]), _first(first.real, of_text["real"]))
+                return SqlTerm(_first(first.whole, of_text["whole"]), _first(first.real, of_text["real"]))
             case Operator.MIN | Operator.MAX:
                 return self._extreme(operator, terms)
             case Operator.NEGATE:
                 return self._calculated("-", self.literal(0), first, real=f"(-{first.real})")
             case Operator.ABS:
-                return Term(first.whole and f"abs({first.whole})", first.real and f"abs({first.real})")
+                return SqlTerm(first.whole and f"abs({first.whole})", first.real and f"abs({first.real})")
             case _ if operator in ARITHMETIC:
                 return self._calculated(operator.value, first, terms[1])
             case _ if operator in COMPARISONS:
-                return Term(truth=self.compared(first, operator.value, terms[1]))
+                return SqlTerm(truth=self.compared(first, operator.value, terms[1]))
             case _:
                 raise NotExpressible(f"SQL has no {operator.value}", backend="sql", semantics="any semantics")
 
-    def compared(self, left: Term, sign: str, right: Term, *, texts: bool = True) -> str | None:
+    def compared(self, left: SqlTerm, sign: str, right: SqlTerm, *, texts: bool = True) -> str | None:
         """Two numbers or two texts compared; NULL for anything else."""
         found = self._numbers(left, sign, right)
         if texts and left.text and right.text:
             found.append(self.dialect.ordered(left.text, sign, right.text))
         return None if not found else f"({found[0]})" if len(found) == 1 else f"coalesce({', '.join(found)})"
 
-    def _numbers(self, left: Term, sign: str, right: Term) -> list[str]:
+    def _numbers(self, left: SqlTerm, sign: str, right: SqlTerm) -> list[str]:
         mirrored = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}.get(sign, sign)
         found = [f"{a} {sign} {b}" for a, b in ((left.whole, right.whole), (left.real, right.real)) if a and b]
         for whole, other, word in ((left, right, sign), (right, left, mirrored)):
             if whole.whole and other.real:
                 simple = whole.constant is not None or other.constant is not None  # no rounding passes such a number
-                cast = self._double(Term(whole.whole, constant=whole.constant))
+                cast = self._double(SqlTerm(whole.whole, constant=whole.constant))
                 found.append(
                     f"{cast} {word} {other.real}" if simple else self.dialect.compare(whole.whole, word, other.real)
                 )
         return found
 
-    def equal(self, left: Term, right: Term) -> str:
+    def equal(self, left: SqlTerm, right: SqlTerm) -> str:
         """Whether two values are equal, deeply; NULL where one is undefined."""
         if left.key and right.key:
             return f"({left.key} = {right.key})"
@@ -177,29 +177,29 @@ class Guards:
         return f"CASE WHEN {' AND '.join(known)} THEN {same} END" if known else same
 
     @staticmethod
-    def _defined(term: Term) -> str:
+    def _defined(term: SqlTerm) -> str:
         facets = [one for one in (term.whole, term.real, term.text, term.truth) if one is not None]
         return f"({' OR '.join(f'{one} IS NOT NULL' for one in facets)})" if facets else "false"
 
-    def _calculated(self, sign: str, left: Term, right: Term, *, real: str = "") -> Term:
+    def _calculated(self, sign: str, left: SqlTerm, right: SqlTerm, *, real: str = "") -> SqlTerm:
         """Whole numbers with whole numbers exactly, unless they are divided; all else as numbers with decimals."""
         dialect = self.dialect
         if sign == "/":
             a, b = self._double(left, exact=True), self._double(right, exact=True)
-            return Term(real=dialect.finite(f"{a} / nullif({b}, 0)") if a and b else None)
+            return SqlTerm(real=dialect.finite(f"{a} / nullif({b}, 0)") if a and b else None)
         both = left.whole is not None and right.whole is not None
         whole = dialect.checked(f"{left.whole} {sign} {right.whole}") if both else None
         a, b = self._double(left), self._double(right)
         if a is None or b is None or not (left.real or right.real):
-            return Term(whole)
+            return SqlTerm(whole)
         if both and not (left.real and right.real):  # the other one is whole, always
             a, b = left.real or a, right.real or b
         found = real or dialect.finite(f"{a} {sign} {b}")
         if both and left.real and right.real:
             found = f"CASE WHEN {left.whole} IS NULL OR {right.whole} IS NULL THEN {found} END"
-        return Term(whole, found)
+        return SqlTerm(whole, found)
 
-    def _double(self, term: Term, *, exact: bool = False) -> str | None:
+    def _double(self, term: SqlTerm, *, exact: bool = False) -> str | None:
         """A number as one with decimals; `exact` is an error where a whole number is not one exactly."""
         whole = term.whole
         if whole is not None and exact and term.constant is None:
@@ -209,12 +209,12 @@ class Guards:
             return self.dialect.number(float(term.constant))
         return _first(term.real, whole and self.dialect.cast(whole, self.dialect.real))
 
-    def _extreme(self, operator: Operator, terms: list[Term]) -> Term:
+    def _extreme(self, operator: Operator, terms: list[SqlTerm]) -> SqlTerm:
         """The least or the greatest, the first of those that are equal."""
         if all(term.whole and not (term.real or term.text) for term in terms):
             word = "least" if operator is Operator.MIN else "greatest"
-            return Term(self.dialect.least(word, [term.whole or "" for term in terms]))
-        found = Term(terms[0].whole, terms[0].real)
+            return SqlTerm(self.dialect.least(word, [term.whole or "" for term in terms]))
+        found = SqlTerm(terms[0].whole, terms[0].real)
         for term in terms[1:]:
             sign = "<" if operator is Operator.MIN else ">"
             closer = self.compared(term, sign, found, texts=False)
@@ -224,7 +224,7 @@ class Guards:
                 else None
                 for a, b in ((term.whole, found.whole), (term.real, found.real))
             ]
-            found = Term(ways[0], ways[1])
+            found = SqlTerm(ways[0], ways[1])
         return found
 
 

@@ -30,7 +30,7 @@ KEPT: Final = 2_000
 """So many answers a query remembers: a monitor asks for each beginning of a trace."""
 
 
-class Sqlite:
+class SqliteTable:
     """SQLite in memory."""
 
     errors: tuple[type[Exception], ...] = (sqlite3.Error, sqlite3.Warning)
@@ -87,7 +87,7 @@ class DuckDb:
 class Query:
     """A text with the program that runs it; raises `LanguageError` for what is no query on the table `events`."""
 
-    def __init__(self, text: str, program: Callable[[], Sqlite | DuckDb]) -> None:
+    def __init__(self, text: str, program: Callable[[], SqliteTable | DuckDb]) -> None:
         self.program = program()
         self.every = bool(re.search(r"^-- .*: every match\.$", text, re.MULTILINE))
         self.time = _declared(text)
@@ -184,7 +184,7 @@ def _declared(text: str) -> EventTime | None:
 
 
 @lru_cache(maxsize=64)
-def query(text: str, program: Callable[[], Sqlite | DuckDb] = Sqlite) -> Query:
+def query(text: str, program: Callable[[], SqliteTable | DuckDb] = SqliteTable) -> Query:
     """A text made ready, once for all who ask it."""
     return Query(text, program)
 

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import networkx as nx
 
 from backends.sql.dialects import Duckdb, Path
-from backends.sql.guards import FACETS, Guards, Term
+from backends.sql.guards import FACETS, Guards, SqlTerm
 from rvaft.analysis.branches import number_of
 from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.plain_trees import LIMIT, asks_for_time, plain_trees
@@ -36,7 +36,7 @@ TABLES: Final = 60
 """The most events of a scenario: SQLite joins 64 tables."""
 
 
-class Scenario(NamedTuple):
+class QueriedScenario(NamedTuple):
     """The occurrences of a scenario, each after those before it, with all that are `before` it, and the guards."""
 
     tree: RVAFT
@@ -46,7 +46,7 @@ class Scenario(NamedTuple):
     guards: tuple[Guard, ...]
 
 
-class Translation:
+class SqlQuery:
     """One translation. Raises `TooLarge` beyond `limit` events that are joined, `TreeError` without a feasible scenario."""
 
     def __init__(self, tree: RVAFT, semantics: Semantics, dialect: Duckdb, limit: int) -> None:
@@ -106,7 +106,7 @@ class Translation:
 
     # scenarios
 
-    def _scenarios(self, trees: Iterable[RVAFT], *, minimal: bool) -> Iterator[Scenario]:
+    def _scenarios(self, trees: Iterable[RVAFT], *, minimal: bool) -> Iterator[QueriedScenario]:
         joined = 0
         for tree in trees:
             for kept in resolutions(tree, minimal=minimal, limit=self.limit):
@@ -124,7 +124,7 @@ class Translation:
                 }
                 order = tuple(sorted(some, key=lambda name: len(before[name])))
                 guards = tuple(w for name in kept if (w := tree.nodes[name].when) is not None and variables(w))
-                yield Scenario(tree, self._branch(tree, kept), order, before, guards)
+                yield QueriedScenario(tree, self._branch(tree, kept), order, before, guards)
 
     def _branch(self, tree: RVAFT, kept: Kept) -> int:
         part = tree.part_of or Whole(tree)
@@ -138,7 +138,7 @@ class Translation:
             or 0
         )
 
-    def _loose(self, one: Scenario) -> bool:
+    def _loose(self, one: QueriedScenario) -> bool:
         """Whether nothing but order ties the events of a scenario together."""
         patterns = {name: self._pattern(one, name) for name in one.occurrences}
         names = [name for pattern in patterns.values() for name in rigid_variables(pattern)]
@@ -150,13 +150,13 @@ class Translation:
         )
 
     @staticmethod
-    def _apart(one: Scenario) -> Iterator[tuple[str, str]]:
+    def _apart(one: QueriedScenario) -> Iterator[tuple[str, str]]:
         """The occurrences that have no order."""
         for a, b in combinations(one.occurrences, 2):
             if a not in one.before[b] and b not in one.before[a]:
                 yield a, b
 
-    def _home(self, one: Scenario, guard: Guard) -> str | None:
+    def _home(self, one: QueriedScenario, guard: Guard) -> str | None:
         """The occurrence whose event has all that a guard asks for, if there is one; of equal values the earliest counts, 1 or 1.0."""
         asked = set(variables(guard))
         binding = {name: asked & {*rigid_variables(self._pattern(one, name))} for name in one.occurrences}
@@ -167,7 +167,7 @@ class Translation:
         return None
 
     @staticmethod
-    def _pattern(one: Scenario, name: str) -> Pattern:
+    def _pattern(one: QueriedScenario, name: str) -> Pattern:
         pattern = one.tree.pattern(name)
         assert pattern is not None, "an occurrence has an event"
         return pattern
@@ -203,7 +203,7 @@ class Translation:
         query = f"SELECT {kept}, row_number() OVER (PARTITION BY trace ORDER BY pos) AS place FROM {source}{where}"
         return self._table(query, "place_")
 
-    def _leaf(self, one: Scenario, name: str, places: str, wanted: Set[str]) -> str:
+    def _leaf(self, one: QueriedScenario, name: str, places: str, wanted: Set[str]) -> str:
         """The table of the events of an occurrence, with these columns of its variables."""
         pattern = self._pattern(one, name)
         where = [self._condition(pattern, [guard for guard in one.guards if self._home(one, guard) == name])]
@@ -279,14 +279,14 @@ class Translation:
             asked.append(self.guards.condition(guard, binding))
         return " AND ".join(dict.fromkeys(asked)) or "true"
 
-    def _term(self, path: Path) -> Term:
-        return Term(whole="time") if self.timed and path == (TIME,) else self.guards.variable("event", path)
+    def _term(self, path: Path) -> SqlTerm:
+        return SqlTerm(whole="time") if self.timed and path == (TIME,) else self.guards.variable("event", path)
 
     # the query of a scenario
 
-    def _select(self, one: Scenario, places: str) -> str:
+    def _select(self, one: QueriedScenario, places: str) -> str:
         alias = {name: f"e{number}" for number, name in enumerate(one.occurrences, 1)}
-        terms: dict[str, Term] = {}
+        terms: dict[str, SqlTerm] = {}
         first_of: dict[str, str] = {}
         rows_of: dict[str, list[str]] = {}
         where: list[str] = []
@@ -294,7 +294,7 @@ class Translation:
             pattern = self._pattern(one, name)
             for path, variable in _variables(pattern) if self.timed else ():
                 if path == (TIME,):
-                    terms[variable] = Term(whole=f"{row}.time")
+                    terms[variable] = SqlTerm(whole=f"{row}.time")
             for variable, _ in self._places_of(pattern):
                 rows_of.setdefault(variable, []).append(name)
         for variable, names in rows_of.items():
@@ -307,7 +307,7 @@ class Translation:
                     sooner = f"CASE WHEN {alias[name]}.pos < {earliest} THEN"
                     facets |= {kind: f"{sooner} {column}_{kind} ELSE {facets[kind]} END" for kind in FACETS[:2]}
                     earliest = f"{sooner} {alias[name]}.pos ELSE {earliest} END"
-            terms[variable] = Term.of(facets)
+            terms[variable] = SqlTerm.of(facets)
             first_of[variable] = columns[0]
         where += [self.guards.condition(guard, terms) for guard in one.guards if self._home(one, guard) is None]
         values = self._object((name, f"{column}_json") for name, column in first_of.items())
@@ -345,7 +345,7 @@ class Translation:
             else name
         )
 
-    def _order(self, one: Scenario, alias: Mapping[str, str]) -> Iterator[str]:
+    def _order(self, one: QueriedScenario, alias: Mapping[str, str]) -> Iterator[str]:
         """Which positions the occurrences may have."""
         first, *others = alias.values()
         position = "pos" if self.semantics is Semantics.SCATTERED else "place"
@@ -367,7 +367,7 @@ class Translation:
             if compatible(self._pattern(one, a), self._pattern(one, b)):
                 yield f"{alias[a]}.{position} <> {alias[b]}.{position}"
 
-    def _firsts(self, one: Scenario, tables: Mapping[str, str]) -> dict[str, str]:
+    def _firsts(self, one: QueriedScenario, tables: Mapping[str, str]) -> dict[str, str]:
         """For each occurrence the table of its least position in each trace after those before it."""
         found: dict[str, str] = {}
         for name in one.occurrences:

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from backends.stix.objects import Header
+from backends.stix.objects import StixHeader
 from backends.stix.reader import StixMonitor
-from backends.stix.translation import Translation
+from backends.stix.translation import StixPattern
 from rvaft.backend import Backend, Metrics, Specification
 from rvaft.errors import NotExpressible
 from rvaft.model.patterns import Pattern
@@ -41,8 +41,8 @@ class StixBackend(Backend):
     untimed: ClassVar[str] = "of times a pattern has WITHIN alone, and compares no two of them"
     default_limit: ClassVar[int] = 250
 
-    def __init__(self, header: Header | None = None) -> None:
-        self._header = header or Header()
+    def __init__(self, header: StixHeader | None = None) -> None:
+        self._header = header or StixHeader()
 
     def mapped(self, mapping: Mapping[str, Any]) -> "StixBackend":
         """The same for events whose fields are properties of other objects: of each event type the path of each field that it asks for.
@@ -52,7 +52,7 @@ class StixBackend(Backend):
         >>> print(stix.translate(loads("top or a;"), Semantics.SCATTERED).text)
         /* rvaft {"objects":{"user-account:account_login":["event"]}} */ [user-account:account_login = 'a']
         """
-        return StixBackend(Header.mapped(mapping))
+        return StixBackend(StixHeader.mapped(mapping))
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as a pattern; `TooLarge` beyond `limit` observation expressions, `OptionError` for a mapping that lacks a type or a field."""
@@ -65,7 +65,7 @@ class StixBackend(Backend):
             self._header, time=tree.time if any(node.within is not None for node in tree.top_down()) else None
         )
         limit = self.default_limit if limit is None else limit
-        text, symbols = Translation(tree, plain, semantics, header, limit).text()
+        text, symbols = StixPattern(tree, plain, semantics, header, limit).text()
         return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002

@@ -35,7 +35,7 @@ def property_of(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Header:
+class StixHeader:
     """What a pattern says of its observations: where events have their time, and of each object path the field.
 
     `types` has of each event type the object path of each field; it is known only where a user gives a mapping.
@@ -46,7 +46,7 @@ class Header:
     types: Mapping[str, Mapping[Way, str]] = field(default_factory=dict)
 
     @classmethod
-    def mapped(cls, mapping: Mapping[str, Any]) -> "Header":
+    def mapped(cls, mapping: Mapping[str, Any]) -> "StixHeader":
         """What a mapping of a user says; raises `OptionError`."""
         types = {name: {way: path for path, way in _paths(name, below, ())} for name, below in mapping.items()}
         objects: dict[str, Way] = {}
@@ -77,7 +77,7 @@ class Header:
         return f"/* rvaft {text} */ " if said else ""
 
     @classmethod
-    def of(cls, text: str) -> "Header":
+    def of(cls, text: str) -> "StixHeader":
         """The header that a text begins with, if any; raises `LanguageError`."""
         found = _HEADER.match(text)
         try:

@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from typing import Any, Final
 
-from backends.stix.objects import EVENT, Header, property_of
+from backends.stix.objects import EVENT, StixHeader, property_of
 from rvaft.errors import LanguageError, TooLarge, TraceError, installed
 from rvaft.language.diagnostics import error_at
 from rvaft.model.values import Json, at
@@ -27,17 +27,17 @@ class StixMonitor(DetectionMonitor):
     """A pattern on a trace; raises `LanguageError`, `ToolMissing`, and `TooLarge` where it is too deep for stix2-matcher."""
 
     def __init__(self, text: str) -> None:
-        program = _Program(text)
+        program = _StixProgram(text)
         super().__init__(lambda traces: [program.first(trace) for trace in traces], program.left_open)
 
 
 @lru_cache(maxsize=32)
-class _Program:
+class _StixProgram:
     """A pattern that is compiled, and what it said of some traces; monitors of one text share it."""
 
     def __init__(self, text: str) -> None:
         self._known: dict[str, int | None] = {}
-        self._header = Header.of(text)
+        self._header = StixHeader.of(text)
         matcher, exceptions = (installed(name, "stix2-matcher", "pip install '.[stix]'") for name in _MODULES)
         try:
             self._pattern = matcher.Pattern(text, "2.1")

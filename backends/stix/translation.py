@@ -12,7 +12,7 @@ from math import comb
 from typing import TYPE_CHECKING, Final, NamedTuple, NoReturn
 
 from backends.stix.comparisons import Unsaid, comparisons, step
-from backends.stix.objects import EVENT, Header, Way, property_of
+from backends.stix.objects import EVENT, StixHeader, Way, property_of
 from rvaft.analysis.normal_form import NormalForm, Op, Part, divided, normal_form
 from rvaft.errors import NotExpressible, TooLarge, TreeError
 from rvaft.model.guards import Guard, conjuncts, variables
@@ -31,7 +31,7 @@ _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[\w.:-]+|\S", re.DOTALL)
 _SIGNS: Final = {Op.ALL: "AND", Op.SEQUENCE: "FOLLOWEDBY", Op.ONE: "OR"}
 
 
-class Joined(NamedTuple):
+class JoinedObservations(NamedTuple):
     """Operands joined by AND, OR or FOLLOWEDBY, or a single one; `size` is how many observation expressions they have."""
 
     sign: str
@@ -55,14 +55,14 @@ class Joined(NamedTuple):
         return f" {self.sign} ".join(written) if alone or len(written) == 1 else f"({f' {self.sign} '.join(written)})"
 
 
-NEVER: Final = Joined("OR", (), 0)
+NEVER: Final = JoinedObservations("OR", (), 0)
 """An alternative of nothing: what no events are."""
 
 
-class Translation:
+class StixPattern:
     """One translation of a tree; `plain` is the same without counted leaves, `pand` and windows. `limit` counts observation expressions."""
 
-    def __init__(self, tree: RVAFT, plain: RVAFT, semantics: Semantics, header: Header, limit: int) -> None:
+    def __init__(self, tree: RVAFT, plain: RVAFT, semantics: Semantics, header: StixHeader, limit: int) -> None:
         self._tree, self._semantics, self._header, self._limit = plain, semantics, header, limit
         self._form = normal_form(plain)
         asked = {tree.origins.get(n.name, n.name): n.within for n in tree.top_down() if n.within is not None}
@@ -93,7 +93,7 @@ class Translation:
 
     # -- gate by gate; a part that asks for nothing is None
 
-    def _whole(self) -> Joined | None:
+    def _whole(self) -> JoinedObservations | None:
         parts, kept = self._form.parts, self._form.kept()
         knots = self._knots(kept)
         reached, todo = set[int](), [self._form.root]
@@ -101,7 +101,7 @@ class Translation:
             if (number := todo.pop()) not in reached:
                 reached.add(number)
                 todo += () if number in knots else parts[number].parts
-        found: dict[int, Joined | None] = {}
+        found: dict[int, JoinedObservations | None] = {}
         for number in (number for number in kept if number in reached):
             if number in knots:
                 made = self._joined("OR", self._scenarios(number))
@@ -110,7 +110,7 @@ class Translation:
             for window, within, _ in self._windows:
                 if window == number and made is not None and made is not NEVER and not made.one:
                     seconds = format((Decimal(within) / _SECOND).normalize(), "f")
-                    made = Joined("", (f"({made.text()}) WITHIN {seconds} SECONDS",), made.size)
+                    made = JoinedObservations("", (f"({made.text()}) WITHIN {seconds} SECONDS",), made.size)
             found[number] = made
         return found[self._form.root]
 
@@ -140,7 +140,7 @@ class Translation:
         """What a condition asks of the events of other nodes."""
         return [one for one in conjuncts(part.guard) if one not in self._local(part.node)]
 
-    def _gate(self, part: Part, below: list[Joined | None]) -> Joined | None:
+    def _gate(self, part: Part, below: list[JoinedObservations | None]) -> JoinedObservations | None:
         if part.op in (Op.EVENT, Op.CONDITION):
             return self._event(part.node, ()) if part.op is Op.EVENT else None
         if part.op in _SIGNS:
@@ -152,7 +152,7 @@ class Translation:
         self._fits(comb(len(some), need))
         return self._joined("OR", (self._joined("AND", way) for way in combinations(some, need)))
 
-    def _event(self, node: str, further: Iterable[Guard]) -> Joined:
+    def _event(self, node: str, further: Iterable[Guard]) -> JoinedObservations:
         pattern, on = self._tree.pattern(node), self._tree.nodes[node].on
         assert pattern is not None, "only nodes with events are observed"
         match pattern:
@@ -171,10 +171,10 @@ class Translation:
             self._refuse(str(reason), node)
         if isinstance(test, bool):  # any event, or none
             test = f"{EVENT}:type {'=' if test else '!='} '{EVENT}'"
-        return Joined("", (f"[{test}]",), 1)
+        return JoinedObservations("", (f"[{test}]",), 1)
 
-    def _joined(self, sign: str, parts: Iterable[Joined | None]) -> Joined | None:
-        some, size = list[Joined](), 0
+    def _joined(self, sign: str, parts: Iterable[JoinedObservations | None]) -> JoinedObservations | None:
+        some, size = list[JoinedObservations](), 0
         for one in parts:
             if one is None and sign == "OR":
                 return None  # an alternative that asks for nothing
@@ -188,11 +188,11 @@ class Translation:
             return some[0] if some else NEVER if sign == "OR" else None
         operands = [one.operands if one.sign == sign else (one.text(alone=False),) for one in some]
         flat = chain(*operands)
-        return Joined(sign, tuple(dict.fromkeys(flat) if sign == "OR" else flat), size)
+        return JoinedObservations(sign, tuple(dict.fromkeys(flat) if sign == "OR" else flat), size)
 
     # -- one scenario after the other
 
-    def _scenarios(self, number: int) -> Iterator[Joined | None]:
+    def _scenarios(self, number: int) -> Iterator[JoinedObservations | None]:
         """The scenarios of a part, each as its own pattern."""
         inside = [name for window, _, name in self._windows if window < number]
         reached = NormalForm(self._form.parts[: number + 1], self._form.whole)
@@ -208,7 +208,7 @@ class Translation:
             self._fits(tried // 20)
             yield from self._scenario(form, kept)
 
-    def _scenario(self, form: NormalForm, kept: tuple[int, ...]) -> Iterator[Joined | None]:
+    def _scenario(self, form: NormalForm, kept: tuple[int, ...]) -> Iterator[JoinedObservations | None]:
         """A scenario, if its order has no cycle."""
         import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
 
@@ -240,7 +240,7 @@ class Translation:
         self._events = {number: self._event(node, further[node]) for node, number in nodes.items()}
         yield self._arranged([*self._events], nx.transitive_closure_dag(order)) if nodes else None
 
-    def _arranged(self, events: list[int], order: "nx.DiGraph") -> Joined | None:
+    def _arranged(self, events: list[int], order: "nx.DiGraph") -> JoinedObservations | None:
         """The events of a scenario, or some of them, in their order."""
         import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
 

@@ -7,14 +7,15 @@ Built-in and third-party backends are found the same way: the entry-point group 
 
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from itertools import count
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Final, TypeAlias
 
 from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed, ToolMissing
@@ -28,6 +29,9 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
 GROUP = "rvaft.backends"
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_BEGIN: Final = 1_767_225_600_000_000_000
+"""When a log begins whose events have no times, in nanoseconds: with the year 2026."""
 
 
 Match: TypeAlias = frozenset[tuple[str, int]]
@@ -164,6 +168,15 @@ class Backend(ABC):
         """The same backend for events whose fields are called as a mapping says, of each event type each field; raises `OptionError`."""
         raise OptionError(f"{self.name} takes no mapping: in {self.language} the fields of events have their own names")
 
+    def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:  # noqa: ARG002
+        """A trace as a log of the form that the programs which run the language take; raises `OptionError` where there is none of its own.
+
+        >>> import rvaft
+        >>> print(backend("eql").log(rvaft.loads("top or a;"), [{"event": "a"}]), end="")
+        {"@timestamp": "2026-01-01T00:00:00.000000000Z", "event": "a"}
+        """
+        raise OptionError(f"{self.language} has no logs of its own: its programs here read JSON Lines")
+
     def require(self) -> None:
         """Raises `ToolMissing` where the program that runs its texts is an extra which is not installed."""
         for module in self.modules:
@@ -242,6 +255,17 @@ class Backend(ABC):
         These are known deviations of those tools; a comparison with them leaves such a pair out. Raises `LanguageError`.
         """
         return ()
+
+
+def stamped(tree: RVAFT, trace: Iterable[Json], field: str) -> Iterator[Json]:
+    """The events of a trace with their times as ISO 8601 in a field, if it is not there: those that the tree reads, else one a second."""
+    for number, event in enumerate(trace):
+        time = _BEGIN + number * 1_000_000_000 if tree.time is None else tree.time.read(event)
+        if time is None or field in event:
+            yield event
+        else:
+            seconds, rest = divmod(time, 1_000_000_000)
+            yield {field: f"{_EPOCH + timedelta(seconds=seconds):%Y-%m-%dT%H:%M:%S}.{rest:09d}Z", **event}
 
 
 @cache

@@ -4,15 +4,17 @@ A text has one query for each order in which the events of the tree may come; an
 of these queries. Reading a text needs the package `eql`, translating does not.
 """
 
+import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from backends.eql.reader import compiled
 from backends.eql.translation import EqlText
-from rvaft.backend import Backend, Metrics, Specification
+from rvaft.backend import Backend, Metrics, Specification, stamped
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor
 
@@ -47,6 +49,10 @@ class EqlBackend(Backend):
         start, limit = time.perf_counter(), self.default_limit if limit is None else limit
         text, symbols = EqlText(self, tree, Semantics(semantics), limit).text()
         return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+
+    def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
+        """JSON Lines whose events have their time in `@timestamp`."""
+        return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "@timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:  # noqa: ARG002
         """A monitor that asks the engine of the package `eql` about queries in the syntax of Elasticsearch, `;` between them.

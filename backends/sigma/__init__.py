@@ -3,17 +3,19 @@
 The unit of `limit` is rules. Reading a text needs pySigma and its backend for SQLite, whose queries Python's sqlite3 runs; translating needs PyYAML.
 """
 
+import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
 from backends.sigma.reader import SigmaMonitor
 from backends.sigma.translation import SigmaRules
-from rvaft.backend import Backend, Metrics, Specification
+from rvaft.backend import Backend, Metrics, Specification, stamped
 from rvaft.errors import NotExpressible
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
@@ -56,6 +58,10 @@ class SigmaBackend(Backend):
         made = SigmaRules(tree, plain, semantics, self.default_limit if limit is None else limit)
         text, symbols = made.text()
         return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+
+    def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
+        """JSON Lines whose events have their time in `timestamp`."""
+        return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that asks SQLite what pySigma makes of the rules, whoever wrote them; raises `LanguageError` and `ToolMissing`."""

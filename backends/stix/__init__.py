@@ -4,18 +4,21 @@ An event of a log is an object `x-rvaft` in an observation, its fields the prope
 of another type. The unit of `limit` is observation expressions. Reading a text needs stix2-matcher, translating does not.
 """
 
+import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
+from uuid import UUID
 
 from backends.stix.objects import StixHeader
-from backends.stix.reader import StixMonitor
+from backends.stix.reader import StixMonitor, observations
 from backends.stix.translation import StixPattern
 from rvaft.backend import Backend, Metrics, Specification
 from rvaft.errors import NotExpressible
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
@@ -67,6 +70,17 @@ class StixBackend(Backend):
         limit = self.default_limit if limit is None else limit
         text, symbols = StixPattern(tree, plain, semantics, header, limit).text()
         return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+
+    def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
+        """A bundle of observed data; raises what `translate` does under `scattered`, and `TraceError` where times do not increase."""
+        header = StixHeader.of(self.translate(tree, Semantics.SCATTERED).text)
+        objects = [one for some in observations(header, trace) for one in some]
+        return (
+            json.dumps(
+                {"type": "bundle", "id": f"bundle--{UUID(int=0)}", "objects": objects}, ensure_ascii=False, indent=1
+            )
+            + "\n"
+        )
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that asks stix2-matcher, whoever wrote the pattern; raises `LanguageError` and `ToolMissing`.

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from typing import Any, Final
+from uuid import UUID
 
 from backends.stix.objects import EVENT, StixHeader, property_of
 from rvaft.errors import LanguageError, TooLarge, TraceError, installed
@@ -57,21 +58,9 @@ class _StixProgram:
     def _matches(self, objects: Sequence[Json]) -> bool:
         return bool(self._pattern.match([{"type": "bundle", "id": "bundle--0", "objects": [*objects]}]))
 
-    def _times(self, trace: Sequence[Json]) -> list[int] | None:
-        """When the events are observed, in microseconds; None where that would not be in their order."""
-        clock = self._header.time
-        if clock is None:
-            return [number * 1_000_000 for number in range(len(trace))]
-        found = [-1]
-        for time in map(clock.read, trace):
-            if time is None or time % 1_000 or not found[-1] < time // 1_000 < _LAST:
-                return None
-            found.append(time // 1_000)
-        return found[1:]
-
     def left_open(self, trace: Sequence[Json]) -> str:
         """Why the language says nothing of a trace, if that is so."""
-        return "STIX orders by times, which have to increase" if self._times(trace) is None else ""
+        return "STIX orders by times, which have to increase" if times_of(self._header, trace) is None else ""
 
     def first(self, trace: Sequence[Json]) -> int | None:
         """The number of the event with which the pattern first matches; raises `TraceError` where its language leaves that open."""
@@ -83,17 +72,7 @@ class _StixProgram:
         return self._known[written]
 
     def _first(self, trace: Sequence[Json]) -> int | None:
-        times = self._times(trace)
-        if times is None:
-            reason = "observations are in the order of their times: each event needs one, of whole microseconds, later than those before"
-            raise TraceError(reason, line=None)
-        observed: list[Json] = []
-        for number, (event, time) in enumerate(zip(trace, times, strict=True)):
-            some = [{"id": f"{one['type']}--{number}", **one} for one in self._objects(event)]
-            stamp = (_EPOCH + timedelta(microseconds=time)).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-            data = {"type": "observed-data", "id": f"observed-data--{number}", "number_observed": 1}
-            data |= {"first_observed": stamp, "last_observed": stamp, "object_refs": [one["id"] for one in some]}
-            observed.append([data, *some])
+        observed = observations(self._header, trace)
         low, high = 0, len(trace)
         try:
             if not trace or not self._matches([one for some in observed for one in some]):
@@ -106,22 +85,53 @@ class _StixProgram:
             raise TooLarge(_TOO_DEEP, limit=250) from None
         return high
 
-    def _objects(self, event: Json) -> list[dict[str, Json]]:
-        """The objects of an observation."""
-        if not self._header.objects:
-            return [{**_properties(event), "type": EVENT}]
-        found: dict[str, dict[str, Json]] = {}
-        for path, way in self._header.objects.items():
-            kind, *steps, last = re.split("[:.]", path)
-            if (value := at(event, way, ...)) is not ...:
-                inner = found.setdefault(kind, {"type": kind})
-                for step in steps:
-                    inner = inner.setdefault(step, {})
-                inner[last] = _properties(value)
-        return list(found.values())
-
 
 _MODULES: Final = ("stix2matcher.matcher", "stix2patterns.exceptions")
+
+
+def times_of(header: StixHeader, trace: Sequence[Json]) -> list[int] | None:
+    """When the events are observed, in microseconds; None where that would not be in their order."""
+    if header.time is None:
+        return [number * 1_000_000 for number in range(len(trace))]
+    found = [-1]
+    for time in map(header.time.read, trace):
+        if time is None or time % 1_000 or not found[-1] < time // 1_000 < _LAST:
+            return None
+        found.append(time // 1_000)
+    return found[1:]
+
+
+def observations(header: StixHeader, trace: Sequence[Json]) -> list[list[dict[str, Json]]]:
+    """Of each event its observed data, with the objects that this refers to; raises `TraceError` where times do not increase."""
+    times = times_of(header, trace)
+    if times is None:
+        reason = "observations are in the order of their times: each event needs one, of whole microseconds, later than those before"
+        raise TraceError(reason, line=None)
+    found: list[list[dict[str, Json]]] = []
+    for number, (event, time) in enumerate(zip(trace, times, strict=True)):
+        unique = UUID(int=number)
+        some = [{"id": f"{one['type']}--{unique}", **one} for one in _objects(header, event)]
+        stamp = (_EPOCH + timedelta(microseconds=time)).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+        data = {"type": "observed-data", "spec_version": "2.1", "id": f"observed-data--{unique}", "number_observed": 1}
+        data |= dict.fromkeys(("created", "modified", "first_observed", "last_observed"), stamp)
+        data["object_refs"] = [one["id"] for one in some]
+        found.append([data, *some])
+    return found
+
+
+def _objects(header: StixHeader, event: Json) -> list[dict[str, Json]]:
+    """The objects of an observation."""
+    if not header.objects:
+        return [{**_properties(event), "type": EVENT}]
+    found: dict[str, dict[str, Json]] = {}
+    for path, way in header.objects.items():
+        kind, *steps, last = re.split("[:.]", path)
+        if (value := at(event, way, ...)) is not ...:
+            inner = found.setdefault(kind, {"type": kind})
+            for step in steps:
+                inner = inner.setdefault(step, {})
+            inner[last] = _properties(value)
+    return list(found.values())
 
 
 def _properties(value: Json) -> Any:

@@ -1,7 +1,10 @@
 """`rvaft traces`: example logs for a tree."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
+from enum import StrEnum
+from itertools import pairwise
 from pathlib import Path
 from random import Random
 from typing import Any, Final
@@ -11,8 +14,10 @@ import click
 from cross_check.generate.disturbances import near_miss as missing
 from cross_check.generate.traces import PLAIN, NoTraceFound, detecting, random_trace
 from rvaft.api import meant, narrowed
+from rvaft.backend import backend
 from rvaft.cli import options
 from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, telling, write_whole
 
 DEFAULT_NUMBER: Final = 5
@@ -21,6 +26,15 @@ RANDOM_LENGTH: Final = 10
 """The most events of a random trace, unless `--length` says otherwise."""
 _REDRAWS: Final = 20
 """How often to draw again so that a trace is none of those before; some trees have only one."""
+
+
+class LogForm(StrEnum):
+    """What logs are written as."""
+
+    JSONL = "jsonl"
+    SIGMA = "sigma"
+    STIX = "stix"
+    EQL = "eql"
 
 
 @click.command("traces")
@@ -33,11 +47,21 @@ _REDRAWS: Final = 20
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Another seed gives other traces.")
 @options.number("--length", metavar="L", text="At most L events in a trace.")
 @options.part_options
+@options.choice(
+    "--format", "form", words=LogForm, default=LogForm.JSONL, text="As logs that programs of a language take."
+)
 @click.option("-o", "--output", metavar="DIR", help="Write DIR/detect-1.jsonl and so on instead of to standard output.")
 def traces_command(
-    *, tree: str, near_miss: bool, chance: bool, length: int | None, output: str | None, **given: Any
+    *,
+    tree: str,
+    near_miss: bool,
+    chance: bool,
+    length: int | None,
+    form: LogForm,
+    output: str | None,
+    **given: Any,
 ) -> int:
-    """Write example logs for a tree: N traces as JSON Lines, one to standard output or each to a file of a folder.
+    """Write example logs for a tree: N traces, as JSON Lines unless --format names another form, one to standard output or each to a file of a folder.
 
     The same options give the same traces. A folder that is not there is made; files of the same names are replaced.
     """
@@ -47,6 +71,10 @@ def traces_command(
     options.refuse(folder is None and wanted > 1, f"{wanted} traces need a folder: name it with -o")
     part, manner = narrowed(options.load_tree(tree), given["branch"], given["kind"]), replace(PLAIN, longest=length)
     meaning = meant(part, given["semantics"])
+    if form is not LogForm.JSONL:  # programs of these languages skip events
+        other = given["semantics"] not in (None, Semantics.SCATTERED)
+        options.refuse(other, f"--format {form} is about the semantics scattered, which is what {form} can say")
+        meaning = Semantics.SCATTERED
     name = "near-miss" if near_miss else "random" if chance else "detect"
 
     def make(random: Random) -> list[Json]:
@@ -56,17 +84,35 @@ def traces_command(
             return random_trace(random, part, max_length=length or RANDOM_LENGTH, plain=True)
         return detecting(random, part, meaning, manner)
 
+    def log(events: Sequence[Json]) -> str:
+        if form is LogForm.JSONL:
+            return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in events)
+        return backend(form).log(part, events)
+
+    def in_order(events: Sequence[Json]) -> bool:
+        if form is LogForm.JSONL or part.time is None:
+            return True
+        times = [time for event in events if (time := part.time.read(event)) is not None]
+        micros = [time // 1_000 for time in times if time % 1_000 == 0]
+        return len(micros) == len(events) and all(earlier < later for earlier, later in pairwise([-1, *micros]))
+
     texts: list[str] = []
     for place in range(1, wanted + 1):  # each of a seed of its own: asking for more does not change the first ones
         random = Random(f"{given['seed']} {name} {place}")  # noqa: S311 (no secret)
+        text = ""
         for _ in range(_REDRAWS):
             try:
-                text = "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in make(random))
+                if not in_order(events := make(random)):
+                    continue
+                text = log(events)
             except NoTraceFound as error:
                 remedy = "another --seed" if length is None else "a larger --length or another --seed"
                 raise click.ClickException(f"{click.format_filename(tree)}: {error}; try {remedy}") from error
-            if text and text not in texts:
+            if events and text not in texts:
                 break
+        if not text and form is not LogForm.JSONL:
+            why = "no trace found whose times increase by microseconds; try another --seed"
+            raise click.ClickException(f"{click.format_filename(tree)}: {why}")
         texts.append(text)
     if folder is None:
         deliver(texts[0].encode(), output)
@@ -74,5 +120,5 @@ def traces_command(
     with telling("cannot make the folder", folder):
         folder.mkdir(exist_ok=True)
     for place, text in enumerate(texts, 1):
-        write_whole(folder / f"{name}-{place}.jsonl", text.encode())
+        write_whole(folder / f"{name}-{place}.{'json' if form is LogForm.STIX else 'jsonl'}", text.encode())
     return 0

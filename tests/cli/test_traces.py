@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from rvaft import Semantics, Verdict, load
+from rvaft.backend import backend
 from rvaft.semantics import Reference
 from tests.cli.runs import PRUNED, SAND, TREES, failed, process, run, written
 from tests.trees import shipped
@@ -98,3 +99,34 @@ def test_random_times_are_written_as_others_write_them(tmp_path: Path) -> None:
     tree = written(tmp_path / "timed.rvaft", "time t as ros; r and a b within 1 s;")
     said = "".join(run("traces", tree, "--random", "--seed", seed).stdout for seed in range(20))
     assert {event["t"]["nanosec"] < 10**9 for event in events(said) if "t" in event} == {True}
+
+
+@pytest.mark.parametrize("form", ["eql", "sigma", "stix"])
+@pytest.mark.parametrize("mode", ["detect", "near-miss"])
+def test_logs_for_programs_of_a_language_are_what_they_are_called(form: str, mode: str, tmp_path: Path) -> None:
+    """Its program, asked of the log by itself, detects what is to be detected and nothing else."""
+    pytest.importorskip({"eql": "eql", "sigma": "sigma", "stix": "stix2matcher"}[form])
+    tree = written(
+        tmp_path / "t.rvaft",
+        'event e(k, t) = { k: k, ts: t }; top sand a b within 20 s; time ts as s; a on e("a", _); b on e("b", _);',
+    )
+    result = run("traces", tree, f"--{mode}", "--format", form, "-o", tmp_path / "logs")
+    assert (result.exit_code, result.output) == (0, "")
+    text = backend(form).translate(load(tree), Semantics.SCATTERED).text
+    for log in (tmp_path / "logs").iterdir():
+        if form == "stix":
+            from stix2matcher.matcher import Pattern
+
+            found = bool(Pattern(text, "2.1").match([json.loads(log.read_text(encoding="utf-8"))]))
+        else:
+            given = events(log.read_text(encoding="utf-8"))
+            assert all({"eql": "@timestamp", "sigma": "timestamp"}[form] in event for event in given)
+            found = [*backend(form).read(text).run(given)][-1] is Verdict.TRUE
+        assert found is (mode == "detect")
+
+
+def test_a_log_for_a_language_is_about_what_it_can_say() -> None:
+    failed(
+        run("traces", SAND, "--format", "eql", "--semantics", "strict"), "--format eql is about the semantics scattered"
+    )
+    failed(run("traces", PRUNED, "--format", "stix"), "stix cannot express this tree")

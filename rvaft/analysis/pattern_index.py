@@ -5,13 +5,14 @@ what a shape says is worked out once. It decides most patterns: those that ask f
 *open*: whether one fits has to be asked of the event itself.
 """
 
-from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
+from operator import itemgetter
 from typing import Final, Generic, NamedTuple, TypeAlias, TypeVar
 
-from rvaft.model.guards import Guard, Predicate, by_outcome, predicate, renamed
+from rvaft.model.guards import Alike, Guard, H, Outcomes, Predicate, by_outcome, predicate, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 from rvaft.model.patterns import variables as pattern_variables
@@ -98,6 +99,7 @@ class PatternIndex(Generic[T]):
             asked.setdefault(field, set()).add(type(value))
         texts = tuple(field for field, types in asked.items() if types == {str})
         self._shape = _shape_by(texts, names=any(one.variables for one in self._flat.values()))
+        self._texts, self._groups = texts, _groups_by(texts)
         self._others = tuple(field for field, types in asked.items() if types != {str})
 
     def of(self, event: Mapping[str, Json]) -> T:
@@ -117,6 +119,19 @@ class PatternIndex(Generic[T]):
                 self._memory.clear()
             self._memory[shape] = found
         return found
+
+    def groups(self, events: Sequence[Mapping[str, Json]]) -> list[tuple[T, Alike]] | None:
+        """The events of each shape, in order, with what was derived for it; None where some cannot be told apart."""
+        try:
+            groups = self._groups(events)
+            if self._others or not all(map(_have_the_same_fields, groups)):
+                by_shape = defaultdict[Hashable, list[Mapping[str, Json]]](list)
+                for event in events:
+                    by_shape[*event, *[_key(event, field) for field in (*self._texts, *self._others)]].append(event)
+                groups = by_shape.values()
+        except TypeError:  # a list or an object where patterns have strings
+            return None
+        return [(self.of(group[0]), Alike(group)) for group in groups]
 
     def _decide(self, event: Mapping[str, Json]) -> Decided:
         candidates = self._filed.candidates(event)
@@ -147,6 +162,41 @@ def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str,
             return lambda event: (*event, event.get(one), event.get(two), event.get(three))
         case _:
             return lambda event: (*event, *map(event.get, fields))
+
+
+_Groups: TypeAlias = Collection[Sequence[Mapping[str, Json]]]
+
+
+def _groups_by(fields: tuple[str, ...]) -> Callable[[Sequence[Mapping[str, Json]]], _Groups]:
+    """Events apart by how many fields they have, and by what they have in these; without a call for each event."""
+
+    def groups(events: Sequence[Mapping[str, Json]]) -> _Groups:
+        found = defaultdict[Hashable, list[Mapping[str, Json]]](list)
+        match fields:
+            case (one,):
+                for event in events:
+                    found[len(event), event.get(one)].append(event)
+            case (one, two):
+                for event in events:
+                    found[len(event), event.get(one), event.get(two)].append(event)
+            case (one, two, three):
+                for event in events:
+                    found[len(event), event.get(one), event.get(two), event.get(three)].append(event)
+            case _:
+                for event in events:
+                    found[len(event), *map(event.get, fields)].append(event)
+        return found.values()
+
+    return groups
+
+
+def _have_the_same_fields(events: Sequence[Mapping[str, Json]]) -> bool:
+    """Whether events with equally many fields have the same ones."""
+    try:
+        deque(map(itemgetter(*events[0]), events) if events[0] else (), maxlen=0)
+    except KeyError:
+        return False
+    return True
 
 
 def flat(pattern: Pattern) -> Flat | None:
@@ -371,9 +421,7 @@ def _values(fields: tuple[tuple[str, str], ...]) -> Values:
             return lambda event: {name: event[field] for name, field in fields}
 
 
-def outcomes(
-    asked: Sequence[Guard | None], derive: Callable[[Callable[[int], bool]], T]
-) -> Callable[[Mapping[str, Json]], T]:
+def outcomes(asked: Sequence[Guard | None], derive: Callable[[Callable[[int], bool]], H]) -> Outcomes[H]:
     """What is derived of which of some guards hold of an event, those that are None always; `derive` asks by their places."""
     places: dict[Guard, int] = {}
     bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in asked]

@@ -1,6 +1,6 @@
 """Coverage of the branches of a tree by several logs."""
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from io import BufferedIOBase, IOBase
@@ -368,7 +368,7 @@ class Coverage:
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
         live, seen, number, oversights = followers, set[int](), 0, Oversights(self._types)
         numbered = (
-            self._numbered(log, cast("BufferedIOBase", events), strict_json)
+            self._numbered(log, cast("BufferedIOBase", events), strict_json, oversights)
             if isinstance(events, IOBase)
             else enumerate(events, 1)
         )
@@ -400,18 +400,27 @@ class Coverage:
                 best = replace(best, reached=came, log=log, event=reach.event, awaited=reach.awaited)
             self._best[place] = best
 
-    def _hit(self, event: Json, sight: Sight, *, projects: bool) -> set[int]:
-        """The nodes that an event may be, where it counts."""
+    def _sketch(self, event: Json, sight: Sight) -> Sketch:
         if sight.monitored is None:
             sight.monitored = (self._letters.sketch(event),)
         sketch: Sketch = sight.monitored[0]
+        return sketch
+
+    def _hit(self, event: Json, sight: Sight, *, projects: bool) -> set[int]:
+        """The nodes that an event may be, where it counts."""
+        sketch = self._sketch(event, sight)
         if projects and any(one.admits(event) for one in sketch.ignored):
             return set()
         reading = self._letters.read(event, sketch)
         return {node for hit in reading.hits for node in hit.nodes} if reading.relevant or not projects else set()
 
-    def _numbered(self, log: str, stream: BufferedIOBase, strict_json: bool) -> Iterator[tuple[int, Json]]:
-        """The events of a log with their numbers; those that concern nothing are left out where that can be."""
+    def _numbered(
+        self, log: str, stream: BufferedIOBase, strict_json: bool, oversights: Oversights
+    ) -> Iterator[tuple[int, Json]]:
+        """The events of a log with their numbers; those that concern nothing are left out where that can be.
+
+        Of many events in which there is nothing to see the last stands for all.
+        """
         reads, time = TreeReads(self.tree), self.tree.time
         fields = () if self.semantics is Semantics.STRICT else plain_fields(reads, time.field[:1] if time else ())
         if not fields:
@@ -427,8 +436,20 @@ class Coverage:
             strict=strict_json,
         )
         for batch in reader.read(stream, log):
-            yield from ((before + place + 1, found) for place, found in batch.events)
+            calm = not every and self._are_calm([event for _, event in batch.events], oversights)
+            yield from ((before + place + 1, found) for place, found in batch.events[-1 if calm else 0 :])
             before += batch.total
+
+    def _are_calm(self, events: Sequence[Json], oversights: Oversights) -> bool:
+        """Whether no event may be a node's or has something to be noted, as is easily seen of all."""
+        groups = self._types.groups(events) if set(map(type, events)) == {dict} else None
+        for sight, group in groups or ():
+            told = self._sketch(group.events[0], sight).told
+            if told is None or not oversights.are_good(group, sight):
+                return False
+            if any(one.relevant if self.semantics.projects else one.serving for one, _ in told.parted(group)):
+                return False
+        return bool(groups)
 
     def report(self) -> CoverageReport:
         """What the logs so far covered."""

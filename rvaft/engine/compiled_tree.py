@@ -20,7 +20,7 @@ from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
 from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, outcomes, reader
 from rvaft.analysis.time_differences import TimeDifference, differences
 from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard, Predicate, conjuncts, predicate
+from rvaft.model.guards import Guard, Outcomes, Predicate, conjuncts, predicate
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Node
 from rvaft.model.patterns import ObjectPattern, Variable, rigid_variables
@@ -194,7 +194,7 @@ class Sketch:
     letters: tuple[Admission, ...]
     serving: tuple[Admission, ...]
     ignored: tuple[Reader, ...]
-    told: Callable[[Mapping[str, Json]], "Told"] | None = None
+    told: "Outcomes[Told] | None" = None
     followed: Any = None
     """What a strategy makes of it."""
 
@@ -216,7 +216,7 @@ def _time_variable(tree: RVAFT, name: str) -> str | None:
     return part.name if field == TIME and isinstance(part, Variable) else None
 
 
-def _told(sketch: Sketch) -> Callable[[Mapping[str, Json]], Told]:
+def _told(sketch: Sketch) -> Outcomes[Told]:
     letters = len(sketch.letters)
 
     def derive(holds: Callable[[int], bool]) -> Told:
@@ -296,7 +296,7 @@ class TreeLetters:
             return NOTHING
         hits: list[Hit] = []
         if sketch.told is not None:
-            told = sketch.told(event)
+            told = sketch.told.of(event)
             for number, nodes, _, _, values_of, _, _ in told.serving:
                 values = values_of(event)
                 if values is not None:

@@ -11,6 +11,7 @@ from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import Earliest, linear_starts
 from rvaft.engine.settled_choices import SettledChoices
+from rvaft.model.guards import Alike
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -88,7 +89,19 @@ class Engine(Monitor):
         """Whether an event of a shape is relevant, for semantics that leave out what is not."""
         if sketch.told is None or isinstance(self._strategy, Alternatives):
             return self._strategy.read(event, sketch).relevant
-        return sketch.told(event).relevant
+        return sketch.told.of(event).relevant
+
+    def calm(self, events: Alike, sketch: Sketch) -> bool | None:
+        """Whether events of one shape, none of which can change anything, are relevant or fit a node; None where that is not seen of all together.
+
+        Where a semantics leaves out what is not relevant, it is asked only after the verdict.
+        """
+        if isinstance(self._strategy, Earliest | ScatteredMatches):
+            return self._strategy.calm(events, sketch)
+        if sketch.told is None or isinstance(self._strategy, Alternatives) or self._verdict is _UNKNOWN:
+            return None
+        relevant = {told.relevant for told, _ in sketch.told.parted(events)}
+        return relevant.pop() if len(relevant) == 1 else None
 
     @property
     def noted(self) -> bool:

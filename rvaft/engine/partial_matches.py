@@ -256,7 +256,7 @@ class Contiguous(Following):
         """What an event means; unless all events count, what is not relevant means nothing."""
         if sketch is None:
             sketch = self.letters.sketch(event)
-        if self._projected and sketch.told is not None and not sketch.told(event).relevant:
+        if self._projected and sketch.told is not None and not sketch.told.of(event).relevant:
             return NOTHING
         return self.letters.read(event, sketch)
 

@@ -30,9 +30,11 @@ from rvaft.model.guards import (
     OPERATORS,
     ORDERINGS,
     UNDEFINED,
+    Alike,
     Guard,
     Operation,
     Operator,
+    Outcomes,
     Predicate,
     predicate,
     renamed,
@@ -45,6 +47,8 @@ from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 500_000
 """How much is remembered of stages: each with the nodes that it knows flags of."""
+_OWN_KEYS: Final = frozenset({str, int})
+"""Types of values that stand for themselves among those that came to nothing."""
 REMEMBERED: Final = 20_000
 """How many values are remembered that change nothing, and of how many kinds of events what they may change."""
 FEW: Final = 1_000
@@ -446,7 +450,7 @@ class ScatteredMatches(Following):
         if sketch.told is not None:
             if sketch.followed is None:
                 sketch.followed = self._followed(sketch)
-            found = sketch.followed(event)
+            found = sketch.followed.of(event)
             hopes = self._hopeful.get(found)
             for number, one, held, fields, own_values in self._hope(found) if hopes is None else hopes:
                 if len(fields) == 1:
@@ -483,6 +487,25 @@ class ScatteredMatches(Following):
                         loud.append(LoudHit(values, watch, held, name))
         return Reading(False, loud) if loud else QUIET if fits else NOTHING
 
+    def calm(self, events: Alike, sketch: Sketch) -> bool | None:
+        """Whether events of one shape, none of which can change anything, fit a node; None where that is not seen of all together."""
+        if not sketch.serving or sketch.told is None:
+            return None if sketch.serving else False
+        if sketch.followed is None:
+            sketch.followed = self._followed(sketch)
+        fits = set[bool]()
+        for found, some in sketch.followed.parted(events):
+            fits.add(bool(found.letters))
+            hopes = self._hopeful.get(found)
+            for number, _, _, fields, _ in self._hope(found) if hopes is None else hopes:
+                plain = [
+                    some.values(field) if some.types(field) <= _OWN_KEYS else [*map(exact, some.values(field))]
+                    for field in fields
+                ]
+                if not self._quiet.issuperset(zip([number] * len(some.events), *plain, strict=True)):
+                    return None
+        return fits.pop() if len(fits) == 1 else None
+
     def _alone(self, nodes: Iterable[int]) -> dict[int, Guard]:
         """The guards, each as a set of one, that the values of an event decide that is these nodes' own."""
         compiled, found = self.compiled, dict[int, Guard]()
@@ -494,7 +517,7 @@ class ScatteredMatches(Following):
                     found[1 << waiting] = guard
         return found
 
-    def _followed(self, sketch: Sketch) -> Callable[[Mapping[str, Json]], FollowedLetters]:
+    def _followed(self, sketch: Sketch) -> Outcomes[FollowedLetters]:
         """From an event of a shape to the letters that it is."""
         serving = sketch.serving
         alone = [[*self._alone(one.nodes).items()] for one in serving]

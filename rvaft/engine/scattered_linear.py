@@ -19,6 +19,7 @@ from rvaft.analysis.normal_form import Op
 from rvaft.analysis.unification import Overlaps
 from rvaft.engine.compiled_tree import NOTHING, QUIET, Admission, CompiledTree, Hit, Reading, Sketch, Told, TreeLetters
 from rvaft.errors import TooLarge
+from rvaft.model.guards import Alike
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import union
@@ -399,7 +400,7 @@ class Earliest:
         if sketch.told is None:
             asked, sure = sketch.serving, False
         else:
-            told = sketch.told(event)
+            told = sketch.told.of(event)
             found = self._matter.get(told)
             asked, sure = self._mattering(told) if found is None else found, True
             if not asked:
@@ -412,6 +413,14 @@ class Earliest:
                 if values is not None:
                     hits.append(Hit(letter, nodes, values))
         return Reading(False, hits) if hits else NOTHING
+
+    def calm(self, events: Alike, sketch: Sketch) -> bool | None:
+        """Whether events of one shape, none of which can change anything, fit a node; None where that is not seen of all together."""
+        if not sketch.serving or sketch.told is None:
+            return None if sketch.serving else False
+        kinds = [told for told, _ in sketch.told.parted(events)]
+        fits = {bool(told.serving) and self.useful is not None for told in kinds}
+        return None if len(fits) > 1 or any(map(self._mattering, kinds)) else fits.pop()
 
     def _mattering(self, told: Told) -> tuple[Admission, ...]:
         """Of the letters that an event is those that may change something."""

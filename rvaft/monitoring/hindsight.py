@@ -51,6 +51,11 @@ class Hindsight:
         elif not kept or kept[-1][1] is not None:
             kept.append((number, None))
 
+    def is_full(self, watch: int) -> bool:
+        """Whether it does not matter any more what is kept of that trace or key."""
+        kept = self._kept.get(watch, [])
+        return bool(kept) and self._room <= 0 and kept[-1][1] is None
+
     def look(self, watch: int, prefix: str) -> None:
         """Read again what was kept of a trace, or key, that ended in ⊥; `prefix` is what stands before a place in it."""
         self.ended += 1

@@ -3,7 +3,7 @@
 These are the options (a), (b) and (c) of the paper, section 4.3, with the names that its Tables 2 and 3 give to the monitors.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import KW_ONLY, InitVar, dataclass, replace
 from enum import StrEnum
@@ -12,9 +12,10 @@ from typing import Any, Final, Self, cast
 
 from rvaft.analysis.branches import branches
 from rvaft.api import narrowed
-from rvaft.engine.compiled_tree import NOTHING, QUIET
+from rvaft.engine.compiled_tree import NOTHING, QUIET, Sketch
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, TooLarge, TreeError
+from rvaft.model.guards import Alike
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -235,9 +236,7 @@ class MonitorSet:
                 return self._changed(number, event)
         if sight is None:
             sight = self.types.of(event)
-        sketches = sight.monitored
-        if sketches is None:
-            sketches = sight.monitored = tuple([engine.letters.sketch(event) for engine in engines])
+        sketches = sight.monitored or self._sketches(event, sight)
         if not self._live and self._projected:
             self.concerned = engines[0].is_relevant(event, sketches[0])
             return ()
@@ -256,6 +255,23 @@ class MonitorSet:
             serves = serves or engine.noted
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()
+
+    def _sketches(self, event: Mapping[str, Json], sight: Sight) -> tuple[Sketch, ...]:
+        found = sight.monitored = tuple([engine.letters.sketch(event) for engine in self.engines])
+        return found
+
+    def passes(self, sight: Sight, *, relevant: bool) -> bool:
+        """Whether events of a shape, relevant or not, change nothing and need not be read."""
+        skips = self._projected or (self.semantics is Semantics.SCATTERED and self.finds_no_more and not sight.ignored)
+        return bool(self.engines) and skips and not relevant
+
+    def calm(self, events: Alike, sight: Sight) -> bool | None:
+        """Whether events of one shape are of concern, none of which can change anything; None where that is not seen of all together."""
+        if self.counts_all or self.may_be_late or self._resting:
+            return None
+        if self._live and (self._projected or self._live != (0,)):
+            return None
+        return self.engines[0].calm(events, (sight.monitored or self._sketches(events.events[0], sight))[0])
 
     def repeat_step(self, event: Json, first: int, last: int) -> tuple[int, Sequence[int]]:
         """Read one event under each of these numbers, until a verdict changes: the number of the last, and the columns."""

@@ -19,7 +19,7 @@ from rvaft.analysis.pattern_index import (
 )
 from rvaft.engine.explanation import whole
 from rvaft.model.expressions import pattern_text
-from rvaft.model.guards import Predicate
+from rvaft.model.guards import Alike, Outcomes, Predicate
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, at
@@ -71,7 +71,7 @@ class Sight:
         asked = any(one.holds is not None for _, one in self.entries)
         self.constant = None if asked else tuple(dict.fromkeys(name for name, _ in self.entries))
         self.plain = bool(self.constant) and not self.ignored and not decided.open
-        self.counted: Callable[[Mapping[str, Json]], tuple[str, ...] | None] | None = None
+        self.counted: Outcomes[tuple[str, ...] | None] | None = None
         """Where the fields of an event say it, from it to the types of which it is relevant, and None where it is ignored."""
         ignored = [one for kind, _, one in letters if kind == "ignored"]
         readers = [one for _, one in self.entries] + ignored
@@ -87,6 +87,12 @@ class Sight:
         if any(holds(len(self.entries) + place) for place in range(len(self.ignored))):
             return None
         return tuple(dict.fromkeys(name for place, (name, _) in enumerate(self.entries) if holds(place)))
+
+    def parted(self, events: Alike) -> Sequence[tuple[tuple[str, ...] | None, Alike]] | None:
+        """Events of this shape by the types of which they are relevant, None where they are ignored; None where that has to be asked of each."""
+        if self.decided.open or (self.counted is None and (self.constant is None or self.ignored)):
+            return None
+        return self.counted.parted(events) if self.counted is not None else [(self.constant, events)]
 
     def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
         """The types of which an event that is not ignored is relevant."""
@@ -122,7 +128,8 @@ class EventTypeIndex:
         letters += [("monitor", "", Letter(pattern)) for pattern in dict.fromkeys(also)]
         self.letters = [(kind, name, reader(number, one)) for number, (kind, name, one) in enumerate(letters)]
         self.guards = {number: one.when for number, (_, _, one) in enumerate(letters)}
-        self.of = PatternIndex((letter.pattern for _, _, letter in letters), self._sight).of
+        index = PatternIndex((letter.pattern for _, _, letter in letters), self._sight)
+        self.of, self.groups = index.of, index.groups
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
         self._patterns = reads.patterns
@@ -213,7 +220,7 @@ class Statistics:
                 return False
             sight.noted = self
         if sight.counted is not None:
-            found = sight.counted(event)
+            found = sight.counted.of(event)
             if found is None:
                 return False
             self.tally[found] += 1
@@ -224,6 +231,13 @@ class Statistics:
         names = sight.constant or sight.relevant(event)
         self.tally[names] += 1
         return bool(names)
+
+    def add_all(self, sight: Sight, types: tuple[str, ...] | None, count: int) -> None:
+        """Count so many events of one shape, some type's own, that are relevant of these types, None where they are ignored."""
+        self.events += count
+        self.seen |= sight.types
+        if types is not None:
+            self.tally[types] += count
 
     @property
     def relevant(self) -> Counter[str]:

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from rvaft.analysis.pattern_index import Reader, flat
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text
-from rvaft.model.guards import Guard, Operation, Operator, time_points, value, variables, walk
+from rvaft.model.guards import Alike, Guard, Operation, Operator, time_points, value, variables, walk
 from rvaft.model.patterns import match, rigid
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.values import Json, at
@@ -145,6 +145,19 @@ class Oversights:
             name, found = ".".join(self._time.field), at(event, self._time.field, UNSEEN)
             wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self._time.format}"
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
+
+    def are_good(self, events: Alike, sight: Sight) -> bool:
+        """Whether there is nothing to note of events of one shape, as far as that is known."""
+        if sight.looked_at == ():
+            return True
+        if sight.good is None or sight.good[:2] != (self, self._version) or (self._time is not None and sight.entries):
+            return False
+        _, _, fields, known = sight.good
+        if not fields:
+            return fields is not None and () in known
+        if len(fields) == 1:
+            return all((kind,) in known for kind in events.types(fields[0]))
+        return known.issuperset(zip(*(map(type, events.values(field)) for field in fields), strict=True))
 
     def _good(self, sight: Sight) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
         """The fields that are asked of events of a shape, None where more than the types there decides, and types that are known to be good now."""

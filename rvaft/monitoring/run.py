@@ -18,6 +18,7 @@ import msgspec
 from rvaft.analysis.pattern_index import Scope, TreeReads
 from rvaft.errors import OptionError, RvaftError, TooLarge
 from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.guards import Alike
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json, at, is_finite, is_number
 from rvaft.model.values import key as value_key
@@ -26,7 +27,7 @@ from rvaft.monitoring.detection import counted, matched_events, told_fields, unl
 from rvaft.monitoring.fast_reader import Batch, FastReader, exact_time, plain_fields
 from rvaft.monitoring.hindsight import Hindsight
 from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
-from rvaft.monitoring.near_misses import Statistics
+from rvaft.monitoring.near_misses import Sight, Statistics
 from rvaft.monitoring.oversights import Oversights
 from rvaft.monitoring.parallel_reader import read_in_processes
 from rvaft.monitors import Explanation
@@ -42,6 +43,8 @@ DEFAULT_WINDOW: Final = 1_000
 """How many events are held back unless told otherwise."""
 BOUND: Final = 10_000
 """How many events are remembered for explanations."""
+FEW: Final = 32
+"""Fewer events are not taken all at once; after as many batches at most that is tried again where it was in vain."""
 BATCH: Final = 500
 """Events of a log in another format than JSON Lines that are looked at together."""
 _NO_EVENT: Final[dict[str, Json]] = {}
@@ -271,6 +274,18 @@ class Backwards(OrderedField):
 
     count = first = 0
     _last: int | float = -inf
+
+    def see_all(self, events: Sequence[Json], numbers: Iterable[int]) -> None:
+        """Look at the next events; they have these numbers."""
+        if self.time is None and self._holds is False and len(self.field.path) == 1:
+            name = self.field.text
+            places: list[Any] = [event.get(name) for event in events]
+            rises = _NUMBERS.issuperset(map(type, places)) and all(map(le, chain((self._last,), places), places))
+            if rises and places and places[-1] < inf:  # nor is any before it infinite, or not a number
+                self._last = places[-1]
+                return
+        for number, event in zip(numbers, events, strict=True):
+            self.see(number, event)
 
     def see(self, number: int, event: Json) -> None:
         """Look at the next event; one without a place is passed over."""
@@ -531,6 +546,7 @@ class TraceRun:
         name = TIME if monitors.time is None else ".".join(monitors.time.field)
         self.clock = None if by is not None or monitors.may_be_late else Backwards(name, monitors.time)
         self.number = self.detected = 0
+        self._tries = self._pause = 0
         self.begun = self.ended = False
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """What is watched; with a key what is copied for each value of it."""
@@ -585,6 +601,11 @@ class TraceRun:
             watch: MonitoredTrace | None = self.watch
             told, verdicts = before, self.watch.monitors.verdicts if many else ()
             events = batch.events if key is None or not batch.passed else self._with_new_keys(key, batch)
+            if not (each or fills or may_be_late) and self._take(events, before, keyed_by, of_concern):
+                looked_at, events = events, ()
+                self.number = before + looked_at[-1][0] + 1
+            else:
+                looked_at = events
             # From here on every call counts: this is done for each event of a log.
             try:
                 for place, event in events:
@@ -642,10 +663,86 @@ class TraceRun:
                 else:
                     self._count_passed(batch, events, self.number - before - 1)
                 raise
-            if len(events) < batch.total:
-                self._pass_over(batch, events, before + batch.total)
+            if len(looked_at) < batch.total:
+                self._pass_over(batch, looked_at, before + batch.total)
             _tell_all(many, self.watch, told + 1, self.number, verdicts)
             yield batch is not _END
+
+    def _take(
+        self, events: Sequence[tuple[int, Json]], before: int, keyed_by: str, of_concern: Sequence[Listener]
+    ) -> bool:
+        """Take events all at once; False, and nothing is done, unless all are seen to change nothing but counts.
+
+        They are the numbers `before` with their places on. Where that was in vain it is not tried with as many of the next ones.
+        """
+        self._tries -= 1
+        if len(events) < FEW or self._tries > 0 or (self.plan.key is not None and not keyed_by):
+            return False
+        self._pause = self._tries = min(2 * self._pause + 1, FEW)
+        bodies: list[Any] = [event for _, event in events]
+        watches = self._watches_of(bodies, keyed_by)
+        totals, monitors, types = self.totals, self.watch.monitors, self.plan.monitors.types
+        if watches is None or set(map(type, bodies)) != {dict}:
+            return False
+        groups = types.groups(bodies)
+        if groups is None:
+            return False
+        strange, concerned, entries = list[Alike](), list[Alike](), list[Alike]()
+        counts = list[tuple[Sight, tuple[str, ...] | None, int]]()
+        for sight, group in groups:
+            calm = set[bool | None]()
+            parts = sight.parted(group) if totals.oversights.are_good(group, sight) else None
+            for names, some in parts or ():
+                if sight.constant != ():
+                    counts.append((sight, names, len(some.events)))
+                if monitors.passes(sight, relevant=bool(names)):
+                    calm.add(False)
+                else:
+                    calm.add(None if keyed_by else monitors.calm(some, sight))
+            if calm not in ({True}, {False}):
+                return False
+            for belongs, those in (
+                (True in calm, concerned),
+                (sight.constant == (), strange),
+                (sight.entries, entries),
+            ):
+                if belongs:
+                    those.append(group)
+        if concerned and of_concern and monitors.live:
+            return False
+        self._pause = self._tries = 0
+
+        def numbered(some: Sequence[Alike]) -> Iterable[tuple[int, Json]]:
+            if len(some) in (0, len(groups)):
+                return ((before + place + 1, event) for place, event in events if some)
+            own = {id(event) for one in some for event in one.events}
+            return ((before + place + 1, event) for place, event in events if id(event) in own)
+
+        if totals.statistics is not None:
+            for sight, names, number in counts:
+                totals.statistics.add_all(sight, names, number)
+            for number, event in numbered(strange):
+                totals.statistics.add(event, number, self.prefix)
+        for watch, number in watches:
+            watch.events += number
+        if totals.hindsight is not None and not all(totals.hindsight.is_full(id(watch)) for watch, _ in watches):
+            for number, event in numbered(entries):
+                own = self._passed[event[keyed_by],] if keyed_by else self.watch
+                totals.hindsight.keep(id(own), number, event)
+        if self.clock is not None and concerned:
+            told = bodies if len(concerned) == len(groups) else [event for _, event in numbered(concerned)]
+            self.clock.see_all(told, (number for number, _ in numbered(concerned)))
+        return True
+
+    def _watches_of(self, events: Sequence[Any], keyed_by: str) -> Sequence[tuple[MonitoredTrace, int]] | None:
+        """What watches events, and how many of them; None where that has to be asked of each."""
+        if not keyed_by:
+            return [(self.watch, len(events))]
+        values = [event.get(keyed_by) if type(event) is dict else None for event in events]
+        if set(map(type, values)) != {str}:
+            return None
+        found = [(self._passed.get((value,)), count) for value, count in Counter(values).items()]
+        return None if any(watch is None for watch, _ in found) else found  # type: ignore[return-value] # none is
 
     @property
     def _one_by_one(self) -> bool:

@@ -17,11 +17,12 @@ from hypothesis import strategies as st
 
 from cross_check.generate.traces import random_trace
 from rvaft import Semantics, TraceError, loads, monitor
+from rvaft.cli import main
 from rvaft.errors import OptionError, TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring import fast_reader
+from rvaft.monitoring import fast_reader, run
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
 from rvaft.monitoring.near_misses import Statistics
 from rvaft.monitoring.oversights import Oversights, Reason
@@ -40,6 +41,7 @@ from rvaft.monitoring.run import (
     VerdictChange,
 )
 from rvaft.readers.json_lines import LinesRead, read
+from tests.benchmarks.logs import ignoring_tree, inspections
 from tests.cli.runs import lines
 from tests.trees import shipped
 
@@ -496,3 +498,35 @@ def test_keys_are_told_apart_as_everywhere(pair: tuple[Any, Any], values: int) -
         run = run_of(plan_of(TREE, key=Key.parse(fields)), Told())
         list(run.read([{"k": value, "m": 1} for value in pair], "log"))
         assert len(run.watches) == values
+
+
+@pytest.mark.parametrize("semantics", [None, *Semantics])
+@pytest.mark.parametrize("options", [[], ["--key", "topic"], ["--order-by", "time"], ["--repeat", "--format", "jsonl"]])
+def test_events_that_change_nothing_are_taken_at_once(
+    semantics: Semantics | None,
+    options: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    tree, log = ignoring_tree(tmp_path), tmp_path / "log.jsonl"
+    inspections(log, 400, readings=1)
+    odd, random = log.read_text(encoding="utf-8").splitlines(), Random(3)
+    for number in (
+        *range(150, 160),
+        230,
+        300,
+    ):  # guards that are undefined, near misses, times that go back, what is relevant
+        change: dict[str, Any] = random.choice(
+            [{"waypoint": "x"}, {"value": 900.5}, {"waypoint": 7}, {"name": "Move"}, {"time": 2}, {"topic": [1]}]
+        )
+        odd[number] = json.dumps(json.loads(odd[number]) | change)
+    log.write_text("\n".join(odd), encoding="utf-8")
+    monkeypatch.setattr(fast_reader, "SIZE", 4000)
+    arguments = ["monitor", str(tree), str(log), *options, *(["--semantics", semantics] if semantics else [])]
+    told = []
+    for few in (4, 10**9):
+        monkeypatch.setattr(run, "FEW", few)
+        status = main(arguments, standalone_mode=False)
+        told.append((status, capsys.readouterr()))
+    assert told[0] == told[1]

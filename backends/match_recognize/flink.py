@@ -1,0 +1,71 @@
+"""Apache Flink as judge: texts and traces become tables, and one job says where each text first detects something."""
+
+import json
+import re
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from backends.match_recognize.rows import RowHeader
+from rvaft.errors import ToolFailed, installed
+from rvaft.model.values import Json
+
+_TABLE: Final = """CREATE TEMPORARY TABLE events_{number} (trace BIGINT, pos BIGINT, {columns}
+ts AS TO_TIMESTAMP_LTZ(pos, 3), WATERMARK FOR ts AS ts - INTERVAL '99' DAY)
+WITH ('connector' = 'filesystem', 'path' = '{path}', 'format' = 'json')"""
+_CAUSE: Final = re.compile(r"(?:^|: )([\w.]+(?:Exception|Error): .*)", re.MULTILINE)
+_LENGTH: Final = 300
+
+
+def first_detections(asked: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> list[list[int | None]]:
+    """For each text the number of the event, from 1, with which each of its traces first is a detection: the least position that it finds.
+
+    Raises `LanguageError` for a text without a header, `OverflowError` for a number that no column holds exactly, `ToolMissing` without PyFlink, and
+    `ToolFailed` where Flink does not take a text.
+    """
+    headers = [RowHeader.read(text) for text, _ in asked]
+    table = installed(
+        "pyflink.table", "Apache Flink", "pip install '.[flink]' in a checkout of rvaft, and a Java runtime"
+    )
+    settings = table.EnvironmentSettings.in_streaming_mode()
+    environment = table.TableEnvironment.create(settings)
+    environment.get_config().set("parallelism.default", "1")
+    found: list[list[int | None]] = [[None] * len(traces) for _, traces in asked]
+    with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
+        try:
+            for text, trace, position in _detections(table, environment, Path(folder), headers, asked):
+                known = found[text][trace]
+                found[text][trace] = position if known is None else min(known, position)
+        except Exception as error:  # of Java, by way of Python
+            said = _CAUSE.findall(str(error)) or [type(error).__name__]
+            raise ToolFailed("Apache Flink", reason=said[-1][:_LENGTH]) from error
+    return found
+
+
+def _detections(
+    table: Any,
+    environment: Any,
+    folder: Path,
+    headers: Sequence[RowHeader],
+    asked: Sequence[tuple[str, Sequence[Sequence[Json]]]],
+) -> Iterator[tuple[int, int, int]]:
+    """The number of a text, of a trace and of an event of each row that is found."""
+    whole = None
+    for number, (header, (text, traces)) in enumerate(zip(headers, asked, strict=True)):
+        path = folder / f"{number}.json"
+        with path.open("w", encoding="ascii") as file:
+            for trace, events in enumerate(traces):
+                rows = [dict.fromkeys(header.fitting, False), *map(header.row, events)]  # no event before the first
+                file.writelines(json.dumps({"trace": trace, "pos": pos, **row}) + "\n" for pos, row in enumerate(rows))
+        columns = "".join(f"`{name}` {kind}," for name, kind in header.types().items())
+        environment.execute_sql(_TABLE.format(number=number, columns=columns, path=path))
+        environment.execute_sql(f"CREATE TEMPORARY VIEW events AS SELECT * FROM events_{number}")  # noqa: S608 (a number)
+        query = environment.sql_query(text)
+        named = query.select(
+            table.expressions.lit(number), *(table.expressions.col(name) for name in ("trace", "found"))
+        )
+        whole = named if whole is None else whole.union_all(named)
+        environment.execute_sql("DROP TEMPORARY VIEW events")
+    if whole is not None:
+        yield from map(tuple, whole.execute().collect())

@@ -1,0 +1,220 @@
+"""MATCH_RECOGNIZE: pinned texts, what is refused, their conditions run by SQLite, and the texts by Flink where it is installed."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from importlib.util import find_spec
+from random import Random
+from typing import Any
+
+import pytest
+
+from backends import conformance
+from backends.match_recognize import flink
+from backends.match_recognize.rows import RowHeader
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import Shape, random_tree
+from rvaft import Semantics, loads
+from rvaft.backend import backend
+from rvaft.errors import LanguageError, NotExpressible, RvaftError, TooLarge, ToolFailed, ToolMissing
+from rvaft.model.guards import Operation, Operator
+from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.model.patterns import Literal, ObjectPattern, Variable, substitute
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json, is_finite
+from rvaft.model.verdict import Verdict
+from rvaft.semantics import Reference
+from tests.backends.injections import INJECTIONS
+from tests.backends.match_recognize.joins import first_detections
+from tests.tables import rows
+
+installed = pytest.mark.skipif(find_spec("pyflink") is None, reason="Apache Flink is not installed")
+EVENTS = "event e(v) = { e: v }; event p(v, w) = { v: v, w: w }; "
+
+
+def emitted(tree: str | RVAFT, semantics: Semantics = Semantics.SCATTERED, **options: int) -> str:
+    made = loads(tree) if isinstance(tree, str) else tree
+    return backend("match-recognize").translate(made, semantics, **options).text
+
+
+@pytest.mark.parametrize(("tree", "semantics", "text"), rows(__file__, "texts.txt"))
+def test_texts(tree: str, semantics: str, text: str) -> None:
+    assert emitted(tree, Semantics(semantics)) == text
+
+
+@pytest.mark.parametrize(("tree", "reason"), rows(__file__, "refused.txt"))
+def test_what_cannot_be_said_is_refused_with_the_reason(tree: str, reason: str) -> None:
+    with pytest.raises(NotExpressible, match=reason):
+        emitted(EVENTS + tree)
+
+
+def test_every_tree_is_said() -> None:
+    for one in conformance.examples():
+        for semantics in Semantics:
+            if conformance.everything(one, semantics):
+                assert "SELECT trace, " in emitted(one.tree, semantics)
+
+
+def test_orders_are_bounded() -> None:
+    with pytest.raises(TooLarge, match="row variables of all orders"):
+        emitted(f"top and {' '.join(f'a{n}' for n in range(40))};")
+    alike = f"event e() = {{ e: _ }}; top and {' '.join(f'a{n}' for n in range(12))}; "
+    assert emitted(alike + "".join(f"a{n} on e();" for n in range(12))).count("MATCH_RECOGNIZE (") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("SELECT 1", "the text begins with a comment"),
+        ("/* rvaft\nis_a := { a: ", "the text begins with a comment"),
+        ("/* rvaft\nwhen X > 1\n*/", "no line that says what a column is: when X > 1"),
+        ("/* rvaft\nis_a := { a: \n*/", "."),
+    ],
+)
+def test_what_is_no_header(text: str, said: str) -> None:
+    with pytest.raises(LanguageError, match=said):
+        RowHeader.read(text)
+
+
+def test_rows_and_what_they_cannot_hold() -> None:
+    tree = 'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*/ \'"); b on p(X, Y) when Y > X;'
+    header = RowHeader.read(emitted(tree))
+    row = header.row({"v": 2.0, "w": "*/ '", "t": 2})
+    assert row == {
+        "is_a": True, "a_x_text": "2", "a_at_a_time": 2_000_000_000, "is_b": False, "b_x_text": None, "b_at_b_time": None,
+    }  # fmt: skip
+    assert header.left_open([{"v": 1, "w": "*/ '", "t": 10**12}]) == "a number beyond 2**60 is no exact one there"
+    sums = RowHeader.read(emitted(EVENTS + "top sand a b; a on e(X); b on e(Y) when Y + X > 3;"))
+    assert sums.left_open([{"e": 2**46}]) == ""
+    assert sums.left_open([{"e": 2**46 + 1}]) == "a number beyond 2**46 is no exact one there"
+
+
+def first(tree: RVAFT, semantics: Semantics, trace: Sequence[Json]) -> int | None:
+    verdicts = [*Reference(tree, semantics).run(trace)]
+    return verdicts.index(Verdict.TRUE) + 1 if Verdict.TRUE in verdicts else None
+
+
+def cases(random: Random, count: int) -> Iterator[tuple[RVAFT, Semantics, str, list[list[Json]]]]:
+    """Examples and random trees with their texts and some traces."""
+    trees: list[tuple[RVAFT, list[Any]]] = [
+        (e.tree, [*conformance.traces(e, 1, random)]) for e in conformance.examples()
+    ]
+    for _ in range(count):
+        tree = random_tree(random, Shape(max_nodes=6, variables=0.8, guards=0.6, typed_events=0.8))
+        trees.append((tree, [random_trace(random, tree) for _ in range(3)]))
+    for tree, traces in trees:
+        semantics = random.choice([*Semantics])
+        try:
+            text = emitted(tree, semantics, limit=40)
+        except RvaftError:
+            continue
+        header = RowHeader.read(text)
+        some = [[*one] for one in traces if all(map(is_finite, one)) and not header.left_open(one)]
+        yield tree, semantics, text, some
+
+
+def test_the_conditions_say_what_the_definition_says() -> None:
+    detections = 0
+    for tree, semantics, text, traces in cases(Random("match"), 40):
+        wanted = [first(tree, semantics, one) for one in traces]
+        assert first_detections(text, traces) == wanted, text
+        detections += sum(one is not None for one in wanted)
+    assert detections > 100
+
+
+def odd_tree(odd: str) -> RVAFT:
+    """A tree with an odd name of nodes, of a field, and an odd string within a condition."""
+    first = EventType(odd, ("v",), ObjectPattern(((odd, Literal(odd)), ("v", Variable("V")))))
+    then = EventType("then", ("w",), ObjectPattern((("then", Literal(odd)), ("w", Variable("W")))))
+    same = Operation(Operator.EQ, (Variable("V"), Literal(odd)))
+    when = Operation(
+        Operator.OR,
+        (
+            Operation(Operator.AND, (same, Operation(Operator.EQ, (Variable("W"), Literal(1))))),
+            Operation(Operator.EQ, (Variable("V"), Variable("W"))),
+        ),
+    )
+    events = [
+        replace(one, pattern=substitute(one.pattern, {n: Variable(n.lower()) for n in "VW"})) for one in (first, then)
+    ]
+    nodes = [Node(f"{odd} ", Gate.SAND, (odd, "b"), when=when, label=odd), Node(odd, on=On(odd, (Variable("V"),)))]
+    return RVAFT(f"{odd} ", [*nodes, Node("b", on=On("then", (Variable("W"),)))], events)
+
+
+def odd_traces(odd: str, other: str) -> list[list[Json]]:
+    """The first one is a detection of such a tree, and so is the last."""
+    values: list[tuple[Json, Json]] = [(odd, 1), (other, 1), (odd, 2), (odd, odd)]
+    return [[{odd: odd, "v": v}, {"then": odd, "w": w}] for v, w in values]
+
+
+def test_names_and_strings_stay_inside() -> None:
+    for place, odd in enumerate(INJECTIONS):
+        traces = odd_traces(odd, INJECTIONS[place - 1])
+        assert first_detections(emitted(odd_tree(odd)), traces) == [2, None, None, 2], odd
+
+
+TIED = (
+    "time t as s; event n(k, x) = { k: k, y: x }; event e(k, x) = { k: k, x: x }; top sand a both within 1 s; "
+    "both and b c when Y < Z; a on n(1, Y); b on n(_, Z); c on e(2, X) when X == 1 or Y == 9;"
+)
+FAULTS = {
+    "a gap dropped": ("(s g0*? e1 g1*? e2 g2*? e3)", "(s g0*? e1 e2 g2*? e3)"),
+    "an order dropped": ("\nUNION ALL\n", "\nUNION ALL\nSELECT trace, pos AS found FROM events WHERE FALSE\n--"),
+    "a wrong event": ("e1 AS e1.is_a", "e1 AS e1.is_b"),
+    "another column": ("a_y_number < ", "a_y_number <= "),
+    "a guard dropped": ("e1.a_y_number < e2.b_z_number", "TRUE"),
+    "a window one unit off": ("<= 1000000000", "<= 999999999"),
+    "undefined is true": ("e1.a_y_string < e2.b_z_string", "NOT (e1.a_y_string >= e2.b_z_string)"),
+}
+
+
+def test_planted_faults_show() -> None:
+    """Each text that is edited detects something else than the tree, on one of these traces."""
+    tree, random = loads(TIED), Random("faults")
+    text = emitted(tree)
+    events: list[Json] = [{"k": k, "y": y} for k in (1, 3) for y in (1, 2, "s")]
+    events += [{"k": 2, "x": x} for x in (1, 2)]
+    traces: list[list[Json]] = [[{**random.choice(events), "t": n * 0.25} for n in range(5)] for _ in range(400)]
+    wanted = [first(tree, Semantics.SCATTERED, one) for one in traces]
+    assert first_detections(text, traces) == wanted
+    assert sum(one is not None for one in wanted) >= 20
+    for name, (right, wrong) in FAULTS.items():
+        edited = text.replace(right, wrong, 1)
+        assert edited != text, name
+        assert first_detections(edited, traces) != wanted, name
+
+
+def test_without_flink_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyflink", None)
+    monkeypatch.setitem(sys.modules, "pyflink.table", None)
+    with pytest.raises(ToolMissing, match=r"Apache Flink is not installed: pip install '.\[flink\]'"):
+        flink.first_detections([(emitted("top sand a b;"), [[{"event": "a"}]])])
+
+
+@pytest.mark.slow
+@installed
+def test_flink_says_what_the_definition_says() -> None:
+    some = [*cases(Random("flink"), 60)]
+    found = flink.first_detections([(text, traces) for _, _, text, traces in some])
+    for (tree, semantics, text, traces), told in zip(some, found, strict=True):
+        assert told == [first(tree, semantics, one) for one in traces], text
+
+
+@pytest.mark.slow
+@installed
+def test_flink_reads_names_and_strings_as_they_are() -> None:
+    asked = [(emitted(odd_tree(odd)), odd_traces(odd, INJECTIONS[place - 1])) for place, odd in enumerate(INJECTIONS)]
+    assert flink.first_detections(asked) == [[2, None, None, 2]] * len(asked)
+    with pytest.raises(ToolFailed, match="Apache Flink"):
+        flink.first_detections([("/* rvaft\n*/\nSELECT nothing FROM events", [])])
+
+
+@pytest.mark.slow
+@installed
+def test_flink_misses_later_starts_where_a_pattern_has_no_first_row() -> None:
+    """Why each text begins with the row before all events: of a pattern that begins anywhere Flink loses matches once there are gaps."""
+    text = emitted(EVENTS + "top sand a b c; a on p(1, X); b on p(1, _); c on p(2, X);")
+    trace: list[Json] = [{"v": v, "w": w} for v, w in ((1, 1), (1, 2), (1, 1), (2, 2))]
+    anywhere = text.replace("(s g0*? e1", "(e1").replace("s AS s.pos = 0, ", "")
+    assert anywhere != text
+    assert flink.first_detections([(text, [trace]), (anywhere, [trace])]) == [[4], [None]]

@@ -14,7 +14,7 @@ from rvaft.analysis.scenarios import Kept, event, precedence, resolutions
 from rvaft.backend import Metrics
 from rvaft.errors import NotExpressible, TooLarge, TreeError
 from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard, conjuncts, variables
+from rvaft.model.guards import Guard, conjuncts, holds, variables
 from rvaft.model.patterns import ObjectPattern, Variable, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -84,9 +84,11 @@ class RowPatternQueries:
         for node, guard in ((name, one) for name in kept for one in conjuncts(self._tree.nodes[name].when)):
             asked = {*variables(guard)}
             having = [name for name in events if asked <= bound[name]]
-            if asked and having:
+            if not asked and holds(guard, {}):
+                continue
+            if having:
                 own[having[0]].append(guard)
-            elif asked:
+            else:
                 shared.append((node, guard))
         letters = {name: self._fitting(name, own[name]) for name in events}
         uses = Counter(chain(*bound.values()))
@@ -171,6 +173,7 @@ class RowPatternQueries:
     def _fresh(self, wanted: str, ending: str = "") -> str:
         """A name of a column that no other has, like that of a node."""
         name = _ILLEGAL.sub("_", wanted.lower()).strip("_")[:40]
+        name = f"n{name}" if name[0].isdigit() else name
         tries = chain([name], (f"{name}_{number}" for number in count(2)))
         found = next(one + ending for one in tries if one + ending not in self._taken)
         self._taken.add(found)

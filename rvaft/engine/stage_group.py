@@ -52,8 +52,8 @@ _Lanes: TypeAlias = dict[tuple[Hashable, ...], list[LaneMember]]
 
 
 def place_of(values: Iterable[Json]) -> _Place:
-    """Equal for equal values."""
-    return tuple([v if type(v) in _PLAIN and v == v else key(v) for v in values])  # noqa: PLR0124 (NaN is not)
+    """Equal for equal values; what is not finite equals nothing."""
+    return tuple([v if type(v) in _PLAIN and (type(v) is not float or v - v == 0) else key(v) for v in values])
 
 
 class StageGroup:

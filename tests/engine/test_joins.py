@@ -35,7 +35,7 @@ VALUES: Final = (
     (0, 1, 1.0, 2, "a"),
     "abc",
     (0, None, [1]),
-    (0.5, 1, 2.5, float("nan"), 10**101),
+    (0.5, 1, 2.5, float("nan"), float("inf"), 10**101),
 )
 
 
@@ -155,3 +155,12 @@ def test_the_time_of_what_has_no_event_in_a_part_that_never_happens_is_undefined
     )
     watching = monitor(tree, semantics="strict", branch=2)
     assert [watching.step({"e": "a", "t": time}).symbol for time in (1, 3)] == ["?", "⊤"]
+
+
+def test_what_is_not_finite_equals_nothing() -> None:
+    text = 'event a(v) = { event: "a", v: v }; event b(v) = { event: "b", v: v }; top and c s; s sand x y; x on a(V); y on b(V); c;'
+    for value in (float("inf"), float("nan"), [float("-inf")]):
+        events: list[dict[str, Any]] = [{"event": "c"}, {"event": "a", "v": value}, {"event": "b", "v": value}]
+        engine = compare(loads(text), events, "scattered")
+        assert engine is not None
+        assert engine.verdict is Verdict.UNKNOWN

@@ -15,7 +15,7 @@ from backends.stix.comparisons import Unsaid, comparisons, step
 from backends.stix.objects import EVENT, StixHeader, Way, property_of
 from rvaft.analysis.normal_form import NormalForm, Op, Part, divided, normal_form
 from rvaft.errors import NotExpressible, TooLarge, TreeError
-from rvaft.model.guards import Guard, conjuncts, variables
+from rvaft.model.guards import Guard, conjuncts, holds, variables
 from rvaft.model.patterns import Literal, ObjectPattern, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -131,10 +131,8 @@ class StixPattern:
 
     def _local(self, node: str) -> list[Guard]:
         """What the guard of a node asks of the node's own event."""
-        own = self._binds.get(node, set())
-        return [
-            one for one in conjuncts(self._tree.nodes[node].when) if variables(one) and own.issuperset(variables(one))
-        ]
+        parts = conjuncts(self._tree.nodes[node].when) if node in self._binds else ()
+        return [one for one in parts if self._binds[node].issuperset(variables(one))]
 
     def _foreign(self, part: Part) -> list[Guard]:
         """What a condition asks of the events of other nodes."""
@@ -234,6 +232,10 @@ class StixPattern:
         further: dict[str, list[Guard]] = {node: [] for node in nodes}
         for guard in (guard for number in kept for guard in self._foreign(form.parts[number])):
             asked = dict.fromkeys(binder[name] for name in variables(guard))
+            if not asked and not holds(guard, {}):
+                return
+            if not asked:
+                continue
             if len(asked) > 1:
                 self._refuse("no pattern compares what two observations have, as a guard does", *asked)
             further[next(iter(asked))].append(guard)

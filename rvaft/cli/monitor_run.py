@@ -28,6 +28,7 @@ from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
 from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
+from rvaft.support.processes import Killed, in_processes
 from rvaft.support.terminal import ProgressBar
 
 SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
@@ -347,8 +348,6 @@ def run(
 
 def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iterator[TraceOutcome]:
     """Run traces in several processes; what each prints is passed on, complete, in the order of the traces."""
-    from rvaft.support.processes import Killed, in_processes  # noqa: PLC0415 -- imported on use
-
     sink = alone.sink
     with TemporaryDirectory(prefix="rvaft-") as folder:
 

@@ -15,6 +15,7 @@ from typing import Final
 from rvaft.errors import TraceError
 from rvaft.monitoring.fast_reader import Batch, FastReader
 from rvaft.readers.json_lines import MAX_DEPTH
+from rvaft.support.processes import Killed, in_processes
 
 STRETCH: Final = 1 << 20
 """Bytes that a process reads at a time; a file that is not longer is read by one."""
@@ -66,8 +67,6 @@ def read_in_processes(
     reached: Callable[[int, int], None] = lambda _size, _lines: None,
 ) -> Iterator[Batch]:
     """What `reader.read` gives of a regular file, from the place on where the source is, which is the start of a line; raises what it raises."""
-    from rvaft.support.processes import Killed, in_processes  # noqa: PLC0415 -- imported on use
-
     handle, begin = source.fileno(), source.tell()
     starts = range(begin, max(os.fstat(handle).st_size, begin + 1), STRETCH)
 

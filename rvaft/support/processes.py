@@ -1,11 +1,8 @@
 """Work on many things in several processes, with the results in the order of the things."""
 
-import multiprocessing
 import signal
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 from typing import Any, Final, TypeVar
 
@@ -28,6 +25,11 @@ def in_processes(
     Things are taken from `items` a few ahead of the `jobs` processes, which are all made at once. `work` is called in
     processes that are copies of this one, made before the first result; things and results are sent by pickling.
     """
+    # Most commands need no other process, and these are slow to import.
+    import multiprocessing  # noqa: PLC0415
+    from concurrent.futures import Future, ProcessPoolExecutor  # noqa: PLC0415
+    from concurrent.futures.process import BrokenProcessPool  # noqa: PLC0415
+
     context = multiprocessing.get_context("fork")
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_prepare, initargs=(work,))
     finished = False

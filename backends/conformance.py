@@ -308,6 +308,9 @@ def run(
                     found.append(("readable", f"the backend cannot read its own text: {error.message}", ()))
                 else:
                     wanted = partial(oracle, example.tree, semantics)
+                    if isinstance(first, DetectionMonitor):
+                        found += _detections(backend, specification, wanted, tried, report)
+                        tried = tried[:2]  # one by one, each event costs as much as all before it
                     found += _verdicts(specification, wanted, tried, report, told=backend.verdicts)
                     found += _self_contained(backend, specification, tried[:3])
                     found += _independent(specification, tried[:3])
@@ -365,6 +368,25 @@ def _verdicts(
             if got is not wanted or monitor.verdict is not got:
                 yield "verdict", f"{got.symbol} instead of {wanted.symbol}", trace[:position]
                 break
+
+
+def _detections(
+    backend: Backend,
+    specification: Specification,
+    oracle: Callable[[], Monitor],
+    tried: Sequence[Trace],
+    report: Report,
+) -> Iterator[Finding]:
+    """The first detection of each trace, all asked for at once, is where the oracle has it; the text read back says the same."""
+    reader = backend.read(str(specification.text))
+    assert isinstance(reader, DetectionMonitor)
+    start = oracle()
+    for trace, got in zip(tried, reader.first_detections(tried), strict=True):
+        verdicts = [*start.fork().run(trace)]
+        wanted = verdicts.index(Verdict.TRUE) + 1 if Verdict.TRUE in verdicts else None
+        report.verdicts += len(trace)
+        if got != wanted:
+            yield "detection", f"first at event {got} instead of {wanted}", trace
 
 
 def _self_contained(backend: Backend, specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:

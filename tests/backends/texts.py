@@ -9,6 +9,7 @@ import pytest
 
 from backends.conformance import asks_of_strings
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
+from cross_check.participants import detected, detections
 from rvaft.api import loads
 from rvaft.backend import Backend
 from rvaft.errors import NotExpressible, TooLarge
@@ -84,15 +85,16 @@ def agreeing(translator: Backend, made: RVAFT, semantics: Semantics, traces: Ite
         assert late or translator.name == "rml"
         assert made.variables or made.time is not None or asks_of_strings(made, semantics), dumps(made)
         return 0
-    compared = 0
-    for trace in traces:
-        if translator.json_alone and not all(map(is_finite, trace)):
-            continue
-        monitor = specification.monitor()
-        if isinstance(monitor, DetectionMonitor) and monitor.left_open(trace):
-            continue
-        found, expected = (list(one.run(trace)) for one in (monitor, Reference(made, semantics)))
-        expected = [one if one in translator.verdicts else Verdict.UNKNOWN for one in expected]
+    monitor = specification.monitor()
+    wanted = [one for one in traces if not translator.json_alone or all(map(is_finite, one))]
+    if isinstance(monitor, DetectionMonitor):
+        wanted = [one for one in wanted if not monitor.left_open(one)]
+        answers = [*map(detected, wanted, monitor.first_detections(wanted))]
+    else:
+        answers = [tuple(monitor.fork().run(one)) for one in wanted]
+    for trace, found in zip(wanted, answers, strict=True):
+        expected = (*Reference(made, semantics).run(trace),)
+        if isinstance(monitor, DetectionMonitor):
+            expected = detections(expected)
         assert found == expected, f"{semantics}\n{dumps(made)}\n{specification.text}\n{trace}"
-        compared += 1
-    return compared
+    return len(wanted)

@@ -3,12 +3,16 @@
 import pytest
 
 from cross_check.comparison import Roster
-from cross_check.participants import Absent, Participant
+from cross_check.participants import Absent, Participant, tells_detections_only
 from cross_check.results import Job
+from rvaft.backend import all_backends, backend
 from rvaft.errors import NotExpressible, ToolMissing
-from rvaft.model.verdict import Semantics
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.rules import check_tree
 from tests.trees import shipped
+
+ONLY = frozenset(name for name in all_backends() if Verdict.FALSE not in backend(name).verdicts)
+"""Languages that tell detections alone; what they cannot say their own tests have."""
 
 
 @pytest.mark.parametrize("name", shipped.names())
@@ -28,15 +32,20 @@ def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics
             made = enlist()
             if isinstance(made, Absent):
                 joined = participant == "rml" and tree.variables and semantics is Semantics.SCATTERED
-                hard = tree.time is not None or semantics is Semantics.CONSECUTIVE or joined
+                hard = tree.time is not None or semantics is Semantics.CONSECUTIVE or joined or participant in ONLY
                 assert (isinstance(made.error, NotExpressible) and hard) or isinstance(made.error, ToolMissing), (
                     made.error
                 )
                 continue
             assert isinstance(made, Participant)
-            for trace, events in traces.items():
-                said = "".join(verdict.symbol for verdict in made.start().run(events))
-                assert said == expected[trace][semantics][column], f"{participant} on {trace}, {column}"
+            told = [one for one in traces if made.left_open is None or not made.left_open(traces[one])]
+            told = (
+                told[::6] if tells_detections_only(made) else told
+            )  # their programs look at whole traces, and take long
+            for trace, verdicts in zip(told, made.answers([traces[one] for one in told]), strict=True):
+                said, stored = "".join(verdict.symbol for verdict in verdicts), expected[trace][semantics][column]
+                wanted = stored.replace("⊥", "?") if tells_detections_only(made) else stored
+                assert said == wanted, f"{participant} on {trace}, {column}"
 
 
 @pytest.mark.parametrize(("name", "base"), shipped.ADDING.items())

@@ -1,0 +1,1 @@
+SELECT pos AS detected FROM events WHERE event ->> '$.ok' = 1

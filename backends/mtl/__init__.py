@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from backends.mtl.reader import compiled
-from backends.mtl.translation import translation
+from backends.mtl.translation import symbols, translation
 from rvaft.backend import Backend, Metrics, Specification
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
@@ -45,8 +45,11 @@ class MtlBackend(Backend):
         """The tree as a formula; `TooLarge` beyond `limit` events of all orders, `NotExpressible` for what ties several events."""
         start, limit = time.perf_counter(), self.default_limit if limit is None else limit
         plain = self.plain(tree, Semantics(semantics))
-        text, symbols = translation(self, plain, Semantics(semantics), limit)
-        return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+        chains = translation(self, plain, Semantics(semantics), limit)
+        header = "".join(f"{name} := {asked}\n" for name, asked in chains.propositions.items())
+        formula = chains.reelay()
+        metrics = Metrics(symbols(formula), seconds=time.perf_counter() - start)
+        return Specification(f"/* rvaft\n{header}*/\n{formula}\n", self.language, metrics, self.read)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:
         """A monitor that asks Reelay; a proposition that the text does not define is as `atoms` says, or the event of its name.

@@ -1,8 +1,9 @@
-"""From a tree to a formula: a disjunction of the orders of its events, each a chain of `once`, strictly earlier by `pre`."""
+"""From a tree to a formula: a disjunction of the orders of its events, each a chain of what is strictly earlier."""
 
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import Final
 
@@ -21,10 +22,45 @@ from rvaft.model.verdict import Semantics
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _TOKEN: Final = re.compile(r"\w+|[^\s\w]")
 _DEEPEST: Final = 200
+_NEVER: Final = "never"
 
 
-def translation(backend: Backend, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int]:
-    """The text of a plain tree, and how many symbols its formula has."""
+@dataclass(frozen=True, slots=True)
+class Chains:
+    """The orders of a tree's events, each a word of propositions, of which several in a letter are a choice."""
+
+    propositions: dict[str, str]
+    """What each proposition asks of an event, as `PATTERN when GUARD`."""
+    words: tuple[tuple[tuple[str, ...], ...], ...]
+
+    def reelay(self) -> str:
+        """The formula as Reelay takes it: the last event now or earlier, and strictly before it the others."""
+        return self._formula("once({})", "{{{}: true}}", " or ", "{} and pre(once({}))")
+
+    def c2po(self, horizon: int) -> str:
+        """The formula as C2PO takes it: the last event now, and strictly before it, by at most `horizon`, the others."""
+        return self._formula("{}", "{}", " || ", f"{{}} && (true S[1,{horizon}] ({{}}))")
+
+    def _formula(self, whole: str, atom: str, either: str, then: str) -> str:
+        """The words in the shapes of a language: of a chain, a proposition, a choice, and an event with those before it."""
+        formulas: list[str] = []
+        for word in self.words:
+            before = ""
+            for letter in word:
+                some = [atom.format(name) for name in letter]
+                now = some[0] if len(some) == 1 else f"({either.join(some)})"
+                before = then.format(now, before) if before else now
+            formulas.append(whole.format(before))
+        return either.join(formulas)
+
+
+def symbols(formula: str) -> int:
+    """How many tokens a formula has."""
+    return len(_TOKEN.findall(formula))
+
+
+def translation(backend: Backend, tree: RVAFT, semantics: Semantics, limit: int) -> Chains:
+    """The orders of the events of a plain tree; where there are none, what no event is."""
     orders = Orders(tree, limit=limit)
 
     def refusal(reason: str, nodes: Iterable[str]) -> NotExpressible:
@@ -71,28 +107,17 @@ def translation(backend: Backend, tree: RVAFT, semantics: Semantics, limit: int)
     )
     if any(len(word) > _DEEPEST for word in words):
         raise refusal(f"Reelay itself ends at formulas that are deeper than {_DEEPEST} events", [])
+    if not words:
+        return Chains({_NEVER: "{ } when false"}, (((_NEVER,),),))
     names = {
         one: f"p{number}"
         for number, one in enumerate(dict.fromkeys(chain.from_iterable(chain.from_iterable(words))), 1)
     }
-    formula = " or ".join(_chain(word, names) for word in words) or "once({never: true})"
-    header = "".join(f"{name} := {one}\n" for one, name in names.items()) + (
-        "" if words else "never := { } when false\n"
-    )
-    return f"/* rvaft\n{header}*/\n{formula}\n", len(_TOKEN.findall(formula))
+    named = tuple(tuple(tuple(names[one] for one in letter) for letter in word) for word in words)
+    return Chains({name: one for one, name in names.items()}, named)
 
 
 def _leaves(orders: Orders, names: Iterable[str]) -> list[str]:
     return [
         leaf for name in names for leaf in (_leaves(orders, orders.groups[name]) if name in orders.groups else [name])
     ]
-
-
-def _chain(word: Sequence[tuple[str, ...]], names: dict[str, str]) -> str:
-    """The last event now or earlier, and strictly before it the others."""
-    texts: list[str] = []
-    for letter in word:
-        some = [f"{{{names[one]}: true}}" for one in letter]
-        texts.append(some[0] if len(some) == 1 else f"({' or '.join(some)})")
-    opened = " and pre(".join(f"once({text}" for text in reversed(texts))
-    return opened + ")" * (2 * len(texts) - 1)

@@ -1,12 +1,15 @@
 """Texts, refusals, and formulas that people write; agreement with the reference is tested with all backends."""
 
+import re
 import sys
 
 import pytest
 
 from backends.mtl import MtlBackend
+from backends.mtl.r2u2 import MtlR2u2Backend
+from cross_check.participants import faithful_backends
 from rvaft.api import loads
-from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing
+from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolMissing
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
@@ -18,7 +21,7 @@ from tests.backends.texts import events, signs, tree
 from tests.cli.runs import run
 from tests.tables import rows
 
-BACKEND = MtlBackend()
+BACKEND, BOUNDED = MtlBackend(), MtlR2u2Backend()
 TEXTS = rows(__file__, "texts.txt")
 
 
@@ -64,6 +67,41 @@ def test_nothing_breaks_out(text: str) -> None:
     written = BACKEND.translate(made, Semantics.SCATTERED).text
     monitor = BACKEND.read(written)
     assert (written.count("*/"), signs(monitor, [{"event": "x"}, {text: "a"}, {text: text}])) == (1, "??T")
+
+
+@pytest.mark.parametrize(("text", "inputs", "formula"), rows(__file__, "r2u2.txt"))
+def test_the_form_for_r2u2(text: str, inputs: str, formula: str) -> None:
+    """Each way back is `S` from one event before, to the horizon; what the inputs are is as in `mtl`."""
+    found = BOUNDED.translate(loads(text), Semantics.SCATTERED)
+    lines = found.text.replace("[1,1073741823]", "").splitlines()
+    assert lines[-4:] == ["INPUT", f"    {inputs}: bool;", "PTSPEC", f"    detection: {formula};"]
+    defined = [line for line in BACKEND.translate(loads(text), Semantics.SCATTERED).text.splitlines() if ":=" in line]
+    assert lines[1:-4] == [f"-- {line}" for line in defined]
+    assert found.text.count("true S[1,1073741823] ") == formula.count("S ")
+
+
+def test_the_form_is_only_emitted_and_misses_what_is_beyond_the_horizon() -> None:
+    assert (BOUNDED.faithful, BOUNDED.form_of, BOUNDED.readable) == (False, "mtl", False)
+    assert "mtl-r2u2" not in faithful_backends()
+    found = BOUNDED.translate(loads("top sand a b;"), Semantics.SCATTERED)
+    assert "misses what comes after 1073741824 events" in found.text.splitlines()[0]
+    assert signs(found.monitor(), events("b a b")) == "??T"  # that of the formula for Reelay
+    with pytest.raises(OptionError, match="c2po is only emitted"):
+        BOUNDED.read(found.text)
+
+
+@pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "refused.txt")[:6])
+def test_the_form_refuses_what_mtl_refuses(text: str, semantics: str, reason: str | None) -> None:
+    with pytest.raises(TooLarge if reason is None else NotExpressible, match=reason or "too large"):
+        BOUNDED.translate(tree(text), Semantics(semantics))
+
+
+@pytest.mark.parametrize("text", INJECTIONS)
+def test_no_name_ends_a_comment_of_c2po(text: str) -> None:
+    event = EventType("seen", (), ObjectPattern(((text, Literal(text)),)))
+    made = RVAFT("top", [Node("top", Gate.SAND, ("x", text)), Node("x"), Node(text, on=On("seen", ()))], [event])
+    lines = re.split(r"[\r\n]", BOUNDED.translate(made, Semantics.SCATTERED).text)
+    assert ([line[:2] for line in lines[:3]], lines[3:5]) == (["--"] * 3, ["INPUT", "    p1, p2: bool;"])
 
 
 SLIPS = {

@@ -497,7 +497,7 @@ def test_a_table_is_faster_than_the_engine() -> None:
 @pytest.mark.benchmark
 @pytest.mark.slow
 def test_two_processes_read_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What two cores would take that nobody else uses, from the processor time of each process: at most 1 / 1.6 of one alone."""
+    """What two cores would take that nobody else uses, from the processor time of each process: at most 1 / 1.4 of one alone."""
 
     def taken(jobs: int) -> float:
         before = time.process_time(), os.times()
@@ -511,4 +511,4 @@ def test_two_processes_read_one_file(tmp_path: Path, capsys: pytest.CaptureFixtu
     one, two = (min(taken(jobs) for _ in range(3)) for jobs in (1, 2))
     with capsys.disabled():
         sys.stdout.write(f"\none process {one:.3f} s, two {two:.3f} s: {one / two:.2f} x\n")
-    assert one / two > 1.6
+    assert one / two > 1.4

@@ -12,10 +12,11 @@ from typing import TypeVar
 
 import networkx as nx
 
-from rvaft.analysis.normal_form import Op, body, is_impossible
+from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
 from rvaft.analysis.scenarios import Kept, Point, event, precedence, resolutions
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model import guards, patterns
+from rvaft.model.guards import Guard
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.support.bits import bits
@@ -76,6 +77,28 @@ class Orders:
         if not found:
             root = self.tree.root
             raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
+
+    def asked(
+        self, kept: Kept, bound: Mapping[str, Container[str]], refusal: Callable[[str], Exception]
+    ) -> dict[str, list[Guard]] | None:
+        """What the guards of a scenario ask of each event; None where one of them never holds.
+
+        Each guard is put to one event that has (`bound`) all its variables, that of its own node if it can be. Raises what `refusal` makes
+        of the node of a guard that looks at several events.
+        """
+        found: dict[str, list[Guard]] = {name: [] for name in bound}
+        for node in (self.tree.nodes[name] for name in kept):
+            for guard in () if is_constant(node) else guards.conjuncts(node.when):
+                mentioned = {*guards.variables(guard)}
+                if not mentioned and not guards.holds(guard, {}):
+                    return None
+                having = (name for name in (node.name, *bound) if all(one in bound.get(name, ()) for one in mentioned))
+                holder = next((name for name in having if name in bound), None)
+                if holder is not None:
+                    found[holder].append(guard)
+                elif mentioned:
+                    raise refusal(node.name)
+        return found
 
     def words(self, kept: Kept, letters: Mapping[str, Letter]) -> Iterator[tuple[Letter, ...]]:
         """The orders of the events of a scenario, that it has just given, as words of the letters of its nodes; none that was there before."""

@@ -12,7 +12,6 @@ from itertools import chain, groupby
 from typing import Final
 
 from backends.orders import Orders, merged
-from rvaft.analysis.normal_form import is_constant
 from rvaft.analysis.scenarios import Kept
 from rvaft.backend import Backend
 from rvaft.errors import NotExpressible, TooLarge
@@ -115,23 +114,13 @@ class EqlText:
 
     def _items(self, kept: Kept) -> dict[str, Item] | None:
         """What each event of a scenario is asked, None where a guard never holds."""
-        nodes = self._orders.tree.nodes
-        names = [name for name in kept if nodes[name].has_event]
+        names = [name for name in kept if self._orders.tree.nodes[name].has_event]
         paths = {name: {} if name in self._orders.groups else self._look(name)[1] for name in names}
-        asked: dict[str, list[Guard]] = {name: [] for name in names}
-        for node in (nodes[name] for name in kept):
-            for guard in () if is_constant(node) else guards.conjuncts(node.when):
-                mentioned = {*guards.variables(guard)}
-                if not mentioned and not guards.holds(guard, {}):
-                    return None
-                ways = [
-                    name
-                    for name in dict.fromkeys((node.name, *names))
-                    if name in paths and mentioned <= paths[name].keys()
-                ]
-                if not ways:
-                    raise self._refusal("a condition of EQL looks at one event", [node.name])
-                asked[ways[0]].append(guard)
+        asked = self._orders.asked(
+            kept, paths, lambda node: self._refusal("a condition of EQL looks at one event", [node])
+        )
+        if asked is None:
+            return None
         holders = Counter(chain.from_iterable(paths.values()))
         shared = [variable for variable, count in holders.items() if count > 1]
         for variable in shared:

@@ -94,8 +94,8 @@ class _Written(Transformer_NonRecursive[Token, tuple[str, int]]):
 class MtlProgram:
     """A formula that is ready to run."""
 
-    def __init__(self, monitor: Any, atoms: Mapping[str, Observed]) -> None:
-        self._monitor, self._atoms, self._lock = monitor, atoms, Lock()
+    def __init__(self, formula: str, atoms: Mapping[str, Observed]) -> None:
+        (self._monitor, self._lock), self._atoms = _monitor(formula), atoms
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
         """For each trace the number of the event at which the formula first holds."""
@@ -111,6 +111,20 @@ class MtlProgram:
         return None
 
 
+@cache
+def _reelay() -> tuple[Any, Any]:
+    """The extension of Reelay and the options of its monitors, which are long in the making."""
+    extension = installed("reelay._pybind11_module", "Reelay", "pip install '.[mtl]' in a checkout of rvaft")
+    return extension, extension.monitor_options("time", "value", False, True)
+
+
+@lru_cache(maxsize=128)
+def _monitor(formula: str) -> tuple[Any, Lock]:
+    """The monitor of a formula, for one at a time. Reelay's own constructor would parse the formula twice."""
+    extension, options = _reelay()
+    return extension.discrete_monitor.make(formula, options), Lock()
+
+
 def _called(name: str) -> str:
     """A proposition as Reelay gets it, none of them `go`."""
     return f"p_{name}"
@@ -119,7 +133,6 @@ def _called(name: str) -> str:
 @lru_cache(maxsize=32)
 def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram:
     """The program of a text; raises `LanguageError`, `TooLarge`, `ToolMissing`."""
-    reelay = installed("reelay", "Reelay", "pip install '.[mtl]' in a checkout of rvaft")
     header = _HEADER.match(text)
     start = 0 if header is None else header.end()
     defined = {} if header is None else _definitions(text, header)
@@ -134,8 +147,7 @@ def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram:
         raise TooLarge("operators in each other", limit=_DEEPEST)
     known = dict(given)
     named = {name: Observed(known.get(name) or ObjectPattern((("event", Literal(name)),))) for name in writing.names}
-    monitor = reelay.discrete_timed_monitor(pattern=formula, condense=False)
-    return MtlProgram(monitor, {name: defined.get(name, one) for name, one in named.items()})
+    return MtlProgram(formula, {name: defined.get(name, one) for name, one in named.items()})
 
 
 def _definitions(text: str, header: re.Match[str]) -> dict[str, Observed]:

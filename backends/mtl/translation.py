@@ -8,7 +8,6 @@ from itertools import chain
 from typing import Final
 
 from backends.orders import Orders, merged
-from rvaft.analysis.normal_form import is_constant
 from rvaft.analysis.scenarios import Kept
 from rvaft.backend import Backend
 from rvaft.errors import NotExpressible
@@ -72,27 +71,16 @@ def translation(backend: Backend, tree: RVAFT, semantics: Semantics, limit: int)
         return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f"), text)
 
     def letters(kept: Kept) -> dict[str, tuple[str, ...]] | None:
-        nodes = orders.tree.nodes
-        names = [name for name in kept if nodes[name].has_event]
+        names = [name for name in kept if orders.tree.nodes[name].has_event]
         single = [name for name in names if name not in orders.groups]
         bound = {name: {*patterns.rigid_variables(tree.pattern(name) or Anything())} for name in single}
         holders = Counter(chain.from_iterable(bound.values()))
         if tied := [name for name in single if any(holders[one] > 1 for one in bound[name])]:
             raise refusal("a proposition is about one event, and a variable ties several", tied)
-        asked: dict[str, list[Guard]] = {name: [] for name in names}
-        for node in (nodes[name] for name in kept):
-            for guard in () if is_constant(node) else guards.conjuncts(node.when):
-                mentioned = {*guards.variables(guard)}
-                if not mentioned and not guards.holds(guard, {}):
-                    return None
-                where = [
-                    name
-                    for name in dict.fromkeys((node.name, *single))
-                    if mentioned <= bound.get(name, set()) and name in bound
-                ]
-                if not where:
-                    raise refusal("a proposition is about one event, and a guard compares several", [node.name])
-                asked[where[0]].append(guard)
+        several = "a proposition is about one event, and a guard compares several"
+        asked = orders.asked(kept, bound, lambda node: refusal(several, [node]))
+        if asked is None:
+            return None
         found: dict[str, tuple[str, ...]] = {}
         for name in names:
             inside = orders.groups.get(name, ())

@@ -43,7 +43,7 @@ class Metrics:
     """Sizes of a specification; None where a language has no such thing.
 
     `symbols` counts tokens of the property itself, without declarations, headers and comments; `subformulas` the distinct
-    ones; `states` those of an automaton, or the equations of RML; `seconds` is the time the translation took.
+    ones, or the atoms of a language that has no other parts; `states` those of an automaton, or the equations of RML; `seconds` is the time the translation took.
 
     >>> import rvaft
     >>> rvaft.translate(rvaft.loads("top sand a b;"), "rml", semantics="strict").metrics.symbols

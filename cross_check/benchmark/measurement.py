@@ -25,14 +25,14 @@ from multiprocessing.connection import Connection
 from random import Random
 from statistics import median
 from time import process_time, thread_time
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 from msgspec.structs import replace
 
 from cross_check.generate.values import fitting, interesting_values
 from cross_check.participants import loaded
-from cross_check.results import Status, raised, reason
+from cross_check.results import DETECTIONS_ONLY, Status, raised, reason
 from rvaft.api import loads, meant
 from rvaft.backend import Metrics, all_backends, backend
 from rvaft.engine import Engine
@@ -43,16 +43,18 @@ from rvaft.model.patterns import Anything, Literal, substitute
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import DetectionMonitor
 from rvaft.support.processes import Killed, in_processes
 
 MAX_ARITY: Final = 12  # the most children of a gate, unless more are asked for
-ROUNDS: Final = 5  # how often whatever is timed is done, at most
-PATIENCE: Final = 0.4  # seconds after which it is not done again
-READERS: Final = 12  # how many readers that know nothing run a walk each, at most
+ROUNDS: Final = 3  # how often whatever is timed is done, at most
+PATIENCE: Final = 0.2  # seconds after which it is not done again
+READERS: Final = 4  # how many readers that know nothing run a walk each, at most
 WALKING: Final = 30.0  # seconds for finding the events of a tree; they are the engine's, and no language pays for them
 SLACK: Final = 10  # how much longer than of the processor something may take by the clock, for each process at a time
 GRACE: Final = 5.0  # seconds by the clock that a process may take beside
 SIZES: Final = ("symbols", "subformulas", "states", "edges")  # what is counted of a text
+ONLY_EMITTED: Final = "only emitted: nothing here runs its texts"
 EVENTS: Final = 240  # events of all walks together; the last walk ends with them
 LONGEST: Final = 60  # events after which a walk ends without a verdict
 _FORK: Final = 0.01  # seconds that a reader in a process of its own takes beside reading, about
@@ -60,6 +62,8 @@ _NOISE: Final = 0.1  # how often an event fits nothing
 _DOOMED: Final = 4  # one walk of so many is led to where no hope is left
 _TRIES: Final = 16  # how many events to try for one that leaves hope, or none
 _FOREIGN: Final = "none of the tree's"
+_OTHERS: Final = ("top or all rows some; all and a b; rows sand c d e; some 2of3 f g h;", "top sand a b c;")
+"""Trees that have nothing of what is measured; the second is for a language that cannot say the first."""
 _SCALARS: Final = (str, int, float, bool, type(None))
 
 
@@ -158,7 +162,8 @@ class Measurement(msgspec.Struct, frozen=True):
 
     `result` says how the translation ended, `run` how reading its text and running events did. `seconds` is the median time of a
     translation; `again_per_second` the median speed of one reader that runs all `events` again, and `events_per_second` that of readers
-    that have met nothing before, over `first_events`; `differing` counts the `walks` that got other verdicts than the tree demands.
+    that have met nothing before, over `first_events`; `differing` counts the `walks` that got other verdicts than the tree demands. A
+    language that tells detections alone gets whole traces, and for `again_per_second` all of them in one question.
     """
 
     tree: str
@@ -209,6 +214,16 @@ class Measurement(msgspec.Struct, frozen=True):
     def broken(self) -> bool:
         """Whether it says nothing about the language, only about what is installed here."""
         return any(end in (Outcome.TOOL_MISSING, Outcome.FAILED) for end in (self.result, self.run))
+
+    @property
+    def detections_only(self) -> bool:
+        """Whether its text was run by a program that never says ⊥."""
+        return self.run_reason.startswith(DETECTIONS_ONLY)
+
+    @property
+    def only_emitted(self) -> bool:
+        """Whether there is a text that nothing here runs."""
+        return self.run_reason == ONLY_EMITTED
 
     @property
     def ended(self) -> Outcome | None:
@@ -294,29 +309,34 @@ def _measured(cell: Cell, settings: Settings, clock: float, trodden: Sequence["W
     found |= {"characters": len(text), "seconds": _rounded(seconds)}
     record = replace(record, result=Outcome.OK, run=Outcome.OK, **found)
     if not backend(cell.language).readable:
-        return replace(record, run_reason="only emitted: nothing here runs its texts")
+        return replace(record, run_reason=ONLY_EMITTED)
     try:
-        (reading, runs, differing), again = isolated(partial(_ran_again, cell, text, trodden))
-        events = sum(events for events, _ in runs)
+        first, again = isolated(partial(_ran_again, cell, text, trodden))
         record = replace(
             record,
-            run_reason="" if runs else "no events: the tree is too much for the engine, which is to find them",
-            read_seconds=_rounded(reading),
-            events=events,
+            run_reason=_remark(first, len(trodden)),
+            read_seconds=_rounded(first.reading),
+            events=first.events,
             first_events=0,
-            again_per_second=_speed(events, again),
-            walks=len(runs),
-            differing=differing,
+            again_per_second=_speed(first.events, again),
+            walks=first.walks,
+            differing=first.differing,
         )
-        readers = min(READERS, len(runs), 1 + int(PATIENCE / (reading + _FORK)))
-        fresh = list(runs[:1])  # what that reader has run before anything else
-        step = -(-len(runs) // readers) if readers else 1
-        for walk in trodden[step::step]:
-            fresh += isolated(partial(_ran, cell, text, [walk]))[1]
+        readers = min(READERS, len(trodden), 1 + int(PATIENCE / (first.reading + _FORK)))
+        step = -(-len(trodden) // readers) if readers else 1
+        fresh = [isolated(partial(_ran, cell, text, [walk])) for walk in trodden[::step]]
     except _Unmeasurable as end:
         return replace(record, run=end.args[0], run_reason=end.args[1])
-    events = sum(events for events, _ in fresh)
-    return replace(record, first_events=events, events_per_second=_speed(events, sum(seconds for _, seconds in fresh)))
+    events = sum(one.events for one in fresh)
+    return replace(record, first_events=events, events_per_second=_speed(events, sum(one.seconds for one in fresh)))
+
+
+def _remark(ran: "Run", walks: int) -> str:
+    """What is to be said of a run that ended well; most often nothing."""
+    if not walks:
+        return "no events: the tree is too much for the engine, which is to find them"
+    open_ones = f", {walks - ran.walks} of {walks} traces are left open" if ran.walks < walks else ""
+    return f"{DETECTIONS_ONLY}{open_ones}" if ran.whole else ""
 
 
 def _isolated(work: Callable[[], object], seconds: float, clock: float, settings: Settings) -> tuple[Any, float]:
@@ -378,6 +398,9 @@ def _warm_up(language: str, semantics: Semantics) -> None:
     """
     with suppress(Exception):  # whatever is wrong with a backend shows in its rows
         reader = backend(language).read(_other_text(language, semantics))
+        if isinstance(reader, DetectionMonitor):
+            reader.first_detections([[{"event": name} for name in "cfadgb"]])
+            return
         for start in range(6):
             monitor = reader.fork()
             for name in "cfadgb"[start:]:
@@ -386,8 +409,11 @@ def _warm_up(language: str, semantics: Semantics) -> None:
 
 @cache
 def _other_text(language: str, semantics: Semantics) -> str:
-    tree = loads("top or all rows some; all and a b; rows sand c d e; some 2of3 f g h;")
-    return backend(language).translate(tree, semantics).text
+    """The text of the first of the other trees that the language can say; empty where it can say none."""
+    for tree in map(loads, _OTHERS):
+        with suppress(RvaftError):
+            return backend(language).translate(tree, semantics).text
+    return ""
 
 
 def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float]:
@@ -401,15 +427,32 @@ def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float]:
     return made.text, made.metrics, median(times)
 
 
-def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[float, list[tuple[int, float]], int]:
-    """Read the text and run the walks, each from the start; what a reader remembers of one helps it in the next.
+class Run(NamedTuple):
+    """What reading a text took, and running so many events in so many walks, of which some got other verdicts; `whole` where a program looks at traces as a whole."""
 
-    The seconds to read, the events and seconds of each walk up to its final verdict, and how many walks got other verdicts.
-    """
+    reading: float
+    seconds: float
+    events: int
+    walks: int
+    differing: int
+    whole: bool = False
+
+
+def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
+    """Read the text and run the walks, each from the start up to its final verdict; what a reader remembers of one helps it in the next."""
     _warm_up(cell.language, cell.semantics)
     start = thread_time()
     reader = backend(cell.language).read(text)
-    reading, runs, differing = thread_time() - start, [], 0
+    reading, seconds, events, differing = thread_time() - start, 0.0, 0, 0
+    if isinstance(reader, DetectionMonitor):
+        asked = [walk for walk in trodden if not reader.left_open(walk.events)]
+        with no_collection():
+            start = thread_time()
+            found = reader.first_detections([walk.events for walk in asked])
+            seconds = thread_time() - start
+        events = sum(len(walk.events) for walk in asked)
+        differing = sum(number != walk.detection for number, walk in zip(found, asked, strict=True))
+        return Run(reading, seconds, events, len(asked), differing, whole=True)
     for walk in trodden:
         monitor, got = reader.fork(), []
         with no_collection():
@@ -418,17 +461,20 @@ def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[float, list[
                 got.append(monitor.step(event))
                 if monitor.verdict.final:  # what follows costs nothing and says nothing
                     break
-            runs.append((len(got), thread_time() - start))
+            seconds += thread_time() - start
+        events += len(got)
         differing += tuple(got) != walk.verdicts
-    return reading, runs, differing
+    return Run(reading, seconds, events, len(trodden), differing)
 
 
-def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[Any, float]:
-    """The first run of all walks by one reader, and the median seconds of the later ones."""
+def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[Run, float]:
+    """The first run of all walks by one reader, and the median seconds of the later ones; of whole traces programs remember the answer, so that is the first."""
     first = _ran(cell, text, trodden)
-    times = [sum(seconds for _, seconds in first[1])]
+    if first.whole:
+        return first, first.seconds
+    times = [first.seconds]
     while len(times) < 2 or (len(times) < ROUNDS and sum(times) < PATIENCE):
-        times.append(sum(seconds for _, seconds in _ran(cell, text, trodden)[1]))
+        times.append(_ran(cell, text, trodden).seconds)
     return first, median(times[1:])
 
 
@@ -456,6 +502,11 @@ class Walk:
 
     events: tuple[Json, ...]
     verdicts: tuple[Verdict, ...]
+
+    @property
+    def detection(self) -> int | None:
+        """The number of the event that is the detection, from 1; None where there is none."""
+        return self.verdicts.index(Verdict.TRUE) + 1 if Verdict.TRUE in self.verdicts else None
 
 
 def walks(

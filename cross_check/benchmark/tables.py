@@ -3,7 +3,7 @@
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import partial
 from typing import Any, Final
@@ -12,6 +12,7 @@ import msgspec
 from msgspec.structs import astuple
 
 from cross_check.benchmark.measurement import SIZES, Measurement, Outcome
+from cross_check.results import DETECTIONS_ONLY
 from rvaft.errors import LanguageError, installed
 from rvaft.export.latex import escaped
 from rvaft.support.terminal import columns, visible
@@ -58,12 +59,12 @@ _OTHER: Final = "with other verdicts"
 
 def text_lines(rows: Sequence[Measurement]) -> list[str]:
     """A line for people for each measurement: numbers to the right, how it ended last."""
-    lines = [("TREE", "SEMANTICS", "LANGUAGE", *map(str.upper, SIZES), "MS", "EVENTS/S", "AGAIN/S")]
+    lines = [("TREE", "SEMANTICS", "LANGUAGE", *map(str.upper, SIZES), "MS", "READ", "EVENTS/S", "AGAIN/S")]
     for row in rows:
         sizes = ("" if size is None else str(size) for size in map(partial(getattr, row), SIZES))
-        time = "" if row.seconds is None else milliseconds(row.seconds)
+        times = ("" if time is None else milliseconds(time) for time in (row.seconds, row.read_seconds))
         speeds = ("" if speed is None else f"{speed:.0f}" for speed in (row.events_per_second, row.again_per_second))
-        lines.append((visible(row.tree), row.semantics, row.language, *sizes, time, *speeds))
+        lines.append((visible(row.tree), row.semantics, row.language, *sizes, *times, *speeds))
     widths = [0, 0, 0, *(max(map(len, column)) for column in list(zip(*lines, strict=True))[3:])]
     aligned = ([cell.rjust(width) for cell, width in zip(line, widths, strict=True)] for line in lines)
     return columns([*line, end] for line, end in zip(aligned, ["RESULT", *map(_ended, rows)], strict=True))
@@ -107,10 +108,11 @@ _DAGGER: Final = r"\textdagger{}"
 """What stands before the symbols of a text that says something else than the tree."""
 _MEANINGS: Final = {
     "symb.": "symbols of the property",
-    "subf.": "distinct subformulas",
+    "subf.": "subformulas",
     "states": "states, in RML equations",
     "edges": "edges of the automaton",
     "ms": "milliseconds to translate",
+    "read": "milliseconds to read",
     "kev/s": "thousands of events per second, by readers that have met nothing before",
     _DAGGER: "traces in which a text gives other verdicts than the tree",
 }
@@ -137,9 +139,16 @@ def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
     for semantics in dict.fromkeys(row.semantics for row in rows):
         chosen = [row for row in rows if row.semantics is semantics]
         trees = {(row.tree, row.digest): escaped(_shortened(visible(row.tree))) for row in chosen}
+        languages = {
+            name: [row for row in chosen if row.language == name]
+            for name in dict.fromkeys(row.language for row in chosen)
+        }
+        mute = unable(chosen)
         groups: list[dict[str, Any]] = [{}]  # the languages that stand side by side
-        for language in dict.fromkeys(row.language for row in chosen):
-            own = {(row.tree, row.digest): _latex_cells(row) for row in chosen if row.language == language}
+        for language, its in languages.items():
+            if language in mute and len(mute) < len(languages):
+                continue
+            own = {(row.tree, row.digest): _latex_cells(row) for row in its}
             frame = data.DataFrame([own.get(tree, {}) for tree in trees], trees.values(), _MEANINGS).dropna(
                 axis=1, how="all"
             )
@@ -150,6 +159,7 @@ def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
             table = data.concat(group, axis=1).fillna("")
             shown = {heading for _, heading in table.columns}
             meanings = "; ".join(f"{heading} {text}" for heading, text in _MEANINGS.items() if heading in shown)
+            remarks = "".join(f" {escaped(one)}." for one in _remarks(chosen, [*group], mute))
             for start in range(0, len(table), _LONG):
                 written = table.iloc[start : start + _LONG].style.to_latex(
                     environment="table*" if width is Width.PAGE else "table",
@@ -158,12 +168,31 @@ def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
                     hrules=True,
                     column_format="l" + "r" * table.shape[1],
                     multicol_align="c",
-                    caption=f"Languages under the semantics {semantics}: {meanings}.",
+                    caption=f"Languages under the semantics {semantics}: {meanings}.{remarks}",
                     label=f"tab:languages-{semantics}-{number}-{start // _LONG + 1}",
                 )
                 small = "\\scriptsize\\setlength{\\tabcolsep}{2.2pt}\n\\begin{tabular}"
                 tables.append(written.replace(r"\begin{tabular}", small))
     return "\n".join(tables)
+
+
+def unable(rows: Iterable[Measurement]) -> dict[str, str]:
+    """The languages that can say none of these trees, each with a reason."""
+    said = {row.language for row in rows if row.result is not Outcome.NOT_EXPRESSIBLE}
+    return {row.language: row.reason for row in rows if row.language not in said}
+
+
+def _remarks(rows: Sequence[Measurement], shown: Sequence[str], mute: Mapping[str, str]) -> Iterator[str]:
+    """What is to be said of the languages in a table, and of those that are in none."""
+    some = {
+        DETECTIONS_ONLY: [row.language for row in rows if row.detections_only],
+        "only emitted": [row.language for row in rows if row.only_emitted],
+    }
+    for remark, languages in some.items():
+        if names := [name for name in dict.fromkeys(languages) if escaped(name) in shown]:
+            yield f"{remark.capitalize()}: {', '.join(names)}"
+    for reason in dict.fromkeys(mute.values()):
+        yield f"Not expressible in {', '.join(name for name, why in mute.items() if why == reason)}: {reason}"
 
 
 def _latex_cells(row: Measurement) -> dict[str, str]:
@@ -175,6 +204,8 @@ def _latex_cells(row: Measurement) -> dict[str, str]:
     cells |= {heading: str(size) for heading, size in known.items() if size is not None}
     if row.seconds is not None:
         cells["ms"] = _two_digits(1000 * row.seconds)
+    if row.read_seconds is not None:
+        cells["read"] = _two_digits(1000 * row.read_seconds)
     if row.events_per_second is not None:
         cells["kev/s"] = _two_digits(row.events_per_second / 1000)
     elif row.run is not Outcome.OK:

@@ -31,7 +31,7 @@ def test_a_table_for_people() -> None:
     assert result.exit_code == 0, result.stderr
     heading, *lines, last = result.stdout.splitlines()
     assert " ".join(heading.split()) == (
-        "TREE SEMANTICS LANGUAGE SYMBOLS SUBFORMULAS STATES EDGES MS EVENTS/S AGAIN/S RESULT"
+        "TREE SEMANTICS LANGUAGE SYMBOLS SUBFORMULAS STATES EDGES MS READ EVENTS/S AGAIN/S RESULT"
     )
     gates = ("and 1", "and 2", "vot 1/1", "vot 1/2", "vot 2/2")
     shown = [f"{gate} {semantics}" for gate in gates for semantics in ("strict", "scattered")]

@@ -27,7 +27,7 @@ Letter = TypeVar("Letter", bound=Hashable)
 class Orders:
     """The feasible scenarios of a plain tree, and the orders of each. Raises `TooLarge` beyond `limit` events of all orders, or `steps` for each.
 
-    `groups` has the leaves of each choice that `tree` has as one leaf; those `apart` stay choices.
+    `groups` has the leaves of each choice that `tree` has as one leaf; those `apart` stay choices. Votes keep more children than they need if not `minimal`.
 
     >>> from rvaft import loads
     >>> orders = Orders(loads("top and a o; o or b c;"), limit=100)
@@ -35,8 +35,10 @@ class Orders:
     ([(('a', 'b|c'), ('b|c', 'a'))], {'o': ('b', 'c')})
     """
 
-    def __init__(self, tree: RVAFT, *, limit: int, steps: int = 200, apart: Container[str] = ()) -> None:
-        self._limit, self._left = limit, limit * steps
+    def __init__(
+        self, tree: RVAFT, *, limit: int, steps: int = 200, apart: Container[str] = (), minimal: bool = True
+    ) -> None:
+        self._limit, self._left, self._minimal = limit, limit * steps, minimal
         self._graphs: dict[int, nx.DiGraph] = {}
         self._said: set[tuple[Hashable, ...]] = set()
         self._events = 0
@@ -68,7 +70,7 @@ class Orders:
     def scenarios(self) -> Iterator[Kept]:
         """The feasible ones; `TreeError` where there is none."""
         found = False
-        for kept in resolutions(self.tree, minimal=True, limit=self._limit):
+        for kept in resolutions(self.tree, minimal=self._minimal, limit=self._limit):
             graph = precedence(self.tree, kept)
             self.spend(len(graph))
             if not find_cycle(graph):

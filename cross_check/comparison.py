@@ -14,6 +14,7 @@ from time import perf_counter
 from typing import Final, TypeAlias, TypeVar
 
 from cross_check.generate.times import in_order
+from cross_check.judges import FLINK, MONPOLY, VERIMON, flink_of, monpoly_of
 from cross_check.letters import TIMES, VARIABLES
 from cross_check.participants import (
     ENGINE,
@@ -34,8 +35,8 @@ from cross_check.participants import (
     translated,
 )
 from cross_check.product import Exploration
-from cross_check.published_monitor import MONPOLY, VERIMON, monpoly_of, published_of
 from cross_check.published_monitor import NAME as PUBLISHED
+from cross_check.published_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.analysis.branches import restrict
@@ -66,7 +67,8 @@ class Roster:
 
     `backends` names backends; None is all faithful ones, unless there are texts to hold `against` the tree, which are then
     compared with the reference alone. `rml_monitor` is a checkout of the published RML monitor, to take part as `rml-published`, and
-    with `mona` MONA takes part as `ltlf-mona`. `monpoly` is the program MonPoly, to take part with its verified kernel as `mfotl-monpoly` and `mfotl-verimon`. `patience` bounds the seconds of a program of others, `limit` the
+    with `mona` MONA takes part as `ltlf-mona`. `monpoly` is the program MonPoly, to take part with its verified kernel as `mfotl-monpoly` and `mfotl-verimon`;
+    with `flink` Apache Flink takes part as `match-recognize-flink`. `patience` bounds the seconds of a program of others, `limit` the
     size of a translation in the unit of the backend.
     """
 
@@ -75,6 +77,7 @@ class Roster:
     rml_monitor: Path | None = None
     mona: bool = False
     monpoly: Path | None = None
+    flink: bool = False
     patience: float = PATIENCE
     limit: int | None = None
 
@@ -101,6 +104,8 @@ class Roster:
         for name in (MONPOLY, VERIMON) if self.monpoly is not None else ():
             assert self.monpoly is not None
             yield name, partial(monpoly_of, part, job.semantics, self.monpoly, name, timeout=self.patience)
+        if self.flink:
+            yield FLINK, partial(flink_of, part, job.semantics)
         if self.mona:
             yield MONA, partial(translated, "ltlf", part, job.semantics, tool="mona")
         for text in self.against:

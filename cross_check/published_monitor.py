@@ -1,6 +1,6 @@
-"""Participants that a path names: the published monitor of RML, as `rml-published`, and MonPoly with its verified kernel VeriMon.
+"""The published monitor of RML as a participant, `rml-published`, of which a path names a checkout.
 
-The published monitor runs many traces in one process, from a checkout. Its own `monitor.pl` is not used: it drops into Prolog's toplevel at an exception and then exits with status 0, as if the trace had
+It runs many traces in one process, from a checkout. Its own `monitor.pl` is not used: it drops into Prolog's toplevel at an exception and then exits with status 0, as if the trace had
 been accepted. `driver.pl` beside this module calls the monitor's transition predicate itself and catches every exception.
 """
 
@@ -13,10 +13,8 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, Final
 
-from backends.mfotl.monpoly import first_detections
-from backends.mfotl.predicates import MfotlHeader
 from backends.rml.prolog import prolog
-from cross_check.participants import Answer, Outside, absent_on_error, detected
+from cross_check.participants import Answer, Outside, absent_on_error
 from rvaft.backend import backend
 from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.model.tree import RVAFT
@@ -25,34 +23,12 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.terminal import cut
 
 NAME: Final = "rml-published"
-MONPOLY: Final = "mfotl-monpoly"
-VERIMON: Final = "mfotl-verimon"
-_INEXACT: Final = "numbers beyond 2**46 are doubles to it"
 _SEMANTICS: Final = "trace_expressions_semantics.pl"
 _SWIPL: Final = (
     "install SWI-Prolog 9 (Debian and Ubuntu: `apt install swi-prolog-nox`), and see that `swipl` is on the PATH"
 )
 _CHECKOUT: Final = "clone https://github.com/RMLatDIBRIS/monitor and name that folder"
 _ERROR_LENGTH: Final = 300
-
-
-@absent_on_error
-def monpoly_of(part: RVAFT, semantics: Semantics, program: Path, name: str, *, timeout: float) -> Outside:
-    """MonPoly, or VeriMon, with the MFOTL text of a tree; absent where that cannot be said, or the path is no program."""
-    specification = backend("mfotl").translate(part, semantics)
-    header = MfotlHeader.read(specification.text)
-
-    def answers(traces: Sequence[Sequence[Json]]) -> list[Answer]:
-        inexact = (None if all(map(header.is_exact, trace)) else _INEXACT for trace in traces)
-        verified, text = name == VERIMON, specification.text
-        try:
-            found = first_detections(program, text, traces, verified=verified, timeout=timeout)
-        except subprocess.TimeoutExpired:
-            return [Answer(error=f"no answer within {timeout:g} s", expired=True)] * len(traces)
-        told = map(detected, traces, found)
-        return [Answer(one, deviations=(known,) if known else ()) for one, known in zip(told, inexact, strict=True)]
-
-    return Outside(name, answers, specification, detections_only=True)
 
 
 @absent_on_error

@@ -1,7 +1,7 @@
 """The `match-recognize` backend: row pattern recognition of SQL:2016, as stream processors and data warehouses run it.
 
 The text explains itself: a leading comment defines the columns of the table `events`, whose first row of each log has position 0 and fits nothing. The unit of
-`limit` is row variables of all orders in which the events of a scenario may come.
+`limit` is events of all orders in which those of a scenario may come.
 """
 
 import time

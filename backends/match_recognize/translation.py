@@ -2,26 +2,24 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain, combinations, count
+from collections.abc import Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager
+from itertools import chain, count
 from typing import Final
 
-import networkx as nx
-
-from backends.match_recognize.conditions import ALWAYS, NEVER, NoCondition, RowConditions
-from backends.match_recognize.rows import FittingEvent, RowHeader, ValueColumn
-from rvaft.analysis.scenarios import Kept, event, precedence, resolutions
+from backends.event_columns import FittingEvent, ValueColumn, time_variables
+from backends.match_recognize.conditions import ALWAYS, NEVER, written
+from backends.match_recognize.flink import RowHeader
+from backends.orders import Orders
+from rvaft.analysis.scenarios import Kept
+from rvaft.analysis.truth_conditions import TruthCondition, TruthConditions, Unsayable
 from rvaft.backend import Metrics
-from rvaft.errors import NotExpressible, TooLarge, TreeError
-from rvaft.model.event_time import TIME
+from rvaft.errors import NotExpressible
 from rvaft.model.guards import Guard, conjuncts, holds, variables
-from rvaft.model.patterns import ObjectPattern, Variable, rigid_variables
+from rvaft.model.patterns import Variable, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 
-_SCENARIOS: Final = 2_000
-_LENGTH: Final = 20_000
-"""The most characters of the conditions of one order."""
 _ILLEGAL: Final = re.compile(r"[^a-z0-9]+")
 _TOKEN: Final = re.compile(r"'(?:[^']|'')*'|\w+(?:\.\d+\w*)?|[<>]=|<>|[^\s\w]")
 _NOTHING: Final = "SELECT trace, pos AS found FROM events WHERE FALSE"
@@ -29,17 +27,14 @@ _RESERVED: Final = {"trace", "pos", "ts", "is_relevant", "is_ignored"}
 
 
 class RowPatternQueries:
-    """One translation. Raises `NotExpressible`, `TooLarge` beyond `limit` row variables of all orders, `TreeError` without a feasible scenario."""
+    """One translation. Raises `NotExpressible`, `TooLarge` beyond `limit` events of all orders, `TreeError` without a feasible scenario."""
 
     def __init__(self, tree: RVAFT, semantics: Semantics, limit: int) -> None:
-        self._tree, self._semantics, self._limit = tree, semantics, limit
-        self._size = 0
+        self._tree, self._semantics, self._size = tree, semantics, 0
+        self._orders = Orders(tree, limit=limit, apart=tree.nodes, minimal=semantics is Semantics.SCATTERED)
         self._header = RowHeader(time=tree.time)
         self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
-        fields = (
-            one.fields for one in self._patterns.values() if tree.time is not None and isinstance(one, ObjectPattern)
-        )
-        self._times = frozenset(p.name for pairs in fields for f, p in pairs if f == TIME and isinstance(p, Variable))
+        self._times = time_variables(tree)
         self._columns: dict[FittingEvent, str] = {}
         self._taken = set(_RESERVED)
 
@@ -48,17 +43,10 @@ class RowPatternQueries:
         projects = self._semantics in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
         table = f"(SELECT * FROM events WHERE {self._relevance()})" if projects else "events"  # noqa: S608 (names of columns)
         queries: dict[str, None] = {}
-        feasible = False
-        for kept in resolutions(self._tree, minimal=self._semantics is Semantics.SCATTERED, limit=_SCENARIOS):
-            points = precedence(self._tree, kept)
-            if not nx.is_directed_acyclic_graph(points):
-                continue
-            feasible = True
-            for order, conditions in self._orders(kept, points):
-                queries[self._query(table, len(order), conditions)] = None
-        if not feasible:
-            message = f"no scenario of {self._tree.root} is feasible"
-            raise TreeError(message, rule="no-scenario", nodes=[self._tree.root])
+        for kept in self._orders.scenarios():
+            for columns, conditions in self._words(kept):
+                self._size += len(columns)
+                queries[self._query(table, len(columns), conditions)] = None
         for fitting, column in self._columns.items():
             self._header.fitting[column] = [fitting]
         written = "\nUNION ALL\n".join(queries) or _NOTHING
@@ -75,86 +63,77 @@ class RowPatternQueries:
         start = "pos = 0 OR " if self._semantics is Semantics.PROJECTED else ""
         return start + " AND NOT ".join(self._header.fitting)
 
-    def _orders(self, kept: Kept, points: nx.DiGraph) -> Iterator[tuple[tuple[str, ...], list[str]]]:
-        """The orders of the events of a scenario, with the condition of each event."""
+    def _words(self, kept: Kept) -> Iterator[tuple[Sequence[str], list[str]]]:
+        """The orders of the events of a scenario, as columns that they fit, with the condition of each event."""
         events = [name for name in kept if self._tree.nodes[name].has_event]
         own: dict[str, list[Guard]] = {name: [] for name in events}
-        shared: list[tuple[str, Guard]] = []
-        bound = {name: {*rigid_variables(self._patterns[name])} for name in events}
+        shared: dict[tuple[str, Guard], TruthCondition] = {}
+        bound = {name: frozenset(rigid_variables(self._patterns[name])) for name in events}
+        conditions = TruthConditions(
+            self._times, lambda part: any(one.issuperset(variables(part)) for one in bound.values())
+        )
         for node, guard in ((name, one) for name in kept for one in conjuncts(self._tree.nodes[name].when)):
-            asked = {*variables(guard)}
-            having = [name for name in events if asked <= bound[name]]
-            if not asked and holds(guard, {}):
+            having = [name for name in events if bound[name].issuperset(variables(guard))]
+            if not variables(guard) and holds(guard, {}):
                 continue
             if having:
                 own[having[0]].append(guard)
             else:
-                shared.append((node, guard))
-        letters = {name: self._fitting(name, own[name]) for name in events}
+                with self._saying(node):
+                    shared[node, guard] = conditions.of(guard)
+        letters = {name: (self._fitting(name, own[name]), (*shared,)) for name in events}
+        variables_of = {letters[name][0]: bound[name] for name in events}
         uses = Counter(chain(*bound.values()))
-        before: nx.DiGraph = nx.DiGraph()
-        before.add_nodes_from(events)
-        after = {
-            name: frozenset(o for o in events if o != name and event(o) in nx.descendants(points, event(name)))
-            for name in events
-        }
-        before.add_edges_from((name, other) for name in events for other in after[name])
-        earlier = {name: frozenset(before.predecessors(name)) for name in events}
-        for one, other in combinations(events, 2):  # what is alike comes in one order
-            if letters[one] == letters[other] and after[one] == after[other] and earlier[one] == earlier[other]:
-                before.add_edge(one, other)
-        for order in nx.all_topological_sorts(before):
-            self._size += len(order)
-            if self._size > self._limit:
-                raise TooLarge("row variables of all orders", limit=self._limit)
-            conditions = self._conditions(order, letters, bound, shared, {n for n in uses if uses[n] > 1})
-            if conditions is not None:
-                yield tuple(order), conditions
+        for word in self._orders.words(kept, letters):
+            columns = [column for column, _ in word]
+            asked = self._conditions(columns, variables_of, shared, sorted(name for name in uses if uses[name] > 1))
+            if asked is not None:
+                yield columns, asked
+
+    @contextmanager
+    def _saying(self, node: str) -> Iterator[None]:
+        try:
+            yield
+        except Unsayable as error:
+            reason = f"a guard over several events: {error}"
+            raise NotExpressible(reason, backend="match-recognize", semantics=self._semantics, nodes=[node]) from None
 
     def _conditions(
         self,
-        order: Sequence[str],
-        letters: Mapping[str, str],
-        bound: Mapping[str, set[str]],
-        shared: Sequence[tuple[str, Guard]],
-        tied: set[str],
+        columns: Sequence[str],
+        variables_of: Mapping[str, Set[str]],
+        shared: Mapping[tuple[str, Guard], TruthCondition],
+        tied: Sequence[str],
     ) -> list[str] | None:
         """The condition of each event of an order, None where they cannot hold together."""
-        found = [[f"e{number}.{letters[name]}"] for number, name in enumerate(order, 1)]
-        for variable in sorted(tied):
-            first, *others = (number for number, name in enumerate(order) if variable in bound[name])
+        found = [[f"e{number}.{name}"] for number, name in enumerate(columns, 1)]
+        for variable in tied:
+            first, *others = (number for number, name in enumerate(columns) if variable in variables_of[name])
             for number in others:
-                cells = [self._cell(order, letters, at, "text", Variable(variable)) for at in (first, number)]
+                cells = [self._cell(columns, at, "text", Variable(variable)) for at in (first, number)]
                 found[number].append(f"{cells[1]} = {cells[0]}")
-        for node, guard in shared:
+        for (node, _), asked in shared.items():
             last = 0
 
             def column(aspect: str, part: Guard) -> str | None:
                 nonlocal last
-                asked = {*variables(part)}
-                at = next((number for number, name in enumerate(order) if asked <= bound[name]), None)
+                names = {*variables(part)}
+                at = next((number for number, name in enumerate(columns) if names <= variables_of[name]), None)
                 if at is None:
                     return None
                 last = max(last, at)
-                return self._cell(order, letters, at, aspect, part)
+                return self._cell(columns, at, aspect, part)
 
-            try:
-                condition = RowConditions(self._times, column).when(guard)
-            except NoCondition as error:
-                reason = f"a guard over several events: {error}"
-                raise NotExpressible(
-                    reason, backend="match-recognize", semantics=self._semantics, nodes=[node]
-                ) from None
+            with self._saying(node):
+                condition = written(asked, column)
             if condition == NEVER:
                 return None
-            if len(condition) > _LENGTH:
-                raise TooLarge("characters of a condition", limit=_LENGTH)
             found[last] += [condition] if condition != ALWAYS else []
         return [" AND ".join(several) for several in found]
 
-    def _cell(self, order: Sequence[str], letters: Mapping[str, str], at: int, aspect: str, part: Guard) -> str:
+    def _cell(self, columns: Sequence[str], at: int, aspect: str, part: Guard) -> str:
         """The column of an aspect of what one event of an order has."""
-        base, value = letters[order[at]], ValueColumn(aspect, part)
+        base, value = columns[at], ValueColumn(aspect, part)
         known = self._header.values.setdefault(base, {})
         name = next((name for name, one in known.items() if one == value), None)
         if name is None:

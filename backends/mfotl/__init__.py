@@ -1,7 +1,6 @@
 """The `mfotl` backend: metric first-order temporal logic, for MonPoly and its formally verified kernel VeriMon.
 
-The text explains itself: a leading comment defines the predicates (an event pattern, guards on that event alone, and what of its variables the predicate
-has as arguments); `mfotl-signature` is the signature of the same text, which the programs want in a file of its own. The last
+The text explains itself: a leading comment defines the predicates as columns of an event (`backends.event_columns`); `mfotl-signature` is the signature of the same text, which the programs want in a file of its own. The last
 argument of every predicate is the position of the event in the trace. The unit of `limit` is atoms and comparisons of the formula.
 """
 
@@ -9,7 +8,7 @@ import time
 from dataclasses import replace
 from typing import ClassVar
 
-from backends.mfotl.predicates import MfotlHeader
+from backends.mfotl.monpoly import MfotlHeader
 from backends.mfotl.translation import MfotlFormula
 from rvaft.backend import Backend, Specification
 from rvaft.model.tree import RVAFT
@@ -26,8 +25,8 @@ class MfotlBackend(Backend):
     >>> from rvaft import loads
     >>> print(MfotlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
     (* rvaft
-    break_in() := { event: "break_in" }
-    alarm() := { event: "alarm" }
+    break_in := { event: "break_in" }
+    alarm := { event: "alarm" }
     *)
     EXISTS i1, i2. (((ONCE break_in(i1)) AND (ONCE alarm(i2))) AND (i1 < i2))
     """

@@ -1,18 +1,75 @@
-"""MonPoly and VeriMon as judges: a text and traces become a signature, a formula and logs, and the program says where the formula holds first."""
+"""What MonPoly and VeriMon read and say: the signature of a text, the facts of an event, and where the formula holds first.
 
+The leading comment of a text defines predicates as the columns of an event (`backends.event_columns`); the arguments of a predicate are its columns, and
+last the position of the event in the trace. An argument is `""` or 0 where its column is null.
+"""
+
+import json
 import re
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final, TypeAlias
+from urllib.parse import quote
 
-from backends.mfotl.predicates import MfotlHeader
+from backends.event_columns import EventColumns
 from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.model.values import Json
 
+Column: TypeAlias = tuple[str, str]
+"""A variable, and an aspect of it."""
+
+_TYPES: Final = {"text": "string", "kind": "string", "number": "float", "string": "string", "time": "int"}
+"""The type of each aspect in a signature."""
+_NULLS: Final = {"string": '""', "float": "0.0", "int": "0"}
 _FOUND: Final = re.compile(r"^@\S+ \(time point (\d+)\):", re.MULTILINE)
 _REFUSED: Final = re.compile(r"not monitorable|fail|error|exception|invalid", re.IGNORECASE)
+
+
+class MfotlHeader(EventColumns):
+    """The predicates of a text by name, in the order of their lines."""
+
+    comment: ClassVar[tuple[str, str]] = ("(*", "*)")
+
+    def signature(self) -> str:
+        """The predicates with the types of their arguments, as the programs read them."""
+        lines = []
+        for name in self.fitting:
+            arguments = [f"{column}: {_TYPES[one.aspect]}" for column, one in self.values.get(name, {}).items()]
+            lines.append(f"{name}({', '.join([*arguments, 'position: int'])})\n")
+        return "".join(lines)
+
+    def facts(self, event: Json, position: int) -> Iterator[str]:
+        """The facts that an event at a position becomes; raises `OverflowError` for a number that no argument holds exactly."""
+        for name, cells in self.cells(event).items():
+            if cells is not None:
+                aspects = (one.aspect for one in self.values.get(name, {}).values())
+                arguments = map(argument, aspects, cells.values())
+                yield f"{name}({','.join([*arguments, str(position)])})"
+
+
+def argument(aspect: str, cell: Json) -> str:
+    """What stands in a column, as a log and a formula write it.
+
+    >>> argument("text", '"a b"'), argument("text", "1"), argument("number", -2.5e-7), argument("time", None)
+    ('"a%20b"', '"1"', '-0.00000025', '0')
+    """
+    if cell is None:
+        return _NULLS[_TYPES[aspect]]
+    match aspect:
+        case "text":
+            text = json.loads(cell) if cell[0] == '"' else cell
+            mark = "%22" if cell[0] == '"' and (not text or text[0] in '"-0123456789{[nft') else ""
+            return f'"{mark}{quote(text, safe="", errors="surrogatepass")}"'
+        case "number":
+            digits = f"{Decimal(repr(float(cell))):f}"
+            return digits if "." in digits else f"{digits}.0"
+        case "time":
+            return str(cell)
+        case _:
+            return f'"{cell}"'
 
 
 def first_detections(
@@ -20,8 +77,8 @@ def first_detections(
 ) -> list[int | None]:
     """For each trace the number of the event, from 1, at which the formula holds first; `verified` asks VeriMon.
 
-    Raises `LanguageError` for a text without a header, `ToolMissing` where the path is no program, `ToolFailed` where it does not take the text,
-    and `TimeoutExpired` of `subprocess` after so many seconds for one trace.
+    Raises `LanguageError` for a text without a header, `OverflowError` for a number that no argument holds exactly, `ToolMissing` where the path is no
+    program, `ToolFailed` where it does not take the text, and `TimeoutExpired` of `subprocess` after so many seconds for one trace.
     """
     header, found = MfotlHeader.read(text), list[int | None]()
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:

@@ -7,14 +7,16 @@ from typing import Final
 
 import networkx as nx
 
-from backends.mfotl.conditions import Conditions, Unsayable, both, times_of
-from backends.mfotl.predicates import Column, MfotlHeader, Predicate
+from backends.event_columns import FittingEvent, ValueColumn, time_variables
+from backends.mfotl.conditions import Conditions, Ways, both
+from backends.mfotl.monpoly import Column, MfotlHeader
 from rvaft.analysis.scenarios import Kept, event, precedence, resolutions
+from rvaft.analysis.truth_conditions import Unsayable
 from rvaft.analysis.unification import overlaps
 from rvaft.backend import Metrics
 from rvaft.errors import NotExpressible, TooLarge, TreeError
 from rvaft.model.guards import Guard, conjuncts, holds, variables
-from rvaft.model.patterns import Pattern, rigid_variables
+from rvaft.model.patterns import Variable, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 
@@ -49,10 +51,9 @@ class MfotlFormula:
         self._size = 0
         self._header = MfotlHeader(time=tree.time)
         self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
-        times = frozenset(name for pattern in self._patterns.values() for name in times_of(pattern))
-        self._names = _names([*tree.variables, *times])
-        self._conditions = Conditions(times, self._column)
-        self._predicates: dict[tuple[Pattern, tuple[Guard, ...], tuple[Column, ...]], str] = {}
+        self._times = time_variables(tree)
+        self._names = _names([*tree.variables, *self._times])
+        self._predicates: dict[tuple[FittingEvent, tuple[Column, ...]], str] = {}
         self._taken = {*_RESERVED}
 
     def text(self) -> tuple[str, Metrics]:
@@ -61,7 +62,6 @@ class MfotlFormula:
         if not formulas:
             message = f"no scenario of {self._tree.root} is feasible"
             raise TreeError(message, rule="no-scenario", nodes=[self._tree.root])
-        self._header.predicates = {name: Predicate(*one) for one, name in self._predicates.items()}
         formula = formulas[0] if len(formulas) == 1 else "\nOR ".join(f"({one})" for one in formulas)
         return f"{self._header}{formula}\n", Metrics(symbols=len(_TOKEN.findall(formula)), subformulas=self._size)
 
@@ -85,8 +85,7 @@ class MfotlFormula:
             if variables(one) or not holds(one, {})
         ]
         own: dict[str, list[Guard]] = {name: [] for name in events}
-        shared: list[Guard] = []
-        wanted: set[Column] = set()
+        conditions, ways = Conditions(self._times, self._column), list[Ways]()
         for node, guard in guards:
             names = set(variables(guard))
             having = [name for name in events if names <= set(rigid_variables(self._patterns[name]))]
@@ -94,15 +93,14 @@ class MfotlFormula:
                 own[having[0]].append(guard)
                 continue
             try:
-                wanted |= self._conditions.columns(guard)
+                ways.append(conditions.ways(guard))
             except Unsayable as error:
                 reason = f"a guard over several events: {error}"
                 raise NotExpressible(reason, backend="mfotl", semantics=Semantics.SCATTERED, nodes=[node]) from None
-            shared.append(guard)
         uses = [name for one in events for name in rigid_variables(self._patterns[one])]
         tied = {name for name in uses if uses.count(name) > 1}
         places = {name: f"i{number}" for number, name in enumerate(events, 1)}
-        atoms = [self._atom(name, tuple(own[name]), wanted, tied, places[name]) for name in events]
+        atoms = [self._atom(name, tuple(own[name]), conditions.asked, tied, places[name]) for name in events]
         orders: list[list[str]] = []
         for name in events:
             earlier = [one for one in events if name in after[one]]
@@ -113,7 +111,7 @@ class MfotlFormula:
                 if name not in after[other] and overlaps(self._patterns[name], self._patterns[other]):
                     orders[number].append(f"NOT ({places[other]} = {places[name]})")
         bound = sorted({column for _, some in atoms for column in some})
-        for way in both(*(self._conditions.truth(guard, wanted=True) for guard in shared)):
+        for way in both(*ways):
             self._count(len(events) + sum(map(len, orders)) + len(way))
             yield _conjunction(atoms, orders, way, [*map(self._column, bound), *places.values()])
 
@@ -122,11 +120,13 @@ class MfotlFormula:
     ) -> tuple[str, tuple[Column, ...]]:
         """What says that a position has the event of a node, and the arguments that are bound by it."""
         names = sorted(rigid_variables(self._patterns[node]))
-        columns = tuple((name, "text") for name in names if name in tied and (name, "integer") not in wanted)
+        columns = tuple((name, "text") for name in names if name in tied and (name, "time") not in wanted)
         columns = tuple(dict.fromkeys((*columns, *(one for one in sorted(wanted) if one[0] in names))))
-        known = self._patterns[node], guards, columns
+        known = FittingEvent(self._patterns[node], guards), columns
         if known not in self._predicates:
-            self._predicates[known] = self._fresh(node)
+            self._predicates[known] = name = self._fresh(node)
+            self._header.fitting[name] = [known[0]]
+            self._header.values[name] = {self._column(one): ValueColumn(one[1], Variable(one[0])) for one in columns}
         arguments = ", ".join([*map(self._column, columns), place])
         return f"(ONCE {self._predicates[known]}({arguments}))", columns
 

@@ -174,6 +174,7 @@ _PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a ch
 @click.option(
     "--monpoly", metavar="PROGRAM", help="Also run MFOTL by this build of MonPoly, and by its verified kernel."
 )
+@click.option("--flink", is_flag=True, help="Also run MATCH_RECOGNIZE by Apache Flink, where it is installed.")
 @click.option("--mona", is_flag=True, help="Also run LTLf by MONA (small trees without variables).")
 @_report_options
 @click.option("--fail-on-not-expressible", is_flag=True, help="Exit with 2 where a language cannot say a tree.")
@@ -213,6 +214,7 @@ def cross_check_command(
         rml_monitor=None if given["rml_monitor"] is None else Path(given["rml_monitor"]),
         mona=given["mona"],
         monpoly=None if given["monpoly"] is None else Path(given["monpoly"]),
+        flink=given["flink"],
         patience=timeout or PATIENCE,
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )
@@ -242,7 +244,7 @@ def cross_check_command(
     chosen = semantics or (() if against else tuple(Semantics))
     pairs = ((e, s) for e in entries for s in chosen or [meant(e.tree)])
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e, s in pairs)
-    jobs = given["jobs"] or os.cpu_count() or 1
+    jobs = given["jobs"] or (1 if roster.flink else os.cpu_count() or 1)  # Flink takes long to start
     collected.compare(tasks, count * (len(chosen) or 1), jobs, bogus=given["save_bogus"], stop=given["stop_on_error"])
     fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
     asked = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}

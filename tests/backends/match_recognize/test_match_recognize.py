@@ -1,30 +1,29 @@
 """MATCH_RECOGNIZE: pinned texts, what is refused, their conditions run by SQLite, and the texts by Flink where it is installed."""
 
 import sys
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from random import Random
-from typing import Any
 
 import pytest
 
 from backends import conformance
 from backends.match_recognize import flink
-from backends.match_recognize.rows import RowHeader
-from cross_check.generate.traces import random_trace
-from cross_check.generate.trees import Shape, random_tree
+from backends.match_recognize.flink import RowHeader
+from cross_check import comparison
+from cross_check.judges import FLINK
+from cross_check.results import Job, Status
+from cross_check.traces import ONE_TREE
 from rvaft import Semantics, loads
 from rvaft.backend import backend
-from rvaft.errors import LanguageError, NotExpressible, RvaftError, TooLarge, ToolFailed, ToolMissing
+from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolFailed, ToolMissing
 from rvaft.model.guards import Operation, Operator
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, substitute
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, is_finite
-from rvaft.model.verdict import Verdict
-from rvaft.semantics import Reference
+from rvaft.model.values import Json
 from tests.backends.injections import INJECTIONS
+from tests.backends.judged import all_show, cases, first
 from tests.backends.match_recognize.joins import first_detections
 from tests.tables import rows
 
@@ -56,7 +55,7 @@ def test_every_tree_is_said() -> None:
 
 
 def test_orders_are_bounded() -> None:
-    with pytest.raises(TooLarge, match="row variables of all orders"):
+    with pytest.raises(TooLarge, match="events of all orders"):
         emitted(f"top and {' '.join(f'a{n}' for n in range(40))};")
     alike = f"event e() = {{ e: _ }}; top and {' '.join(f'a{n}' for n in range(12))}; "
     assert emitted(alike + "".join(f"a{n} on e();" for n in range(12))).count("MATCH_RECOGNIZE (") == 1
@@ -67,7 +66,7 @@ def test_orders_are_bounded() -> None:
     [
         ("SELECT 1", "the text begins with a comment"),
         ("/* rvaft\nis_a := { a: ", "the text begins with a comment"),
-        ("/* rvaft\nwhen X > 1\n*/", "no line that says what a column is: when X > 1"),
+        ("/* rvaft\nwhen X > 1\n*/", "no line that says what a name is: when X > 1"),
         ("/* rvaft\nis_a := { a: \n*/", "."),
     ],
 )
@@ -89,34 +88,9 @@ def test_rows_and_what_they_cannot_hold() -> None:
     assert sums.left_open([{"e": 2**46 + 1}]) == "a number beyond 2**46 is no exact one there"
 
 
-def first(tree: RVAFT, semantics: Semantics, trace: Sequence[Json]) -> int | None:
-    verdicts = [*Reference(tree, semantics).run(trace)]
-    return verdicts.index(Verdict.TRUE) + 1 if Verdict.TRUE in verdicts else None
-
-
-def cases(random: Random, count: int) -> Iterator[tuple[RVAFT, Semantics, str, list[list[Json]]]]:
-    """Examples and random trees with their texts and some traces."""
-    trees: list[tuple[RVAFT, list[Any]]] = [
-        (e.tree, [*conformance.traces(e, 1, random)]) for e in conformance.examples()
-    ]
-    for _ in range(count):
-        tree = random_tree(random, Shape(max_nodes=6, variables=0.8, guards=0.6, typed_events=0.8))
-        trees.append((tree, [random_trace(random, tree) for _ in range(3)]))
-    for tree, traces in trees:
-        semantics = random.choice([*Semantics])
-        try:
-            text = emitted(tree, semantics, limit=40)
-        except RvaftError:
-            continue
-        header = RowHeader.read(text)
-        some = [[*one] for one in traces if all(map(is_finite, one)) and not header.left_open(one)]
-        yield tree, semantics, text, some
-
-
 def test_the_conditions_say_what_the_definition_says() -> None:
     detections = 0
-    for tree, semantics, text, traces in cases(Random("match"), 40):
-        wanted = [first(tree, semantics, one) for one in traces]
+    for text, traces, wanted in cases("match-recognize", RowHeader, Random("match"), 40, 2, limit=40):
         assert first_detections(text, traces) == wanted, text
         detections += sum(one is not None for one in wanted)
     assert detections > 100
@@ -183,10 +157,7 @@ def test_planted_faults_show() -> None:
         != wanted
         != first_detections(f"{text.partition('SELECT')[0]}{others}", traces)
     )
-    for name, (right, wrong) in FAULTS.items():
-        edited = text.replace(right, wrong, 1)
-        assert edited != text, name
-        assert first_detections(edited, traces) != wanted, name
+    all_show(FAULTS, text, lambda edited: first_detections(edited, traces))
 
 
 def test_without_flink_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,15 +165,24 @@ def test_without_flink_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyflink.table", None)
     with pytest.raises(ToolMissing, match=r"Apache Flink is not installed: pip install '.\[flink\]'"):
         flink.first_detections([(emitted("top sand a b;"), [[{"event": "a"}]])])
+    assert compared("top sand a b;")[FLINK] is Status.TOOL_MISSING
+
+
+def compared(tree: str) -> dict[str, Status]:
+    """How a comparison of Flink with the reference ends."""
+    job = Job("tree", Semantics.SCATTERED)
+    roster = comparison.Roster(backends=(), flink=True)
+    found = comparison.Comparison(loads(tree), job, ONE_TREE).run(roster.candidates(loads(tree), job))
+    return {one.participant: one.status for one in found}
 
 
 @pytest.mark.slow
 @installed
 def test_flink_says_what_the_definition_says() -> None:
-    some = [*cases(Random("flink"), 60)]
-    found = flink.first_detections([(text, traces) for _, _, text, traces in some])
-    for (tree, semantics, text, traces), told in zip(some, found, strict=True):
-        assert told == [first(tree, semantics, one) for one in traces], text
+    some = [*cases("match-recognize", RowHeader, Random("flink"), 60, 2, limit=40)]
+    found = flink.first_detections([(text, traces) for text, traces, _ in some])
+    for (text, _, wanted), told in zip(some, found, strict=True):
+        assert told == wanted, text
 
 
 @pytest.mark.slow
@@ -212,6 +192,7 @@ def test_flink_reads_names_and_strings_as_they_are() -> None:
     assert flink.first_detections(asked) == [[2, None, None, 2]] * len(asked)
     with pytest.raises(ToolFailed, match="Apache Flink"):
         flink.first_detections([("/* rvaft\n*/\nSELECT nothing FROM events", [])])
+    assert compared("top and a b;")[FLINK] is Status.TESTED
 
 
 @pytest.mark.slow

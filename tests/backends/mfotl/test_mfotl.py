@@ -2,7 +2,6 @@
 
 import os
 import stat
-from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 
@@ -10,20 +9,17 @@ import pytest
 
 from backends import conformance
 from backends.conformance import Example
-from backends.mfotl.monpoly import first_detections
-from backends.mfotl.predicates import MfotlHeader
+from backends.mfotl.monpoly import MfotlHeader, first_detections
 from cross_check import comparison
-from cross_check.generate.traces import random_trace
-from cross_check.generate.trees import Shape, random_tree
 from cross_check.results import Job, Status
 from cross_check.traces import ONE_TREE
 from rvaft import Semantics, load, loads
 from rvaft.backend import backend
-from rvaft.errors import NotExpressible, RvaftError, ToolFailed, ToolMissing
+from rvaft.errors import NotExpressible, ToolFailed, ToolMissing
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, is_finite
-from rvaft.model.verdict import Verdict
+from rvaft.model.values import Json
 from rvaft.semantics import Reference
+from tests.backends.judged import all_show, cases, first
 from tests.tables import rows
 
 PROGRAM = Path(os.environ.get("MONPOLY", "/nowhere"))
@@ -59,13 +55,13 @@ def test_the_signature_and_the_facts_of_an_event() -> None:
     tree = 'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*) p(\\"1\\")"); b on p(X, Y) when Y > 1;'
     text = emitted(tree)
     assert emitted(tree, "mfotl-signature").splitlines() == [
-        "a(X_text: string, At_a_integer: int, At_a_kind: string, position: int)",
-        "b(X_text: string, At_b_integer: int, At_b_kind: string, position: int)",
+        "a(X_text: string, At_a_kind: string, At_a_time: int, position: int)",
+        "b(X_text: string, At_b_kind: string, At_b_time: int, position: int)",
     ]
     header = MfotlHeader.read(text)
     event = {"v": '"), a("\n', "w": '*) p("1")', "t": 2}
-    assert [*header.facts(event, 7)] == ['a("%22%22%29%2C%20a%28%22%0A",2000000000,"n",7)']
-    assert [*header.facts({"v": [1.0, None], "w": 2}, 0)] == ['b("%5B1%2Cnull%5D",0,"o",0)']
+    assert [*header.facts(event, 7)] == ['a("%22%22%29%2C%20a%28%22%0A","n",2000000000,7)']
+    assert [*header.facts({"v": [1.0, None], "w": 2}, 0)] == ['b("%5B1%2Cnull%5D","o",0,0)']
 
 
 STAND_IN = "#!/bin/sh\n{}\n"
@@ -108,29 +104,14 @@ def test_without_the_program_it_is_missing() -> None:
     assert found["mfotl-monpoly"] is found["mfotl-verimon"] is Status.TOOL_MISSING
 
 
-def first(tree: RVAFT, trace: Sequence[Json]) -> int | None:
-    verdicts = [*Reference(tree, Semantics.SCATTERED).run(trace)]
-    return verdicts.index(Verdict.TRUE) + 1 if Verdict.TRUE in verdicts else None
-
-
 @pytest.mark.published
 @published
 @pytest.mark.parametrize("verified", [False, True])
 def test_both_kernels_say_what_the_definition_says(*, verified: bool) -> None:
-    random, asked = Random("mfotl"), 0
-    trees = [(one.tree, [*conformance.traces(one, 4, random)]) for one in conformance.examples()]
-    for _ in range(60):
-        tree = random_tree(random, Shape(max_nodes=7, variables=0.7, guards=0.4, typed_events=0.8))
-        trees.append((tree, [random_trace(random, tree) for _ in range(4)]))
-    for tree, traces in trees:
-        try:
-            text = backend("mfotl").translate(tree, Semantics.SCATTERED).text
-        except RvaftError:
-            continue
-        header = MfotlHeader.read(text)
-        some = [one for one in traces if all(map(is_finite, one)) and all(map(header.is_exact, one))]
-        assert first_detections(PROGRAM, text, some, verified=verified) == [first(tree, one) for one in some], text
-        asked += len(some)
+    asked = 0
+    for text, traces, wanted in cases("mfotl", MfotlHeader, Random("mfotl"), 60, 4):
+        assert first_detections(PROGRAM, text, traces, verified=verified) == wanted, text
+        asked += len(traces)
     assert asked > 2_000
 
 
@@ -160,13 +141,10 @@ def test_planted_faults_show() -> None:
     traces: list[list[Json]] = [[{**random.choice(events), "t": n * 0.25} for n in range(8)] for _ in range(60)]
     ends: list[Json] = [{"k": 3, "y": 2, "t": 0.5}, {"k": 2, "x": 1, "t": 0.6}, {"k": 3, "x": 1, "t": 1}]
     traces.append([{"k": 1, "y": 1, "t": 0}, *ends])
-    wanted = [first(tree, one) for one in traces]
+    wanted = [first(tree, Semantics.SCATTERED, one) for one in traces]
     assert first_detections(PROGRAM, text, traces) == wanted
     assert wanted[-1] == 4
-    for name, (right, wrong) in FAULTS.items():
-        edited = text.replace(right, wrong)
-        assert edited != text, name
-        assert first_detections(PROGRAM, edited, traces) != wanted, name
+    all_show(FAULTS, text, lambda edited: first_detections(PROGRAM, edited, traces))
 
 
 @pytest.mark.published

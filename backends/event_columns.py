@@ -1,0 +1,201 @@
+"""What an event is to a program that knows no JSON: columns of few types, which the leading comment of a text defines, one line each.
+
+    time FIELD as FORMAT        where an event has its time: the field `"τ"` of the patterns, in nanoseconds, or null
+    NAME := PATTERN             what fits a pattern; of several lines for one name, one of them
+    when GUARD                  and this guard holds of it
+    COLUMN ASPECT of EXPRESSION what an event has that fits the pattern above; null where the expression is undefined
+
+An aspect is `text` (any value as JSON, the same for equal values), `kind` (n for a number, s for a string, o for another), `number` (a double, null where it
+is none), `string` (its UTF-8 in hexadecimal digits, which keep the order; null where it is none), `time` (whole nanoseconds) or `truth`
+(null where it is neither).
+"""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Final, NamedTuple, Self
+
+from rvaft.analysis.truth_conditions import Unsayable
+from rvaft.errors import LanguageError
+from rvaft.language.parser import parse_guard, parse_pattern, parse_time
+from rvaft.model import guards, patterns
+from rvaft.model.event_time import TIME, EventTime
+from rvaft.model.expressions import guard_text, pattern_text, time_text
+from rvaft.model.guards import Guard, Operation
+from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json, is_finite, is_number
+
+ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
+EXACT: Final = 2**46
+"""Up to here sums of `_OPERANDS` whole numbers are exact as doubles, too."""
+LONGEST: Final = 2**60
+"""The greatest time, and the longest duration, that columns calculate with."""
+_OPERANDS: Final = 40
+_FITS: Final = re.compile(r"(\w+) := (.*)")
+_HAS: Final = re.compile(rf"(\w+) ({'|'.join(ASPECTS)}) of (.*)")
+_STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
+
+
+class FittingEvent(NamedTuple):
+    """A pattern, and guards over its variables."""
+
+    pattern: Pattern
+    guards: tuple[Guard, ...] = ()
+
+    def values(self, event: Json) -> dict[str, Json] | None:
+        """The variables of an event that fits, else None."""
+        found = patterns.match(self.pattern, event, {})
+        return found if found is not None and all(guards.holds(one, found) for one in self.guards) else None
+
+
+class ValueColumn(NamedTuple):
+    """An aspect of an expression over the variables of an event that fits."""
+
+    aspect: str
+    expression: Guard
+
+    def of(self, values: dict[str, Json]) -> Json:
+        """What stands in the column; raises `OverflowError` for a number that it cannot hold exactly."""
+        found = guards.value(self.expression, values)
+        if found is guards.UNDEFINED or not is_finite(found):
+            return None
+        match self.aspect:
+            case "text":
+                return json_text(found)
+            case "kind":
+                return "n" if is_number(found) else "s" if isinstance(found, str) else "o"
+            case "string":
+                return found.encode("utf-8", "surrogatepass").hex() if isinstance(found, str) else None
+            case "truth":
+                return found if isinstance(found, bool) else None
+            case _ if not is_number(found):
+                return None
+            case "time":
+                return _bounded(int(found), LONGEST)
+            case _:
+                return float(_bounded(found, EXACT)) + 0.0  # no zero is negative
+
+
+@dataclass(slots=True)
+class EventColumns:
+    """What the comment says: of each name the events that fit it, and of some the columns of their values."""
+
+    fitting: dict[str, list[FittingEvent]] = field(default_factory=dict)
+    values: dict[str, dict[str, ValueColumn]] = field(default_factory=dict)
+    time: EventTime | None = None
+
+    comment: ClassVar[tuple[str, str]] = ("/*", "*/")
+
+    def __str__(self) -> str:
+        opening, closing = self.comment
+        lines = [] if self.time is None else [time_text(self.time)]
+        for name, several in self.fitting.items():
+            for one in several:
+                lines.append(f"{name} := {pattern_text(one.pattern)}")
+                lines += [f"when {guard_text(guard)}" for guard in one.guards]
+            for column, value in self.values.get(name, {}).items():
+                lines.append(f"{column} {value.aspect} of {guard_text(value.expression)}")
+        return "\n".join([f"{opening} rvaft", *map(self._commented, lines), f"{closing}\n"])
+
+    def _commented(self, line: str) -> str:
+        """The line without what would begin or end a comment, in its strings."""
+        marks = re.compile("|".join(map(re.escape, self.comment)))
+        escape = lambda mark: re.sub("[^*]", lambda sign: f"\\u{ord(sign[0]):04x}", mark[0])  # noqa: E731
+        return _STRING.sub(lambda found: marks.sub(escape, found[0]), line)
+
+    @classmethod
+    def read(cls, text: str) -> Self:
+        """The header of a text; raises `LanguageError` where it has none."""
+        opening, closing = cls.comment
+        first, _, rest = text.partition("\n")
+        lines, end, _ = rest.partition(closing)
+        if first.strip() != f"{opening} rvaft" or not end:
+            what = "that says what each of its names is"
+            raise LanguageError(f"the text begins with a comment {opening} rvaft … {closing} {what}")
+        header, last = cls(), ""
+        for line in filter(None, map(str.strip, lines.split("\n"))):
+            if line.startswith("time "):
+                header.time = parse_time(line)
+            elif line.startswith("when ") and last:
+                pattern, known = header.fitting[last].pop()
+                guard = parse_guard(line.removeprefix("when "))
+                header.fitting[last].append(FittingEvent(pattern, (*known, guard)))
+            elif fits := _FITS.fullmatch(line):
+                last, parsed = fits[1], parse_pattern(fits[2])
+                header.fitting.setdefault(last, []).append(FittingEvent(parsed))
+            elif last and (has := _HAS.fullmatch(line)):
+                header.values.setdefault(last, {})[has[1]] = ValueColumn(has[2], parse_guard(has[3]))
+            else:
+                raise LanguageError(f"no line that says what a name is: {line}")
+        return header
+
+    def cells(self, event: Json) -> dict[str, dict[str, Json] | None]:
+        """Of each name the columns of an event that fits, else None; raises `OverflowError` where one cannot hold a number."""
+        seen, found = event if self.time is None else self.time.stamped(event), dict[str, dict[str, Json] | None]()
+        for name, several in self.fitting.items():
+            values = next((one for one in (some.values(seen) for some in several) if one is not None), None)
+            columns = self.values.get(name, {}).items()
+            found[name] = None if values is None else {column: one.of(values) for column, one in columns}
+        return found
+
+    def left_open(self, trace: Sequence[Json]) -> str:
+        """Why the columns cannot say what a trace is, in a few words; empty where they can."""
+        try:
+            for event in trace:
+                self.cells(event)
+        except OverflowError as error:
+            return str(error)
+        return ""
+
+
+def json_text(value: Json) -> str:
+    """A value as JSON in ASCII, the same for equal values.
+
+    >>> json_text({"b": 1.0, "a": True})
+    '{"a":true,"b":1}'
+    """
+    return json.dumps(_plain(value), separators=(",", ":"), sort_keys=True)
+
+
+def _plain(value: Json) -> Json:
+    """Numbers without a fraction as integers, at all depths."""
+    if isinstance(value, dict):
+        return {name: _plain(inner) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float):
+        return int(value) if value.is_integer() else float(value)
+    return value
+
+
+def _bounded(number: float, most: int) -> Any:
+    if abs(number) > most:
+        raise OverflowError(f"a number beyond 2**{most.bit_length() - 1} is no exact one there")
+    return number
+
+
+def constant(literal: Literal, aspect: str) -> Json:
+    """What stands in a column for a constant; raises `Unsayable` where none holds it exactly."""
+    number = literal.value
+    try:
+        cell = ValueColumn(aspect, literal).of({})
+    except OverflowError:
+        cell = None
+    if cell is None or (aspect in ("number", "time") and cell != number):
+        raise Unsayable(f"it compares with {number}, which is no exact number there")
+    return cell
+
+
+def require_exact_sums(*terms: Guard) -> None:
+    """Raises `Unsayable` for a comparison of sums so long that they could leave what doubles hold exactly."""
+    if sum(not isinstance(part, Operation) for term in terms for part in guards.walk(term)) > _OPERANDS:
+        raise Unsayable("its sums are too long for doubles to calculate as whole numbers do")
+
+
+def time_variables(tree: RVAFT) -> frozenset[str]:
+    """The variables of a plain tree that hold the times of its events."""
+    found = () if tree.time is None else map(tree.pattern, tree.occurrences)
+    fields = (pair for pattern in found if isinstance(pattern, ObjectPattern) for pair in pattern.fields)
+    return frozenset(part.name for name, part in fields if name == TIME and isinstance(part, Variable))

@@ -1,0 +1,291 @@
+"""When a guard is true and when it is false, said without undefined: conjunctions and disjunctions of tests, each of which holds or does not.
+
+A guard is undefined where a part of it that counts is, so `not (X < Y)` is no negation of `X < Y`: both ask for two numbers or two texts. Here what
+makes a guard true and what makes it false are said apart, and nothing is negated but a test. The tests look at terms, which are
+constants, variables and what is calculated of them: for a language there is nothing left but to spell the tests.
+"""
+
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final, TypeAlias, TypeVar
+
+from rvaft.model.guards import (
+    ARITHMETIC,
+    OPERATORS,
+    ORDERINGS,
+    Guard,
+    Operation,
+    Operator,
+    folded,
+    is_total,
+    value,
+    variables,
+)
+from rvaft.model.patterns import Literal, Variable
+from rvaft.model.values import equal, is_number
+
+T = TypeVar("T")
+
+
+class Sort(StrEnum):
+    """What the value of a term is; of a variable it is not known, or it is the time of an event. What is VOID has no value, ever."""
+
+    NUMBER = "number"
+    TIME = "time"
+    TEXT = "text"
+    TRUTH = "truth"
+    NULL = "null"
+    UNKNOWN = "unknown"
+    VOID = "void"
+
+
+class Unsayable(Exception):
+    """Why there are no conditions for a guard, in a few words."""
+
+
+@dataclass(frozen=True, slots=True)
+class TruthTest:
+    """That a variable, or what a function of texts says of terms, is true, or is false; wrong types are neither."""
+
+    term: Guard
+    wanted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class EqualityTest:
+    """That two variables or constants, of whichever sort, are equal, or that they are not."""
+
+    left: Guard
+    right: Guard
+    wanted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonTest:
+    """That two terms are numbers (times, texts) and compare so; the sign is one of `=`, `<>`, `<`, `<=`, `>`, `>=`."""
+
+    sort: Sort
+    left: Guard
+    sign: str
+    right: Guard
+
+
+@dataclass(frozen=True, slots=True)
+class SortTest:
+    """That a term is a number (a time, a text, a truth value), or that it has a value and is none."""
+
+    term: Guard
+    sort: Sort
+    wanted: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConditionJunction:
+    """That all of several conditions are so (`every`), or one of them."""
+
+    every: bool
+    parts: tuple["TruthCondition", ...] = ()
+
+
+ConditionTest: TypeAlias = TruthTest | EqualityTest | ComparisonTest | SortTest
+TruthCondition: TypeAlias = ConditionTest | ConditionJunction
+
+ALWAYS: Final = ConditionJunction(every=True)
+NEVER: Final = ConditionJunction(every=False)
+_EQUAL: Final = {True: "=", False: "<>"}
+_UNTYPED: Final = (Sort.NUMBER, Sort.TEXT, Sort.UNKNOWN)
+
+
+class TruthConditions:
+    """The conditions of guards.
+
+    `times` are variables that hold times of events: a condition that mixes them with other numbers is `Unsayable`, and they have no value
+    where they are null. A term that `is_whole` is not taken apart, as a variable is not; by default there are no others.
+
+    >>> from rvaft.language.parser import parse_guard
+    >>> guard = parse_guard("not (X < 2 or Y)")
+    >>> def spell(test):
+    ...     match test:
+    ...         case ComparisonTest(sort, _, sign, _):
+    ...             return f"{sort}s {sign}"
+    ...         case TruthTest(term, wanted):
+    ...             return f"{term.name} is {wanted}"
+    >>> spelled(TruthConditions().of(guard), spell, lambda every, parts: f" {'and' if every else 'or'} ".join(parts))
+    'numbers >= and Y is False'
+    """
+
+    def __init__(self, times: Collection[str] = (), is_whole: Callable[[Guard], bool] = lambda _: False) -> None:
+        self._times, self._is_whole = frozenset(times), is_whole
+        self._known: dict[tuple[Guard, bool], TruthCondition] = {}
+
+    def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
+        """What holds exactly where a guard is true (or false), as it is defined. Parts of it may be one object that stands in several places."""
+        return self._when(folded(guard), wanted)
+
+    def _when(self, guard: Guard, wanted: bool) -> TruthCondition:
+        known = guard, wanted
+        if known not in self._known:
+            self._known[known] = self._conditions(guard, wanted)
+        return self._known[known]
+
+    def _conditions(self, guard: Guard, wanted: bool) -> TruthCondition:
+        if not variables(guard):
+            return ALWAYS if value(guard, {}) is wanted else NEVER
+        if isinstance(guard, Variable) or self._is_whole(guard):
+            return TruthTest(guard, wanted) if self.sort(guard) in (Sort.TRUTH, Sort.UNKNOWN) else NEVER
+        assert isinstance(guard, Operation), "a constant has no variables"
+        left, *others = guard.operands
+        match guard.operator:
+            case Operator.NOT:
+                return self._when(left, not wanted)
+            case Operator.AND | Operator.OR if wanted is (guard.operator is Operator.AND):
+                return _all(self._when(one, wanted) for one in guard.operands)
+            case Operator.AND | Operator.OR:
+                found: TruthCondition = NEVER
+                for one in reversed(guard.operands):
+                    found = self._decided(one, wanted, found)
+                return found
+            case Operator.EQ | Operator.NE:
+                return self._equality(left, others[0], wanted is (guard.operator is Operator.EQ))
+            case Operator.IN:
+                several = (self._equality(left, one, wanted) for one in others)
+                return _any(several) if wanted else _all(several)
+            case operator if operator in ORDERINGS:
+                sign = operator if wanted else OPERATORS[operator].negated
+                return _any(self._compared(sort, left, str(sign), others[0]) for sort in (Sort.NUMBER, Sort.TEXT))
+            case _:
+                return TruthTest(guard, wanted) if self.sort(guard) is Sort.TRUTH else NEVER
+
+    def _decided(self, guard: Guard, wanted: bool, rest: TruthCondition) -> TruthCondition:
+        """That a guard decides, or, as it is the opposite, what stands to the right of it does."""
+        opposite = () if rest is NEVER or self._is_total(guard) else (self._when(guard, not wanted),)
+        return _any([self._when(guard, wanted), _all([*opposite, rest])])
+
+    def _is_total(self, guard: Guard) -> bool:
+        return is_total(guard) and self._times.isdisjoint(variables(guard))
+
+    def _equality(self, left: Guard, right: Guard, wanted: bool) -> TruthCondition:
+        for one, other in ((left, right), (right, left)):
+            if self.sort(one) is Sort.TRUTH and not self._is_plain(one):  # what is said, compared with a truth value
+                ways = ([self._when(one, it), self._equality(other, Literal(it), wanted)] for it in (True, False))
+                return _any(map(_all, ways))
+        sorts = self.sort(left), self.sort(right)
+        if Sort.VOID in sorts:
+            return NEVER
+        if isinstance(left, Literal) and isinstance(right, Literal):
+            return ALWAYS if equal(left.value, right.value) is wanted else NEVER
+        if self._is_plain(left) and self._is_plain(right):
+            return EqualityTest(left, right, wanted)
+        same = [self._compared(sort, left, _EQUAL[wanted], right) for sort in (Sort.NUMBER, Sort.TEXT)]
+        if wanted:
+            return _any(same)
+        return _any([*same, *(self._apart(one, other) for one, other in ((left, right), (right, left)))])
+
+    def _apart(self, term: Guard, other: Guard) -> TruthCondition:
+        """That a term that is surely a number, or a text, has a value, and that another one has one that is no such."""
+        sort, others = self.sort(term), self.sort(other)
+        if sort not in (Sort.NUMBER, Sort.TEXT, Sort.TIME) or self._is_plain(term):
+            return NEVER
+        plain = Sort.NUMBER if sort is Sort.TIME else sort
+        if others is Sort.UNKNOWN:
+            return _all([self._valued(term), SortTest(other, plain, wanted=False)])
+        if (Sort.NUMBER if others is Sort.TIME else others) is plain:
+            return NEVER
+        return _all([self._valued(term), self._valued(other)])
+
+    def _valued(self, term: Guard) -> TruthCondition:
+        return ALWAYS if isinstance(term, Literal) else SortTest(term, self.sort(term), wanted=True)
+
+    def _compared(self, sort: Sort, left: Guard, sign: str, right: Guard) -> TruthCondition:
+        """That two terms are both numbers, or both texts, and compare so."""
+        sorts = {self.sort(one) for one in (left, right)}
+        if Sort.TIME in sorts and sort is Sort.NUMBER:
+            if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in (left, right) if variables(one)}:
+                raise Unsayable("it compares a time with what is none")
+            sorts, sort = {Sort.NUMBER if one is Sort.TIME else one for one in sorts}, Sort.TIME
+        plain = Sort.NUMBER if sort is Sort.TIME else sort
+        return ComparisonTest(sort, left, sign, right) if sorts <= {plain, Sort.UNKNOWN} else NEVER
+
+    def _is_plain(self, term: Guard) -> bool:
+        """Whether a term is a constant, a variable or whole, and no time."""
+        whole = isinstance(term, Literal | Variable) or self._is_whole(term)
+        return whole and (isinstance(term, Operation) or self.sort(term) is not Sort.TIME)
+
+    def sort(self, term: Guard) -> Sort:
+        """What the value of a term is, where it has one; raises `Unsayable` for what is calculated of a time and of what is none."""
+        match term:
+            case Literal(constant):
+                if isinstance(constant, bool):
+                    return Sort.TRUTH
+                return Sort.NUMBER if is_number(constant) else Sort.TEXT if isinstance(constant, str) else Sort.NULL
+            case Variable(name):
+                return Sort.TIME if name in self._times else Sort.UNKNOWN
+            case Operation(operator, operands):
+                found = _SORTS.get(operator, Sort.TRUTH)
+                if not variables(term):  # what has one is folded
+                    return Sort.VOID
+                if operator in _OPERANDS:
+                    sorts = {self.sort(one) for one in operands}
+                    if not sorts <= {*_OPERANDS[operator], Sort.UNKNOWN}:
+                        return Sort.VOID
+                    if found is Sort.NUMBER and Sort.TIME in sorts:
+                        if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in operands if variables(one)}:
+                            raise Unsayable("it calculates with a time and with what is none")
+                        return Sort.TIME
+                return found
+
+
+_SORTS: Final = {
+    **dict.fromkeys((*ARITHMETIC, Operator.ABS, Operator.MIN, Operator.MAX, Operator.NUMBER), Sort.NUMBER),
+    Operator.LOWER: Sort.TEXT,
+}
+"""What operators give; all others give a truth value."""
+_OPERANDS: Final = {
+    **dict.fromkeys((*ARITHMETIC, Operator.ABS, Operator.MIN, Operator.MAX), (Sort.NUMBER, Sort.TIME)),
+    Operator.NUMBER: (Sort.NUMBER, Sort.TIME, Sort.TEXT),
+    **dict.fromkeys(
+        (Operator.LOWER, Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS, Operator.LIKE), (Sort.TEXT,)
+    ),
+}
+"""What operators take, where they are no comparisons or junctions."""
+
+
+def _all(parts: Iterable[TruthCondition]) -> TruthCondition:
+    return _joined(True, parts)
+
+
+def _any(parts: Iterable[TruthCondition]) -> TruthCondition:
+    return _joined(False, parts)
+
+
+def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
+    """The junction, each part once and none that is a junction of the same kind."""
+    found: dict[TruthCondition, None] = {}
+    for part in parts:
+        if part is (NEVER if every else ALWAYS):
+            return part
+        inner = part.parts if isinstance(part, ConditionJunction) and part.every is every else (part,)
+        found |= dict.fromkeys(inner)
+    return (
+        next(iter(found))
+        if len(found) == 1
+        else ConditionJunction(every, tuple(found))
+        if found
+        else (ALWAYS if every else NEVER)
+    )
+
+
+def spelled(condition: TruthCondition, test: Callable[[ConditionTest], T], join: Callable[[bool, list[T]], T]) -> T:
+    """The condition in a language: `test` spells a test, `join` all (true) or one (false) of several; what stands in several places is spelled once."""
+    known: dict[int, T] = {}
+
+    def of(part: TruthCondition) -> T:
+        if id(part) not in known:
+            if isinstance(part, ConditionJunction):
+                known[id(part)] = join(part.every, [of(one) for one in part.parts])
+            else:
+                known[id(part)] = test(part)
+        return known[id(part)]
+
+    return of(condition)

@@ -8,11 +8,12 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any, ClassVar
 from uuid import UUID
 
-from backends.stix.objects import StixHeader
-from backends.stix.reader import StixMonitor, observations
+from backends.stix.observations import StixHeader
+from backends.stix.reader import StixMonitor
 from backends.stix.translation import StixPattern
 from rvaft.backend import Backend, Metrics, Specification
 from rvaft.errors import NotExpressible
@@ -64,9 +65,8 @@ class StixBackend(Backend):
             reason = "a pattern says which observations there are and not that there are none between"
             raise NotExpressible(reason, backend=self.name, semantics=semantics)
         plain = self.plain(tree.changed(nodes=[replace(n, within=None) for n in tree.nodes.values()]), semantics)
-        header = replace(
-            self._header, time=tree.time if any(node.within is not None for node in tree.top_down()) else None
-        )
+        windows = any(node.within is not None for node in tree.top_down())
+        header = replace(self._header, time=tree.time if windows else None)
         limit = self.default_limit if limit is None else limit
         text, symbols = StixPattern(tree, plain, semantics, header, limit).text()
         return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
@@ -74,13 +74,9 @@ class StixBackend(Backend):
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
         """A bundle of observed data; raises what `translate` does under `scattered`, and `TraceError` where times do not increase."""
         header = StixHeader.of(self.translate(tree, Semantics.SCATTERED).text)
-        objects = [one for some in observations(header, trace) for one in some]
-        return (
-            json.dumps(
-                {"type": "bundle", "id": f"bundle--{UUID(int=0)}", "objects": objects}, ensure_ascii=False, indent=1
-            )
-            + "\n"
-        )
+        objects = [*chain.from_iterable(header.observations(trace))]
+        bundle = {"type": "bundle", "id": f"bundle--{UUID(int=0)}", "objects": objects}
+        return f"{json.dumps(bundle, ensure_ascii=False, indent=1)}\n"
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that asks stix2-matcher, whoever wrote the pattern; raises `LanguageError` and `ToolMissing`.

@@ -4,7 +4,7 @@ Guards have three values: where one cannot be calculated neither it nor its nega
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from functools import partial
 from typing import Final, TypeAlias
@@ -14,8 +14,11 @@ from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, V
 from rvaft.model.values import Json
 
 _WORD: Final = re.compile(r"[a-z_][a-z0-9_]*", re.ASCII)
-_SIGNS: Final = {Operator.EQ: "="}
-"""What is written otherwise than in a tree."""
+_MADE: Final = re.compile(r"[^\0-\x7f]|[;K`]")
+"""Signs that Unicode's form NFC makes of others, or may."""
+_OPEN: Final = re.compile(r"[A-PR-Za-pr-z<=>]\Z")
+"""What it joins with a mark behind it."""
+_NFC: Final = "LIKE and MATCHES compare what Unicode's form NFC makes of a string, not the string"
 
 Test: TypeAlias = str | bool
 """A comparison expression, or one that always or never holds."""
@@ -72,7 +75,21 @@ def literal(value: Json) -> str:
 def _compared(path: str, operator: Operator, value: Json) -> Test:
     if operator in ORDERINGS and (value is None or isinstance(value, bool)):
         return False
-    return f"{path} {_SIGNS.get(operator, operator)} {literal(value)}"
+    return f"{path} {'=' if operator is Operator.EQ else operator} {literal(value)}"
+
+
+def _matched(path: str, pieces: Sequence[str], *, wanted: bool) -> Test:
+    """That a text has these pieces one after the other, the first and the last at its ends; raises `Unsaid`."""
+    if any(map(_MADE.search, pieces)) or any(map(_OPEN.search, pieces[:-1])):
+        raise Unsaid(_NFC)
+    first, *inner, last = map(re.escape, pieces)
+    regex = (
+        f"^{first}"
+        + "".join(rf"(?>[\s\S]*?{piece})" for piece in inner)
+        + (rf"[\s\S]*{last}(?![\s\S])" if last else "")
+    )
+    test = f"MATCHES {literal(regex)}"
+    return f"{path} {test}" if wanted else f"{path} >= '' AND {path} NOT {test}"
 
 
 def _all(tests: Iterable[Test]) -> Test:
@@ -98,12 +115,13 @@ def _truth(paths: Mapping[str, str], guard: Guard, *, wanted: bool) -> Test:
             return False
         case Operation(Operator.NOT, (one,)):
             return inner(one, wanted=not wanted)
-        case Operation(Operator.AND | Operator.OR as operator, operands):
-            going = operator is Operator.AND  # it is read from the left while all are so
-            if wanted is going:
-                return _all(inner(one, wanted=wanted) for one in operands)
-            before = [[inner(one, wanted=going) for one in operands[:end]] for end in range(len(operands))]
-            return _any(_all([*some, inner(one, wanted=wanted)]) for some, one in zip(before, operands, strict=True))
+        case Operation(Operator.AND | Operator.OR as operator, (first, *others)):  # read from the left while all are so
+            rest = Operation(operator, tuple(others)) if others[1:] else others[0]
+            if wanted is (operator is Operator.AND):
+                return _all([inner(first, wanted=wanted), inner(rest, wanted=wanted)])
+            return _any(
+                [inner(first, wanted=wanted), _all([inner(first, wanted=not wanted), inner(rest, wanted=wanted)])]
+            )
         case Operation(operator, (Variable(name), Literal(value))) if operator in COMPARISONS:
             return _compared(paths[name], operator if wanted else OPERATORS[operator].negated or operator, value)
         case Operation(operator, (Literal(), Variable()) as sides) if operator in COMPARISONS:
@@ -111,16 +129,20 @@ def _truth(paths: Mapping[str, str], guard: Guard, *, wanted: bool) -> Test:
         case Operation(Operator.IN, (one, *listed)):
             tests = [inner(Operation(Operator.EQ, (one, it)), wanted=wanted) for it in listed]
             return _any(tests) if wanted else _all(tests)
+        case Operation(Operator.LIKE, (Variable() as one, Literal(str() as glob))) if re.fullmatch(r"[^*?]*\*+", glob):
+            return inner(Operation(Operator.STARTSWITH, (one, Literal(glob.rstrip("*")))), wanted=wanted)
         case Operation(Operator.STARTSWITH, (Variable() as one, Literal(str() as start))):
             kept = start.rstrip("\U0010ffff")
             behind = [Operation(Operator.LT, (one, Literal(kept[:-1] + chr(ord(kept[-1]) + 1))))] if kept else []
-            between = (Operation(Operator.GE, (one, Literal(start))), *behind)
-            return (
-                _all(inner(each, wanted=True) for each in between)
-                if wanted
-                else _any(inner(each, wanted=False) for each in between)
-            )
-        case Operation(Operator.ENDSWITH | Operator.CONTAINS | Operator.LIKE, _):
-            raise Unsaid("LIKE and MATCHES compare what Unicode's form NFC makes of a string, not the string")
+            tests = [inner(each, wanted=wanted) for each in (Operation(Operator.GE, (one, Literal(start))), *behind)]
+            return _all(tests) if wanted else _any(tests)
+        case Operation(Operator.ENDSWITH, (Variable(name), Literal(str() as end))):
+            return _matched(paths[name], ["", end], wanted=wanted)
+        case Operation(Operator.CONTAINS, (Variable(name), Literal(str() as piece))):
+            return _matched(paths[name], ["", piece, ""], wanted=wanted)
+        case Operation(Operator.LIKE, (Variable(name), Literal(str() as glob))) if "?" not in glob and "*" in glob:
+            return _matched(paths[name], re.split(r"\*+", glob), wanted=wanted)
+        case Operation(Operator.LIKE, (Variable(), Literal(str()))):
+            raise Unsaid(_NFC)
         case _:
             raise Unsaid("a comparison is of one property and a constant, and calculates nothing")

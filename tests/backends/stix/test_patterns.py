@@ -14,12 +14,13 @@ from backends.stix.reader import StixMonitor
 from cross_check.comparison import cross_check
 from cross_check.traces import Effort
 from rvaft.api import loads, translate
-from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolMissing, TraceError
+from rvaft.api import monitor as monitor_of
+from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolFailed, ToolMissing, TraceError
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor
 from tests.backends.injections import INJECTIONS
 from tests.backends.texts import events, flat, tree
@@ -134,6 +135,51 @@ def test_times_that_do_not_increase_are_left_open() -> None:
         assert monitor.left_open(trace)
         with pytest.raises(TraceError, match="order of their times"):
             monitor.first_detections([trace])
+
+
+def test_what_stops_the_matcher_is_said_in_one_line() -> None:
+    for pattern, reason in (
+        ("[EXISTS x-rvaft:x AND x-rvaft:y = 1]", "unsupported operand"),
+        ("[x-rvaft:x ISSUBSET '1.2.3.0/24']", "Invalid IPv4"),
+    ):
+        with pytest.raises(ToolFailed, match=f"^stix2-matcher failed: {reason}[^\n]*$"):
+            StixMonitor(pattern).first_detections([[{"x": "a", "y": 1}]])
+
+
+def test_texts_are_compared_as_they_are_written() -> None:
+    """Neither what Unicode's form NFC makes of a text nor a line break in it changes what is found."""
+    texts = [
+        "/q/",
+        "a/q/b",
+        "\n/q/\n",
+        "/q\u0301/",
+        "q/",
+        "/q.exe",
+        "/q.exe\n",
+        "\u212a/q.exe",
+        "/q.ex\u0065\u0301",
+        "",
+        7,
+        None,
+    ]
+    for guard in (
+        'contains(X, "/q/")',
+        'endswith(X, "q.exe")',
+        'like(X, "*/q*/*")',
+        'like(X, "/*.exe")',
+        'startswith(X, "/q")',
+    ):
+        for when in (guard, f"not {guard}"):
+            made = loads(f"{DECLARED} r on px(X) when {when};")
+            traces: list[list[Json]] = [[{"x": text}] for text in texts]
+            try:
+                monitor = translate(made, "stix", semantics="scattered").monitor()
+            except NotExpressible:
+                assert "q*" in guard
+                continue
+            assert isinstance(monitor, DetectionMonitor)
+            found = [next(monitor_of(made, semantics="scattered").run(trace)) is Verdict.TRUE for trace in traces]
+            assert [one == 1 for one in monitor.first_detections(traces)] == found, when
 
 
 def test_sizes_and_limits() -> None:

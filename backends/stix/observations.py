@@ -1,4 +1,4 @@
-"""How events become objects of observed data: the names of properties, and the header that a pattern begins with.
+"""How events become observed data: the names of properties, the times, and the header that a pattern begins with.
 
 `type` and `id`, and names that end in `_ref`, `_refs`, `_hex` or `_bin`, have a meaning of their own in STIX. A field that is called so, or would be
 taken for such a field, gets one more underscore at the end.
@@ -6,14 +6,17 @@ taken for such a field, gets one more underscore at the end.
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from typing import Any, Final, TypeAlias
+from uuid import UUID
 
-from rvaft.errors import LanguageError, OptionError
+from rvaft.errors import LanguageError, OptionError, TraceError
 from rvaft.language.parser import parse_time
 from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import time_text
+from rvaft.model.values import Json, at
 
 EVENT: Final = "x-rvaft"
 """The type of the object that an event is unless a mapping says otherwise."""
@@ -23,6 +26,8 @@ Way: TypeAlias = tuple[str, ...]
 _MEANT: Final = re.compile(r"(type|id|.*(_refs?|_hex|_bin))_*", re.DOTALL)
 _PATH: Final = re.compile(r"[a-z][a-z0-9-]*:[a-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 _HEADER: Final = re.compile(r"\s*/\*\s*rvaft\b(.*?)\*/", re.DOTALL)
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_LAST: Final = 6_000 * 365 * 86_400 * 1_000_000
 
 
 def property_of(name: str) -> str:
@@ -48,14 +53,13 @@ class StixHeader:
     @classmethod
     def mapped(cls, mapping: Mapping[str, Any]) -> "StixHeader":
         """What a mapping of a user says; raises `OptionError`."""
-        types = {name: {way: path for path, way in _paths(name, below, ())} for name, below in mapping.items()}
+        types = {name: dict(_fields(below, ())) for name, below in mapping.items()}
         objects: dict[str, Way] = {}
         for name, paths in types.items():
             for way, path in paths.items():
                 if objects.setdefault(path, way) != way:
-                    raise OptionError(
-                        f"the mapping has two fields for {path}: {'.'.join(objects[path])}, {'.'.join(way)}"
-                    )
+                    both = f"{'.'.join(objects[path])}, {'.'.join(way)}"
+                    raise OptionError(f"the mapping has two fields for {path}: {both}")
             if len({path.partition(":")[0] for path in paths.values()}) > 1:
                 raise OptionError(f"the mapping of {name} has objects of two types, and an event is one object")
         if inside := [path for path in objects for other in objects if path.startswith(f"{other}.")]:
@@ -88,20 +92,70 @@ class StixHeader:
             reason = error.message if isinstance(error, LanguageError) else str(error)
             raise LanguageError(f"the comment at the beginning cannot be read: {reason}", file="<stix>") from None
 
+    def _times(self, trace: Sequence[Json]) -> list[int]:
+        """When the events are observed, in microseconds, up to the first that is not later than those before."""
+        found = [-1]
+        for number, event in enumerate(trace):
+            time = number * 1_000_000_000 if self.time is None else self.time.read(event)
+            if time is None or time % 1_000 or not found[-1] < time // 1_000 < _LAST:
+                break
+            found.append(time // 1_000)
+        return found[1:]
 
-def _paths(name: str, below: Any, above: Way) -> Iterator[tuple[str, Way]]:
-    if isinstance(below, Mapping):
-        for step, inner in below.items():
-            yield from _paths(name, inner, (*above, step))
+    def left_open(self, trace: Sequence[Json]) -> str:
+        """Why STIX says nothing of a trace, if that is so."""
+        return "STIX orders by times, which have to increase" if len(self._times(trace)) < len(trace) else ""
+
+    def observations(self, trace: Sequence[Json]) -> list[list[Json]]:
+        """Of each event its observed data, with the objects that this refers to; raises `TraceError` where times do not increase."""
+        if self.left_open(trace):
+            reason = "observations are in the order of their times: each event needs one, of whole microseconds, later than those before"
+            raise TraceError(reason, line=None)
+        found: list[list[Json]] = []
+        for number, (event, time) in enumerate(zip(trace, self._times(trace), strict=True)):
+            unique = UUID(int=number)
+            some = [{"id": f"{one['type']}--{unique}", **one} for one in self._objects(event)]
+            stamp = (_EPOCH + timedelta(microseconds=time)).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+            data = {"type": "observed-data", "spec_version": "2.1", "id": f"observed-data--{unique}"}
+            data |= dict.fromkeys(("created", "modified", "first_observed", "last_observed"), stamp)
+            found.append([data | {"number_observed": 1, "object_refs": [one["id"] for one in some]}, *some])
+        return found
+
+    def _objects(self, event: Json) -> list[dict[str, Any]]:
+        """The objects of an observation."""
+        if not self.objects:
+            return [{**_properties(event), "type": EVENT}]
+        found: dict[str, dict[str, Any]] = {}
+        for path, way in self.objects.items():
+            kind, *steps, last = re.split("[:.]", path)
+            if (value := at(event, way, ...)) is not ...:
+                inner = found.setdefault(kind, {"type": kind})
+                for step in steps:
+                    inner = inner.setdefault(step, {})
+                inner[last] = _properties(value)
+        return list(found.values())
+
+
+def _fields(below: Any, above: Way) -> Iterator[tuple[Way, str]]:
+    """The fields of an event type with their object paths."""
+    if not isinstance(below, Mapping):
+        yield above, _checked(below)
     else:
-        yield _checked(below), above
+        for step, inner in below.items():
+            yield from _fields(inner, (*above, step))
 
 
 def _checked(path: Any) -> str:
     if not isinstance(path, str) or not _PATH.fullmatch(path):
         raise OptionError(f"{path!r} is no object path such as user-account:account_login")
     if odd := [step for step in re.split("[:.]", path)[1:] if property_of(step) != step]:
-        raise OptionError(
-            f"{path} has {odd[0]}, which STIX gives a meaning of its own: map the field to another property"
-        )
+        reason = "which STIX gives a meaning of its own: map the field to another property"
+        raise OptionError(f"{path} has {odd[0]}, {reason}")
     return path
+
+
+def _properties(value: Json) -> Any:
+    """A value with its fields named as properties are."""
+    if isinstance(value, Mapping):
+        return {property_of(name): _properties(inner) for name, inner in value.items()}
+    return [_properties(inner) for inner in value] if isinstance(value, list) else value

@@ -4,18 +4,19 @@ A text is one query, or several with `;` between them, of which any is a detecti
 before the first says where events have their time; without it that is `@timestamp as iso8601`. `maxspan` is about logs in the order of their times; an event without a time
 is none to queries with a `maxspan`.
 
-The engine is told to mind the case of letters, as Elasticsearch does. What it reads otherwise than Elasticsearch in spite of that is refused.
+The engine is asked once for each event what holds of it, and then, for each sequence, of events that have nothing but that.
 Events are joined by what is equal in JSON (`true` and 1 are not), and a null is a value.
 """
 
 import re
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, permutations
 from typing import Any, Final
 
+from backends.eql.queries import CATEGORY, FILE, FUNCTIONS, OPTIONAL, parsed, place
 from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_time
@@ -29,42 +30,26 @@ _PIECE: Final = re.compile(
 _TIME: Final = re.compile(r"//[ \t]*(time[ \t].*\S)")
 _DEFAULT_TIME: Final = EventTime(("@timestamp",), TimeFormat.ISO8601)
 _BACKWARDS: Final = "`maxspan` is about logs in the order of their times, and those of this trace go back"
-_CASE_ALIKE: Final = "the engine cannot mind the case of letters here and not there"
-_DEVIATIONS: Final = {
-    ":": f"{_CASE_ALIKE}: write ==, or like",
-    "like~": f"{_CASE_ALIKE}: write like",
-    "in~": f"{_CASE_ALIKE}: write in",
-    "regex": "the engine asks for a match at the beginning, and not of the whole text",
-    "regex~": _CASE_ALIKE,
-    "![": "the engine does not wait until a missing event is missing",
-}
-"""What the engine reads otherwise than Elasticsearch, and how."""
-_FILE: Final = "<eql>"
-_KINDS: Final = ("event_type", "event.category")
-_KEY, _TRACE, _NULL = "key", 0, object()
-"""A function, a field that no event of JSON has, and what stands for a null."""
+_EVENT, _END = "event", "end"
+"""Of these types are events, and what they are once more to `until`, which looks at the sequences after them."""
+_KEY, _CATEGORIES, _TRACE, _NULL = "key", 0, -1, object()
+"""A function, two fields that no event of JSON has, and what stands for a null."""
 _TRACES: Final = 100
 """So many traces are looked at by one engine, which keeps what is left of each."""
 _LOCK: Final = threading.RLock()
 
 
-class _Object(dict[Any, Json]):
-    """An object of JSON whose fields the engine gets."""
-
-    def get(self, name: str, default: Json = None) -> Json:
-        return document(self[name]) if name in self else default
-
-
-class _List(list[Json]):
-    def __getitem__(self, index: Any) -> Json:
-        return document(super().__getitem__(index))
-
-
 def document(value: Json) -> Json:
     """A value as the engine gets it; for that None is a field that is not there."""
     if isinstance(value, Mapping):
-        return _Object(value)
-    return _List(value) if isinstance(value, list) else _NULL if value is None else value
+        return {name: document(one) for name, one in value.items()}
+    return [*map(document, value)] if isinstance(value, list) else _NULL if value is None else value
+
+
+def _categories(event: Json) -> list[Json]:
+    nested = event["event"].get("category") if isinstance(event.get("event"), Mapping) else None
+    found = event.get("event_type"), event.get("event.category"), nested
+    return [each for one in found for each in (one if isinstance(one, list) else [one])]
 
 
 @contextmanager
@@ -79,21 +64,52 @@ def minding_case(module: Any) -> Iterator[None]:
 
 
 class Queries:
-    """What a text asks. An engine runs many traces: their number is a field of events and a key of sequences, but where there are pipes or descendants."""
+    """What a text asks. An engine runs many traces: their number is a key of sequences."""
 
     def __init__(self, module: Any, queries: Sequence[Any], time: EventTime | None) -> None:
-        self._module = module
-        timed = [one for one in queries if getattr(one.first, "max_span", None)]
-        self._queries = [one for one in queries if one not in timed], timed
+        self._module, self._asker = module, module.PythonEngine({"functions": {**FUNCTIONS, _KEY: key}})
+        self._asked: dict[str, int] = {}
+        self._answers: list[Callable[[Any], Json]] = []
+        made = [one for query in queries for one in self._sequences(query)]
+        timed = [one for one in made if getattr(one.first, "max_span", None)]
+        self._queries = [one for one in made if one not in timed], timed
+        self._types = [_EVENT, _END] if any(getattr(one.first, "close", None) for one in made) else [_EVENT]
         self._time = time or (_DEFAULT_TIME if timed else None)
         self._engines, self._found, self._traces = list[Any](), list[Any](), 0
-        apart = module.ast.NamedSubquery, module.ast.PipeCommand
-        self._most = 1 if any(isinstance(part, apart) for query in queries for part in query) else _TRACES
-        firsts = [query.first for query in queries]
-        terms = [term for one in firsts for term in (*getattr(one, "queries", ()), getattr(one, "close", None)) if term]
-        for term in {id(term): term for term in terms}.values():
-            keys = [module.ast.FunctionCall(_KEY, [one]) for one in term.join_values]
-            term.join_values = [*keys, module.ast.Field(_TRACE)]
+
+    def _sequences(self, query: Any) -> Iterator[Any]:
+        """A query as sequences of the numbers of what is asked of events."""
+        ast = self._module.ast
+        if isinstance(query, ast.EventQuery):
+            yield ast.PipedQuery(ast.EventQuery(_EVENT, self._number(query, [])))
+            return
+        terms = [self._term(one, _EVENT) for one in query.queries]
+        close, span = getattr(query, "close", None), getattr(query, "max_span", None)
+        close = close and self._term(close, _END)
+        span = span and ast.TimeRange(span.as_milliseconds(), ast.TimeUnit.Seconds)  # the engine rounds to its seconds
+        for order in permutations(terms) if isinstance(query, ast.Sample) else [terms]:
+            yield ast.PipedQuery(ast.Sequence([*order], span, close))
+
+    def _term(self, term: Any, kind: str) -> Any:
+        ast = self._module.ast
+        optional = [isinstance(one, ast.FunctionCall) and one.name == OPTIONAL for one in term.join_values]
+        keys = [one.arguments[0] if free else one for one, free in zip(term.join_values, optional, strict=True)]
+        needed = [ast.IsNotNull(one) for one, free in zip(keys, optional, strict=True) if not free]
+        joined = [self._answer(ast.FunctionCall(_KEY, [one])) for one in keys]
+        return ast.SubqueryBy(ast.EventQuery(kind, self._number(term.query, needed)), [*joined, ast.Field(_TRACE)])
+
+    def _number(self, query: Any, more: Sequence[Any]) -> Any:
+        """The field with what holds of an event for a query, and more."""
+        ast, kind = self._module.ast, query.event_type
+        within = [] if kind == "any" else [ast.FunctionCall(CATEGORY, [ast.Field(_CATEGORIES), ast.String(kind)])]
+        parts = [*within, *more, query.query]
+        return self._answer(ast.And(parts) if len(parts) > 1 else parts[0])
+
+    def _answer(self, expression: Any) -> Any:
+        number = self._asked.setdefault(repr(expression), len(self._asked) + 1)
+        if number > len(self._answers):
+            self._answers.append(self._asker.convert(expression, scoped=True))
+        return self._module.ast.Field(number)
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
         """For each trace the number of the event with which one of the queries first has a match."""
@@ -101,7 +117,7 @@ class Queries:
             return [self._first(trace) for trace in traces]
 
     def _first(self, trace: Sequence[Json]) -> int | None:
-        if self._traces % self._most == 0:
+        if self._traces % _TRACES == 0:
             self._engines = [self._engine(queries) for queries in self._queries]
         self._traces += 1
         self._found.clear()
@@ -109,11 +125,13 @@ class Queries:
             raise TraceError(_BACKWARDS, line=None)
         for number, event in enumerate(trace, 1):
             moment = None if self._time is None else self._time.read(event)
-            kind = next((event[name] for name in _KINDS if isinstance(event.get(name), str)), "generic")
-            given = self._module.Event(kind, moment or 0, _Object({**event, _TRACE: self._traces}))
             try:
-                for engine in self._engines[: 1 if moment is None else 2]:
-                    engine.stream_event(given)
+                given = self._module.Event(_EVENT, 0, {**document(event), _CATEGORIES: _categories(event)})
+                told = {place: answer(given) for place, answer in enumerate(self._answers, 1)}
+                for kind in self._types:
+                    told[_TRACE] = self._traces
+                    for engine in self._engines[: 1 if moment is None else 2]:
+                        engine.stream_event(self._module.Event(kind, moment or 0, told))
             except Exception as error:  # what a query asks of values that it did not expect
                 self._traces = 0
                 raise ToolFailed("eql", reason=f"event {number}: {type(error).__name__}: {error}") from error
@@ -128,7 +146,7 @@ class Queries:
         return _BACKWARDS if any(later < earlier for earlier, later in pairwise(times)) else ""
 
     def _engine(self, queries: Sequence[Any]) -> Any:
-        engine = self._module.PythonEngine({"time_unit": UNITS["s"], "functions": {_KEY: key}})
+        engine = self._module.PythonEngine({"time_unit": UNITS["ms"]})
         engine.add_output_hook(self._found.append)
         engine.add_queries(queries)
         return engine
@@ -145,36 +163,18 @@ def compiled(text: str) -> Queries:
             try:
                 time = parse_time(line[1])
             except LanguageError as error:
-                raise error_at(error.message, text, piece.start() + line.start(1) + error.column - 1, _FILE) from None
+                raise error_at(error.message, text, piece.start() + line.start(1) + error.column - 1, FILE) from None
         if piece["end"]:
             ends.append(piece.start())
     if text[ends[-1] + 1 :].strip() or len(ends) == 1:
         ends.append(len(text))
-    with minding_case(eql):
-        queries = [_query(eql, text, begin + 1, end) for begin, end in pairwise(ends)]
-        return Queries(eql, queries, time)
-
-
-def _query(eql: Any, text: str, begin: int, end: int) -> Any:
-    """One query of a text, as the parser of the package reads it."""
-    from lark import Token  # noqa: PLC0415
-    from lark.exceptions import UnexpectedInput  # noqa: PLC0415
-
-    source = text[begin:end] + "\n"
-    with eql.utils.ParserConfig(elasticsearch_syntax=True, allow_runs=True, allow_negation=True, optimized=False):
+    queries = []
+    for begin, end in pairwise(ends):
+        source = text[begin + 1 : end]
         try:
-            tree = eql.parser.lark_parser.parse(source, start="piped_query")
-            for token in tree.scan_values(lambda one: isinstance(one, Token)):
-                if str(token) in _DEVIATIONS and token.type in ("STRING_PREDICATE", "IN", "MISSING_EVENT_OPEN"):
-                    raise error_at(f"{token}: {_DEVIATIONS[str(token)]}", text, begin + token.start_pos, _FILE)
-            query = eql.parser.LarkToEQL(source).visit(tree)
-        except UnexpectedInput as error:
-            raise error_at("this is no query of EQL", text, begin + max(error.pos_in_stream or 0, 0), _FILE) from None
-        except eql.EqlParseError as error:
-            where = sum(map(len, source.splitlines(keepends=True)[: error.line])) + error.column
-            raise error_at(error.error_msg, text, min(begin + where, end), _FILE) from None
-        except RecursionError:
-            raise error_at("this query is nested too deeply", text, begin, _FILE) from None
-    if getattr(query.first, "max_span", None) and query.first.max_span.as_milliseconds() % 1000:
-        raise error_at("the engine takes whole seconds of a maxspan", text, begin, _FILE)
-    return query
+            queries.append(parsed(source))
+        except LanguageError as error:
+            at = begin + 1 + place(source, error.line - 1, error.column - 1)
+            raise error_at(error.message, text, at, FILE) from None
+    with minding_case(eql):
+        return Queries(eql, queries, time)

@@ -29,7 +29,9 @@ _WORDS: Final = "and any as by const false fork in join like macro maxspan not n
 _PLAIN: Final = re.compile(rf"(?!(?:{_WORDS.replace(' ', '|')})\b)[a-z_]\w*", re.IGNORECASE | re.ASCII)
 _ESCAPES: Final = str.maketrans({sign: f"\\{letter}" for sign, letter in zip('\\"\n\r\t\b\f', '\\"nrtbf', strict=True)})
 _TOKEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|`[^`]*`|[\w.]+|[^\s\w]')
-_SPANS: Final = {"d": UNITS["d"], "h": UNITS["h"], "m": UNITS["min"], "s": UNITS["s"]}
+_SPANS: Final = {"d": UNITS["d"], "h": UNITS["h"], "m": UNITS["min"], "s": UNITS["s"], "ms": UNITS["ms"]}
+_RUNS: Final = 100
+"""So many at most takes Elasticsearch of `with runs`."""
 _O: Final = Operator
 _FUNCTIONS: Final = {_O.STARTSWITH: "startsWith", _O.ENDSWITH: "endsWith", _O.CONTAINS: "stringContains"}
 
@@ -63,7 +65,8 @@ def query(items: Sequence[Item]) -> str:
     lines = [f"sequence{keys}"]
     for item, run in groupby(items):
         own, count = f" by {', '.join(item.keys)}" if len(shared) > 1 else "", len([*run])
-        lines.append(f"  [{item}]{own}" + (f" with runs={count}" if count > 1 else ""))
+        runs = [_RUNS] * (count // _RUNS) + [count % _RUNS] * (count % _RUNS > 0)
+        lines += [f"  [{item}]{own}" + (f" with runs={some}" if some > 1 else "") for some in runs]
     return "\n".join(lines)
 
 
@@ -108,8 +111,8 @@ class EqlText:
                 raise self._refusal("`maxspan` is over a whole sequence, not over a part of it", [name])
             if len(names) == 1:
                 raise self._refusal("a window over one event only asks for its time", [name])
-            if self._windows[name] % UNITS["s"]:
-                raise self._refusal("the engine takes whole seconds of a `maxspan`", [name])
+            if self._windows[name] % UNITS["ms"]:
+                raise self._refusal("a `maxspan` is of whole milliseconds", [name])
         return min((self._windows[name] for name in found), default=None)
 
     def _items(self, kept: Kept) -> dict[str, Item] | None:

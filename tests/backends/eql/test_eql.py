@@ -66,6 +66,15 @@ def test_hand_written(text: str, trace: list[Json], number: int) -> None:
     ]
 
 
+EVENT: Json = {"x": "FooBarBaz", "ip": "192.168.152.12", "six": "::ffff:192.168.1.1", "b": True, "n": 1, "o": {}}
+EVENT |= {"l": "a\nb", "k": "\N{KELVIN SIGN}elvin", "u": "AB"}
+
+
+@pytest.mark.parametrize(("condition", "holds"), rows(__file__, "conditions.txt"))
+def test_conditions_mean_what_they_do_to_elasticsearch(condition: str, *, holds: bool) -> None:
+    assert compiled(f"any where {condition}").first_detections([[EVENT]]) == [1 if holds else None]
+
+
 def injected(text: str, *, as_name: bool) -> RVAFT:
     """A tree that has a text as a value, and as a label; or as the names of a node and of a field, too."""
     leaf = text if as_name else "leaf"
@@ -158,8 +167,8 @@ def test_a_rule_is_held_against_a_tree(tmp_path: Path) -> None:
 
 
 def test_what_the_engine_cannot_run() -> None:
-    with pytest.raises(ToolFailed, match="event 2: ZeroDivisionError"):
-        compiled("any where a % b == 1").first_detections([[{}, {"a": 1, "b": 0}]])
+    with pytest.raises(ToolFailed, match="event 2: TypeError"):
+        compiled('any where substring(a, b) == "x"').first_detections([[{}, {"a": "x", "b": 0.5}]])
 
 
 def test_without_the_package_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,17 +22,16 @@ from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model import guards, patterns
 from rvaft.model.event_time import TIME, EventTime
 from rvaft.model.expressions import guard_text, pattern_text, time_text
-from rvaft.model.guards import Guard, Operation
+from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite, is_number
 
 ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
 EXACT: Final = 2**46
-"""Up to here sums of `_OPERANDS` whole numbers are exact as doubles, too."""
-LONGEST: Final = 2**60
-"""The greatest time, and the longest duration, that columns calculate with."""
-_OPERANDS: Final = 40
+"""Numbers that columns hold are less: sums of some of them are exact as doubles, too."""
+LONGEST: Final = 2**61
+"""So are times, and durations, in nanoseconds; the difference of two of them has 62 bits."""
 _FITS: Final = re.compile(r"(\w+) := (.*)")
 _HAS: Final = re.compile(rf"(\w+) ({'|'.join(ASPECTS)}) of (.*)")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
@@ -171,8 +170,8 @@ def _plain(value: Json) -> Json:
 
 
 def _bounded(number: float, most: int) -> Any:
-    if abs(number) > most:
-        raise OverflowError(f"a number beyond 2**{most.bit_length() - 1} is no exact one there")
+    if abs(number) >= most:
+        raise OverflowError(f"a number of 2**{most.bit_length() - 1} or more is no exact one there")
     return number
 
 
@@ -188,10 +187,23 @@ def constant(literal: Literal, aspect: str) -> Json:
     return cell
 
 
-def require_exact_sums(*terms: Guard) -> None:
-    """Raises `Unsayable` for a comparison of sums so long that they could leave what doubles hold exactly."""
-    if sum(not isinstance(part, Operation) for term in terms for part in guards.walk(term)) > _OPERANDS:
-        raise Unsayable("its sums are too long for doubles to calculate as whole numbers do")
+def require_exact_sums(*terms: Guard, time: bool) -> None:
+    """Raises `Unsayable` where a term could leave what doubles hold exactly, or, of times, integers of 63 bits."""
+
+    def reach(term: Guard) -> float:
+        match term:
+            case Literal(int() | float() as constant):
+                return min(abs(constant), unit)
+            case Operation(Operator.ADD | Operator.SUB, operands):
+                return sum(map(reach, operands))
+            case Operation(_, operands):
+                return max(map(reach, operands))
+            case _:
+                return unit
+
+    unit = LONGEST - 1 if time else EXACT - 1
+    if max(map(reach, terms)) >= (2 * LONGEST if time else 2**53):
+        raise Unsayable("its sums are too long to be calculated exactly")
 
 
 def time_variables(tree: RVAFT) -> frozenset[str]:

@@ -81,12 +81,12 @@ class Orders:
             raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
 
     def asked(
-        self, kept: Kept, bound: Mapping[str, Container[str]], refusal: Callable[[str], Exception]
+        self, kept: Kept, bound: Mapping[str, Container[str]], several: Callable[[str, Guard], Exception | None]
     ) -> dict[str, list[Guard]] | None:
         """What the guards of a scenario ask of each event; None where one of them never holds.
 
-        Each guard is put to one event that has (`bound`) all its variables, that of its own node if it can be. Raises what `refusal` makes
-        of the node of a guard that looks at several events.
+        Each guard is put to one event that has (`bound`) all its variables, that of its own node if it can be. A guard that looks at several
+        events is given to `several` with its node; raises what that returns, if it is an error.
         """
         found: dict[str, list[Guard]] = {name: [] for name in bound}
         for node in (self.tree.nodes[name] for name in kept):
@@ -98,9 +98,17 @@ class Orders:
                 holder = next((name for name in having if name in bound), None)
                 if holder is not None:
                     found[holder].append(guard)
-                elif mentioned:
-                    raise refusal(node.name)
+                elif mentioned and (refusal := several(node.name, guard)) is not None:
+                    raise refusal
         return found
+
+    def after(self, kept: Kept) -> dict[str, frozenset[str]]:
+        """Of each event of a scenario, that it has just given, those that come after it."""
+        graph, names = self._graphs[id(kept)], [name for name in kept if self.tree.nodes[name].has_event]
+        later = (nx.descendants(graph, event(name)) for name in names)
+        return {
+            name: frozenset(one for one in names if event(one) in some) for name, some in zip(names, later, strict=True)
+        }
 
     def words(self, kept: Kept, letters: Mapping[str, Letter]) -> Iterator[tuple[Letter, ...]]:
         """The orders of the events of a scenario, that it has just given, as words of the letters of its nodes; none that was there before."""

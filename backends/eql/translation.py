@@ -120,7 +120,7 @@ class EqlText:
         names = [name for name in kept if self._orders.tree.nodes[name].has_event]
         paths = {name: {} if name in self._orders.groups else self._look(name)[1] for name in names}
         asked = self._orders.asked(
-            kept, paths, lambda node: self._refusal("a condition of EQL looks at one event", [node])
+            kept, paths, lambda node, _: self._refusal("a condition of EQL looks at one event", [node])
         )
         if asked is None:
             return None

@@ -46,7 +46,7 @@ def written(condition: TruthCondition, column: Column) -> str:
             case EqualityTest(left, right, wanted):
                 return f"{value(left, 'text')} {'=' if wanted else '<>'} {value(right, 'text')}"
             case ComparisonTest(sort, left, sign, right):
-                require_exact_sums(left, right)
+                require_exact_sums(left, right, time=sort is Sort.TIME)
                 return f"{value(left, _ASPECTS[sort])} {sign} {value(right, _ASPECTS[sort])}"
             case SortTest(term, sort, wanted=True):
                 return f"{value(term, _ASPECTS[sort])} IS NOT NULL"

@@ -15,7 +15,7 @@ from rvaft.analysis.scenarios import Kept
 from rvaft.analysis.truth_conditions import TruthCondition, TruthConditions, Unsayable
 from rvaft.backend import Metrics
 from rvaft.errors import NotExpressible
-from rvaft.model.guards import Guard, conjuncts, holds, variables
+from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Variable, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -65,24 +65,21 @@ class RowPatternQueries:
 
     def _words(self, kept: Kept) -> Iterator[tuple[Sequence[str], list[str]]]:
         """The orders of the events of a scenario, as columns that they fit, with the condition of each event."""
-        events = [name for name in kept if self._tree.nodes[name].has_event]
-        own: dict[str, list[Guard]] = {name: [] for name in events}
-        shared: dict[tuple[str, Guard], TruthCondition] = {}
-        bound = {name: frozenset(rigid_variables(self._patterns[name])) for name in events}
+        nodes, shared = self._orders.tree.nodes, dict[tuple[str, Guard], TruthCondition]()
+        bound = {name: frozenset(rigid_variables(self._patterns[name])) for name in kept if nodes[name].has_event}
         conditions = TruthConditions(
             self._times, lambda part: any(one.issuperset(variables(part)) for one in bound.values())
         )
-        for node, guard in ((name, one) for name in kept for one in conjuncts(self._tree.nodes[name].when)):
-            having = [name for name in events if bound[name].issuperset(variables(guard))]
-            if not variables(guard) and holds(guard, {}):
-                continue
-            if having:
-                own[having[0]].append(guard)
-            else:
-                with self._saying(node):
-                    shared[node, guard] = conditions.of(guard)
-        letters = {name: (self._fitting(name, own[name]), (*shared,)) for name in events}
-        variables_of = {letters[name][0]: bound[name] for name in events}
+
+        def several(node: str, guard: Guard) -> None:
+            with self._saying(node):
+                shared[node, guard] = conditions.of(guard)
+
+        own = self._orders.asked(kept, bound, several)
+        if own is None:
+            return
+        letters = {name: (self._fitting(name, own[name]), (*shared,)) for name in bound}
+        variables_of = {letters[name][0]: names for name, names in bound.items()}
         uses = Counter(chain(*bound.values()))
         for word in self._orders.words(kept, letters):
             columns = [column for column, _ in word]

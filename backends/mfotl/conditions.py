@@ -1,7 +1,7 @@
 """Guards over several events as disjunctions of conjunctions of MonPoly's comparisons, each of which is about arguments that are bound."""
 
 from collections.abc import Callable, Sequence
-from itertools import product
+from itertools import chain, product
 from typing import Final, TypeAlias, assert_never
 
 from backends.event_columns import constant, require_exact_sums
@@ -32,8 +32,8 @@ _KINDS: Final = {Sort.NUMBER: "n", Sort.TIME: "n", Sort.TEXT: "s"}
 
 def both(*several: Ways) -> Ways:
     """What is so where all of these are; raises `TooLarge`."""
-    found: Ways = ((),)
-    for ways in several:
+    found: Ways = (tuple(dict.fromkeys(chain.from_iterable(ways[0] for ways in several if len(ways) == 1))),)
+    for ways in (ways for ways in several if len(ways) != 1):
         if len(found) * len(ways) > MOST:
             raise TooLarge("ways in which a guard can hold", limit=MOST)
         found = tuple(dict.fromkeys(tuple(dict.fromkeys(a + b)) for a, b in product(found, ways)))
@@ -75,7 +75,7 @@ class Conditions:
             case SortTest(Variable() as term, sort):
                 return ((f"NOT ({self._is(term, sort)})",),)
             case ComparisonTest(sort, left, sign, right):
-                require_exact_sums(left, right)
+                require_exact_sums(left, right, time=sort is Sort.TIME)
                 return self._compared(sort, left, sign, right)
             case _:
                 raise AssertionError("what is calculated has a sort")

@@ -5,26 +5,24 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import chain, count
 from typing import Final
 
-import networkx as nx
-
 from backends.event_columns import FittingEvent, ValueColumn, time_variables
 from backends.mfotl.conditions import Conditions, Ways, both
 from backends.mfotl.monpoly import Column, MfotlHeader
-from rvaft.analysis.scenarios import Kept, event, precedence, resolutions
+from backends.orders import Orders
+from rvaft.analysis.scenarios import Kept
 from rvaft.analysis.truth_conditions import Unsayable
 from rvaft.analysis.unification import overlaps
 from rvaft.backend import Metrics
-from rvaft.errors import NotExpressible, TooLarge, TreeError
-from rvaft.model.guards import Guard, conjuncts, holds, variables
-from rvaft.model.patterns import Variable, rigid_variables
+from rvaft.errors import NotExpressible, TooLarge
+from rvaft.model.guards import Guard
+from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 
-_SCENARIOS: Final = 2_000
 _ILLEGAL: Final = re.compile(r"[^a-z0-9_]+")
 _TOKEN: Final = re.compile(r'"[^"]*"|\w+(?:\.\d+)?|[^\s\w]')
 _WORD: Final = re.compile(r"\w+")
-_RESERVED: Final = (
+_RESERVED: Final = [
     "null",
     "true",
     "false",
@@ -39,16 +37,15 @@ _RESERVED: Final = (
     "rvaft",
     "time",
     "when",
-)
+]
 
 
 class MfotlFormula:
     """One translation. Raises `NotExpressible`, `TooLarge` beyond `limit` atoms and comparisons, `TreeError` without a feasible scenario."""
 
     def __init__(self, tree: RVAFT, limit: int) -> None:
-        self._tree = tree
-        self._limit = limit
-        self._size = 0
+        self._limit, self._size = limit, 0
+        self._orders = Orders(tree, limit=limit, apart=tree.nodes)
         self._header = MfotlHeader(time=tree.time)
         self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
         self._times = time_variables(tree)
@@ -58,45 +55,30 @@ class MfotlFormula:
 
     def text(self) -> tuple[str, Metrics]:
         """The text and its sizes."""
-        formulas = [formula for kept in self._scenarios() for formula in self._disjuncts(kept)]
-        if not formulas:
-            message = f"no scenario of {self._tree.root} is feasible"
-            raise TreeError(message, rule="no-scenario", nodes=[self._tree.root])
+        formulas = [formula for kept in self._orders.scenarios() for formula in self._disjuncts(kept)]
+        if not formulas:  # no event is one of these
+            self._header.fitting = {"never": [FittingEvent(ObjectPattern(()), (Literal(value=False),))]}
+            formulas = ["EXISTS i1. (ONCE never(i1))"]
         formula = formulas[0] if len(formulas) == 1 else "\nOR ".join(f"({one})" for one in formulas)
         return f"{self._header}{formula}\n", Metrics(symbols=len(_TOKEN.findall(formula)), subformulas=self._size)
 
-    def _scenarios(self) -> Iterator[tuple[Kept, nx.DiGraph]]:
-        """The nodes of each scenario with the order of its events, where they have one."""
-        for kept in resolutions(self._tree, minimal=True, limit=_SCENARIOS):
-            points = precedence(self._tree, kept)
-            if nx.is_directed_acyclic_graph(points):
-                yield kept, points
-
-    def _disjuncts(self, scenario: tuple[Kept, nx.DiGraph]) -> Iterator[str]:
+    def _disjuncts(self, kept: Kept) -> Iterator[str]:
         """A scenario, once for each way in which its guards can hold."""
-        kept, points = scenario
-        events = [name for name in kept if self._tree.nodes[name].has_event]
-        after = {name: _later(points, name, events) for name in events}
-        events.sort(key=lambda name: -len(after[name]))
-        guards = [
-            (name, one)
-            for name in kept
-            for one in conjuncts(self._tree.nodes[name].when)
-            if variables(one) or not holds(one, {})
-        ]
-        own: dict[str, list[Guard]] = {name: [] for name in events}
+        after = self._orders.after(kept)
+        events = sorted(after, key=lambda name: -len(after[name]))
         conditions, ways = Conditions(self._times, self._column), list[Ways]()
-        for node, guard in guards:
-            names = set(variables(guard))
-            having = [name for name in events if names <= set(rigid_variables(self._patterns[name]))]
-            if having:
-                own[having[0]].append(guard)
-                continue
+
+        def several(node: str, guard: Guard) -> NotExpressible | None:
             try:
                 ways.append(conditions.ways(guard))
             except Unsayable as error:
                 reason = f"a guard over several events: {error}"
-                raise NotExpressible(reason, backend="mfotl", semantics=Semantics.SCATTERED, nodes=[node]) from None
+                return NotExpressible(reason, backend="mfotl", semantics=Semantics.SCATTERED, nodes=[node])
+            return None
+
+        own = self._orders.asked(kept, {name: rigid_variables(self._patterns[name]) for name in events}, several)
+        if own is None:
+            return
         uses = [name for one in events for name in rigid_variables(self._patterns[one])]
         tied = {name for name in uses if uses.count(name) > 1}
         places = {name: f"i{number}" for number, name in enumerate(events, 1)}
@@ -145,12 +127,6 @@ class MfotlFormula:
         self._size += more
         if self._size > self._limit:
             raise TooLarge("atoms and comparisons of the formula", limit=self._limit)
-
-
-def _later(points: nx.DiGraph, name: str, events: Collection[str]) -> set[str]:
-    """Of these events those that come after that of a node."""
-    after = nx.descendants(points, event(name))
-    return {other for other in events if event(other) in after}
 
 
 def _free(name: str, taken: Collection[str]) -> str:

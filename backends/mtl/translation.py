@@ -78,7 +78,7 @@ def translation(backend: Backend, tree: RVAFT, semantics: Semantics, limit: int)
         if tied := [name for name in single if any(holders[one] > 1 for one in bound[name])]:
             raise refusal("a proposition is about one event, and a variable ties several", tied)
         several = "a proposition is about one event, and a guard compares several"
-        asked = orders.asked(kept, bound, lambda node: refusal(several, [node]))
+        asked = orders.asked(kept, bound, lambda node, _: refusal(several, [node]))
         if asked is None:
             return None
         found: dict[str, tuple[str, ...]] = {}

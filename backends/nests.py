@@ -176,7 +176,7 @@ class Nesting:
                 for (one, have), (other, has) in combinations(binds.items(), 2):
                     if have & has:
                         self._refuse(min(have & has), (one, other))
-                if asked := orders.asked(kept, binds, lambda node: self._refuse(TIE, [node])):
+                if asked := orders.asked(kept, binds, lambda node, _: self._refuse(TIE, [node])):
                     said = {name: Nest(Op.EVENT, node=name, guards=tuple(asked[name]), size=1) for name in binds}
                     before = nx.transitive_closure_dag(precedence(part, kept)).subgraph(map(event, binds))
                     yield self._arranged(said, nx.relabel_nodes(before, {event(name): name for name in binds}))

@@ -37,7 +37,7 @@ class CsvReader(LogReader):
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
         """The events of the rows, each with the number of the line where it begins."""
-        lines = (data.decode(errors="surrogateescape") for _, data in lines_of(log))
+        lines = (data.decode(errors="surrogateescape") for _, data in lines_of(log.stream, log.name, log.line))
         head = next(lines, "")
         said = _DIVIDED.fullmatch(head)
         before, head = (1, next(lines, "")) if said else (0, head)

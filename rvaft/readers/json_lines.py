@@ -13,14 +13,13 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from io import BufferedIOBase
-from itertools import count
 from pathlib import Path
 from typing import BinaryIO, Final
 
 from rvaft.analysis.pattern_index import Reads, Scope
 from rvaft.errors import TraceError
 from rvaft.model.values import Exact, Json, decimal, is_finite
-from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, Log, LogReader, Source, failures_of, unreadable
+from rvaft.readers.log import MAX_DIGITS, MAX_LINE, Log, LogReader, Source, lines_of
 from rvaft.support.files import opened
 from rvaft.support.terminal import cut
 
@@ -84,16 +83,8 @@ def _numbered(
     source: BinaryIO, file: str, reads: Scope | None, line: int, *, strict: bool
 ) -> Iterator[tuple[int, dict[str, Json]]]:
     """The events of a stream, each with the number of its line."""
-    failures = failures_of(file)
-    for number in count(line):
-        try:
-            text = source.readline(len(BOM) + MAX_LINE + 1)
-        except failures as error:
-            raise unreadable(error, file, number) from error
-        if not text:
-            return
-        text = text.removesuffix(b"\n")
-        event = event_on(text.removeprefix(BOM) if number == 1 else text, file, number, reads, strict=strict)
+    for number, text in lines_of(source, file, line):
+        event = event_on(text.removesuffix(b"\n"), file, number, reads, strict=strict)
         if event is not None:
             yield number, event
 

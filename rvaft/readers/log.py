@@ -223,16 +223,18 @@ class Log:
                 self.given += 1
                 yield event
         except failures as error:
-            raise self.error_at(
-                str(getattr(error, "strerror", None) or error), self.place + 1, "cannot be read: "
-            ) from error
+            raise unreadable(error, self.name, *self._where(self.place + 1)) from error
 
-    def error_at(self, reason: str, place: int | None, before: str = "") -> TraceError:
+    def error_at(self, reason: str, place: int | None) -> TraceError:
         """The error for something at a place, or for the whole log."""
-        if self.reader.unit == "line" and place is not None:
-            return TraceError(f"{before}{reason}", file=self.name, line=place)
-        where = "" if place is None else f"{self.reader.unit} {place}: "
-        return TraceError(f"{before}{where}{reason}", file=self.name, line=None)
+        line, where = self._where(place)
+        return TraceError(f"{where}{reason}", file=self.name, line=line)
+
+    def _where(self, place: int | None) -> tuple[int | None, str]:
+        """The line that a place is, and what an error says of one that is none."""
+        if self.reader.unit == "line" or place is None:
+            return place, ""
+        return None, f"{self.reader.unit} {place}: "
 
     def reject(self, place: int, reason: str, count: int = 1) -> None:
         """Count what is at a place, so many units of it, and is no event."""
@@ -318,7 +320,7 @@ class LineReader(LogReader):
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
         """The events of all lines; bytes that are no UTF-8 become escapes of their numbers."""
-        for number, data in lines_of(log):
+        for number, data in lines_of(log.stream, log.name, log.line):
             log.reading = number
             text = data.decode(errors="backslashreplace").rstrip("\r\n")
             if not text.strip():
@@ -331,14 +333,24 @@ class LineReader(LogReader):
                 yield number, event
 
 
-def lines_of(log: Log) -> Iterator[tuple[int, bytes]]:
-    """The lines of a log with their numbers, without a byte order mark; raises `TraceError` for one without end."""
-    for number in count(log.line):
-        if not (data := log.stream.readline(len(BOM) + MAX_LINE + 1)):
+def lines_of(stream: BinaryIO, file: str, line: int = 1) -> Iterator[tuple[int, bytes]]:
+    """The lines of a stream with their numbers, without a byte order mark.
+
+    Raises `TraceError` where the file cannot be read on, and for a line without end.
+    """
+    failures = failures_of(file)
+    for number in count(line):
+        try:
+            data = stream.readline(len(BOM) + MAX_LINE + 1)
+        except failures as error:
+            raise unreadable(error, file, number) from error
+        if not data:
             return
-        if len(data) > MAX_LINE:
-            raise log.error_at(f"the line is longer than {MAX_LINE // 1024**2} MiB", number)
-        yield number, data.removeprefix(BOM) if number == 1 else data
+        if number == 1:
+            data = data.removeprefix(BOM)
+        if len(data) > MAX_LINE and len(data.removesuffix(b"\n")) > MAX_LINE:
+            raise TraceError(f"the line is longer than {MAX_LINE // 1024**2} MiB", file=file, line=number)
+        yield number, data
 
 
 # -- files that are logs -----------------------------------------------------------------------------------------------
@@ -369,9 +381,9 @@ def failures_of(file: str) -> tuple[type[Exception], ...]:
     return (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
 
 
-def unreadable(error: Exception, file: str, line: int) -> TraceError:
-    """A trace that cannot be read from that line on."""
-    return TraceError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file, line=line)
+def unreadable(error: Exception, file: str, line: int | None = None, where: str = "") -> TraceError:
+    """A trace that cannot be read from that line on, or from a place that is no line."""
+    return TraceError(f"cannot be read: {where}{getattr(error, 'strerror', None) or error}", file=file, line=line)
 
 
 def expanded(name: str) -> list[str]:
@@ -434,7 +446,7 @@ def source_of(reader: LogReader, name: str) -> Iterator[LogSource]:
                 shutil.copyfileobj(stream, whole)
                 whole.flush()
             except failures_of(name) as error:
-                raise TraceError(f"cannot be read: {error}", file=name, line=None) from error
+                raise unreadable(error, name) from error
             yield Path(whole.name)
 
 

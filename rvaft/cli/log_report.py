@@ -9,20 +9,18 @@ from typing import Any, Final
 import click
 
 from rvaft.api import narrowed
-from rvaft.cli import FAILED, Failures, options, warn
-from rvaft.cli.monitor import limit_option, plan_of, require_companions, source_of, stream_options
+from rvaft.cli import FAILED, options, warn
+from rvaft.cli.monitor import TracesGiven, limit_option, plan_of, require_companions, stream_options
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held
-from rvaft.cli.monitor_run import TraceSource, run
+from rvaft.cli.monitor_run import run
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Kind
-from rvaft.model.values import Json
 from rvaft.monitoring.detection import Hooks, counted
 from rvaft.monitoring.follow import POLL, stopping
 from rvaft.monitoring.live_page import PageServer, Questions
 from rvaft.monitoring.monitor_set import Per
 from rvaft.monitoring.report import PLACES, SHOWN, LogReport, Told
-from rvaft.monitoring.run import MonitoredTrace, Totals, TraceRun, VerdictChange
-from rvaft.readers.log import expanded
+from rvaft.monitoring.run import MonitoredTrace, Totals, TraceRun
 from rvaft.support import network
 from rvaft.support.files import deliver
 from rvaft.support.network import LOCAL, require_host
@@ -38,36 +36,18 @@ _LINES: Final = 500
 class PageReporter(Reporter):
     """Makes a page of what it is told, once all logs have been read."""
 
-    concerned = sums = True
+    sums = True
 
-    def __init__(self, settings: MonitorSettings, sink: Sink, most: int | None = None) -> None:
+    def __init__(self, settings: MonitorSettings, sink: Sink, report: LogReport) -> None:
         super().__init__(settings, sink)
-        grows = settings.follow
-        self.report = LogReport(settings.tree, settings.plan, most=most or (SHOWN if grows else PLACES), grows=grows)
+        self.report = report
         self.page: bytes | None = None
         self.stopped = False
         sink.kept = []
 
-    def begin(self, watch: MonitoredTrace) -> None:
-        """A log begins, or the first event of a key came."""
-        self.report.begin(watch)
-
-    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
-        """An event concerned the tree and changed no verdict."""
-        self.report.event(watch, number, event)
-
-    def change(self, change: VerdictChange) -> None:
-        """An event changed verdicts."""
-        self.report.change(change)
-
-    def end(self, watch: MonitoredTrace) -> None:
-        """A log ends."""
-        self.report.end(watch)
-
-    def stop(self, watch: MonitoredTrace) -> None:
+    def stop(self, watch: MonitoredTrace) -> None:  # noqa: ARG002 (the interface)
         """A log cannot be read further."""
         self.stopped = True
-        self.report.stop(watch)
 
     def told(self, said: Sequence[str] = ()) -> Told:
         """What was said, and more of that, and what the logs held so far."""
@@ -93,11 +73,11 @@ class LivePageReporter(PageReporter):
         self,
         settings: MonitorSettings,
         sink: Sink,
+        report: LogReport,
         questions: Questions,
-        most: int | None,
         ready: Callable[[], object],
     ) -> None:
-        super().__init__(settings, sink, most)
+        super().__init__(settings, sink, report)
         self._questions = questions
         self._ready = ready
         self._gone = 0
@@ -154,23 +134,18 @@ class _Request:
     ) -> None:
         whole = options.load_tree(tree)
         plan = plan_of(narrowed(whole, branch, kind), whole, given)
-        self._missing = Failures()
-        found = list(self._missing.collect(expanded, logs))
-        files = [file for some in found for file in some]
-        readers = given["log_format"].readers(files, live=follow)
-        wrong = next((reader.name for reader in readers if follow and not (reader.by_lines or reader.schemes)), None)
-        options.refuse(wrong, f"--follow needs a log of lines (jsonl, regex, syslog): {wrong} is none")
-        self.traces: list[TraceSource] = [source_of(*one) for one in zip(files, readers, strict=True)]
-        several = len(self.traces) + len(logs) - len(found) > 1
-        streams = any(trace.file is None for trace in self.traces)
-        options.refuse(follow and (several or streams), "--follow needs one LOG, a file")
+        self._traces = TracesGiven(logs, given["log_format"], live=follow)
+        if follow:
+            self._traces.require_growing("--follow", "LOG")
+        most = given["max_events"] or (SHOWN if follow else PLACES)
+        self.report = LogReport(whole, plan, most=most, grows=follow)
         self.settings = MonitorSettings(
             plan,
             whole,
             name=click.format_filename(tree),
             per=given["per"],
             form="text",
-            several=several,
+            several=self._traces.several,
             detections=False,
             drawn=False,
             drawing=None,
@@ -178,12 +153,18 @@ class _Request:
             checkpoints=None,
             follow=follow,
             unchosen=given["semantics"] is None and whole.semantics is None,
+            others=(self.report,),
         )
+
+    @property
+    def files(self) -> set[Path]:
+        """The files that are read."""
+        return {Path(one.file).resolve() for one in self._traces.sources if one.file is not None}
 
     def run(self, make: Callable[[MonitorSettings, Sink], Reporter]) -> int:
         """Read the logs; the exit status."""
-        status = run(self.settings, self.traces, report=make)
-        return FAILED if self._missing.met else status
+        status = run(self.settings, self._traces.sources, report=make)
+        return FAILED if self._traces.missing.met else status
 
 
 @click.command("report")
@@ -201,13 +182,12 @@ def report_command(
     require_companions(given)
     options.require_writable([output or "-"], [tree])
     request = _Request(tree, logs, branch, kind, follow=False, given=given)
-    read = {Path(one.file).resolve() for one in request.traces if one.file is not None}
-    if output is not None and Path(output).resolve() in read:
+    if output is not None and Path(output).resolve() in request.files:
         raise OptionError(f"{output} would be written over, but it is one of the logs: name another file")
     made: list[PageReporter] = []
 
     def make(settings: MonitorSettings, sink: Sink) -> Reporter:
-        made.append(PageReporter(settings, sink, given["max_events"]))
+        made.append(PageReporter(settings, sink, request.report))
         return made[0]
 
     status = request.run(make)
@@ -261,11 +241,10 @@ def view_command(
             sys.stdout.flush()
 
         def make(settings: MonitorSettings, sink: Sink) -> Reporter:
-            most = given["max_events"]
             made.append(
-                LivePageReporter(settings, sink, questions, most, ready)
+                LivePageReporter(settings, sink, request.report, questions, ready)
                 if follow
-                else PageReporter(settings, sink, most)
+                else PageReporter(settings, sink, request.report)
             )
             return made[0]
 

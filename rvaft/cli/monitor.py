@@ -115,50 +115,42 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     whole = options.load_tree(tree)
     part, semantics, backend = narrowed(whole, branch, kind), meant(whole, given["semantics"]), given["backend"]
     plan = plan_of(part, whole, given)
-    missing, names = Failures(), given["traces"] or ("-",)
+    names = given["traces"] or ("-",)
     if given["word"] is not None:
         options.refuse(
             given["log_format"] != options.LogFormat(None, InputOptions()), "--word is no log: it has no format"
         )
-        traces, several, live = [_word(given["word"], whole)], False, False
-    else:
-        found = list(missing.collect(expanded, names))
-        files = [file for some in found for file in some]
-        readers = given["log_format"].readers(files, live=True)
-        if live := any(reader.schemes for reader in readers):
-            options.refuse(
-                len(files) > 1, "a URL is watched alone, since events come from it without end: name one TRACE"
-            )
-            why = "--checkpoint needs a log that is there again later: what came from a URL is gone"
-            options.refuse(given["checkpoint"] is not None, why)
-            given["follow"] = False
-        traces = [source_of(file, reader) for file, reader in zip(files, readers, strict=True)]
-        for option, reader in ((option, reader) for option in ("follow", "checkpoint") for reader in readers):
-            wrong = given[option] not in (None, False) and not reader.by_lines
-            options.refuse(wrong, f"--{option} needs a log of lines (jsonl, regex, syslog): {reader.name} is none")
-        several = len(traces) + len(names) - len(found) > 1
-    streams = any(trace.file is None for trace in traces)
+        names = ()
+    traces = TracesGiven(names, given["log_format"], live=True)
+    if given["word"] is not None:
+        traces.sources.append(_word(given["word"], whole))
+    if traces.live:
+        options.refuse(traces.several, "a URL is watched alone, since events come from it without end: name one TRACE")
+        why = "--checkpoint needs a log that is there again later: what came from a URL is gone"
+        options.refuse(given["checkpoint"] is not None, why)
+        given["follow"] = False
     for option in ("follow", "checkpoint"):
-        wrong = given[option] not in (None, False) and (several or streams)
-        options.refuse(wrong, f"--{option} needs one TRACE, a file")
-    wrong = given["jobs"] > 1 and streams and given["word"] is None
+        if given[option] not in (None, False):
+            traces.require_growing(f"--{option}", "TRACE")
+    wrong = given["jobs"] > 1 and traces.streams and given["word"] is None
     options.refuse(wrong, "--jobs is for files: standard input is read by one process")
     checkpoints = None
-    if given["checkpoint"] is not None and traces and traces[0].file is not None:
+    if given["checkpoint"] is not None and traces.sources and (file := traces.sources[0].file) is not None:
+        reader = traces.sources[0].reader
         asked = {
             "--semantics": semantics,
             "--per": given["per"],
             "--key": ", ".join(given["key"]) or None,
             "--order-by": given["order_by"],
             "--window": given["window"],
-            "--input": None if traces[0].reader is None else f"{traces[0].reader.name} {traces[0].reader.options}",
+            "--input": None if reader is None else f"{reader.name} {reader.options}",
             "--repeat": "" if given["repeat"] else None,
             "--cooldown": given["cooldown"] and duration_text(given["cooldown"]),
         }
         checkpoints = CheckpointFile(
             Path(given["checkpoint"]),
             tree=part,
-            trace=Path(traces[0].file),
+            trace=Path(file),
             every=given["checkpoint_every"] or EVERY,
             settings={name: str(value) for name, value in asked.items() if value is not None},
         )
@@ -167,8 +159,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         whole,
         name=click.format_filename(tree),
         **{option: given[option] for option in ("per", "form", "detections")},
-        follow=given["follow"] or live,
-        several=several,
+        follow=given["follow"] or traces.live,
+        several=traces.several,
         drawn=given["explain"] == TERMINAL,
         drawing=None if given["explain"] == TERMINAL else given["explain"],
         hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
@@ -176,11 +168,11 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         unchosen=given["semantics"] is None and whole.semantics is None and backend is None,
     )
     if given["foxglove"] is not None:
-        endless = live or given["follow"] or (streams and given["word"] is None)
-        status = _with_foxglove(settings, traces, given["foxglove"], given["jobs"], endless=endless)
+        endless = traces.live or given["follow"] or (traces.streams and given["word"] is None)
+        status = _with_foxglove(settings, traces.sources, given["foxglove"], given["jobs"], endless=endless)
     else:
-        status = run(settings, traces, given["jobs"])
-    return FAILED if missing.met else status
+        status = run(settings, traces.sources, given["jobs"])
+    return FAILED if traces.missing.met else status
 
 
 def _with_foxglove(
@@ -250,6 +242,35 @@ def require_companions(given: Mapping[str, Any]) -> None:
     for name, needed in (("max_keys", "key"), ("window", "order_by"), ("checkpoint_every", "checkpoint")):
         wrong = given.get(name) is not None and given[needed] in (None, ())
         options.refuse(wrong, f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}")
+
+
+class TracesGiven:
+    """What the names on a command line stand for; those of files that are not there are told, and noted in `missing`."""
+
+    def __init__(self, names: Sequence[str], log_format: options.LogFormat, *, live: bool) -> None:
+        self.missing = Failures()
+        found = list(self.missing.collect(expanded, names))
+        files = [file for some in found for file in some]
+        readers = log_format.readers(files, live=live)
+        self.several = len(files) + len(names) - len(found) > 1
+        self.sources = [source_of(*one) for one in zip(files, readers, strict=True)]
+
+    @property
+    def live(self) -> bool:
+        """Whether events of some come by themselves, from a URL."""
+        return any(one.live for one in self.sources)
+
+    @property
+    def streams(self) -> bool:
+        """Whether some are no files."""
+        return any(one.file is None for one in self.sources)
+
+    def require_growing(self, option: str, noun: str) -> None:
+        """Refuse an option that needs one log which can be read on where it ended."""
+        readers = [one.reader for one in self.sources if one.reader is not None]
+        wrong = next((reader.name for reader in readers if not (reader.by_lines or reader.schemes)), None)
+        options.refuse(wrong, f"{option} needs a log of lines (jsonl, regex, syslog): {wrong} is none")
+        options.refuse(self.several or self.streams, f"{option} needs one {noun}, a file")
 
 
 def source_of(file: str, reader: LogReader) -> TraceSource:

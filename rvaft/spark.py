@@ -58,7 +58,6 @@ _FIRST: Final = -(1 << 63)
 _NO_KEY: Final = ""
 _STATE: Final = "state binary"
 _QUICK: Final = msgspec.json.Decoder(float_hook=decimal)
-_NAMES: Final = [part.split()[0] for part in SCHEMA.split(", ")]
 
 
 class _Options(NamedTuple):
@@ -357,11 +356,18 @@ def _batch(rows: Sequence[tuple[Any, ...]], schema: str) -> "pyarrow.RecordBatch
 
     text = pyarrow.string()
     kinds = {"string": text, "bigint": pyarrow.int64(), "double": pyarrow.float64(), "int": pyarrow.int32()}
-    named = [part.split() for part in schema.split(", ")]
-    found = [kinds.get(kind, pyarrow.list_(text)) for _, kind in named]
-    columns = list(zip(*rows, strict=True)) or [()] * len(named)
-    arrays = [pyarrow.array(column, kind) for column, kind in zip(columns, found, strict=True)]
-    return pyarrow.RecordBatch.from_arrays(arrays, [name for name, _ in named])
+    named = _columns(schema)
+    found = zip(*rows, strict=True) if rows else [()] * len(named)
+    arrays = [
+        pyarrow.array(column, kinds.get(kind, pyarrow.list_(text)))
+        for column, kind in zip(found, named.values(), strict=True)
+    ]
+    return pyarrow.RecordBatch.from_arrays(arrays, list(named))
+
+
+def _columns(schema: str) -> dict[str, str]:
+    """The kind of each column of a schema."""
+    return dict(column.split(" ", 1) for column in schema.split(", "))
 
 
 def _stepped(
@@ -379,4 +385,4 @@ def _stepped(
         rows = list(run.read(texts))
         state.update((run.state,))
     if rows:
-        yield pandas.DataFrame(rows, columns=_NAMES, dtype=object)
+        yield pandas.DataFrame(rows, columns=list(_columns(SCHEMA)), dtype=object)

@@ -28,6 +28,12 @@ _PATIENCE: Final = 10.0
 """Seconds that a browser has to say what it wants, or to take what it is sent."""
 _HEARTBEAT: Final = 5.0
 """Seconds after which something is sent, to find out who is gone."""
+_REFUSALS: Final = {
+    HTTPStatus.FORBIDDEN: "this server goes by its address or by localhost; allow others with --origin",
+    HTTPStatus.NOT_FOUND: "there is only the page, at /",
+    HTTPStatus.METHOD_NOT_ALLOWED: "only GET",
+    HTTPStatus.SERVICE_UNAVAILABLE: "too many browsers; close another one",
+}
 Told = tuple[str, bytes]
 """A cursor, and what is new up to it."""
 Asked = Literal["page", "events"]
@@ -71,6 +77,15 @@ def headers(kind: Asked | None, *, live: bool) -> Mapping[str, str]:
         "Cross-Origin-Resource-Policy": "same-origin",
         "Cache-Control": "no-store",
     }
+
+
+def refusal(status: HTTPStatus, more: str = "") -> str:
+    r"""What a request that is refused is told, in one line; `more` is said of what there is here.
+
+    >>> refusal(HTTPStatus.NOT_FOUND, ", and WebSocket")
+    '404 there is only the page, at /, and WebSocket\n'
+    """
+    return f"{status.value} {_REFUSALS[status]}{more}\n"
 
 
 class Questions:
@@ -178,13 +193,11 @@ class _Answering(BaseHTTPRequestHandler):
         server = self.server
         kind = asked(self.path, live=server.live)
         if not own(self.headers.get_all("Host", []), server.origins):
-            self._refuse(
-                HTTPStatus.FORBIDDEN, "this server goes by its address or by localhost; allow others with --origin"
-            )
+            self._refuse(HTTPStatus.FORBIDDEN)
         elif kind is None:
-            self._refuse(HTTPStatus.NOT_FOUND, "there is only the page, at /")
+            self._refuse(HTTPStatus.NOT_FOUND)
         elif not server.room.acquire(blocking=False):
-            self._refuse(HTTPStatus.SERVICE_UNAVAILABLE, "too many browsers; close another one")
+            self._refuse(HTTPStatus.SERVICE_UNAVAILABLE)
         else:
             try:
                 if kind == "page":
@@ -200,7 +213,7 @@ class _Answering(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Nothing is taken."""
-        self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, "only GET and HEAD")
+        self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, " and HEAD")
 
     do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_TRACE = do_CONNECT = do_POST  # noqa: N815 (the interface)
 
@@ -222,8 +235,8 @@ class _Answering(BaseHTTPRequestHandler):
                 spoken = monotonic()
             self.server.closing.wait(PERIOD)
 
-    def _refuse(self, status: HTTPStatus, why: str) -> None:
-        self._send(status, f"{status.value} {why}\n".encode(), None)
+    def _refuse(self, status: HTTPStatus, more: str = "") -> None:
+        self._send(status, refusal(status, more).encode(), None)
 
     def _send(self, status: HTTPStatus, body: bytes, kind: Asked | None) -> None:
         self._begin(status, kind, len(body))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from rvaft.model.tree import RVAFT
 from rvaft.monitoring.detection import counted
-from rvaft.monitoring.live_page import BROWSERS, PERIOD, asked, cursor_of, headers, message
+from rvaft.monitoring.live_page import BROWSERS, PERIOD, asked, cursor_of, headers, message, refusal
 from rvaft.monitoring.report import SHOWN, LogReport, Told
 from rvaft.monitoring.run import Key, MonitoringPlan
 from rvaft.ros.protocol import Session
@@ -77,28 +77,23 @@ class ConnectionsPage:
         self, connection: "ServerConnection", request: "Request", origins: Collection[str], stop: asyncio.Event
     ) -> "Response":
         """What a plain request is answered."""
-        kind, body = asked(request.path, live=True), b""
+        kind, status, more = asked(request.path, live=True), HTTPStatus.OK, ""
         if not own(request.headers.get_all("Host"), origins):
-            status, why = (
-                HTTPStatus.FORBIDDEN,
-                "this server goes by its address or by localhost; allow others with --origin",
-            )
+            status = HTTPStatus.FORBIDDEN
         elif getattr(request, "method", "GET") != "GET":  # websockets before 16 takes no other
-            status, why = HTTPStatus.METHOD_NOT_ALLOWED, "only GET"
+            status = HTTPStatus.METHOD_NOT_ALLOWED
         elif kind is None:
-            status, why = HTTPStatus.NOT_FOUND, "there is only the page, at /, and WebSocket"
+            status, more = HTTPStatus.NOT_FOUND, ", and WebSocket"
         elif kind == "events" and self._asking >= BROWSERS:
-            status, why = HTTPStatus.SERVICE_UNAVAILABLE, "too many browsers; close another one"
-        else:
-            status, why = HTTPStatus.OK, ""
-            body = (
-                self.report.page(self.name, self.told, live=True) if kind == "page" else await self._news(request, stop)
-            )
-        response = connection.respond(status, f"{status.value} {why}\n")
+            status = HTTPStatus.SERVICE_UNAVAILABLE
+        response = connection.respond(status, "" if status is HTTPStatus.OK else refusal(status, more))
         found = dict(headers(kind if status is HTTPStatus.OK else None, live=True))
         if status is HTTPStatus.OK:
-            response.body = body
-            found["Content-Length"] = str(len(body))
+            page = kind == "page"
+            response.body = (
+                self.report.page(self.name, self.told, live=True) if page else await self._news(request, stop)
+            )
+            found["Content-Length"] = str(len(response.body))
         if status is HTTPStatus.METHOD_NOT_ALLOWED:
             found["Allow"] = "GET"
         for name, value in found.items():

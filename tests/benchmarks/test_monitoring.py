@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
@@ -329,6 +329,13 @@ def watched_logs(folder: Path, share: int) -> list[Watched]:
     ]
 
 
+def require_fast(capsys: pytest.CaptureFixture[str], lines: Sequence[str], slow: Sequence[str]) -> None:
+    """Show what was measured; nothing of it may be slow."""
+    with capsys.disabled():
+        sys.stdout.write("\n" + "\n".join(lines) + "\n")
+    assert not slow, "\n".join(slow)
+
+
 @pytest.mark.benchmark
 @pytest.mark.parametrize(
     ("share", "events", "slack"),
@@ -357,9 +364,7 @@ def test_the_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str], share: int
                 failed = too_slow(watched, measured, slack)
         failures += failed
         lines += [row.line(watched.name, median(measured["orjson.loads"].timings)) for row in measured.values()]
-    with capsys.disabled():
-        sys.stdout.write("\n" + "\n".join(lines) + "\n")
-    assert not failures, "\n".join(failures)
+    require_fast(capsys, lines, failures)
 
 
 # -- events that are all the tree's own -------------------------------------------------------------------------------
@@ -422,9 +427,7 @@ def test_events_that_all_concern_the_tree(tmp_path: Path, capsys: pytest.Capture
         lines.append(f"{name:45} {ratio:8.2f} x, at most {most}")
         if ratio > most:
             slow.append(lines[-1])
-    with capsys.disabled():
-        sys.stdout.write("\n" + "\n".join(lines) + "\n")
-    assert not slow, "\n".join(slow)
+    require_fast(capsys, lines, slow)
 
 
 # -- every way --------------------------------------------------------------------------------------------------------
@@ -470,9 +473,7 @@ def test_every_way_is_about_as_fast_as_the_file(
             lines.append(f"{watched.name:17} {way:26} {taken:9.3f} s {ratio:8.2f} x the file")
             if ratio > slowest:
                 slow.append(lines[-1])
-    with capsys.disabled():
-        sys.stdout.write("\n" + "\n".join(lines) + "\n")
-    assert not slow, "\n".join(slow)
+    require_fast(capsys, lines, slow)
 
 
 def test_a_table_is_faster_than_the_engine() -> None:

@@ -14,7 +14,7 @@ from time import perf_counter
 from typing import Final, TypeAlias, TypeVar
 
 from cross_check.generate.times import in_order
-from cross_check.judges import FLINK, MONPOLY, VERIMON, flink_of, monpoly_of
+from cross_check.judges import FLINK, MONPOLY, R2U2, VERIMON, flink_of, monpoly_of, r2u2_of
 from cross_check.letters import TIMES, VARIABLES
 from cross_check.participants import (
     ENGINE,
@@ -68,7 +68,7 @@ class Roster:
     `backends` names backends; None is all faithful ones, unless there are texts to hold `against` the tree, which are then
     compared with the reference alone. `rml_monitor` is a checkout of the published RML monitor, to take part as `rml-published`, and
     with `mona` MONA takes part as `ltlf-mona`. `monpoly` is the program MonPoly, to take part with its verified kernel as `mfotl-monpoly` and `mfotl-verimon`;
-    with `flink` Apache Flink takes part as `match-recognize-flink`. `patience` bounds the seconds of a program of others, `limit` the
+    `r2u2` is a build of R2U2 in its checkout, to take part as `mtl-r2u2`; with `flink` Apache Flink takes part as `match-recognize-flink`. `patience` bounds the seconds of a program of others, `limit` the
     size of a translation in the unit of the backend.
     """
 
@@ -77,6 +77,7 @@ class Roster:
     rml_monitor: Path | None = None
     mona: bool = False
     monpoly: Path | None = None
+    r2u2: Path | None = None
     flink: bool = False
     patience: float = PATIENCE
     limit: int | None = None
@@ -104,6 +105,8 @@ class Roster:
         for name in (MONPOLY, VERIMON) if self.monpoly is not None else ():
             assert self.monpoly is not None
             yield name, partial(monpoly_of, part, job.semantics, self.monpoly, name, timeout=self.patience)
+        if self.r2u2 is not None:
+            yield R2U2, partial(r2u2_of, part, job.semantics, self.r2u2, timeout=self.patience)
         if self.flink:
             yield FLINK, partial(flink_of, part, job.semantics)
         if self.mona:

@@ -1,4 +1,4 @@
-"""Participants that judge whole traces by texts that nothing here reads: MonPoly with its verified kernel VeriMon, and Apache Flink."""
+"""Participants that judge whole traces by texts that nothing here reads: MonPoly with its verified kernel VeriMon, R2U2, and Apache Flink."""
 
 import subprocess
 from collections.abc import Callable, Sequence
@@ -6,19 +6,21 @@ from functools import partial
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from backends.event_columns import EventColumns
 from backends.match_recognize import flink
 from backends.match_recognize.flink import RowHeader
 from backends.mfotl import monpoly
 from backends.mfotl.monpoly import MfotlHeader
+from backends.mtl import r2u2
 from cross_check.participants import Answer, Outside, absent_on_error, detected
 from rvaft.backend import Specification, backend
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
+from rvaft.monitors import LeftOpen
 
 MONPOLY: Final = "mfotl-monpoly"
 VERIMON: Final = "mfotl-verimon"
+R2U2: Final = "mtl-r2u2"
 FLINK: Final = "match-recognize-flink"
 
 Traces: TypeAlias = Sequence[Sequence[Json]]
@@ -29,7 +31,15 @@ def monpoly_of(part: RVAFT, semantics: Semantics, program: Path, name: str, *, t
     """MonPoly, or VeriMon, with the MFOTL text of a tree; absent where that cannot be said, or the path is no program."""
     made = backend("mfotl").translate(part, semantics)
     ask = partial(monpoly.first_detections, program, made.text, verified=name == VERIMON, timeout=timeout)
-    return _judge(name, made, MfotlHeader.read(made.text), ask)
+    return _judge(name, made, MfotlHeader.read(made.text).left_open, ask)
+
+
+@absent_on_error
+def r2u2_of(part: RVAFT, semantics: Semantics, program: Path, *, timeout: float) -> Outside:
+    """R2U2 with the bounded formula of a tree; absent where that cannot be said, or the path is no program with its compiler."""
+    made = backend("mtl-r2u2").translate(part, semantics)
+    ask = partial(r2u2.first_detections, program, made.text, timeout=timeout)
+    return _judge(R2U2, made, lambda _: "", ask)
 
 
 @absent_on_error
@@ -38,17 +48,20 @@ def flink_of(part: RVAFT, semantics: Semantics) -> Outside:
     flink.tables()
     made = backend("match-recognize").translate(part, semantics)
     return _judge(
-        FLINK, made, RowHeader.read(made.text), lambda traces: flink.first_detections([(made.text, traces)])[0]
+        FLINK,
+        made,
+        RowHeader.read(made.text).left_open,
+        lambda traces: flink.first_detections([(made.text, traces)])[0],
     )
 
 
 def _judge(
-    name: str, made: Specification, header: EventColumns, ask: Callable[[Traces], Sequence[int | None]]
+    name: str, made: Specification, left_open: LeftOpen, ask: Callable[[Traces], Sequence[int | None]]
 ) -> Outside:
-    """Who says where the text first detects something; traces with numbers that its columns do not hold are masked."""
+    """Who says where the text first detects something; traces of which it tells nothing are masked."""
 
     def answers(traces: Traces) -> list[Answer]:
-        whys = [header.left_open(trace) for trace in traces]
+        whys = [left_open(trace) for trace in traces]
         try:
             found = iter(ask([trace for trace, why in zip(traces, whys, strict=True) if not why]))
         except subprocess.TimeoutExpired as error:

@@ -3,19 +3,34 @@
 A proposition is a boolean input, and a comment says what it asks of an event; input is one row of these for each event. The formula holds at
 each event that ends an attack, for the first time at the detection. `true S` stands where `O` would: C2PO (4.1) keeps as many slots of memory for
 an `O` as its bound is large, and two for the same said by `S`.
+
+A comparison asks a checkout of R2U2: its compiler, once for a text, and its monitor, once for a trace.
 """
 
+import re
+import subprocess
+import sys
+import tempfile
 import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import ClassVar, Final
 
 from backends.mtl import MtlBackend
+from backends.mtl.reader import definitions
 from backends.mtl.translation import symbols, translation
 from rvaft.backend import Backend, Metrics, Specification
+from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 
 HORIZON: Final = 2**30 - 1
 """How far operators look back: the largest bound to which R2U2 (4.1), with its 31 bits, can add the number of any event that it reaches."""
+_SMALL: Final = "a text that is larger than its bounds needs a build with others (`c2po.py --write-bounds`)"
+_COMPILER: Final = Path("compiler", "c2po.py")
+_DEFINITION: Final = re.compile(r"^-- (\w+ := .*\n)", re.MULTILINE)
+_VERDICT: Final = re.compile(r"^0:(\d+),([TF])", re.MULTILINE)
 
 
 class MtlR2u2Backend(Backend):
@@ -58,3 +73,50 @@ class MtlR2u2Backend(Backend):
         return Specification(
             text, self.language, metrics, lambda _: MtlBackend().translate(tree, semantics, limit=limit).monitor()
         )
+
+
+def first_detections(
+    program: Path, text: str, traces: Sequence[Sequence[Json]], *, timeout: float | None = None
+) -> list[int | None]:
+    """For each trace the number of the event, from 1, at which the monitor says that the formula first holds.
+
+    Raises `ToolMissing` where the path is no program, or has no compiler in a folder above it, `ToolFailed` where one of both fails or the monitor
+    is built too small for the text, and `TimeoutExpired` of `subprocess` after so many seconds for one of their runs.
+    """
+    found = list[int | None]()
+    asked = definitions(f"/* rvaft\n{''.join(_DEFINITION.findall(text))}*/")
+    compilers = (folder / _COMPILER for folder in program.resolve().parents)
+    compiler = next((one for one in compilers if one.is_file()), None)
+    if compiler is None:
+        remedy = f"name the monitor in a checkout of it, with {_COMPILER} in a folder above ({program})"
+        raise ToolMissing("C2PO, the compiler of R2U2,", remedy=remedy)
+    with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
+        names = ("formula.c2po", "signals.map", "formula.bin", "trace.csv")
+        formula, signals, binary, rows = (Path(folder) / name for name in names)
+        formula.write_text(text, encoding="utf-8")
+        signals.write_text("".join(f"{name}:{number}\n" for number, name in enumerate(asked)), encoding="utf-8")
+        _output(timeout, "C2PO", sys.executable, compiler, "--spec", formula, "--map", signals, "-o", binary)
+        for trace in traces:
+            told = (",".join(str(int(one.fits(event))) for one in asked.values()) for event in trace)
+            rows.write_text("".join(f"{row}\n" for row in (f"# {','.join(asked)}", *told)), encoding="utf-8")
+            said = _VERDICT.findall(_output(timeout, "R2U2", program.resolve(), binary, rows)) if trace else []
+            ends = [0, *(int(number) + 1 for number, _ in said)]
+            if ends[-1] < len(trace):
+                raise ToolFailed("R2U2", reason=f"it says nothing from event {ends[-1] + 1} on; {_SMALL}")
+            found.append(next((end + 1 for end, (_, truth) in zip(ends, said, strict=False) if truth == "T"), None))
+    return found
+
+
+def _output(timeout: float | None, tool: str, *command: str | Path) -> str:
+    try:
+        ran = subprocess.run(  # noqa: S603 (what the user names)
+            command, capture_output=True, encoding="utf-8", errors="replace", timeout=timeout, check=False
+        )
+    except OSError as error:
+        raise ToolMissing(
+            tool, remedy=f"name the program that its build makes ({error.strerror}: {command[0]})"
+        ) from error
+    if ran.returncode:
+        said = " ".join(f"{ran.stderr} {ran.stdout}".split())
+        raise ToolFailed(tool, reason=said[:300] or f"exit status {ran.returncode}; {_SMALL}")
+    return ran.stdout

@@ -133,9 +133,8 @@ def _called(name: str) -> str:
 @lru_cache(maxsize=32)
 def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram:
     """The program of a text; raises `LanguageError`, `TooLarge`, `ToolMissing`."""
-    header = _HEADER.match(text)
+    header, defined = _HEADER.match(text), definitions(text)
     start = 0 if header is None else header.end()
-    defined = {} if header is None else _definitions(text, header)
     writing = _Written()
     try:
         formula, depth = writing.transform(_parser().parse(text[start:]))
@@ -150,9 +149,12 @@ def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram:
     return MtlProgram(formula, {name: defined.get(name, one) for name, one in named.items()})
 
 
-def _definitions(text: str, header: re.Match[str]) -> dict[str, Observed]:
+def definitions(text: str) -> dict[str, Observed]:
+    """What the propositions of a header ask of an event; raises `LanguageError`."""
     found: dict[str, Observed] = {}
-    for line in re.finditer(r"[^\n]*\S", header[1]):
+    header = _HEADER.match(text)
+    for line in re.finditer(r"[^\n]*\S", header[1]) if header else ():
+        assert header is not None
         begin, content = header.start(1) + line.start(), _LINE.fullmatch(line[0])
         if content is None or content[1] in found:
             raise error_at("a line of the header is NAME := PATTERN when GUARD, of each name one", text, begin, _FILE)

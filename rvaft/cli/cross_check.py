@@ -174,6 +174,7 @@ _PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a ch
 @click.option(
     "--monpoly", metavar="PROGRAM", help="Also run MFOTL by this build of MonPoly, and by its verified kernel."
 )
+@click.option("--r2u2", metavar="PROGRAM", help="Also run past MTL with bounds by this build of R2U2, in its checkout.")
 @click.option("--flink", is_flag=True, help="Also run MATCH_RECOGNIZE by Apache Flink, where it is installed.")
 @click.option("--mona", is_flag=True, help="Also run LTLf by MONA (small trees without variables).")
 @_report_options
@@ -214,6 +215,7 @@ def cross_check_command(
         rml_monitor=None if given["rml_monitor"] is None else Path(given["rml_monitor"]),
         mona=given["mona"],
         monpoly=None if given["monpoly"] is None else Path(given["monpoly"]),
+        r2u2=None if given["r2u2"] is None else Path(given["r2u2"]),
         flink=given["flink"],
         patience=timeout or PATIENCE,
         limit=SMALL_TEXT if limit is None and random is not None else limit,

@@ -1,15 +1,21 @@
-"""Texts, refusals, and formulas that people write; agreement with the reference is tested with all backends."""
+"""Texts, refusals, formulas that people write, a stand-in for R2U2, and R2U2 itself where `R2U2` names the program."""
 
+import os
 import re
+import stat
 import sys
+from pathlib import Path
+from random import Random
 
 import pytest
 
 from backends.mtl import MtlBackend
-from backends.mtl.r2u2 import MtlR2u2Backend
+from backends.mtl.r2u2 import MtlR2u2Backend, first_detections
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import VARIABLE_FREE, random_tree
 from cross_check.participants import faithful_backends
 from rvaft.api import loads
-from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolMissing
+from rvaft.errors import LanguageError, NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
@@ -17,12 +23,15 @@ from rvaft.model.verdict import Semantics
 from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
 from tests.backends.injections import INJECTIONS
+from tests.backends.judged import first
 from tests.backends.texts import events, signs, tree
 from tests.cli.runs import run
 from tests.tables import rows
 
-BACKEND, BOUNDED = MtlBackend(), MtlR2u2Backend()
+BACKEND, BOUNDED, SCATTERED = MtlBackend(), MtlR2u2Backend(), Semantics.SCATTERED
 TEXTS = rows(__file__, "texts.txt")
+PROGRAM = Path(os.environ.get("R2U2", "/nowhere"))
+published = pytest.mark.skipif(not PROGRAM.is_file(), reason="R2U2 does not name the program R2U2")
 
 
 @pytest.mark.parametrize(("text", "expected"), TEXTS)
@@ -150,3 +159,77 @@ def test_without_the_package_the_error_says_what_to_install(monkeypatch: pytest.
     text = BACKEND.translate(loads("toplevel r; r and never_read_before b;"), Semantics.SCATTERED).text
     with pytest.raises(ToolMissing, match=r"pip install '\.\[mtl\]'"):
         BACKEND.read(text)
+
+
+COMPILES = """
+import pathlib, sys
+_, spec, _, signals, _, made = sys.argv[1:]
+pathlib.Path(made).write_text(pathlib.Path(signals).read_text() + pathlib.Path(spec).read_text())
+"""
+
+
+def checkout(folder: Path, compiler: str, monitor: str) -> Path:
+    """A stand-in for a checkout of R2U2, and the monitor that was built in it."""
+    (folder / "compiler").mkdir()
+    (folder / "compiler" / "c2po.py").write_text(compiler)
+    (program := folder / "r2u2").write_text(f"#!/bin/sh\n{monitor}\n")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    return program
+
+
+@pytest.mark.parametrize(
+    ("compiler", "monitor", "said"),
+    [
+        (COMPILES, "printf '0:0,F\\n0:1,F\\n0:2,T\\n'", 3),
+        (COMPILES, "printf '0:0,F\\n0:2,T\\n'", 2),
+        (COMPILES, "printf '0:2,F\\n'", None),
+        (
+            COMPILES,
+            'grep -q "^p1:0$" "$1" && grep -q "detection: p2" "$1" && sed 1d "$2" | tr "\\n" " " >&2; exit 3',
+            "0,0 0,1",
+        ),
+        (COMPILES, "printf '0:1,F\\n'", "says nothing from event 3 on; a text that is larger than its bounds"),
+        (COMPILES, "kill -11 $$", "exit status -11; a text that is larger"),
+        ("raise SystemExit('no formula')", "", "C2PO failed: no formula"),
+    ],
+)
+def test_what_r2u2_says(tmp_path: Path, compiler: str, monitor: str, said: int | str | None) -> None:
+    program, text = checkout(tmp_path, compiler, monitor), BOUNDED.translate(loads("top sand a b;"), SCATTERED).text
+    if isinstance(said, str):
+        with pytest.raises(ToolFailed, match=said):
+            first_detections(program, text, [events("x b a")])
+    else:
+        assert first_detections(program, text, [events("a x b"), []]) == [said, None]
+
+
+def test_without_r2u2_or_its_compiler_it_is_missing(tmp_path: Path) -> None:
+    result = run(
+        "cross-check",
+        "trees/gates/sand.rvaft",
+        "--r2u2",
+        tmp_path / "r2u2",
+        "--semantics",
+        "scattered",
+        "--backends",
+        "mtl",
+    )
+    assert (result.exit_code, "with compiler/c2po.py in a folder above" in result.output) == (2, True)
+    program = checkout(tmp_path, COMPILES, "")
+    program.chmod(stat.S_IRUSR)
+    with pytest.raises(ToolMissing, match="name the program that its build makes"):
+        first_detections(program, BOUNDED.translate(loads("top sand a b;"), SCATTERED).text, [events("a")])
+
+
+@pytest.mark.published
+@published
+def test_r2u2_says_what_the_definition_says() -> None:
+    random, asked = Random("r2u2"), 0
+    while asked < 300:
+        made = random_tree(random, VARIABLE_FREE)
+        try:
+            text = BOUNDED.translate(made, SCATTERED, limit=30).text
+        except RvaftError:
+            continue
+        traces = [random_trace(random, made) for _ in range(4)]
+        assert first_detections(PROGRAM, text, traces) == [first(made, SCATTERED, trace) for trace in traces], text
+        asked += len(traces)

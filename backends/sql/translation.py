@@ -1,16 +1,19 @@
 """From a tree to a query: a scenario is a join, an occurrence an alias, precedence `<`, another event `<>`, a guard a condition.
 
 Under `strict` and `projected` the events that count have places, and a match has the first of them; under `consecutive` each event stands with all the
-places at which a match with it may start. Where under `scattered` nothing but order ties events together, the query looks for the least position of
-each, one after the other, and says the first match of each scenario, not all.
+places at which a match with it may start. Under `scattered` the query says every match, unless nothing but order ties events together, or a leaf counts
+its events: then it looks for the least position of each event after those before it, for each value of the variables and each start of a window that tie
+events, and only events that a guard compares, or that could serve each other's node, are tried one by one.
 """
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Set
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
-from typing import Final, NamedTuple
+from typing import Final
 
 import networkx as nx
 
@@ -24,7 +27,7 @@ from rvaft.analysis.unification import compatible
 from rvaft.backend import Metrics
 from rvaft.errors import NotExpressible, TooLarge, TreeError
 from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard, variables
+from rvaft.model.guards import Guard, Operation, Operator, variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, rigid_variables
 from rvaft.model.tree import RVAFT, Whole, find_cycle
 from rvaft.model.verdict import Semantics
@@ -36,14 +39,102 @@ TABLES: Final = 60
 """The most events of a scenario: SQLite joins 64 tables."""
 
 
-class QueriedScenario(NamedTuple):
-    """The occurrences of a scenario, each after those before it, with all that are `before` it, and the guards."""
+@dataclass(frozen=True)
+class QueriedScenario:
+    """A scenario: what is `before` each occurrence, which come in that order, and the guards that ask for variables."""
 
     tree: RVAFT
     branch: int
-    occurrences: tuple[str, ...]
     before: Mapping[str, frozenset[str]]
     guards: tuple[Guard, ...]
+    timed: bool
+
+    @cached_property
+    def patterns(self) -> dict[str, Pattern]:
+        """What each occurrence asks of its event."""
+        return {name: pattern for name in self.before if (pattern := self.tree.pattern(name)) is not None}
+
+    @cached_property
+    def binders(self) -> dict[str, list[str]]:
+        """The occurrences of each variable."""
+        found: dict[str, list[str]] = {}
+        for name, pattern in self.patterns.items():
+            for variable in rigid_variables(pattern):
+                found.setdefault(variable, []).append(name)
+        return found
+
+    def near(self, name: str) -> list[str]:
+        """The occurrences just before one."""
+        before = self.before[name]
+        return [other for other in self.before if other in before and not any(other in self.before[c] for c in before)]
+
+    @cached_property
+    def apart(self) -> list[tuple[str, str]]:
+        """The occurrences without an order that one event can match both."""
+        pairs = ((a, b) for a, b in combinations(self.before, 2) if a not in self.before[b] and b not in self.before[a])
+        return [(a, b) for a, b in pairs if compatible(self.patterns[a], self.patterns[b])]
+
+    @cached_property
+    def homes(self) -> list[tuple[Guard, str | None]]:
+        """Each guard with the occurrence whose event has all that it asks for, if there is one; of equal values the earliest counts, 1 or 1.0."""
+        found: list[tuple[Guard, str | None]] = []
+        for guard in self.guards:
+            asked = {name: self.binders.get(name, []) for name in variables(guard)}
+            every = {name: None for names in asked.values() for name in names}
+            own = (name for name in every if all(name in names for names in asked.values()))
+            home = (name for name in own if all(name == other or name in self.before[other] for other in every))
+            found.append((guard, next(home, None)))
+        return found
+
+    @cached_property
+    def times(self) -> dict[str, str]:
+        """The variables that are times of events, with the occurrence of each."""
+        pairs = (
+            (name, pattern.fields) for name, pattern in self.patterns.items() if isinstance(pattern, ObjectPattern)
+        )
+        times = ((name, part) for name, fields in pairs for field, part in fields if field == TIME and self.timed)
+        return {part.name: name for name, part in times if isinstance(part, Variable)}
+
+    @cached_property
+    def windows(self) -> dict[Guard, tuple[frozenset[str], int]]:
+        """The guards that are windows, with the occurrences below each and how long it is."""
+        return {guard: found for guard, home in self.homes if home is None and (found := self._window(guard))}
+
+    def _window(self, guard: Guard) -> tuple[frozenset[str], int] | None:
+        match guard:
+            case Operation(Operator.LE, (Operation(Operator.SUB, (end, start)), Literal(int() as length))):
+                match end, start:
+                    case Operation(Operator.MAX, ends), Operation(Operator.MIN, starts) if ends == starts:
+                        names = [one.name for one in ends if isinstance(one, Variable) and one.name in self.times]
+                        if len(names) == len(ends):
+                            return frozenset(map(self.times.__getitem__, names)), length
+        return None
+
+    @cached_property
+    def tried(self) -> frozenset[str]:
+        """The occurrences whose events are tried one by one, whatever the query looks for: where a guard compares them, or they are apart."""
+        guards = (guard for guard, home in self.homes if home is None and guard not in self.windows)
+        compared = (name for guard in guards for one in variables(guard) for name in self.binders.get(one, ()))
+        return frozenset([*compared, *(name for pair in self.apart for name in pair)])
+
+    @property
+    def loose(self) -> bool:
+        """Whether nothing but order ties the events together."""
+        return not self.tried and not self.windows and all(len(names) == 1 for names in self.binders.values())
+
+    @property
+    def counts(self) -> bool:
+        """Whether three events of one kind or more follow each other, so that every match would be very many."""
+        patterns = (pattern for name, pattern in self.patterns.items() if name not in self.tried)
+        return any(number > 2 for number in Counter(map(_without_time, patterns)).values())
+
+
+@dataclass(frozen=True)
+class QueriedRow:
+    """The rows of an occurrence: their table, and the columns that other tables may have, too, as this one calls them."""
+
+    table: str
+    shared: Mapping[str, str]
 
 
 class SqlQuery:
@@ -64,17 +155,14 @@ class SqlQuery:
             limit=min(limit, LIMIT),
         )
         self.scenarios = [*self._scenarios(plain, minimal=True)] if semantics is Semantics.SCATTERED else []
-        self.first = bool(self.scenarios) and all(map(self._loose, self.scenarios))
-        """Whether the first match of each scenario is looked for, and not all."""
-        if not self.first:
-            self.scenarios = [*self._scenarios(plain, minimal=False)]
+        self.first = all(one.loose for one in self.scenarios) or any(one.counts for one in self.scenarios)
+        """Whether first matches are looked for, and not all."""
+        if not (self.first and self.scenarios):
+            self.first, self.scenarios = False, [*self._scenarios(plain, minimal=False)]
         if not self.scenarios:
             raise TreeError(f"no scenario of {tree.root} is feasible", rule="no-scenario", nodes=[tree.root])
-        self.most = max(len(one.occurrences) for one in self.scenarios)
-        uses = [
-            name for one in self.scenarios for o in one.occurrences for name in rigid_variables(self._pattern(one, o))
-        ]
-        self.variables = [*dict.fromkeys(uses)]
+        self.most = max(len(one.before) for one in self.scenarios)
+        self.variables = [*dict.fromkeys(name for one in self.scenarios for name in one.binders)]
 
     def text(self) -> tuple[str, Metrics]:
         """The text and its sizes."""
@@ -89,14 +177,16 @@ class SqlQuery:
 
     def _header(self, text: str) -> str:
         time, late = self.tree.time, self.late
-        rows = "the first match of each scenario" if self.first else "every match"
+        rows = "every match"
+        if self.first:
+            rows = "the first match of each scenario"
+            rows += "" if all(one.loose for one in self.scenarios) else ", for all that ties its events together"
         lines = [
             f"rvaft sql {self.dialect.name}",
             f"The attack-fault tree {json.dumps(self.tree.root)} under {self.semantics}: {rows}.",
         ]
-        lines += (
-            [f"{self._column(name)} {name}" for name in self.variables] if "_key" in text or "_json" in text else []
-        )
+        if "_key" in text or "_json" in text:
+            lines += [f"{self._column(name)} {name}" for name in self.variables]
         lines.append(
             "events(trace, pos, event, time): the log, its number from 1, the event as JSON, nanoseconds or NULL."
         )
@@ -122,61 +212,25 @@ class SqlQuery:
                     name: frozenset(one for kind, one, _ in nx.ancestors(graph, event(name)) if kind == "event")
                     for name in some
                 }
-                order = tuple(sorted(some, key=lambda name: len(before[name])))
+                order = {name: before[name] for name in sorted(some, key=lambda name: len(before[name]))}
                 guards = tuple(w for name in kept if (w := tree.nodes[name].when) is not None and variables(w))
-                yield QueriedScenario(tree, self._branch(tree, kept), order, before, guards)
+                yield QueriedScenario(tree, self._branch(tree, kept), order, guards, self.timed)
 
     def _branch(self, tree: RVAFT, kept: Kept) -> int:
-        part = tree.part_of or Whole(tree)
+        part, origins = tree.part_of or Whole(tree), tree.origins
         if part.branch is not None:
             return part.branch
         choosing = {name: children[0] for name, children in kept.items() if body(tree.nodes[name]).op is Op.ONE}
-        origins, whole = tree.origins, part.tree
         choices = {origins.get(name, name): origins.get(child, child) for name, child in choosing.items()}
-        return (
-            number_of(whole, {name: child for name, child in choices.items() if name in whole.nodes}, kind=part.kind)
-            or 0
-        )
-
-    def _loose(self, one: QueriedScenario) -> bool:
-        """Whether nothing but order ties the events of a scenario together."""
-        patterns = {name: self._pattern(one, name) for name in one.occurrences}
-        names = [name for pattern in patterns.values() for name in rigid_variables(pattern)]
-        local = all(self._home(one, guard) for guard in one.guards)
-        return (
-            len(names) == len(set(names))
-            and local
-            and not any(compatible(patterns[a], patterns[b]) for a, b in self._apart(one))
-        )
-
-    @staticmethod
-    def _apart(one: QueriedScenario) -> Iterator[tuple[str, str]]:
-        """The occurrences that have no order."""
-        for a, b in combinations(one.occurrences, 2):
-            if a not in one.before[b] and b not in one.before[a]:
-                yield a, b
-
-    def _home(self, one: QueriedScenario, guard: Guard) -> str | None:
-        """The occurrence whose event has all that a guard asks for, if there is one; of equal values the earliest counts, 1 or 1.0."""
-        asked = set(variables(guard))
-        binding = {name: asked & {*rigid_variables(self._pattern(one, name))} for name in one.occurrences}
-        for name, own in binding.items():
-            others = [other for other, some in binding.items() if other != name and some]
-            if own == asked and all(name in one.before[other] for other in others):
-                return name
-        return None
-
-    @staticmethod
-    def _pattern(one: QueriedScenario, name: str) -> Pattern:
-        pattern = one.tree.pattern(name)
-        assert pattern is not None, "an occurrence has an event"
-        return pattern
+        known = {name: child for name, child in choices.items() if name in part.tree.nodes}
+        return number_of(part.tree, known, kind=part.kind) or 0
 
     # tables
 
     def _table(self, query: str, letter: str) -> str:
         if query not in self.tables:
-            self.tables[query] = f"{letter}{sum(name[0] == letter for name in self.tables.values()) + 1}"
+            known = sum(name.rstrip("0123456789") == letter for name in self.tables.values())
+            self.tables[query] = f"{letter}{known + 1}"
         return self.tables[query]
 
     def _places(self) -> str:
@@ -205,10 +259,10 @@ class SqlQuery:
 
     def _leaf(self, one: QueriedScenario, name: str, places: str, wanted: Set[str]) -> str:
         """The table of the events of an occurrence, with these columns of its variables."""
-        pattern = self._pattern(one, name)
-        where = [self._condition(pattern, [guard for guard in one.guards if self._home(one, guard) == name])]
+        pattern = one.patterns[name]
+        where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = ["trace", "pos"]
-        for variable, path in self._places_of(pattern):
+        for variable, path in self._paths(pattern).items():
             facets = {**self.guards.facets("event", path), "json": self.dialect.json("event", path)}
             named = ((f"{self._column(variable)}_{kind}", said) for kind, said in facets.items())
             columns += [f"{said} AS {column}" for column, said in named if column in wanted]
@@ -229,12 +283,13 @@ class SqlQuery:
     def _column(self, variable: str) -> str:
         return f"v{self.variables.index(variable) + 1}"
 
-    def _places_of(self, pattern: Pattern) -> list[tuple[str, Path]]:
+    def _paths(self, pattern: Pattern) -> dict[str, Path]:
+        """Where the variables of a pattern stand first, but the time."""
         found: dict[str, Path] = {}
         for path, name in _variables(pattern):
             if not name.startswith("_") and not (self.timed and path == (TIME,)):
                 found.setdefault(name, path)
-        return [*found.items()]
+        return found
 
     def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
         """What is true of the events that match a pattern under guards."""
@@ -285,19 +340,14 @@ class SqlQuery:
     # the query of a scenario
 
     def _select(self, one: QueriedScenario, places: str) -> str:
-        alias = {name: f"e{number}" for number, name in enumerate(one.occurrences, 1)}
+        alias = {name: f"e{number}" for number, name in enumerate(one.before, 1)}
         terms: dict[str, SqlTerm] = {}
         first_of: dict[str, str] = {}
-        rows_of: dict[str, list[str]] = {}
         where: list[str] = []
-        for name, row in alias.items():
-            pattern = self._pattern(one, name)
-            for path, variable in _variables(pattern) if self.timed else ():
-                if path == (TIME,):
-                    terms[variable] = SqlTerm(whole=f"{row}.time")
-            for variable, _ in self._places_of(pattern):
-                rows_of.setdefault(variable, []).append(name)
-        for variable, names in rows_of.items():
+        for variable, names in one.binders.items():
+            if variable in one.times:
+                terms[variable] = SqlTerm(whole=f"{alias[names[0]]}.time")
+                continue
             columns = [f"{alias[name]}.{self._column(variable)}" for name in names]
             where += [f"{column}_key = {columns[0]}_key" for column in columns[1:]]
             facets = {kind: f"{columns[0]}_{kind}" for kind in FACETS}
@@ -309,30 +359,41 @@ class SqlQuery:
                     earliest = f"{sooner} {alias[name]}.pos ELSE {earliest} END"
             terms[variable] = SqlTerm.of(facets)
             first_of[variable] = columns[0]
-        where += [self.guards.condition(guard, terms) for guard in one.guards if self._home(one, guard) is None]
+        windows = one.windows if self.first else {}
+        where += [
+            self.guards.condition(guard, terms)
+            for guard, home in one.homes
+            if home is None and not (guard in windows and windows[guard][0] - one.tried)
+        ]
         values = self._object((name, f"{column}_json") for name, column in first_of.items())
         asked = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", " ".join([*where, values]))
         wanted = {row: frozenset(column for other, column in asked if other == row) for row in alias.values()}
         tables = {name: self._leaf(one, name, places, wanted[row]) for name, row in alias.items()}
-        rows = self._firsts(one, tables) if self.first else tables
-        sources = [f"{rows[name]} AS {row}" for name, row in alias.items()]
+        rows = {name: QueriedRow(table, {}) for name, table in tables.items()}
+        if self.first:
+            rows = self._firsts(one, tables, alias, wanted)
+        sources = [f"{rows[name].table} AS {row}" for name, row in alias.items()]
         first, *others = alias.values()
         joins = [f"{row}.trace = {first}.trace" for row in others]
         if self.first:  # of the events with the least positions what variables are
-            with_values = [(name, row) for name, row in alias.items() if wanted[row]]
-            sources += [f"{tables[name]} AS x{row[1:]}" for name, row in with_values]
-            joins += [f"x{row[1:]}.{column} = {row}.{column}" for _, row in with_values for column in ("trace", "pos")]
-            values = re.sub(r"\be(\d+)\.v", r"x\1.v", values)
-        else:
-            joins += self._order(one, alias)
-        lasts = [
-            f"{alias[name]}.pos" for name in one.occurrences if not any(name in some for some in one.before.values())
-        ]
-        least = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
+            with_values = {name: row for name, row in alias.items() if name not in one.tried and f"{row}.v" in values}
+            sources += [f"{tables[name]} AS x{row[1:]}" for name, row in with_values.items()]
+            joins += [
+                f"x{row[1:]}.{column} = {row}.{column}" for row in with_values.values() for column in ("trace", "pos")
+            ]
+            for row in with_values.values():
+                values = values.replace(f" {row}.v", f" x{row[1:]}.v")
+        joins += self._shared(one, alias, rows)
+        joins += self._order(one, alias)
+        if len(sources) > TABLES + 4:
+            raise TooLarge("tables joined in a scenario", limit=TABLES)
+        lasts = [f"{alias[name]}.pos" for name in one.before if not any(name in some for some in one.before.values())]
+        last = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
         nodes = self._object((self._called(one.tree, name), f"{row}.pos") for name, row in alias.items())
-        what = f"{first}.trace, {least} AS detected, {one.branch} AS branch,\n  {nodes} AS nodes, {values} AS variables"
-        condition = "\n  AND ".join([*joins, *where])
-        return f"SELECT {what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
+        what = f"{first}.trace, {last} AS detected, {one.branch} AS branch,\n  {nodes} AS nodes, {values} AS variables"
+        condition = "\n  AND ".join(dict.fromkeys([*joins, *where]))
+        distinct = "DISTINCT " if self.first and not one.loose else ""
+        return f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
 
     @staticmethod
     def _called(tree: RVAFT, name: str) -> str:
@@ -346,38 +407,82 @@ class SqlQuery:
         )
 
     def _order(self, one: QueriedScenario, alias: Mapping[str, str]) -> Iterator[str]:
-        """Which positions the occurrences may have."""
+        """Which positions, or places, the occurrences may have."""
         first, *others = alias.values()
-        position = "pos" if self.semantics is Semantics.SCATTERED else "place"
+        position, size = "pos", len(alias)
         if self.semantics is Semantics.CONSECUTIVE:
             yield from (f"{row}.start = {first}.start" for row in others)
-        size = len(one.occurrences)
-        if self.semantics is not Semantics.SCATTERED and size < self.most:
-            sign = "<" if self.semantics is Semantics.CONSECUTIVE else "<="
-            yield from (f"{row}.place {sign} {size}" for row in alias.values())
+        least, most = dict.fromkeys(alias, 0), dict.fromkeys(alias, 0)
+        if self.semantics is not Semantics.SCATTERED:  # so many come before and after
+            position, origin = "place", int(self.semantics is not Semantics.CONSECUTIVE)
+            for name, row in alias.items():
+                least[name] = origin + len(one.before[name])
+                most[name] = origin + size - 1 - sum(name in some for some in one.before.values())
+                same = least[name] == most[name]
+                yield f"{row}.place " + (f"= {least[name]}" if same else f"BETWEEN {least[name]} AND {most[name]}")
         for name, row in alias.items():
-            before = one.before[name]
-            near = [
-                other
-                for other in one.occurrences
-                if other in before and not any(other in one.before[c] for c in before)
-            ]
-            yield from (f"{alias[other]}.{position} < {row}.{position}" for other in near)
-        for a, b in self._apart(one):
-            if compatible(self._pattern(one, a), self._pattern(one, b)):
-                yield f"{alias[a]}.{position} <> {alias[b]}.{position}"
+            if not self.first or name in one.tried:
+                near = (other for other in one.near(name) if most[other] >= least[name])
+                yield from (f"{alias[other]}.{position} < {row}.{position}" for other in near)
+        yield from (f"{alias[a]}.{position} <> {alias[b]}.{position}" for a, b in one.apart)
 
-    def _firsts(self, one: QueriedScenario, tables: Mapping[str, str]) -> dict[str, str]:
-        """For each occurrence the table of its least position in each trace after those before it."""
-        found: dict[str, str] = {}
-        for name in one.occurrences:
-            before = one.before[name]
-            near = sorted({found[a] for a in before if not any(a in one.before[b] for b in before)})
-            after = "".join(f", {table}" for table in near)
-            where = " AND ".join(f"{table}.trace = n.trace AND {table}.pos < n.pos" for table in near)
-            query = f"SELECT n.trace, min(n.pos) AS pos FROM {tables[name]} AS n{after}{f' WHERE {where}' if where else ''} GROUP BY n.trace"
-            found[name] = self._table(query, "f")
+    # the first events for all that ties the events of a scenario together
+
+    def _firsts(
+        self, one: QueriedScenario, tables: Mapping[str, str], alias: Mapping[str, str], wanted: Mapping[str, Set[str]]
+    ) -> dict[str, QueriedRow]:
+        """For each occurrence its events, or where they are not tried one by one those at the least position after what comes before it."""
+        found: dict[str, QueriedRow] = {}
+        for name, row in alias.items():
+            keys = [column for column in sorted(wanted[row]) if column.endswith("_key")]
+            if name in one.tried:
+                found[name] = QueriedRow(tables[name], {**{key: key for key in keys}, f"p{row[1:]}": "pos"})
+                continue
+            sources, where = [f"{tables[name]} AS n"], list[str]()
+            shared = {key: f"n.{key}" for key in keys}
+            for other in one.near(name):
+                table, before = found[other].table, alias[other] if other in one.tried else found[other].table
+                sources.append(table if table == before else f"{table} AS {before}")
+                where += [f"{before}.trace = n.trace", f"{before}.pos < n.pos"]
+                for column, own in found[other].shared.items():
+                    said = f"{before}.{own}"
+                    if shared.setdefault(column, said) != said:
+                        where.append(f"{said} = {shared[column]}")
+            for column, start, members, length in self._windows(one, tables):
+                if name in members:
+                    if column not in shared:
+                        sources.append(start)
+                        where.append(f"{start}.trace = n.trace")
+                    since = shared.setdefault(column, f"{start}.start")
+                    where.append(f"n.time - {since} BETWEEN 0 AND {self.guards.literal(length).whole}")
+            columns = "".join(f", {said} AS {column}" for column, said in shared.items())
+            groups = "".join(f", {said}" for said in shared.values())
+            condition = f" WHERE {' AND '.join(where)}" if where else ""
+            query = f"SELECT n.trace{columns}, min(n.pos) AS pos FROM {', '.join(dict.fromkeys(sources))}{condition} GROUP BY n.trace{groups}"
+            found[name] = QueriedRow(self._table(query, "f"), {column: column for column in shared})
         return found
+
+    def _windows(
+        self, one: QueriedScenario, tables: Mapping[str, str]
+    ) -> Iterator[tuple[str, str, frozenset[str], int]]:
+        """Of each window the column of its start, the table of when it may start, the occurrences below it, and its length."""
+        for number, (members, length) in enumerate(dict.fromkeys(one.windows.values()), 1):
+            if members - one.tried:
+                times = dict.fromkeys(tables[name] for name in tables if name in members)
+                query = " UNION ".join(f"SELECT trace, time AS start FROM {table}" for table in times)
+                yield f"s{number}", self._table(query, "start_"), members, length
+
+    def _shared(self, one: QueriedScenario, alias: Mapping[str, str], rows: Mapping[str, QueriedRow]) -> Iterator[str]:
+        """That the rows of occurrences have the same in the columns that they share, and are in its windows."""
+        known: dict[str, str] = {}
+        for name, row in alias.items():
+            for column, own in rows[name].shared.items():
+                if known.setdefault(column, f"{row}.{own}") != f"{row}.{own}":
+                    yield f"{row}.{own} = {known[column]}"
+        for number, (members, length) in enumerate(dict.fromkeys(one.windows.values()), 1):
+            if since := known.get(f"s{number}"):
+                for name in sorted(one.tried & members, key=[*alias].index):
+                    yield f"{alias[name]}.time - {since} BETWEEN 0 AND {self.guards.literal(length).whole}"
 
     def _object(self, items: Iterable[tuple[str, str]]) -> str:
         """A JSON object of what expressions give."""
@@ -386,6 +491,12 @@ class SqlQuery:
             for number, (name, value) in enumerate(items)
         ]
         return f"{' || '.join(said)} || '}}'" if said else "'{}'"
+
+
+def _without_time(pattern: Pattern) -> Pattern:
+    if isinstance(pattern, ObjectPattern):
+        return ObjectPattern(tuple(pair for pair in pattern.fields if pair[0] != TIME))
+    return pattern
 
 
 def _all_patterns(tree: RVAFT) -> Iterator[Pattern]:

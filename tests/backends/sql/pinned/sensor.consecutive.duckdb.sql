@@ -30,8 +30,9 @@ WHERE e2.trace = e1.trace
   AND e3.trace = e1.trace
   AND e2.start = e1.start
   AND e3.start = e1.start
-  AND e1.place < e2.place
-  AND e1.place < e3.place
+  AND e1.place = 0
+  AND e2.place BETWEEN 1 AND 2
+  AND e3.place BETWEEN 1 AND 2
   AND e2.place <> e3.place
   AND e2.v1_key = e1.v1_key
   AND ((CASE WHEN e1.time IS NULL OR e2.time IS NULL OR e3.time IS NULL THEN NULL ELSE greatest(e1.time, e2.time, e3.time) END - CASE WHEN e1.time IS NULL OR e2.time IS NULL OR e3.time IS NULL THEN NULL ELSE least(e1.time, e2.time, e3.time) END) <= CAST('600000000000' AS BIGINT))

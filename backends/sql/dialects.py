@@ -1,23 +1,25 @@
-"""The dialects of SQL: how each reads a value out of an event, and what it has for numbers and texts.
+"""The dialects of SQL: a table of what each says in its own way, as forms to fill in.
 
-A value of an event is asked for its facets: a whole number of 64 bits, another number, a text, a truth; each is NULL where it is something else.
-What a program keeps in silence as another number than the event has is not left to it: a result beyond 64 bits is an error when the query runs.
+A value stands at a path of an event, and is asked for what it is and for its facets: a whole number of 64 bits, another number, a text, a truth; each is
+NULL where it is something else. What a program keeps in silence as another number than the event has is not left to it: a result beyond 64 bits is an
+error when the query runs.
 """
 
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import ClassVar, Final
+from typing import Final, TypeAlias
 
 from rvaft.errors import NotExpressible
 
 Path = tuple[str | int, ...]
 """The fields, and places in lists, that lead to a value."""
+Form: TypeAlias = Callable[..., str]
+"""An expression, made of others."""
 
-_NUMBER: Final = "-?(0|[1-9][0-9]*)"
 _PLAIN: Final = re.compile(r'[^"\\\x00-\x1f]*')
-_LIKE: Final = {"*": "%", "?": "_", "%": r"\%", "_": r"\_", "\\": r"\\"}
 _HALF: Final = re.compile("[\0\ud800-\udfff]")
 _CONTROL: Final = re.compile("([\x01-\x1f\x7f-\x9f\u2028\u2029])")
 
@@ -40,82 +42,79 @@ def quoted(text: str, character: str = "chr") -> str:
     return kept[0] if len(kept) == 1 else f"({' || '.join(kept)})"
 
 
-class Duckdb:
-    """DuckDB, whose paths are JSON pointers; what is alike in PostgreSQL."""
+@dataclass(frozen=True)
+class Dialect:
+    """One dialect. `values` are forms of the way to a value: its `kind` (NULL where there is none), a scalar as the program has it (`raw`), `json`, the `length` of a list.
 
-    name = "duckdb"
-    whole, real = "BIGINT", "DOUBLE"
-    types: ClassVar[Mapping[str, str]] = {
-        "whole": "('BIGINT', 'UBIGINT')",
-        "real": "('DOUBLE')",
-        "text": "('VARCHAR')",
-        "truth": "('BOOLEAN')",
-        "null": "('NULL')",
-        "object": "('OBJECT')",
-        "list": "('ARRAY')",
-    }
-    """What the types of values are called."""
-    infinity = "CAST('Infinity' AS DOUBLE)"
-    greatest = "greatest"
+    `types` say of kind and raw value whether it is of a type, `facets` make of the raw value what it is not yet, `key` of kind, raw value and JSON what is equal
+    for equal values alone; a text that `looks` like a value of another type needs to be told from it.
+
+    >>> DIALECTS["sqlite"].kind("event", ("user", 0)), DIALECTS["duckdb"].kind("event", ("user", 0))
+    ("json_type(event, '$.user[0]')", "json_type(event, '/user/0')")
+    """
+
+    name: str
+    character: str
+    way: Callable[[str, Path], tuple[str, str]]
+    values: Mapping[str, str]
+    types: Mapping[str, str]
+    facets: Mapping[str, str]
+    keys: str
+    looks: re.Pattern[str]
+    whole: str
+    real: str
+    literal: Form
+    """A number of Python, and its type."""
+    checked: Form
+    """The result of whole numbers, an error where it has more than 64 bits."""
+    finite: Form
+    """The result of numbers, NULL where it is not finite; PostgreSQL stops there with an error."""
+    compare: Form
+    """A whole number, a sign, another number: exactly."""
+    least_of: str
+    greatest: str
+    numbers: Mapping[str, str]
+    """The number that a text writes, where it is of that kind."""
+    ordered: Form
+    """A text, a sign, a text: by their code points."""
+    startswith: Form
+    endswith: Form
+    contains: Form
+    globbed: str
+    signs: Mapping[str, str]
+    """What is written for some characters of a glob."""
+    lowered: str
+    """A text, the capitals, and what these are in lower case: each character for itself."""
 
     def text(self, value: str) -> str:
         """A text as a literal."""
-        return quoted(value)
+        return quoted(value, self.character)
 
-    def path(self, path: Path) -> str:
-        """The way to a value."""
-        return self.text("".join(f"/{str(step).replace('~', '~0').replace('/', '~1')}" for step in path))
+    def value(self, what: str, event: str, path: Path) -> str:
+        """What is asked of a value."""
+        return self.values[what].format(*self.way(event, path))
 
     def kind(self, event: str, path: Path) -> str:
         """What type a value has, NULL where there is none."""
-        return f"json_type({event}, {self.path(path)})"
-
-    def written(self, event: str, path: Path) -> str:
-        """A scalar as a text."""
-        return f"json_extract_string({event}, {self.path(path)})"
-
-    def json(self, event: str, path: Path) -> str:
-        """A value as JSON writes it."""
-        return f"CAST(json_extract({event}, {self.path(path)}) AS VARCHAR)"
-
-    def length(self, event: str, path: Path) -> str:
-        """How many items a list has."""
-        return f"json_array_length({event}, {self.path(path)})"
+        return self.value("kind", event, path)
 
     def is_a(self, kind: str, event: str, path: Path) -> str:
         """Whether a value is of a type."""
-        types = self.types[kind]
-        return f"{self.kind(event, path)} {f'IN {types}' if ',' in types else f'= {types[1:-1]}'}"
+        return self.types[kind].format(self.kind(event, path), self.value("raw", event, path))
 
     def facet(self, kind: str, event: str, path: Path) -> str:
         """A value where it is of a type, else NULL."""
-        raw = self.written(event, path)
-        said = {"whole": self.cast(raw, self.whole), "real": self.cast(raw, self.real), "truth": f"{raw} = 'true'"}
-        return f"CASE WHEN {self.is_a(kind, event, path)} THEN {said.get(kind, raw)} END"
+        said = self.facets.get(kind, "{0}").format(self.value("raw", event, path))
+        return f"CASE WHEN {self.is_a(kind, event, path)} THEN {said} END"
 
     def is_text(self, value: str, event: str, path: Path) -> str:
         """Whether a value is this text."""
-        same = f"{self.written(event, path)} = {self.text(value)}"
-        looks = re.match(r"[-\[{0-9]|(true|false|null)$|NaN|Inf", value)
-        return f"{self.is_a('text', event, path)} AND {same}" if looks else same
+        same = f"{self.value('raw', event, path)} = {self.text(value)}"
+        return f"{self.is_a('text', event, path)} AND {same}" if self.looks.match(value) else same
 
     def key(self, event: str, path: Path) -> str:
         """What is equal for equal values, and for no others."""
-        one, real = "CAST(atom AS VARCHAR)", "CAST(atom AS DOUBLE)"
-        part = f"fullkey || ' ' || CASE WHEN type = 'DOUBLE' THEN {self._exact(real)} WHEN type IN ('BIGINT', 'UBIGINT') THEN 'n' || {one} "
-        part += f"WHEN atom IS NULL THEN type ELSE {one} END"
-        tree = f"json_tree(json_extract({event}, {self.path(path)}))"
-        inner = f"(SELECT 'c' || string_agg({part}, chr(10) ORDER BY fullkey) FROM {tree})"
-        raw, kind = self.written(event, path), self.kind(event, path)
-        return (
-            f"CASE WHEN {kind} IN ('BIGINT', 'UBIGINT') THEN 'n' || {raw} WHEN {kind} = 'DOUBLE' THEN {self._exact(f'CAST({raw} AS DOUBLE)')} "
-            f"WHEN {kind} = 'VARCHAR' THEN 's' || {raw} WHEN {kind} IN ('OBJECT', 'ARRAY') THEN {inner} ELSE coalesce({raw}, 'null') END"
-        )
-
-    def _exact(self, real: str) -> str:
-        return f"CASE WHEN {real} = floor({real}) AND abs({real}) < 9e18 THEN 'n' || CAST({real} AS BIGINT) ELSE 'n' || {real} END"
-
-    # numbers
+        return self.keys.format(*(self.value(what, event, path) for what in ("kind", "raw", "json")))
 
     def cast(self, value: str, to: str) -> str:
         """A value as another type."""
@@ -123,261 +122,190 @@ class Duckdb:
 
     def number(self, value: float) -> str:
         """A number as a literal."""
-        return self.cast(f"'{value!r}'", self.whole if isinstance(value, int) else self.real)
-
-    def checked(self, whole: str) -> str:
-        """The result of whole numbers, an error where it has more than 64 bits."""
-        return f"({whole})"
-
-    def finite(self, real: str) -> str:
-        """The result of numbers, NULL where it is not finite."""
-        return f"nullif(nullif({real}, {self.infinity}), -{self.infinity})"
-
-    def compare(self, whole: str, sign: str, real: str) -> str:
-        """A whole number compared with another number, exactly."""
-        floor = self.cast(f"floor({real})", self.whole)
-        part = {"<": f"{real} > floor({real})", ">": "false", "<=": "true"}.get(sign, f"{real} = floor({real})")
-        beside = f"{whole} {sign[:1]} {floor} OR " if sign != "=" else ""
-        return (
-            f"CASE WHEN {real} >= 9223372036854775808.0 THEN 0 {sign} 1 WHEN {real} < -9223372036854775808.0 THEN 1 {sign} 0 "
-            f"ELSE {beside}({whole} = {floor} AND {part}) END"
-        )
+        return self.literal(repr(value), self.whole if isinstance(value, int) else self.real)
 
     def least(self, word: str, values: Sequence[str]) -> str:
         """The least or the greatest of whole numbers, NULL where one of them is."""
         nulls = " OR ".join(f"{value} IS NULL" for value in values)
-        return f"CASE WHEN {nulls} THEN NULL ELSE {word}({', '.join(values)}) END"
+        said = f"{self.least_of if word == 'least' else self.greatest}({', '.join(values)})"
+        return values[0] if len(values) == 1 else f"CASE WHEN {nulls} THEN NULL ELSE {said} END"
 
     def read_number(self, text: str, kind: str) -> str:
         """The number that a text writes, where it is of that kind."""
-        full = f"{_NUMBER}([.][0-9]+)?([eE][-+]?[0-9]+)?"
-        if kind == "whole":
-            return f"CASE WHEN {self.is_like(text, _NUMBER)} THEN {self.cast(text, self.whole)} END"
-        wanted = f"{self.is_like(text, full)} AND NOT {self.is_like(text, _NUMBER)}"
-        return f"CASE WHEN {wanted} THEN {self.finite(self.cast(text, self.real))} END"
-
-    def is_like(self, text: str, expression: str) -> str:
-        """Whether a regular expression matches the whole of a text."""
-        return f"regexp_full_match({text}, '{expression}')"
-
-    # texts
-
-    def ordered(self, left: str, sign: str, right: str) -> str:
-        """Two texts compared by their code points."""
-        return f"{left} {sign} {right}"
-
-    def startswith(self, text: str, start: str) -> str:
-        """Whether a text begins so."""
-        return f"starts_with({text}, {start})"
-
-    def endswith(self, text: str, end: str) -> str:
-        """Whether a text ends so."""
-        return f"right({text}, length({end})) = {end}"
-
-    def contains(self, text: str, part: str) -> str:
-        """Whether a text has that in it."""
-        return f"strpos({text}, {part}) > 0"
+        return self.numbers[kind].format(text)
 
     def like(self, text: str, glob: str) -> str:
         """Whether a glob matches the whole of a text."""
-        return f"{text} LIKE {self.text(''.join(_LIKE.get(c, c) for c in glob))} ESCAPE '\\'"
+        return self.globbed.format(text, self.text("".join(self.signs.get(sign, sign) for sign in glob)))
 
     def lower(self, text: str) -> str:
         """A text in lower case, each character for itself."""
-        capitals, small = _capitals()
-        return f"translate(replace({text}, 'İ', 'i' || chr(775)), {self.text(capitals)}, {self.text(small)})"
+        return self.lowered.format(text, *map(self.text, _capitals()))
 
 
-class Postgres(Duckdb):
-    """PostgreSQL."""
+def _named(**types: str) -> dict[str, str]:
+    """The types that have one name."""
+    return {what: f"{{0}} = '{name}'" for what, name in types.items()}
 
-    name = "postgres"
-    whole, real = "bigint", "double precision"
-    types: ClassVar[Mapping[str, str]] = {
-        "text": "('string')",
-        "truth": "('boolean')",
-        "null": "('null')",
-        "object": "('object')",
-        "list": "('array')",
-    }
 
-    def path(self, path: Path) -> str:
-        """All but the last step."""
-        return "".join(f" -> {step if isinstance(step, int) else self.text(step)}" for step in path)
+def _sqlite_way(event: str, path: Path) -> tuple[str, str]:
+    """A field whose name a path of SQLite cannot have is looked for among all."""
+    steps = "$"
+    for place, step in enumerate(path):
+        if isinstance(step, str) and not _PLAIN.fullmatch(step):
+            value = "CASE type WHEN 'text' THEN json_quote(value) WHEN 'real' THEN printf('%!.17g', value) ELSE coalesce(atom, value, type) END"
+            value = f"CASE WHEN type IN ('true', 'false', 'null') THEN type ELSE {value} END"
+            found = f"json_each({event}, {quoted(steps, 'char')}) WHERE key = {quoted(step, 'char')}"
+            return _sqlite_way(f"(SELECT {value} FROM {found})", path[place + 1 :])
+        word = isinstance(step, str) and re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", step)
+        steps += f"[{step}]" if isinstance(step, int) else f".{step}" if word else f'."{step}"'
+    return event, quoted(steps, "char")
 
-    def kind(self, event: str, path: Path) -> str:
-        """What type a value has, NULL where there is none."""
-        return f"json_typeof({event}::json{self.path(path)})"
 
-    def written(self, event: str, path: Path) -> str:
-        """A scalar as a text."""
-        return f"({event}::json{self.path(path[:-1])} ->>{self.path(path[-1:])[3:]})"
+def _pointer(event: str, path: Path) -> tuple[str, str]:
+    return event, quoted("".join(f"/{str(step).replace('~', '~0').replace('/', '~1')}" for step in path))
 
-    def json(self, event: str, path: Path) -> str:
-        """A value as JSON writes it."""
-        return f"({event}::json{self.path(path)})::text"
 
-    def length(self, event: str, path: Path) -> str:
-        """How many items a list has."""
-        value = f"{event}::json{self.path(path)}"
-        return f"CASE WHEN json_typeof({value}) = 'array' THEN json_array_length({value}) END"
+_CHECKED: Final = (
+    "(SELECT CASE typeof(v) WHEN 'real' THEN json('an integer of more than 64 bits') ELSE v END FROM (SELECT {0} AS v))"
+)
+_NUMBER: Final = "-?(0|[1-9][0-9]*)"
+_FULL: Final = f"{_NUMBER}([.][0-9]+)?([eE][-+]?[0-9]+)?"
+_KEY: Final = "CASE WHEN {0} = floor({0}) AND abs({0}) < 9e18 THEN 'n' || CAST({0} AS BIGINT) ELSE 'n' || {0} END"
+_INFINITY: Final = "CAST('Infinity' AS DOUBLE)"
+_FINITE: Final = f"nullif(nullif({{0}}, {_INFINITY}), -{_INFINITY})"
 
-    def is_a(self, kind: str, event: str, path: Path) -> str:
-        """Whether a value is of a type; which of its two a number is, its digits say."""
-        if kind in self.types:
-            return super().is_a(kind, event, path)
-        sign = "~" if kind == "whole" else "!~"
-        return f"{self.kind(event, path)} = 'number' AND {self.written(event, path)} {sign} '^-?[0-9]+$'"
-
-    def key(self, event: str, path: Path) -> str:
-        """What is equal for equal values, and for no others; numbers within lists and objects are decimals."""
-        value, raw = f"({event}::json{self.path(path)})", self.written(event, path)
-        real = f"{raw}::float8"
-        return (
-            f"CASE WHEN {self.is_a('whole', event, path)} THEN to_jsonb({raw}::bigint) WHEN {self.is_a('real', event, path)} THEN "
-            f"CASE WHEN {real} = floor({real}) AND abs({real}) < 9e18 THEN to_jsonb({real}::bigint) ELSE to_jsonb({real}) END "
-            f"ELSE {value}::jsonb END"
+_SQLITE: Final = Dialect(
+    name="sqlite",
+    character="char",
+    way=_sqlite_way,
+    values={
+        "kind": "json_type({0}, {1})",
+        "raw": "{0} ->> {1}",
+        "json": "({0} -> {1})",
+        "length": "json_array_length({0}, {1})",
+    },
+    types={
+        **_named(whole="integer", real="real", text="text", null="null", object="object", list="array"),
+        "truth": "{0} IN ('true', 'false')",
+    },
+    facets={},
+    keys=(
+        "CASE {0} WHEN 'integer' THEN {1} WHEN 'real' THEN {1} WHEN 'text' THEN 's' || ({1}) "
+        "WHEN 'true' THEN 'true' WHEN 'false' THEN 'false' WHEN 'null' THEN 'null' "
+        "ELSE (SELECT 'c' || group_concat(part, char(10)) FROM (SELECT fullkey || ' ' || CASE type WHEN 'integer' THEN 'n' || atom "
+        "WHEN 'real' THEN CASE WHEN atom = CAST(atom AS INTEGER) AND abs(atom) < 9e18 THEN 'n' || CAST(atom AS INTEGER) "
+        "ELSE 'n' || printf('%!.17g', atom) END WHEN 'text' THEN json_quote(atom) ELSE type END AS part FROM json_tree({2}) ORDER BY fullkey)) END"
+    ),
+    looks=re.compile(r"[\[{]"),
+    whole="INTEGER",
+    real="REAL",
+    literal=lambda said, _: f"({said})" if said.startswith("-") else said,
+    checked=_CHECKED.format,
+    finite="nullif(nullif({0}, 9e999), -9e999)".format,
+    compare="{0} {1} {2}".format,
+    least_of="min",
+    greatest="max",
+    numbers={
+        kind: "CASE WHEN {0} GLOB '[-0-9]*' AND {0} NOT GLOB '*[^-+.eE0-9]*' THEN CASE WHEN json_valid({0}) THEN "
+        f"CASE json_type({{0}}) WHEN '{name}' THEN {value} END END END"
+        for kind, name, value in (
+            ("whole", "integer", _CHECKED.format("json_extract({0}, '$')")),
+            ("real", "real", "nullif(nullif(json_extract({0}, '$'), 9e999), -9e999)"),
         )
+    },
+    ordered="{0} {1} {2}".format,
+    startswith="substr({0}, 1, length({1})) = {1}".format,
+    endswith="(length({1}) <= length({0}) AND substr({0}, length({0}) - length({1}) + 1) = {1})".format,
+    contains="instr({0}, {1}) > 0".format,
+    globbed="{0} GLOB {1}",
+    signs={"[": "[[]"},
+    lowered=(  # SQLite's own knows those of ASCII
+        "(SELECT CASE WHEN x GLOB '*[^' || char(1) || '-' || char(127) || ']*' THEN (WITH RECURSIVE w(n, t) AS (SELECT 1 AS n, '' AS t "
+        "UNION ALL SELECT n + 1, t || CASE WHEN instr({1}, substr(x, n, 1)) > 0 THEN substr({2}, instr({1}, substr(x, n, 1)), 1) "
+        "ELSE substr(x, n, 1) END FROM w WHERE n <= length(x)) SELECT t FROM w ORDER BY n DESC LIMIT 1) ELSE lower(x) END "
+        "FROM (SELECT replace({0}, 'İ', 'i' || char(775)) AS x))"
+    ),
+)
 
-    def finite(self, real: str) -> str:
-        """The result of numbers; where it is not finite PostgreSQL stops with an error."""
-        return f"({real})"
+_DUCKDB: Final = Dialect(
+    name="duckdb",
+    character="chr",
+    way=_pointer,
+    values={
+        "kind": "json_type({0}, {1})",
+        "raw": "json_extract_string({0}, {1})",
+        "json": "CAST(json_extract({0}, {1}) AS VARCHAR)",
+        "length": "json_array_length({0}, {1})",
+    },
+    types={
+        **_named(real="DOUBLE", text="VARCHAR", truth="BOOLEAN", null="NULL", object="OBJECT", list="ARRAY"),
+        "whole": "{0} IN ('BIGINT', 'UBIGINT')",
+    },
+    facets={"whole": "CAST({0} AS BIGINT)", "real": "CAST({0} AS DOUBLE)", "truth": "{0} = 'true'"},
+    keys=(
+        "CASE WHEN {0} IN ('BIGINT', 'UBIGINT') THEN 'n' || {1} "
+        f"WHEN {{0}} = 'DOUBLE' THEN {_KEY.format('CAST({1} AS DOUBLE)')} WHEN {{0}} = 'VARCHAR' THEN 's' || {{1}} "
+        "WHEN {0} IN ('OBJECT', 'ARRAY') THEN (SELECT 'c' || string_agg(fullkey || ' ' || "
+        f"CASE WHEN type = 'DOUBLE' THEN {_KEY.format('CAST(atom AS DOUBLE)')} "
+        "WHEN type IN ('BIGINT', 'UBIGINT') THEN 'n' || CAST(atom AS VARCHAR) WHEN atom IS NULL THEN type ELSE CAST(atom AS VARCHAR) END, "
+        "chr(10) ORDER BY fullkey) FROM json_tree({2})) ELSE coalesce({1}, 'null') END"
+    ),
+    looks=re.compile(r"[-\[{0-9]|(true|false|null)$|NaN|Inf"),
+    whole="BIGINT",
+    real="DOUBLE",
+    literal="CAST('{0}' AS {1})".format,
+    checked="({0})".format,
+    finite=_FINITE.format,
+    compare=(
+        "CASE WHEN {0} IS NULL OR {2} IS NULL THEN NULL WHEN {2} >= 9223372036854775808.0 THEN 0 {1} 1 WHEN {2} < -9223372036854775808.0 THEN 1 {1} 0 "
+        "ELSE ({0}, 0) {1} (CAST(floor({2}) AS BIGINT), CASE WHEN {2} > floor({2}) THEN 1 ELSE 0 END) END"
+    ).format,
+    least_of="least",
+    greatest="greatest",
+    numbers={
+        "whole": f"CASE WHEN regexp_full_match({{0}}, '{_NUMBER}') THEN CAST({{0}} AS BIGINT) END",
+        "real": f"CASE WHEN regexp_full_match({{0}}, '{_FULL}') AND NOT regexp_full_match({{0}}, '{_NUMBER}') THEN {_FINITE.format('CAST({0} AS DOUBLE)')} END",
+    },
+    ordered="{0} {1} {2}".format,
+    startswith="starts_with({0}, {1})".format,
+    endswith="right({0}, length({1})) = {1}".format,
+    contains="strpos({0}, {1}) > 0".format,
+    globbed="{0} LIKE {1} ESCAPE '\\'",
+    signs={"*": "%", "?": "_", "%": r"\%", "_": r"\_", "\\": r"\\"},
+    lowered="translate(replace({0}, 'İ', 'i' || chr(775)), {1}, {2})",  # DuckDB's own makes `İ` an `i`
+)
 
-    def is_like(self, text: str, expression: str) -> str:
-        """Whether a regular expression matches the whole of a text."""
-        return f"{text} ~ '^({expression})$'"
+_POSTGRES: Final = replace(
+    _DUCKDB,
+    name="postgres",
+    way=lambda event, path: (f"{event}::json", ", ".join(quoted(str(step)) for step in path)),
+    values={
+        "kind": "json_typeof(json_extract_path({0}, {1}))",
+        "raw": "json_extract_path_text({0}, {1})",
+        "json": "json_extract_path({0}, {1})::text",
+        "length": "CASE json_typeof(json_extract_path({0}, {1})) WHEN 'array' THEN json_array_length(json_extract_path({0}, {1})) END",
+    },
+    types={
+        **_named(text="string", truth="boolean", null="null", object="object", list="array"),
+        "whole": "{0} = 'number' AND {1} ~ '^-?[0-9]+$'",  # its digits say which of the two it is
+        "real": "{0} = 'number' AND {1} !~ '^-?[0-9]+$'",
+    },
+    facets={"whole": "CAST({0} AS bigint)", "real": "CAST({0} AS double precision)", "truth": "{0} = 'true'"},
+    keys=(  # numbers within lists and objects are decimals
+        "CASE WHEN {0} = 'number' AND {1} ~ '^-?[0-9]+$' THEN to_jsonb({1}::bigint) WHEN {0} = 'number' THEN "
+        "CASE WHEN {1}::float8 = floor({1}::float8) AND abs({1}::float8) < 9e18 THEN to_jsonb({1}::float8::bigint) "
+        "ELSE to_jsonb({1}::float8) END ELSE ({2})::jsonb END"
+    ),
+    whole="bigint",
+    real="double precision",
+    finite="({0})".format,
+    numbers={
+        "whole": f"CASE WHEN {{0}} ~ '^({_NUMBER})$' THEN CAST({{0}} AS bigint) END",
+        "real": f"CASE WHEN {{0}} ~ '^({_FULL})$' AND {{0}} !~ '^({_NUMBER})$' THEN CAST({{0}} AS double precision) END",
+    },
+    ordered='{0} COLLATE "C" {1} {2} COLLATE "C"'.format,
+)
 
-    def ordered(self, left: str, sign: str, right: str) -> str:
-        """Two texts compared by their code points."""
-        return f'{left} COLLATE "C" {sign} {right} COLLATE "C"'
-
-
-class Sqlite(Duckdb):
-    """SQLite, whose numbers compare exactly, and whose results beyond 64 bits are rounded in silence unless that is checked."""
-
-    name = "sqlite"
-    whole, real = "INTEGER", "REAL"
-    types: ClassVar[Mapping[str, str]] = {
-        "whole": "('integer')",
-        "real": "('real')",
-        "text": "('text')",
-        "truth": "('true', 'false')",
-        "null": "('null')",
-        "object": "('object')",
-        "list": "('array')",
-    }
-    infinity = "9e999"
-    greatest = "max"
-
-    def text(self, value: str) -> str:
-        """A text as a literal."""
-        return quoted(value, "char")
-
-    def _ask(self, event: str, path: Path) -> tuple[str, str]:
-        """The JSON text to look into, and the path there; a field whose name a path cannot have is looked for among all."""
-        steps = "$"
-        for place, step in enumerate(path):
-            if isinstance(step, str) and not _PLAIN.fullmatch(step):
-                value = "CASE type WHEN 'text' THEN json_quote(value) WHEN 'real' THEN printf('%!.17g', value) ELSE coalesce(atom, value, type) END"
-                value = f"CASE WHEN type IN ('true', 'false', 'null') THEN type ELSE {value} END"
-                found = f"(SELECT {value} FROM json_each({event}, {self.text(steps)}) WHERE key = {self.text(step)})"
-                return self._ask(found, path[place + 1 :])
-            word = isinstance(step, str) and re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", step)
-            steps += f"[{step}]" if isinstance(step, int) else f".{step}" if word else f'."{step}"'
-        return event, self.text(steps)
-
-    def kind(self, event: str, path: Path) -> str:
-        """What type a value has, NULL where there is none."""
-        return f"json_type({', '.join(self._ask(event, path))})"
-
-    def written(self, event: str, path: Path) -> str:
-        """A scalar as SQLite has it."""
-        return f"{' ->> '.join(self._ask(event, path))}"
-
-    def json(self, event: str, path: Path) -> str:
-        """A value as JSON writes it."""
-        return f"({' -> '.join(self._ask(event, path))})"
-
-    def length(self, event: str, path: Path) -> str:
-        """How many items a list has."""
-        return f"json_array_length({', '.join(self._ask(event, path))})"
-
-    def facet(self, kind: str, event: str, path: Path) -> str:
-        """A value where it is of a type, else NULL."""
-        return f"CASE WHEN {self.is_a(kind, event, path)} THEN {self.written(event, path)} END"
-
-    def is_text(self, value: str, event: str, path: Path) -> str:
-        """Whether a value is this text, which for SQLite no number is."""
-        same = f"{self.written(event, path)} = {self.text(value)}"
-        return f"{self.is_a('text', event, path)} AND {same}" if value[:1] in ("{", "[") else same
-
-    def key(self, event: str, path: Path) -> str:
-        """What is equal for equal values, and for no others."""
-        whole = "atom = CAST(atom AS INTEGER) AND abs(atom) < 9e18"
-        real = f"CASE WHEN {whole} THEN 'n' || CAST(atom AS INTEGER) ELSE 'n' || printf('%!.17g', atom) END"
-        part = f"fullkey || ' ' || CASE type WHEN 'integer' THEN 'n' || atom WHEN 'real' THEN {real} WHEN 'text' THEN json_quote(atom) ELSE type END"
-        tree = f"json_tree({self.json(event, path)})"
-        inner = (
-            f"(SELECT 'c' || group_concat(part, char(10)) FROM (SELECT {part} AS part FROM {tree} ORDER BY fullkey))"
-        )
-        raw = self.written(event, path)
-        return (
-            f"CASE {self.kind(event, path)} WHEN 'integer' THEN {raw} WHEN 'real' THEN {raw} WHEN 'text' THEN 's' || ({raw}) "
-            f"WHEN 'true' THEN 'true' WHEN 'false' THEN 'false' WHEN 'null' THEN 'null' ELSE {inner} END"
-        )
-
-    def number(self, value: float) -> str:
-        """A number as a literal."""
-        return f"({value!r})" if value < 0 else repr(value)
-
-    def checked(self, whole: str) -> str:
-        """The result of whole numbers, an error where it has more than 64 bits."""
-        error = "json('an integer of more than 64 bits')"
-        return f"(SELECT CASE typeof(v) WHEN 'real' THEN {error} ELSE v END FROM (SELECT {whole} AS v))"
-
-    def compare(self, whole: str, sign: str, real: str) -> str:
-        """A whole number compared with another number, exactly."""
-        return f"{whole} {sign} {real}"
-
-    def least(self, word: str, values: Sequence[str]) -> str:
-        """The least or the greatest of whole numbers, NULL where one of them is."""
-        return f"{'min' if word == 'least' else 'max'}({', '.join(values)})" if len(values) > 1 else values[0]
-
-    def read_number(self, text: str, kind: str) -> str:
-        """The number that a text writes, where it is of that kind."""
-        signs = f"{text} GLOB '[-0-9]*' AND {text} NOT GLOB '*[^-+.eE0-9]*'"
-        value = f"json_extract({text}, '$')"
-        value = self.checked(value) if kind == "whole" else self.finite(value)
-        typed = f"CASE json_type({text}) WHEN '{'integer' if kind == 'whole' else 'real'}' THEN {value} END"
-        return f"CASE WHEN {signs} THEN CASE WHEN json_valid({text}) THEN {typed} END END"
-
-    def startswith(self, text: str, start: str) -> str:
-        """Whether a text begins so."""
-        return f"substr({text}, 1, length({start})) = {start}"
-
-    def endswith(self, text: str, end: str) -> str:
-        """Whether a text ends so."""
-        return f"(length({end}) <= length({text}) AND substr({text}, length({text}) - length({end}) + 1) = {end})"
-
-    def contains(self, text: str, part: str) -> str:
-        """Whether a text has that in it."""
-        return f"instr({text}, {part}) > 0"
-
-    def like(self, text: str, glob: str) -> str:
-        """Whether a glob matches the whole of a text."""
-        return f"{text} GLOB {self.text(glob.replace('[', '[[]'))}"
-
-    def lower(self, text: str) -> str:
-        """A text in lower case, each character for itself; SQLite's own knows those of ASCII."""
-        large, small = (self.text(some[26:]) for some in _capitals())  # without those of ASCII
-        one = "substr(x, n, 1)"
-        step = f"t || CASE WHEN instr({large}, {one}) > 0 THEN substr({small}, instr({large}, {one}), 1) ELSE lower({one}) END"
-        rows = f"SELECT 1 AS n, '' AS t UNION ALL SELECT n + 1, {step} FROM w WHERE n <= length(x)"
-        slow = f"(WITH RECURSIVE w(n, t) AS ({rows}) SELECT t FROM w ORDER BY n DESC LIMIT 1)"
-        foreign = "x GLOB '*[^' || char(1) || '-' || char(127) || ']*'"
-        value = f"replace({text}, 'İ', 'i' || char(775))"
-        return f"(SELECT CASE WHEN {foreign} THEN {slow} ELSE lower(x) END FROM (SELECT {value} AS x))"
-
-
-DIALECTS: Final = {one.name: one for one in (Sqlite(), Duckdb(), Postgres())}
+DIALECTS: Final = {one.name: one for one in (_SQLITE, _DUCKDB, _POSTGRES)}
 """Those there are, by name."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from backends.sql.dialects import Duckdb, Path
+from backends.sql.dialects import Dialect, Path
 from rvaft.errors import NotExpressible
 from rvaft.model.guards import ARITHMETIC, COMPARISONS, Guard, Operation, Operator
 from rvaft.model.patterns import Literal, Variable
@@ -46,7 +46,7 @@ class SqlTerm:
 class Guards:
     """Guards in a dialect."""
 
-    def __init__(self, dialect: Duckdb) -> None:
+    def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
 
     def variable(self, event: str, path: Path) -> SqlTerm:

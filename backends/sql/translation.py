@@ -17,7 +17,7 @@ from typing import Final
 
 import networkx as nx
 
-from backends.sql.dialects import Duckdb, Path
+from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
 from rvaft.analysis.branches import number_of
 from rvaft.analysis.normal_form import Op, body
@@ -140,7 +140,7 @@ class QueriedRow:
 class SqlQuery:
     """One translation. Raises `TooLarge` beyond `limit` events that are joined, `TreeError` without a feasible scenario."""
 
-    def __init__(self, tree: RVAFT, semantics: Semantics, dialect: Duckdb, limit: int) -> None:
+    def __init__(self, tree: RVAFT, semantics: Semantics, dialect: Dialect, limit: int) -> None:
         self.tree, self.semantics, self.dialect, self.limit = tree, semantics, dialect, limit
         self.guards = Guards(dialect)
         self.tables: dict[str, str] = {}
@@ -263,7 +263,7 @@ class SqlQuery:
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = ["trace", "pos"]
         for variable, path in self._paths(pattern).items():
-            facets = {**self.guards.facets("event", path), "json": self.dialect.json("event", path)}
+            facets = {**self.guards.facets("event", path), "json": self.dialect.value("json", "event", path)}
             named = ((f"{self._column(variable)}_{kind}", said) for kind, said in facets.items())
             columns += [f"{said} AS {column}" for column, said in named if column in wanted]
         if self.timed:
@@ -324,7 +324,7 @@ class SqlQuery:
                     todo += reversed([((*path, name), inner) for name, inner in fields])
                 case ListPattern(items):
                     asked.append(
-                        f"{dialect.is_a('list', 'event', path)} AND {dialect.length('event', path)} = {len(items)}"
+                        f"{dialect.is_a('list', 'event', path)} AND {dialect.value('length', 'event', path)} = {len(items)}"
                         if path
                         else "false"
                     )

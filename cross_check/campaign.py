@@ -4,7 +4,7 @@ import gc
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from itertools import product, starmap
+from itertools import islice, product, starmap
 from random import Random
 from typing import Final
 
@@ -232,13 +232,20 @@ class Task:
             return [Result(self.job, "tree", Status.COULD_NOT_RUN, why=str(raised(error)))]
 
 
-def run(tasks: Iterable[Task], *, jobs: int = 1) -> Generator[tuple[Task, list[Result]], None, None]:
-    """The results of each comparison, in order; close the iterator to stop early."""
+def run(tasks: Iterable[Task], *, jobs: int = 1, together: int = 1) -> Generator[tuple[Task, list[Result]], None, None]:
+    """The results of each comparison, in order; close the iterator to stop early.
+
+    So many that follow each other are made by one process, `together`: comparisons of one tree share what is known of it.
+    """
     if jobs == 1:
         yield from ((task, task.run()) for task in tasks)
         return
     gc.freeze()  # what was imported: otherwise each process goes through all of it again and again
-    with closing(in_processes(lambda task: task.run(), tasks, jobs=jobs)) as running:
-        for task, found in running:
-            killed = Result(task.job, "tree", Status.COULD_NOT_RUN, why="a process that compares was killed")
-            yield task, [killed] if isinstance(found, Killed) else found
+    gc.set_threshold(1_000, 10, 200)  # what lasts is caches, and going through them finds nothing
+    rest = iter(tasks)
+    batches = iter(lambda: [*islice(rest, together)], [])
+    with closing(in_processes(lambda some: [task.run() for task in some], batches, jobs=jobs)) as running:
+        for some, found in running:
+            for number, task in enumerate(some):
+                killed = Result(task.job, "tree", Status.COULD_NOT_RUN, why="a process that compares was killed")
+                yield task, [killed] if isinstance(found, Killed) else found[number]

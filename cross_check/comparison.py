@@ -236,11 +236,17 @@ class _Row:
                     self.difference = tuple(trace[:length]), tuple(got[:length])
                 return
 
+    @property
+    def tells_matches(self) -> bool:
+        """Whether all its matches can be compared: it knows them, and no verdict differs."""
+        every = None if self.participant is None or self.difference is not None else self.participant.matches
+        return every is not None and self.attempt(partial(every, ()), self.patience) is not None
+
     def compare_matches(self, known: Sequence[tuple[Trace, frozenset[Match]]]) -> None:
         """All matches of traces; of those that differ the first one that is missing or too many is kept."""
+        assert self.participant is not None
+        assert self.participant.matches is not None
         traces = [trace for trace, _ in known]
-        if self.participant is None or self.participant.matches is None or self.difference is not None:
-            return
         found = self.attempt(partial(self.participant.matches, traces), self.patience) or ()
         for (trace, wanted), got in zip(known, found, strict=bool(found)):
             self.matched += 1
@@ -389,7 +395,7 @@ class Comparison:
                 answers = row.answers([trace for trace, _ in asked])
                 if answers is not None:
                     row.judge(asked, answers)
-                if row.participant is not None and row.participant.matches is not None:
+                if row.tells_matches:
                     row.compare_matches(self._matches(asked))
                 if row.participant is not None:
                     row.shorten(baseline)

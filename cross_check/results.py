@@ -19,7 +19,7 @@ from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.support.terminal import columns
+from rvaft.support.terminal import columns, visible
 
 
 class Status(StrEnum):
@@ -77,6 +77,10 @@ def reason(error: BaseException) -> str:
 
 _RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
 _SKIPPED: Final = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
+_REASONS: Final = 2
+"""So many reasons are told for each participant, those that come most."""
+_FAILURES: Final = 20
+"""So many ways in which participants could not run are told."""
 _JUNIT: Final = {**dict.fromkeys(_RAN, ""), Status.DIFFERS: "failure", **dict.fromkeys(_SKIPPED, "skipped")}
 
 
@@ -251,16 +255,41 @@ def summary_lines(totals: ComparisonTotals) -> list[str]:
 
 
 def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) -> list[str]:
-    """One line for each part of the language that some tree has (`parts`, by the title of the tree), with how often what for each participant."""
+    """One line per participant, with how often what on the trees with each part of the language that some tree has (`parts`, by their titles)."""
     every = list(results)
     names = _called(every)
-    rows = [["TREES WITH", *(name.upper() for name in names.values())]]
-    for part in dict.fromkeys(part for some in parts.values() for part in some):
-        found = {name: Counter[Status]() for name in names}
-        for result in every:
-            found[result.participant][result.status] += part in parts.get(result.job.title, ())
-        rows.append([part, *map(_counted, found.values())])
-    return columns(rows) if rows[1:] else []
+    found = {part: {name: Counter[Status]() for name in names} for some in parts.values() for part in some}
+    for result in every:
+        for part in parts.get(result.job.title, ()):
+            found[part][result.participant][result.status] += 1
+    rows = [["ON TREES WITH", *(part.upper() for part in found)]]
+    rows += [[called, *(_counted(counts[name]) for counts in found.values())] for name, called in names.items()]
+    return columns(rows) if found else []
+
+
+def unable_lines(results: Iterable[Result]) -> list[str]:
+    """What was not compared: for each participant the chief reasons why its language or a limit is in the way, and each failure."""
+    skipped: dict[tuple[str, Status], list[Result]] = {}
+    failed: dict[tuple[str, str], list[Result]] = {}
+    for result in results:
+        if result.status in _SKIPPED:
+            skipped.setdefault((result.participant, result.status), []).append(result)
+        elif result.status not in _RAN:
+            failed.setdefault((result.participant, result.text), []).append(result)
+    rows = [["NOT COMPARED", "COMPARISONS", "BECAUSE"]]
+    for (participant, status), some in skipped.items():
+        chief = Counter(f"{status}: {result.why}" if result.why else str(status) for result in some).most_common()
+        if others := chief[_REASONS:] if len(chief) > _REASONS + 1 else []:
+            told = f"{status}: {len(others)} other reasons"
+            chief = [*chief[:_REASONS], (told, sum(times for _, times in others))]
+        rows += [["" if place else participant, f"{times:,}", why] for place, (why, times) in enumerate(chief)]
+    lines = columns(rows) if skipped else []
+    for (participant, why), some in [*failed.items()][:_FAILURES]:
+        where = f"{some[0].job.title} under {some[0].job.semantics}" if len(some) == 1 else f"{len(some):,} comparisons"
+        lines.append(visible(f"{participant} on {where}: {why}"))
+    if more := sum(map(len, [*failed.values()][_FAILURES:])):
+        lines.append(f"and {more:,} more that could not run")
+    return lines
 
 
 def _counted(counts: Mapping[Status, int]) -> str:

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 
 from cross_check.generate.disturbances import disturbed, with_constant
 from cross_check.generate.times import walked
-from cross_check.generate.traces import WILD, NoTraceFound, guided, random_trace
+from cross_check.generate.traces import WILD, NoTraceFound, Scenarios, guided, random_trace
 from cross_check.generate.values import places, put
 from cross_check.letters import Letters, letters, with_twins
 from cross_check.participants import Participant, literals, times_matter
@@ -79,10 +79,11 @@ def trials(
     constants = [value for guard in guards for value in literals(Observed(Anything(), guard))]
     values = [value for question in questions for value in literals(Observed(question.pattern))] + constants
     manner = replace(WILD, longest=longest, attempts=5)
+    scenarios = [*map(Scenarios, trees)]
     for number in range(effort.traces):
-        tree = trees[number // 4 % len(trees)]
+        tree, known = trees[number // 4 % len(trees)], scenarios[number // 4 % len(trees)]
         try:
-            trace = None if number % 4 == 0 else guided(random, tree, job.semantics, manner)
+            trace = None if number % 4 == 0 else guided(random, tree, job.semantics, manner, known)
         except NoTraceFound:
             trace = None
         if trace is None:

@@ -106,7 +106,7 @@ class Query:
 
     def _rows(self, columns: str, traces: Sequence[Sequence[Json]], group: str = "") -> Iterator[tuple[int, list[Any]]]:
         """The rows for each trace, by its number."""
-        parts = [[*enumerate(traces)]] if self.many else [[pair] for pair in enumerate(traces)]
+        parts = [[*enumerate(traces)]] if self.many and traces else [[pair] for pair in enumerate(traces)]
         for part in parts:
             self.program.load([row for number, trace in part for row in self._loaded(number, trace)])
             trace = "trace" if self.many else str(part[0][0]) if part else "0"

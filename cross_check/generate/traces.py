@@ -3,7 +3,7 @@
 The latter are an order of a random scenario, values that fit, and some noise where it does no harm.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from random import Random
@@ -108,6 +108,15 @@ _SCHEDULES: Final = 6
 """How often to draw times for the events of a scenario, with other ways to meet its conditions."""
 _ENDS: Final = 8
 """How often to draw with which events the parts under `pand` gates end."""
+_REMEMBERED: Final = 10_000
+"""The most points in the precedences of scenarios that may be drawn again."""
+
+
+@dataclass
+class Cyclic(Exception):
+    """Some event has to come before itself; `edges` are the tree edges (parent, child) of one cycle."""
+
+    edges: list[Edge]
 
 
 class Scenarios:
@@ -117,13 +126,15 @@ class Scenarios:
         self.tree = tree
         self.bans: set[Ban] = set()
         self._never = {node.name for node in tree.top_down() if is_impossible(node)}
+        self._fewest = fewest_events(tree.bottom_up(), without=self._never)
+        self._precedences: dict[Hashable, nx.DiGraph] = {}
 
     def draw(self, random: Random, *, lean: bool = False) -> Kept | None:
         """One scenario, or None where every one has something banned; `lean` takes the choices with the fewest events.
 
         Its precedence may be cyclic; of the guards only those without variables hold for sure.
         """
-        least = self._least()
+        least = self._least() if self.bans else self._fewest
         if self.tree.root not in least:
             return None
         kept: dict[str, tuple[str, ...]] = {}
@@ -145,6 +156,35 @@ class Scenarios:
                 self.bans.remove(ban)
         self.bans.clear()
 
+    def order(self, random: Random, kept: Kept) -> list[str]:
+        """The occurrences of a scenario, one after the other; raises `Cyclic` where no order keeps the precedence.
+
+        Every order that keeps it can come out: points of the precedence that are no event are passed at once. A leaf with
+        `times N` comes N times. With which event a part under `pand` ends is drawn.
+        """
+        pands = [name for name in kept if self.tree.nodes[name].gate == "pand"]
+        for _ in range(_ENDS):
+            graph = self._precedence(kept)
+            if pands:
+                graph = graph.copy()
+            for name in pands:
+                _end_in_order(random, self.tree, kept, name, graph)
+            try:
+                return _drawn_order(random, graph, {name: self.tree.nodes[name].times for name in kept})
+            except Cyclic as found:
+                cyclic = found
+                if not pands:
+                    break
+        raise cyclic
+
+    def _precedence(self, kept: Kept) -> "nx.DiGraph":
+        scenario = tuple(kept.items())
+        if scenario not in self._precedences:
+            if sum(map(len, self._precedences.values())) > _REMEMBERED:
+                self._precedences.clear()
+            self._precedences[scenario] = precedence(self.tree, kept)
+        return self._precedences[scenario]
+
     def _choice(self, random: Random, node: Node, least: Mapping[str, Fewest], *, lean: bool) -> tuple[str, ...]:
         below = body(node)
         if not below.chooses:
@@ -165,35 +205,8 @@ class Scenarios:
         return fewest_events(self.tree.bottom_up(), without=nodes, without_edges=edges)
 
 
-@dataclass
-class Cyclic(Exception):
-    """Some event has to come before itself; `edges` are the tree edges (parent, child) of one cycle."""
-
-    edges: list[Edge]
-
-
-def random_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
-    """The occurrences of a scenario, one after the other; raises `Cyclic` where no order keeps the precedence.
-
-    Every order that keeps it can come out: points of the precedence that are no event are passed at once. A leaf with
-    `times N` comes N times. With which event a part under `pand` ends is drawn.
-    """
-    for _ in range(_ENDS):
-        try:
-            return _drawn_order(random, tree, kept)
-        except Cyclic as found:
-            cyclic = found
-            if not any(tree.nodes[name].gate == "pand" for name in kept):
-                break
-    raise cyclic
-
-
-def _drawn_order(random: Random, tree: RVAFT, kept: Kept) -> list[str]:
-    graph = precedence(tree, kept)
-    for name in kept:
-        if tree.nodes[name].gate == "pand":
-            _end_in_order(random, tree, kept, name, graph)
-    left = {name: tree.nodes[name].times for name in kept}
+def _drawn_order(random: Random, graph: "nx.DiGraph", left: dict[str, int]) -> list[str]:
+    """The events of a precedence in an order that keeps it, each as often as it is `left`."""
     waits: dict[Point, int] = dict(graph.in_degree())
     ready: list[Point] = []
     silent = [point for point, number in waits.items() if number == 0]
@@ -299,14 +312,20 @@ def detecting(
 
 
 def guided(
-    random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
+    random: Random,
+    tree: RVAFT,
+    semantics: Semantics = Semantics.PROJECTED,
+    manner: Manner = WILD,
+    scenarios: Scenarios | None = None,
 ) -> list[Json]:
     """A trace that holds a match of a random scenario, by its construction alone: no monitor is asked.
 
-    It may be detected before its end, where a part of it is a match too. Raises `NoTraceFound`.
+    It may be detected before its end, where a part of it is a match too. `scenarios` are those of the tree, where several traces are
+    wanted. Raises `NoTraceFound`.
     """
     making = _Making(random, tree, Semantics(semantics), manner)
-    scenarios = Scenarios(tree)
+    scenarios = scenarios or Scenarios(tree)
+    scenarios.bans.clear()
     longest, attempts = manner.longest, manner.attempts
     why, nodes, shortest = "", list[str](), None
     for attempt in range(attempts):
@@ -315,7 +334,7 @@ def guided(
             why = "every scenario has a guard without variables that does not hold"
             break
         try:
-            order = random_order(random, tree, kept)
+            order = scenarios.order(random, kept)
             if longest is None or len(order) <= longest:
                 return making.noisy(making.trace(kept, order))
             shortest = len(order) if shortest is None else min(shortest, len(order))

@@ -8,7 +8,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from itertools import pairwise
 from random import Random
 from sys import float_info
@@ -34,7 +34,8 @@ COMMON: Final[tuple[Json, ...]] = (
 )
 
 
-def interesting_values(tree: RVAFT) -> list[Json]:
+@lru_cache(maxsize=1)
+def interesting_values(tree: RVAFT) -> tuple[Json, ...]:
     """Values that make a difference to a tree: its literals, values next to the constants of its guards, all types."""
     parts: list[Pattern | Guard] = []
     for node in tree.top_down():
@@ -46,7 +47,7 @@ def interesting_values(tree: RVAFT) -> list[Json]:
     found: list[Json] = [part.value for part in parts if isinstance(part, Literal) and not isinstance(part, Duration)]
     found += [text for part in parts if isinstance(part, Operation) for text in _texts_for(part)]
     near = [value + d for value in found if is_number(value) for d in (-1, 1)]
-    return [*found, *near, *COMMON]
+    return (*found, *near, *COMMON)
 
 
 def _texts_for(part: Operation) -> Iterator[Json]:

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,7 +18,7 @@ from cross_check.campaign import MAX_NODES, Entry, Task, campaign, catalogue, pa
 from cross_check.comparison import PATIENCE, Roster
 from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
-from cross_check.participants import handwritten, is_specification, missing_extras
+from cross_check.participants import faithful_backends, handwritten, is_specification, missing_extras
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
 from rvaft.api import meant, narrowed
@@ -60,10 +60,12 @@ class Reports:
     parts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """For each tree, by its title, the parts of the language that not every language has."""
 
-    def compare(self, tasks: Iterable[Task], count: int, jobs: int, *, bogus: str | None, stop: bool) -> None:
-        """Run so many comparisons, and report at the end; an interrupt ends the program after the report."""
+    def compare(
+        self, running: Generator[tuple[Task, list[Result]], None, None], count: int, *, bogus: str | None, stop: bool
+    ) -> None:
+        """Take the results of so many comparisons, and report at the end; an interrupt ends the program after the report."""
         done, every, note = 0, 0, ""
-        with progress(count) as advance, closing(run(tasks, jobs=jobs)) as running:
+        with progress(count) as advance, closing(running):
             try:
                 for task, results in running:
                     advance()
@@ -89,16 +91,10 @@ class Reports:
         if self.results:
             click.echo("\n".join(reports.result_lines(self.results) if self.every else reports.summary_lines(totals)))
         if not self.every:
-            if lines := reports.part_lines(self.results, self.parts):
-                click.echo("\n".join(["", *lines, ""]))
-            unable: dict[tuple[str, str], list[Result]] = {}
-            for result in totals.unable:
-                unable.setdefault((result.participant, result.text), []).append(result)
-            for (participant, why), some in [*unable.items()][:_SHOWN]:
-                where = f" on {_job(some[0])}" if len(some) == 1 else f" on {len(some):,} of the comparisons"
-                click.echo(visible(f"{participant}{where}: {why}"))
-            if more := sum(map(len, [*unable.values()][_SHOWN:])):
-                click.echo(f"and {more:,} more that were not compared")
+            for lines in (reports.part_lines(self.results, self.parts), reports.unable_lines(totals.unable)):
+                if lines:
+                    click.echo("\n".join(["", *lines]))
+            click.echo()
         click.echo("; ".join(filter(None, [totals.headline, note])))
         self.write(note)
         if note:
@@ -226,6 +222,8 @@ def cross_check_command(
     if cases is not None:
         collected.replay(cases, roster)
         return FAILED if failures.met else exit_status(collected.results)
+    if roster.backends is None and not roster.against:
+        roster = replace(roster, backends=faithful_backends())  # once for all comparisons
     entries: Iterable[Entry]
     if random is not None:
         entries, count = campaign(random, given["seed"], given["max_nodes"]), random
@@ -246,8 +244,10 @@ def cross_check_command(
     chosen = semantics or (() if against else tuple(Semantics))
     pairs = ((e, s) for e in entries for s in chosen or [meant(e.tree)])
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e, s in pairs)
+    every = len(chosen) or 1
     jobs = given["jobs"] or (1 if roster.flink else os.cpu_count() or 1)  # Flink takes long to start
-    collected.compare(tasks, count * (len(chosen) or 1), jobs, bogus=given["save_bogus"], stop=given["stop_on_error"])
+    running = run(tasks, jobs=jobs, together=1 if trees else every)
+    collected.compare(running, count * every, bogus=given["save_bogus"], stop=given["stop_on_error"])
     fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
     asked = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}
     return FAILED if failures.met else exit_status(collected.results, failing=asked)

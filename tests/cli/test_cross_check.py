@@ -42,8 +42,8 @@ def test_what_is_proved(sand: Path, tmp_path: Path) -> None:
     result, found = compared(tmp_path, sand)
     assert result.exit_code == 0, result.output
     assert "no disagreement" in result.stdout
-    assert "TREES WITH" not in result.stdout
-    assert "TREES WITH" in run("cross-check", "--random", 12, "--traces", 1, "--backends", "rml").stdout
+    assert "ON TREES WITH" not in result.stdout
+    assert "ON TREES WITH" in run("cross-check", "--random", 12, "--traces", 1, "--backends", "rml").stdout
     names = ("reference", "engine", "rml", "ltlf", "automaton")
     proving = [one for one in found if one["participant"] in names]  # the others tell detections alone
     assert {(one["participant"], one["semantics"]): one["status"] for one in proving} == {

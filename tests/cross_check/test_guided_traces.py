@@ -26,7 +26,6 @@ from cross_check.generate.traces import (
     detecting,
     guided,
     noise,
-    random_order,
     random_trace,
 )
 from cross_check.generate.trees import random_tree
@@ -108,7 +107,7 @@ def test_every_feasible_scenario_is_drawn(shape: str) -> None:
             kept = Scenarios(tree).draw(random)
             assert kept is not None
             with suppress(Cyclic):
-                random_order(random, tree, kept)
+                Scenarios(tree).order(random, kept)
                 assert frozenset(kept.items()) in feasible
                 missing.discard(frozenset(kept.items()))
             if not missing:
@@ -122,13 +121,13 @@ def test_every_order_that_keeps_the_precedence_comes_out_and_no_other(shape: str
     for random, tree in small_trees(shape, 10):
         for scenario in feasible_scenarios(tree)[:3]:
             if len(scenario.occurrences) <= 4:
-                orders = [*permutations(sorted(scenario.occurrences))]
+                orders, drawn = [*permutations(sorted(scenario.occurrences))], Scenarios(tree)
                 wanted = {
                     tuple(one.partition("[")[0] for one in o)
                     for o, before in product(orders, scenario.orders)
                     if all(o.index(a) < o.index(b) for b in o for a in before[b])
                 }
-                assert {tuple(random_order(random, tree, scenario.kept)) for _ in range(40 * len(wanted))} == wanted
+                assert {tuple(drawn.order(random, scenario.kept)) for _ in range(40 * len(wanted))} == wanted
                 compared += len(wanted) > 1
     assert compared >= 2
 

@@ -20,6 +20,7 @@ from cross_check.results import (
     markdown_text,
     result_lines,
     summary_lines,
+    unable_lines,
 )
 from rvaft.model.verdict import Semantics, Verdict
 
@@ -77,6 +78,22 @@ def test_every_form_says_the_same() -> None:
     assert "| rml | differs 1 | not expressible 1 |" in text
     assert "### rml: tree (strict)" in text
     assert "- other: tree branch 2 (scattered): could not run: it died" in text
+
+
+def test_what_was_not_compared_is_told_with_the_chief_reasons_and_every_failure() -> None:
+    job, whys = Job("tree", Semantics.STRICT), ["no order", "no order", "no order", "no type", "no type", "a", "b"]
+    skipped = [Result(job, "rml", Status.NOT_EXPRESSIBLE, why=why) for why in whys]
+    failed = [Result(job, "ltlf", Status.COULD_NOT_RUN, why=why) for why in ("it died", "it died", "it ran away")]
+    assert unable_lines([*skipped, *results()[:2], *results()[6:7], *failed]) == [
+        "NOT COMPARED  COMPARISONS  BECAUSE",
+        "rml           3            not expressible: no order",
+        "              2            not expressible: no type",
+        "              2            not expressible: 2 other reasons",
+        "automaton     1            timeout: too slow",
+        "ltlf on 2 comparisons: could not run: it died",
+        "ltlf on tree under strict: could not run: it ran away",
+    ]
+    assert unable_lines(results()[:2]) == []
 
 
 @pytest.mark.parametrize("name", [HOSTILE, "\ud800", "ünï 名", ""])

@@ -28,6 +28,7 @@ from tests.backends.match_recognize.joins import first_detections
 from tests.tables import rows
 
 installed = pytest.mark.skipif(find_spec("pyflink") is None, reason="Apache Flink is not installed")
+of_flink = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # it uses what it deprecates
 EVENTS = "event e(v) = { e: v }; event p(v, w) = { v: v, w: w }; "
 
 
@@ -179,6 +180,7 @@ def compared(tree: str) -> dict[str, Status]:
 
 @pytest.mark.slow
 @installed
+@of_flink
 def test_flink_says_what_the_definition_says() -> None:
     some = [*cases("match-recognize", RowHeader, Random("flink"), 60, 2, limit=40)]
     found = flink.first_detections([(text, traces) for text, traces, _ in some])
@@ -188,6 +190,7 @@ def test_flink_says_what_the_definition_says() -> None:
 
 @pytest.mark.slow
 @installed
+@of_flink
 def test_flink_reads_names_and_strings_as_they_are() -> None:
     asked = [(emitted(odd_tree(odd)), odd_traces(odd, INJECTIONS[place - 1])) for place, odd in enumerate(INJECTIONS)]
     assert flink.first_detections(asked) == [[2, None, None, 2]] * len(asked)
@@ -198,6 +201,7 @@ def test_flink_reads_names_and_strings_as_they_are() -> None:
 
 @pytest.mark.slow
 @installed
+@of_flink
 def test_flink_misses_later_starts_where_a_pattern_has_no_first_row() -> None:
     """Why each text begins with the row before all events: of a pattern that begins anywhere Flink loses matches once there are gaps."""
     text = emitted(EVENTS + "top sand a b c; a on p(1, X); b on p(1, _); c on p(2, X);")

@@ -133,6 +133,8 @@ class Backend(ABC):
     name: ClassVar[str]
     language: ClassVar[str]
     suffix: ClassVar[str]
+    also: ClassVar[tuple[str, ...]] = ()
+    """Other suffixes of files in the language."""
     faithful: ClassVar[bool] = True
     """Whether the text means the tree; an unfaithful backend is left out of comparisons unless named."""
     form_of: ClassVar[str | None] = None
@@ -214,7 +216,7 @@ class Backend(ABC):
         `atoms` gives the event of each atom that the text itself does not define; without it, `p` is `{"event": "p"}`.
         A language whose texts always define their events ignores it. One that is only emitted (not `readable`) raises `OptionError`.
         """
-        raise OptionError(f"{self.language} is only emitted: nothing here runs its texts")
+        raise OptionError(f"{self.name} is only emitted: nothing here runs its texts")
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:  # noqa: ARG002
         """What the tree becomes in the language as a graph in the DOT language of Graphviz, for people to look at.
@@ -303,7 +305,8 @@ def speaking(word: str) -> str | None:
     for name in all_backends():
         with suppress(ToolFailed, AttributeError):  # one of somebody else that is broken; the others still count
             found = backend(name)
-            if found.faithful and wanted in (found.language.lower(), found.suffix.removeprefix(".")):
+            suffixes = (suffix.removeprefix(".") for suffix in (found.suffix, *found.also))
+            if found.faithful and wanted in (found.language.lower(), *suffixes):
                 return name
     return None
 

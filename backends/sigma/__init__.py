@@ -40,6 +40,7 @@ class SigmaBackend(Backend):
     name: ClassVar[str] = "sigma"
     language: ClassVar[str] = "sigma"
     suffix: ClassVar[str] = ".yml"
+    also: ClassVar[tuple[str, ...]] = (".yaml",)
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     json_alone: ClassVar[bool] = True
     extra: ClassVar[str] = "sigma"

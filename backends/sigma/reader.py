@@ -1,13 +1,14 @@
 """Running a correlation: pySigma compiles the rules to one query, and SQLite asks it of a table with a row for each event.
 
-A trace is left open where Sigma would take different values for the same: null for what is absent, and values that differ in type or case where events are
-grouped by them; and where the times of the events do not increase.
+A trace is left open where Sigma would take different values for the same: null for what is absent, and values that differ in type or case, or beyond 15 digits,
+where events are grouped by them; and where the times of the events do not increase.
 """
 
 import json
 import sqlite3
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from itertools import combinations
 from typing import Any, Final
 
 from rvaft.errors import LanguageError, TraceError, installed
@@ -42,7 +43,8 @@ class _SigmaProgram:
         correlations = installed("sigma.correlations", "pySigma", _REMEDY)
         try:
             documents = [one for one in yaml.safe_load_all(text) if one is not None]
-            said = next((one["rvaft"] for one in documents if isinstance(one, dict) and "rvaft" in one), None)
+            _require_mappings(documents)
+            said = next((one["rvaft"] for one in documents if "rvaft" in one), None)
             self._time: EventTime | None = None if said is None else parse_time(str(said))
             rules = sigma.SigmaCollection.from_yaml(text)
             backend = sqlite.sqliteBackend(
@@ -62,7 +64,11 @@ class _SigmaProgram:
             self._table.execute(f"CREATE TABLE logs ({_TIME}{columns})")
             self._insert = f"INSERT INTO logs VALUES (?{', ?' * len(self._fields)})"  # noqa: S608 -- the query of SQLite's own signs
             self._table.execute(self._query)
-        except Exception as error:  # noqa: BLE001 -- YAML, pySigma and SQLite say in many ways what is wrong with a text
+        except yaml.MarkedYAMLError as error:
+            line, column = (error.problem_mark.line, error.problem_mark.column) if error.problem_mark else (0, 0)
+            message = f"no YAML, and so no Sigma correlation: {error.problem}"
+            raise LanguageError(message, file="<sigma>", line=line + 1, column=column + 1) from None
+        except Exception as error:  # noqa: BLE001 -- pySigma and SQLite say in many ways what is wrong with a text
             message = error.message if isinstance(error, LanguageError) else str(error)
             raise LanguageError(f"no Sigma correlation: {' '.join(message.split())[:500]}", file="<sigma>") from None
 
@@ -93,10 +99,15 @@ class _SigmaProgram:
         values = [
             value for name in self._grouped for event in trace if (value := at(event, name.split("."), ...)) is not ...
         ]
+        if any(isinstance(one, float) and float(f"{one:.15g}") != one for one in map(_stored, values)):
+            return "SQLite groups by 15 digits of a number"
         known: dict[object, Json] = {}
         for value in values:
             if not equal(known.setdefault(_alike(value), value), value):
                 return "Sigma groups without types and case"
+        compound = [value for value in known.values() if isinstance(value, Mapping | list)]
+        if any(equal(one, other) for one, other in combinations(compound, 2)):
+            return "SQLite groups objects and lists as they are written"
         return ""
 
     def first(self, trace: Sequence[Json]) -> int | None:
@@ -128,6 +139,12 @@ def _only(several: list[Any]) -> Any:
     if len(several) != 1:
         raise ValueError(f"there has to be one correlation, of all the rules, and there are {len(several)}")
     return several[0]
+
+
+def _require_mappings(documents: Sequence[object]) -> None:
+    for one in documents:
+        if not isinstance(one, dict):
+            raise TypeError(f"a rule is a mapping of YAML, and here is a {type(one).__name__}")
 
 
 def _items(rule: Any) -> list[Any]:

@@ -75,7 +75,9 @@ class SqlBackend(Backend):
     def spoken(cls, dialect: str) -> str:
         """The name of the backend that writes a dialect."""
         if dialect not in DIALECTS:
-            raise OptionError(f"unknown dialect {dialect}; known: {', '.join(DIALECTS)}")
+            raise OptionError(f"unknown dialect {dialect or '(empty)'}; known: {', '.join(DIALECTS)}")
+        if dialect != cls.dialect and cls.form_of is not None:
+            raise OptionError(f"{cls.name} is the dialect {cls.dialect}: name {cls.form_of} for {dialect}")
         return cls.name if dialect == cls.dialect else f"{cls.name}-{dialect}"
 
 

@@ -93,6 +93,8 @@ class Query:
         self.time = _declared(text)
         self.body = re.sub(r"(?:\s|;|^\s*--[^\n]*$)*\Z", "", text, flags=re.MULTILINE)
         self._known: dict[str, int | None] = {}
+        if not self.body:
+            raise LanguageError("there is no query")
         columns, _ = self._ask(f"SELECT * FROM (\n{self.body}\n) AS found LIMIT 0")
         if "detected" not in columns:
             raise LanguageError("the query has no column `detected`, the number of the event that completes a match")

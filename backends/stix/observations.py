@@ -53,6 +53,8 @@ class StixHeader:
     @classmethod
     def mapped(cls, mapping: Mapping[str, Any]) -> "StixHeader":
         """What a mapping of a user says; raises `OptionError`."""
+        if not mapping:
+            raise OptionError("the mapping is empty, so it lacks every event type")
         types = {name: dict(_fields(below, ())) for name, below in mapping.items()}
         objects: dict[str, Way] = {}
         for name, paths in types.items():

@@ -216,7 +216,7 @@ def cross_check_command(
         patience=timeout or PATIENCE,
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )
-    if roster.backends is None and not roster.against:
+    if roster.backends is None and not against:
         for name, error in missing_extras().items():
             click.echo(f"{name} takes no part: {error}", err=True)
     if cases is not None:

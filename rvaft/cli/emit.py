@@ -104,7 +104,7 @@ def _languages() -> Iterator[tuple[str, ...]]:
             yield name, "?", "?", "?", visible(f"no: {type(error).__name__}: {error}")
             continue
         semantics = [choice for choice in Semantics if choice in found.semantics]
-        available = "yes"
+        available = "yes" if found.readable else "yes, only emitted"
         try:  # a smallest tree
             specification = found.translate(RVAFT("a", [Node("a")]), semantics[-1])
             if found.readable:

@@ -115,10 +115,21 @@ def test_what_is_left_open() -> None:
     assert isinstance(monitor, DetectionMonitor)
     a, b = {"e": "in", "u": "bob", "t": 5}, {"e": "out", "u": "bob", "t": 7}
     assert monitor.first_detections([[a, b], [a, {**b, "t": "7.000001"}], [a, {**b, "u": "eve"}]]) == [2, None, None]
-    for other in ({**b, "u": "Bob"}, {**b, "u": None}, {**b, "t": 5}, {"e": "out", "u": "bob"}):
-        assert monitor.left_open([a, other])
+    some: list[tuple[Json, Json]] = [
+        ("bob", "Bob"),
+        ("bob", None),
+        ("3", 3.0000000000000004),
+        (3, 3.0000000000000004),
+        ({"k": 1, "l": 2}, {"l": 2, "k": 1.0}),
+    ]
+    for one, other in (
+        *(({**a, "u": x}, {**b, "u": y}) for x, y in some),
+        (a, {**b, "t": 5}),
+        (a, {"e": "out", "u": "bob"}),
+    ):
+        assert monitor.left_open([one, other])
         with pytest.raises(TraceError, match="says nothing to Sigma"):
-            monitor.first_detections([[a, other]])
+            monitor.first_detections([[one, other]])
 
 
 def test_sizes_and_limits() -> None:

@@ -273,6 +273,7 @@ def test_a_match_that_is_missing_shows_where_detections_agree(monkeypatch: pytes
 def test_dialects_and_tools_that_are_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     for arguments, message in (
         (("--to", "sql", "--dialect", "oracle"), "unknown dialect oracle; known: sqlite, duckdb, postgres"),
+        (("--to", "sql-duckdb", "--dialect", "sqlite"), "sql-duckdb is the dialect duckdb: name sql for sqlite"),
         (("--to", "rml", "--dialect", "duckdb"), "rml has no dialects"),
         (("--to", "dot", "--dialect", "duckdb"), "has no --dialect"),
     ):

@@ -95,7 +95,7 @@ def test_the_form_is_only_emitted_and_misses_what_is_beyond_the_horizon() -> Non
     found = BOUNDED.translate(loads("top sand a b;"), Semantics.SCATTERED)
     assert "misses what comes after 1073741824 events" in found.text.splitlines()[0]
     assert signs(found.monitor(), events("b a b")) == "??T"  # that of the formula for Reelay
-    with pytest.raises(OptionError, match="c2po is only emitted"):
+    with pytest.raises(OptionError, match="mtl-r2u2 is only emitted"):
         BOUNDED.read(found.text)
 
 

@@ -13,12 +13,20 @@ from typing import Final
 
 from backends.orders import Orders, merged
 from rvaft.analysis.scenarios import Kept
+from rvaft.analysis.truth_conditions import (
+    ComparisonTest,
+    ConditionTest,
+    EqualityTest,
+    TruthConditions,
+    TruthTest,
+    spelled,
+)
 from rvaft.backend import Backend
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model import guards
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import time_text
-from rvaft.model.guards import OPERATORS, ORDERINGS, Guard, Operation, Operator
+from rvaft.model.guards import OPERATORS, Guard, Operation, Operator
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import is_finite
@@ -145,7 +153,7 @@ class EqlText:
             each = chain.from_iterable(self._conditions(one, asked) for one, asked in inside)
             return tuple(dict.fromkeys(one for one in each if one != "false")) or ("false",)
         texts, paths = self._look(name)
-        found = _all([*texts, *(self._truth(guard, paths, name, truth=True) for guard in asked)])
+        found = _all([*texts, *(self._truth(guard, paths, name) for guard in asked)])
         self._orders.spend(len(found))
         return (found,)
 
@@ -192,55 +200,39 @@ class EqlText:
             raise self._refusal("a text of EQL has no half of a surrogate pair", [node])
         return f'"{value.translate(_ESCAPES)}"'
 
-    def _truth(self, guard: Guard, paths: Mapping[str, str], node: str, *, truth: bool) -> str:
-        """What holds of an event exactly where a guard is true, or false; nothing where it is undefined."""
+    def _truth(self, guard: Guard, paths: Mapping[str, str], node: str) -> str:
+        """What holds of an event exactly where a guard is true."""
 
-        def of(part: Guard, *, truth: bool) -> str:
-            found = self._truth(part, paths, node, truth=truth)
+        def test(one: ConditionTest) -> str:
+            match one:
+                case TruthTest(Variable(name), wanted):
+                    return f"{paths[name]} == {str(wanted).lower()}"
+                case TruthTest(Operation(operator, (Variable(name), Literal(value))), wanted) if operator in _FUNCTIONS:
+                    text = f"{_FUNCTIONS[operator]}({paths[name]}, {self._literal(value, node)})"
+                    return text if wanted else f'(not {text} and stringContains({paths[name]}, ""))'
+                case EqualityTest(Variable(name), Literal(value), wanted) | EqualityTest(
+                    Literal(value), Variable(name), wanted
+                ):
+                    path, constant = paths[name], self._literal(value, node)
+                    same = f"{path} == {constant}"
+                    found = same if wanted else f"(({same}) == null or {path} != {constant})"
+                    return found if is_finite(value) else "false"
+                case ComparisonTest(_, Variable(name), sign, Literal(value)):
+                    return f"{paths[name]} {sign} {self._literal(value, node)}" if is_finite(value) else "false"
+                case ComparisonTest(sort, Literal() as left, sign, Variable() as right):
+                    return test(ComparisonTest(sort, right, str(OPERATORS[Operator(sign)].mirrored), left))
+                case _:
+                    signs = [part.operator for part in guards.walk(guard) if isinstance(part, Operation)]
+                    unsaid = [sign for sign in signs if sign in guards.ARITHMETIC | guards.FUNCTIONS - {*_FUNCTIONS}]
+                    word = f"; it has no exact `{unsaid[0]}`" if unsaid else ""
+                    raise self._refusal(f"a condition of EQL compares a field with a constant{word}", [node])
+
+        def join(every: bool, parts: list[str]) -> str:
+            found = _all(parts) if every else _any(parts)
             self._orders.spend(len(found))
             return found
 
-        if not guards.variables(guard):
-            return "true" if guards.value(guard, {}) is truth else "false"
-        match guards.folded(guard):
-            case Variable(name):
-                return f"{paths[name]} == {str(truth).lower()}"
-            case Operation(Operator.NOT, (inner,)):
-                return of(inner, truth=not truth)
-            case Operation(Operator.AND | Operator.OR as operator, (first, *others)):
-                rest = others[0] if len(others) == 1 else Operation(operator, tuple(others))
-                if (operator is Operator.AND) is truth:
-                    return _all([of(first, truth=truth), of(rest, truth=truth)])
-                passed = [] if guards.is_total(first) else [of(first, truth=not truth)]
-                return _any([of(first, truth=truth), _all([*passed, of(rest, truth=truth)])])
-            case Operation(operator, (Literal() as left, Variable() as right)) if mirrored := OPERATORS[
-                operator
-            ].mirrored:
-                return of(Operation(mirrored, (right, left)), truth=truth)
-            case Operation(Operator.IN, (Variable() as left, *listed)):
-                ways = [of(Operation(Operator.EQ, (left, one)), truth=truth) for one in listed]
-                return _any(ways) if truth else _all(ways)
-            case Operation(operator, (Variable(name), Literal(value))) if operator in guards.COMPARISONS:
-                ordered, kind = (
-                    operator in ORDERINGS,
-                    isinstance(value, bool) or not isinstance(value, (str, int, float)),
-                )
-                if not is_finite(value) or (ordered and kind):
-                    return "false"
-                sign, written = operator if truth else OPERATORS[operator].negated, self._literal(value, node)
-                text = f"{paths[name]} {sign} {written}"
-                return text if sign is not Operator.NE else f"(({paths[name]} == {written}) == null or {text})"
-            case Operation(operator, (Variable(name), Literal(value))) if operator in _FUNCTIONS:
-                text = f"{_FUNCTIONS[operator]}({paths[name]}, {self._literal(value, node)})"
-                text = text if truth else f'(not {text} and stringContains({paths[name]}, ""))'
-                return text if isinstance(value, str) else "false"
-            case other:
-                found = [part.operator for part in guards.walk(other) if isinstance(part, Operation)]
-                unsaid = [
-                    sign for sign in found if sign in guards.ARITHMETIC or sign in guards.FUNCTIONS - {*_FUNCTIONS}
-                ]
-                word = f"; it has no exact `{unsaid[0]}`" if unsaid else ""
-                raise self._refusal(f"a condition of EQL compares a field with a constant{word}", [node])
+        return spelled(TruthConditions().of(guard), test, join)
 
 
 def _all(texts: Iterable[str]) -> str:

@@ -5,15 +5,16 @@ before the first says where events have their time; without it that is `@timesta
 is none to queries with a `maxspan`.
 
 The engine is asked once for each event what holds of it, and then, for each sequence, of events that have nothing but that.
-Events are joined by what is equal in JSON (`true` and 1 are not), and a null is a value.
+Events are joined by what is equal in JSON (`true` and 1 are not), and a null is a value. A list is one to texts that look at its elements by their numbers, which
+Elasticsearch does not; of others' lists nothing is told.
 """
 
 import re
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
-from itertools import pairwise, permutations
+from itertools import pairwise, permutations, product
 from typing import Any, Final
 
 from backends.eql.queries import CATEGORY, FILE, FUNCTIONS, OPTIONAL, parsed, place
@@ -23,13 +24,12 @@ from rvaft.language.parser import parse_time
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
 from rvaft.model.values import Json, key
 
-_PIECE: Final = re.compile(
-    r"""(?P<end>;)|(?P<skip>//[^\n]*|/\*.*?\*/|\s+)|\"{3}[^\r\n]*?\"{3,5}|"(?:\\.|[^"\\\r\n])*"|'(?:\\.|[^'\\\r\n])*'|`[^`\r\n]*`|.""",
-    re.DOTALL,
-)
-_TIME: Final = re.compile(r"//[ \t]*(time[ \t].*\S)")
+_TEXTS: Final = r"""\"{3}[^\r\n]*?\"{3,5}|"(?:\\.|[^"\\\r\n])*"|'(?:\\.|[^'\\\r\n])*'|`[^`\r\n]*`"""
+_QUERY: Final = re.compile(rf"(?:{_TEXTS}|//[^\n]*|/\*.*?\*/|[^;])+", re.DOTALL)
+_TIME: Final = re.compile(r"(?:\s|/\*.*?\*/|//(?![ \t]*time[ \t])[^\n]*\n)*//[ \t]*(time[ \t][^\n]*\S)", re.DOTALL)
 _DEFAULT_TIME: Final = EventTime(("@timestamp",), TimeFormat.ISO8601)
 _BACKWARDS: Final = "`maxspan` is about logs in the order of their times, and those of this trace go back"
+_LISTS: Final = "Elasticsearch looks at each element of a list by itself"
 _EVENT, _END = "event", "end"
 """Of these types are events, and what they are once more to `until`, which looks at the sequences after them."""
 _KEY, _CATEGORIES, _TRACE, _NULL = "key", 0, -1, object()
@@ -52,6 +52,15 @@ def _categories(event: Json) -> list[Json]:
     return [each for one in found for each in (one if isinstance(one, list) else [one])]
 
 
+def _is_in_list(value: Json, path: Iterable[str | int]) -> bool:
+    """Whether what stands at a path is a list, or in one."""
+    for name in path:
+        value = value.get(name) if isinstance(value, Mapping) else None
+        if isinstance(value, list):
+            return True
+    return False
+
+
 @contextmanager
 def minding_case(module: Any) -> Iterator[None]:
     """While this runs, the package `eql` tells capital letters from small ones."""
@@ -70,11 +79,13 @@ class Queries:
         self._module, self._asker = module, module.PythonEngine({"functions": {**FUNCTIONS, _KEY: key}})
         self._asked: dict[str, int] = {}
         self._answers: list[Callable[[Any], Json]] = []
+        self._fields: set[tuple[str | int, ...]] = set()
         made = [one for query in queries for one in self._sequences(query)]
         timed = [one for one in made if getattr(one.first, "max_span", None)]
         self._queries = [one for one in made if one not in timed], timed
         self._types = [_EVENT, _END] if any(getattr(one.first, "close", None) for one in made) else [_EVENT]
         self._time = time or (_DEFAULT_TIME if timed else None)
+        self._by_number = any(isinstance(part, int) for path in self._fields for part in path)
         self._engines, self._found, self._traces = list[Any](), list[Any](), 0
 
     def _sequences(self, query: Any) -> Iterator[Any]:
@@ -109,6 +120,8 @@ class Queries:
         number = self._asked.setdefault(repr(expression), len(self._asked) + 1)
         if number > len(self._answers):
             self._answers.append(self._asker.convert(expression, scoped=True))
+            fields = (one for one in expression if isinstance(one, self._module.ast.Field))
+            self._fields |= {(one.base, *one.path) for one in fields if one.base != _CATEGORIES}
         return self._module.ast.Field(number)
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
@@ -121,8 +134,8 @@ class Queries:
             self._engines = [self._engine(queries) for queries in self._queries]
         self._traces += 1
         self._found.clear()
-        if self.left_open(trace):
-            raise TraceError(_BACKWARDS, line=None)
+        if why := self.left_open(trace):
+            raise TraceError(why, line=None)
         for number, event in enumerate(trace, 1):
             moment = None if self._time is None else self._time.read(event)
             try:
@@ -143,7 +156,10 @@ class Queries:
         """Why the language says nothing of a trace, if that is so."""
         read = [] if self._time is None or not self._queries[1] else map(self._time.read, trace)
         times = [time for time in read if time is not None]
-        return _BACKWARDS if any(later < earlier for earlier, later in pairwise(times)) else ""
+        if any(later < earlier for earlier, later in pairwise(times)):
+            return _BACKWARDS
+        lists = () if self._by_number else product(self._fields, trace)
+        return _LISTS if any(_is_in_list(event, path) for path, event in lists) else ""
 
     def _engine(self, queries: Sequence[Any]) -> Any:
         engine = self._module.PythonEngine({"time_unit": UNITS["ms"]})
@@ -156,25 +172,17 @@ class Queries:
 def compiled(text: str) -> Queries:
     """The queries of a text; raises `LanguageError`, `ToolMissing`."""
     eql = installed("eql", "eql", "pip install '.[eql]' in a checkout of rvaft")
-    ends, time, begun = [-1], None, False
-    for piece in _PIECE.finditer(text):
-        begun = begun or not piece["skip"]
-        if not begun and (line := _TIME.match(piece[0])):
-            try:
-                time = parse_time(line[1])
-            except LanguageError as error:
-                raise error_at(error.message, text, piece.start() + line.start(1) + error.column - 1, FILE) from None
-        if piece["end"]:
-            ends.append(piece.start())
-    if text[ends[-1] + 1 :].strip() or len(ends) == 1:
-        ends.append(len(text))
-    queries = []
-    for begin, end in pairwise(ends):
-        source = text[begin + 1 : end]
+    time, queries = None, []
+    if line := _TIME.match(text):
+        try:
+            time = parse_time(line[1])
+        except LanguageError as error:
+            raise error_at(error.message, text, line.start(1) + error.column - 1, FILE) from None
+    for begin, source in [(one.start(), one[0]) for one in _QUERY.finditer(text) if one[0].strip()] or [(0, "")]:
         try:
             queries.append(parsed(source))
         except LanguageError as error:
-            at = begin + 1 + place(source, error.line - 1, error.column - 1)
+            at = begin + place(source, error.line - 1, error.column - 1)
             raise error_at(error.message, text, at, FILE) from None
     with minding_case(eql):
         return Queries(eql, queries, time)

@@ -8,7 +8,7 @@ import pytest
 from backends.eql import EqlBackend
 from backends.eql.reader import compiled
 from rvaft.api import loads
-from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolFailed, ToolMissing
+from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolFailed, ToolMissing, TraceError
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
@@ -64,6 +64,27 @@ def test_hand_written(text: str, trace: list[Json], number: int) -> None:
         None,
         number,
     ]
+
+
+@pytest.mark.parametrize(
+    ("text", "event", "told"),
+    [
+        ("any where a.b == 1", {"a": {"b": [1]}}, False),
+        ("any where a.b == 1", {"a": [{"b": 1}]}, False),
+        ("sequence by a [any where true] [any where true]", {"a": []}, False),
+        ("any where a.b == 1", {"a": {"b": 1, "c": [1]}, "b": [1]}, True),
+        ("file where a == 1", {"a": 1, "event": {"category": ["file"]}}, True),
+        ("any where a[0] == 1", {"a": [1]}, True),
+    ],
+)
+def test_of_lists_nothing_is_told_but_by_number(text: str, event: Json, *, told: bool) -> None:
+    queries = compiled(text)
+    assert bool(queries.left_open([{}, event])) is not told
+    if told:
+        assert queries.first_detections([[{}, event]]) == [2]
+    else:
+        with pytest.raises(TraceError, match="each element of a list"):
+            queries.first_detections([[{}, event]])
 
 
 EVENT: Json = {"x": "FooBarBaz", "ip": "192.168.152.12", "six": "::ffff:192.168.1.1", "b": True, "n": 1, "o": {}}

@@ -1,8 +1,11 @@
-"""Guards over several events as disjunctions of conjunctions of MonPoly's comparisons, each of which is about arguments that are bound."""
+"""Guards over several events as disjunctions of conjunctions of MonPoly's comparisons, each of which is about arguments that are bound.
 
-from collections.abc import Callable, Sequence
+What MonPoly does not calculate as guards do is an argument of its own, where it is about one event alone.
+"""
+
+from collections.abc import Callable, Collection, Sequence
 from itertools import chain, product
-from typing import Final, TypeAlias, assert_never
+from typing import Final, TypeAlias
 
 from backends.event_columns import constant, require_exact_sums
 from backends.mfotl.monpoly import Column, argument
@@ -18,7 +21,7 @@ from rvaft.analysis.truth_conditions import (
     spelled,
 )
 from rvaft.errors import TooLarge
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.guards import FUNCTIONS, Guard, Operation, Operator, variables
 from rvaft.model.patterns import Literal, Variable
 
 Ways: TypeAlias = tuple[tuple[str, ...], ...]
@@ -26,8 +29,9 @@ Ways: TypeAlias = tuple[tuple[str, ...], ...]
 
 MOST: Final = 500
 """The most conjunctions of one guard."""
+_LEFT_TO_COLUMNS: Final = FUNCTIONS - {Operator.MIN, Operator.MAX} | {Operator.MUL, Operator.DIV}
 _ASPECTS: Final = {Sort.NUMBER: "number", Sort.TIME: "time", Sort.TEXT: "string"}
-_KINDS: Final = {Sort.NUMBER: "n", Sort.TIME: "n", Sort.TEXT: "s"}
+_KINDS: Final = {Sort.NUMBER: "n", Sort.TIME: "n", Sort.TEXT: "s", Sort.TRUTH: "o"}
 
 
 def both(*several: Ways) -> Ways:
@@ -49,12 +53,21 @@ def either(*several: Ways) -> Ways:
 
 
 class Conditions:
-    """The guards of a scenario; `times` are the variables that hold times, `column` writes the argument of a column, which is `asked` for then."""
+    """The guards of a scenario; `times` are the variables that hold times, `column` writes the argument of a column, which is `asked` for then.
 
-    def __init__(self, times: frozenset[str], column: Callable[[Column], str]) -> None:
+    `bound` are the variables of each event.
+    """
+
+    def __init__(
+        self, times: frozenset[str], bound: Collection[frozenset[str]], column: Callable[[Column], str]
+    ) -> None:
         self.asked: set[Column] = set()
-        self._column = column
-        self._conditions = TruthConditions(times)
+        self._bound, self._column = bound, column
+        self._conditions = TruthConditions(times, self._is_argument)
+
+    def _is_argument(self, term: Guard) -> bool:
+        left = isinstance(term, Operation) and term.operator in _LEFT_TO_COLUMNS
+        return left and any(one.issuperset(variables(term)) for one in self._bound)
 
     def ways(self, guard: Guard) -> Ways:
         """When a guard is true; raises `Unsayable` and `TooLarge`."""
@@ -63,22 +76,25 @@ class Conditions:
 
     def _spelled(self, test: ConditionTest) -> Ways:
         match test:
-            case TruthTest(Variable(), wanted):
-                return self._spelled(EqualityTest(test.term, Literal(wanted), wanted=True))
+            case TruthTest(term, wanted) if isinstance(term, Variable) or self._is_argument(term):
+                return self._spelled(EqualityTest(term, Literal(wanted), wanted=True))
             case TruthTest(Operation(operator)):
                 raise Unsayable(f"it calculates {operator.name.lower()} of what several events have")
             case EqualityTest(left, right, wanted):
                 same = " = ".join(self._written(one, "text") for one in (left, right))
-                return ((same if wanted else f"NOT ({same})",),)
+                sides = () if wanted and isinstance(right, Literal) else (left, right)
+                return ((*self._defined(*sides), same if wanted else f"NOT ({same})"),)
+            case SortTest(term, sort, wanted=True) if isinstance(term, Variable) or self._is_argument(term):
+                return ((self._is(term, sort),),)
             case SortTest(term, sort, wanted=True):
                 return tuple(conditions for conditions, _ in self._terms(term, sort))
-            case SortTest(Variable() as term, sort):
-                return ((f"NOT ({self._is(term, sort)})",),)
+            case SortTest(term, sort):
+                return ((*self._defined(term), f"NOT ({self._is(term, sort)})"),)
             case ComparisonTest(sort, left, sign, right):
                 require_exact_sums(left, right, time=sort is Sort.TIME)
                 return self._compared(sort, left, sign, right)
             case _:
-                raise AssertionError("what is calculated has a sort")
+                raise AssertionError("a constant has a truth value")
 
     def _compared(self, sort: Sort, left: Guard, sign: str, right: Guard) -> Ways:
         if sign in ("<", "<=") and isinstance(left, Operation) and left.operator is Operator.SUB:
@@ -99,7 +115,7 @@ class Conditions:
         match term:
             case Literal():
                 return [((), self._written(term, _ASPECTS[sort]))]
-            case Variable():
+            case _ if isinstance(term, Variable) or self._is_argument(term):
                 return [((self._is(term, sort),), self._written(term, _ASPECTS[sort]))]
             case Operation(operator, operands):
                 ways = [self._terms(one, sort) for one in operands]
@@ -109,6 +125,8 @@ class Conditions:
                 match operator:
                     case Operator.ADD | Operator.SUB:
                         return [(conditions, f"({f' {operator} '.join(texts)})") for conditions, texts in combined]
+                    case Operator.NUMBER:
+                        return ways[0]
                     case Operator.NEGATE:
                         zero = "0" if sort is Sort.TIME else "0.0"
                         return [(conditions, f"({zero} - {texts[0]})") for conditions, texts in combined]
@@ -122,18 +140,21 @@ class Conditions:
                     case _:
                         raise Unsayable(f"MonPoly's doubles calculate {operator.name.lower()} otherwise")
             case _:
-                assert_never(term)
+                raise AssertionError("a variable is an argument")
 
     def _written(self, term: Guard, aspect: str) -> str:
-        """A variable, or a constant."""
+        """An argument, or a constant."""
         if isinstance(term, Literal):
             return argument(aspect, constant(term, aspect))
-        assert isinstance(term, Variable), "nothing else stands alone"
-        self.asked.add((term.name, aspect))
-        return self._column((term.name, aspect))
+        self.asked.add((term, aspect))
+        return self._column((term, aspect))
 
-    def _is(self, variable: Variable, sort: Sort) -> str:
-        return f'{self._written(variable, "kind")} = "{_KINDS[sort]}"'
+    def _defined(self, *terms: Guard) -> tuple[str, ...]:
+        """That what is calculated has a value."""
+        return tuple(f'NOT ({self._written(one, "kind")} = "")' for one in terms if isinstance(one, Operation))
+
+    def _is(self, term: Guard, sort: Sort) -> str:
+        return f'{self._written(term, "kind")} = "{_KINDS[sort]}"'
 
 
 def _operands(guard: Guard, operator: Operator) -> tuple[Guard, ...]:

@@ -16,10 +16,11 @@ from urllib.parse import quote
 
 from backends.event_columns import EventColumns
 from rvaft.errors import ToolFailed, ToolMissing
+from rvaft.model.guards import Guard
 from rvaft.model.values import Json
 
-Column: TypeAlias = tuple[str, str]
-"""A variable, and an aspect of it."""
+Column: TypeAlias = tuple[Guard, str]
+"""A variable or what is calculated of one event, and an aspect of it."""
 
 _TYPES: Final = {"text": "string", "kind": "string", "number": "float", "string": "string", "time": "int"}
 """The type of each aspect in a signature."""

@@ -1,7 +1,8 @@
 """From a tree to a formula: a disjunction over its scenarios, each of which says which positions have the events of its nodes."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from itertools import chain, count
 from typing import Final
 
@@ -14,7 +15,7 @@ from rvaft.analysis.truth_conditions import Unsayable
 from rvaft.analysis.unification import overlaps
 from rvaft.backend import Metrics
 from rvaft.errors import NotExpressible, TooLarge
-from rvaft.model.guards import Guard
+from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -49,7 +50,7 @@ class MfotlFormula:
         self._header = MfotlHeader(time=tree.time)
         self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
         self._times = time_variables(tree)
-        self._names = _names([*tree.variables, *self._times])
+        self._names: dict[Guard, str] = {}
         self._predicates: dict[tuple[FittingEvent, tuple[Column, ...]], str] = {}
         self._taken = {*_RESERVED}
 
@@ -66,7 +67,8 @@ class MfotlFormula:
         """A scenario, once for each way in which its guards can hold."""
         after = self._orders.after(kept)
         events = sorted(after, key=lambda name: -len(after[name]))
-        conditions, ways = Conditions(self._times, self._column), list[Ways]()
+        bound = {name: frozenset(rigid_variables(self._patterns[name])) for name in events}
+        conditions, ways = Conditions(self._times, bound.values(), self._column), list[Ways]()
 
         def several(node: str, guard: Guard) -> NotExpressible | None:
             try:
@@ -76,13 +78,15 @@ class MfotlFormula:
                 return NotExpressible(reason, backend="mfotl", semantics=Semantics.SCATTERED, nodes=[node])
             return None
 
-        own = self._orders.asked(kept, {name: rigid_variables(self._patterns[name]) for name in events}, several)
+        own = self._orders.asked(kept, bound, several)
         if own is None:
             return
-        uses = [name for one in events for name in rigid_variables(self._patterns[one])]
-        tied = {name for name in uses if uses.count(name) > 1}
+        uses = Counter(chain(*bound.values()))
+        tied = {(Variable(name), "text") for name in uses if uses[name] > 1 and name not in self._times}
         places = {name: f"i{number}" for number, name in enumerate(events, 1)}
-        atoms = [self._atom(name, tuple(own[name]), conditions.asked, tied, places[name]) for name in events]
+        asked = sorted(tied | conditions.asked, key=self._column)
+        columns = {name: tuple(one for one in asked if bound[name].issuperset(variables(one[0]))) for name in events}
+        atoms = [self._atom(name, tuple(own[name]), columns[name], places[name]) for name in events]
         orders: list[list[str]] = []
         for name in events:
             earlier = [one for one in events if name in after[one]]
@@ -92,28 +96,27 @@ class MfotlFormula:
             for other in events[:number]:
                 if name not in after[other] and overlaps(self._patterns[name], self._patterns[other]):
                     orders[number].append(f"NOT ({places[other]} = {places[name]})")
-        bound = sorted({column for _, some in atoms for column in some})
         for way in both(*ways):
             self._count(len(events) + sum(map(len, orders)) + len(way))
-            yield _conjunction(atoms, orders, way, [*map(self._column, bound), *places.values()])
+            yield _conjunction(atoms, orders, way, [*map(self._column, asked), *places.values()])
 
-    def _atom(
-        self, node: str, guards: tuple[Guard, ...], wanted: set[Column], tied: set[str], place: str
-    ) -> tuple[str, tuple[Column, ...]]:
-        """What says that a position has the event of a node, and the arguments that are bound by it."""
-        names = sorted(rigid_variables(self._patterns[node]))
-        columns = tuple((name, "text") for name in names if name in tied and (name, "time") not in wanted)
-        columns = tuple(dict.fromkeys((*columns, *(one for one in sorted(wanted) if one[0] in names))))
+    def _atom(self, node: str, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
+        """What says that a position has the event of a node, and binds these arguments."""
         known = FittingEvent(self._patterns[node], guards), columns
         if known not in self._predicates:
             self._predicates[known] = name = self._fresh(node)
             self._header.fitting[name] = [known[0]]
-            self._header.values[name] = {self._column(one): ValueColumn(one[1], Variable(one[0])) for one in columns}
-        arguments = ", ".join([*map(self._column, columns), place])
-        return f"(ONCE {self._predicates[known]}({arguments}))", columns
+            self._header.values[name] = {self._column(one): ValueColumn(one[1], one[0]) for one in columns}
+        return f"(ONCE {self._predicates[known]}({', '.join([*map(self._column, columns), place])}))"
 
     def _column(self, column: Column) -> str:
-        return f"{self._names[column[0]]}_{column[1]}"
+        """The word of an argument; positions are `i1`, `i2`, …, which none is called."""
+        term, aspect = column
+        if term not in self._names:
+            about = term.name if isinstance(term, Variable) else "value"
+            plain = "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in about)
+            self._names[term] = _free(plain, self._names.values())
+        return f"{self._names[term]}_{aspect}"
 
     def _fresh(self, node: str) -> str:
         """A name of a predicate that no other has, like that of a node."""
@@ -134,21 +137,10 @@ def _free(name: str, taken: Collection[str]) -> str:
     return next(one for one in chain([name], (f"{name}_{number}" for number in count(2))) if one not in taken)
 
 
-def _names(variables_of_tree: Iterable[str]) -> dict[str, str]:
-    """A word of MonPoly for each variable; positions are `i1`, `i2`, …, which no argument is called."""
-    found: dict[str, str] = {}
-    for name in dict.fromkeys(variables_of_tree):
-        plain = "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in name)
-        found[name] = _free(plain, found.values())
-    return found
-
-
-def _conjunction(
-    atoms: Sequence[tuple[str, tuple[Column, ...]]], orders: Sequence[list[str]], way: Sequence[str], bound: list[str]
-) -> str:
+def _conjunction(atoms: Sequence[str], orders: Sequence[list[str]], way: Sequence[str], bound: list[str]) -> str:
     """The atoms one after the other, each comparison as soon as all that it is about is bound."""
     formula, known, waiting, arguments = "", set[str](), list(way), frozenset(bound)
-    for (atom, _), order in zip(atoms, orders, strict=True):
+    for atom, order in zip(atoms, orders, strict=True):
         formula = f"({formula} AND {atom})" if formula else atom
         known |= set(_WORD.findall(atom))
         ready = [one for one in waiting if known.issuperset(arguments.intersection(_WORD.findall(one)))]

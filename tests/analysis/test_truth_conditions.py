@@ -121,6 +121,7 @@ def test_what_is_no_number_is_not_equal_to_one() -> None:
     assert text("(X < 1) == Y") == "((number X < 1 and Y is True) or (number X >= 1 and Y is False))"
     assert text("X in (1, 2) and not (2 > 1 and Y)") == "((X is 1 or X is 2) and not Y)"
     assert text("T - S <= 4", "S", "T") == "time T+S <= 4"
+    assert text("T + 1 == S", "S", "T") == "time T = S"
     assert text('lower(X) > 3 or X + "a" == X') == "()"
 
 

@@ -55,13 +55,13 @@ def test_the_signature_and_the_facts_of_an_event() -> None:
     tree = 'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*) p(\\"1\\")"); b on p(X, Y) when Y > 1;'
     text = emitted(tree)
     assert emitted(tree, "mfotl-signature").splitlines() == [
-        "a(X_text: string, At_a_kind: string, At_a_time: int, position: int)",
-        "b(X_text: string, At_b_kind: string, At_b_time: int, position: int)",
+        "a(At_a_kind: string, At_a_time: int, X_text: string, position: int)",
+        "b(At_b_kind: string, At_b_time: int, X_text: string, position: int)",
     ]
     header = MfotlHeader.read(text)
     event = {"v": '"), a("\n', "w": '*) p("1")', "t": 2}
-    assert [*header.facts(event, 7)] == ['a("%22%22%29%2C%20a%28%22%0A","n",2000000000,7)']
-    assert [*header.facts({"v": [1.0, None], "w": 2}, 0)] == ['b("%5B1%2Cnull%5D","o",0,0)']
+    assert [*header.facts(event, 7)] == ['a("n",2000000000,"%22%22%29%2C%20a%28%22%0A",7)']
+    assert [*header.facts({"v": [1.0, None], "w": 2}, 0)] == ['b("o",0,"%5B1%2Cnull%5D",0)']
 
 
 STAND_IN = "#!/bin/sh\n{}\n"
@@ -123,7 +123,7 @@ FAULTS = {
     "an order dropped": ("(i1 < i2)", "(i1 <= i1)"),
     "an order turned round": ("(i1 < i2)", "(i2 < i1)"),
     "one event serves two": ("NOT (i3 = i4)", "NOT (i1 = i4)"),
-    "a variable of its own": ("ONCE d(X_text", "ONCE d(_"),
+    "a variable of its own": ("ONCE d(At_d_kind, At_d_time, X_text", "ONCE d(At_d_kind, At_d_time, _"),
     "a guard dropped": ("(Y_number < Z_number)", "(Y_number <= Y_number)"),
     "a window one unit off": ("<= 1000000000", "<= 999999999"),
 }

@@ -166,6 +166,9 @@ NOISE: Json = {"nothing": "of interest"}
 VARIANTS: Final = 48
 """So many events are held against what a backend says it observes."""
 
+ALIKE: Final = 4
+"""So many of the prefixes that lead to one state are held against each other."""
+
 
 OF_STRINGS: Final = FUNCTIONS - {Operator.ABS, Operator.MIN, Operator.MAX}
 
@@ -312,8 +315,9 @@ def run(
                         found += _detections(backend, specification, wanted, tried, report)
                         tried = tried[:2]  # one by one, each event costs as much as all before it
                     found += _verdicts(specification, wanted, tried, report, told=backend.verdicts)
-                    found += _self_contained(backend, specification, tried[:3])
-                    found += _independent(specification, tried[:3])
+                    alone = [[*specification.monitor().run(trace)] for trace in tried[:3]]
+                    found += _self_contained(backend, specification, tried[:3], alone)
+                    found += _independent(specification, tried[:3], alone)
                     found += islice(_states(specification, tried), 1)
                     found += islice(_observed(backend, specification, tried), 1)
         report.failures += [
@@ -389,14 +393,18 @@ def _detections(
             yield "detection", f"first at event {got} instead of {wanted}", trace
 
 
-def _self_contained(backend: Backend, specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
+def _self_contained(
+    backend: Backend, specification: Specification, tried: Sequence[Trace], alone: Sequence[list[Verdict]]
+) -> Iterator[Finding]:
     """The text alone says everything."""
-    for trace in tried:
-        if list(backend.read(str(specification.text)).run(trace)) != list(specification.monitor().run(trace)):
+    for trace, verdicts in zip(tried, alone, strict=True):
+        if list(backend.read(str(specification.text)).run(trace)) != verdicts:
             yield "self-contained", "the text read back gives other verdicts", trace
 
 
-def _independent(specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
+def _independent(
+    specification: Specification, tried: Sequence[Trace], alone: Sequence[list[Verdict]]
+) -> Iterator[Finding]:
     """Monitors that run side by side do not feel each other."""
     beside: list[list[Verdict]] = [[] for _ in tried]
     monitors = [specification.monitor() for _ in tried]
@@ -404,8 +412,8 @@ def _independent(specification: Specification, tried: Sequence[Trace]) -> Iterat
         for monitor, event, verdicts in zip(monitors, events, beside, strict=True):
             if event is not None:
                 verdicts.append(monitor.step(event))
-    for trace, verdicts in zip(tried, beside, strict=True):
-        if list(specification.monitor().run(trace)) != verdicts:
+    for trace, verdicts, wanted in zip(tried, beside, alone, strict=True):
+        if verdicts != wanted:
             yield "independent", "another monitor of the same text changes the verdicts", trace
 
 
@@ -417,10 +425,12 @@ def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Fi
 
     first: dict[object, tuple[Trace, Monitor]] = {}
     known: dict[object, list[list[Verdict]]] = {}
+    met: Counter[object] = Counter()
     for prefix, monitor in _after(specification, (one[:end] for one in tried[:6] for end in range(1, len(one) + 1))):
         state = monitor.state
         before, other = first.setdefault(state, (prefix, monitor))
-        if other is not monitor:  # what only one prefix leads to has nothing to be held against
+        met[state] += 1
+        if 1 < met[state] <= ALIKE:  # what only one prefix leads to has nothing to be held against
             if state not in known:
                 known[state] = futures(other)
             if futures(monitor) != known[state]:

@@ -1,5 +1,6 @@
 """What all tests need of the process that they run in."""
 
+import gc
 import os
 import shutil
 import signal
@@ -21,6 +22,12 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fast"))
 # A shell ignores interrupts for what it starts in the background, and processes started here would inherit that.
 if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected is never looked through for what nobody needs, and the rest less often: a tenth of the time."""
+    gc.freeze()
+    gc.set_threshold(20_000)
 
 
 @pytest.fixture

@@ -37,6 +37,8 @@ guessed on fail(N) times 3;
 root on sudo(N) when N > 0;
 """
 KEYS = [1, 1.0, "1", True, {"b": 1, "a": 2.0}, {"a": 2, "b": 1}, None, *range(2, 14)]
+QUICK = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC"
+"""Of so short a run the machine code that Java makes for long ones, and its threads that collect, cost more than they spare."""
 RUN = "import sys; from tests import test_spark as t; t.query(t.session_of(), *sys.argv[1:3])"
 
 
@@ -80,6 +82,7 @@ def session_of() -> Any:
     from pyspark.sql import SparkSession
 
     os.environ["PYSPARK_PYTHON"] = sys.executable
+    os.environ["JAVA_TOOL_OPTIONS"] = QUICK
     made = SparkSession.builder.master("local[2]").config("spark.ui.enabled", "false")
     return made.config("spark.sql.shuffle.partitions", "2").getOrCreate()
 

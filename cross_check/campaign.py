@@ -152,9 +152,13 @@ _IN_PRACTICE: Final = {
     "late 0 s, and a window": "time t as iso8601 late 0 s; r and a b within 4 s;",
     # functions
     "a guard with in": 'r sand a b; a on read(V) when V in (1, "x", true); b on read(W) when not W in (1, 2);',
-    "a guard with startswith": 'r sand a b; a on read(V) when startswith(V, "ab"); b;',
+    "guards with startswith": """
+        r sand a b; a on read(V) when startswith(V, "ab"); b on read(W) when contains(W, "b") and not startswith(W, "b");
+    """,
     "guards with endswith and contains": 'r sand a b; a on read(V) when endswith(V, "b"); b on read(W) when contains(W, "b");',
-    "a guard with like": 'r sand a b; a on read(V) when like(V, "a*b?"); b;',
+    "guards with like": """
+        r sand a b; a on read(V) when like(V, "a*b?"); b on read(W) when like(W, "a*") and not like(W, "a?");
+    """,
     "guards with lower and number": 'r sand a b; a on read(V) when lower(V) == "ab"; b on read(W) when number(W) >= 2;',
     "guards with abs, min and max": "r sand a b; a on read(V) when abs(V) > V; b on at(P, S) when max(S, 1) > min(3, S);",
 }

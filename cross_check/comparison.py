@@ -48,6 +48,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.semantics import matches
+from rvaft.semantics.reference import chosen_scenarios
 from rvaft.support.budget import Expired, within
 
 T = TypeVar("T")
@@ -395,7 +396,7 @@ class Comparison:
                 answers = row.answers([trace for trace, _ in asked])
                 if answers is not None:
                     row.judge(asked, answers)
-                if row.tells_matches:
+                if baseline.name == REFERENCE and row.tells_matches:  # there are not too many scenarios to try
                     row.compare_matches(self._matches(asked))
                 if row.participant is not None:
                     row.shorten(baseline)
@@ -420,11 +421,10 @@ class Comparison:
         """All matches of some traces that are detections, where these are few."""
         found: dict[str, tuple[Trace, frozenset[Match]]] = {}
         detecting = (trace for trace, answer in asked if Verdict.TRUE in (answer.verdicts or ()))
+        scenarios = chosen_scenarios(self.tree, self.job.branch, self.job.kind)
         for trace in islice(detecting, MATCHED):
             with suppress(TooLarge):
-                every = matches(
-                    self.tree, self.job.semantics, trace, branch=self.job.branch, kind=self.job.kind, limit=TRIED
-                )
+                every = matches(self.tree, self.job.semantics, trace, scenarios=scenarios, limit=TRIED)
                 found[repr(trace)] = trace, every
         return [*found.values()]
 

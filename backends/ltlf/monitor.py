@@ -88,13 +88,20 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
     return Atom(patterns.Anything(), frozenset(), frozenset(), extended)
 
 
+@lru_cache(maxsize=8)
+def _formula(text: str) -> tuple[Header, Formulas, int]:
+    """The header of a text, and its formula among the formulas that it is made of."""
+    formulas = Formulas()
+    header, root = formula_of(text, formulas)
+    return header, formulas, root
+
+
 def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...] | None:
     """What a formula asks of events: patterns and guards of its atoms, and what its header says of relevance; None where times are among it.
 
     `given` has the patterns of atoms that the text does not define. Raises `LanguageError`, `ToolMissing`.
     """
-    formulas = Formulas()
-    header, root = formula_of(text, formulas)
+    header, formulas, root = _formula(text)
     return tuple(dict.fromkeys(_questions(header, formulas, root, given))) if header.time is None else None
 
 
@@ -115,8 +122,7 @@ class _LtlfProgram:
     """The formula of a text, its atoms, and what was found out about its residuals so far; monitors of one text share it."""
 
     def __init__(self, text: str, given: tuple[tuple[str, Pattern], ...]) -> None:
-        formulas = Formulas()
-        header, root = formula_of(text, formulas)
+        header, formulas, root = _formula(text)
         self.stamped = header.stamped
         self.atoms = atoms_of(header, formulas.atoms(root), dict(given))
         self.residuals = Residuals(formulas, {name: atom.mentions for name, atom in self.atoms.items()})

@@ -22,9 +22,12 @@ def matches(
     *,
     branch: int | None = None,
     kind: Kind | None = None,
+    scenarios: Sequence[Scenario] | None = None,
     limit: int = 10_000,
 ) -> frozenset[Match]:
     """Every match of a feasible scenario in a trace; raises `TooLarge` where more than `limit` events would be tried for occurrences.
+
+    `scenarios` are those of the branch or kind, where they are known.
 
     >>> from rvaft import loads
     >>> found = matches(loads("top sand a b;"), Semantics.SCATTERED, [{"event": name} for name in "aab"])
@@ -32,7 +35,7 @@ def matches(
     [[('a', 1), ('b', 3)], [('a', 2), ('b', 3)]]
     """
     found, left = set[Match](), limit
-    for scenario in chosen_scenarios(tree, branch, kind):
+    for scenario in chosen_scenarios(tree, branch, kind) if scenarios is None else scenarios:
         for positions in _windows(tree, semantics, trace, len(scenario.occurrences)):
             for match, tried in _served(scenario, trace, positions, left):
                 left -= tried

@@ -185,12 +185,6 @@ R = TypeVar("R")
 def inside(part: Part) -> Sequence[Part]:
     """What a part is made of, in order; of an expression the parts, then its data."""
     match part:
-        case Apply(_, parts) | Items(parts) | Either(parts) | TypeUse(_, parts):
-            return parts
-        case Fields(fields):
-            return [value for _, value in fields]
-        case Declaration(alternatives=parts, guard=guard):
-            return parts if guard is None else (*parts, guard)
         case Expression("event" | "filter", parts, use):
             return (*parts, use)
         case Expression("if", parts, (condition, _)):
@@ -199,6 +193,12 @@ def inside(part: Part) -> Sequence[Part]:
             return tuple(arguments)
         case Expression(_, parts):
             return parts
+        case Apply(_, parts) | Items(parts) | Either(parts) | TypeUse(_, parts):
+            return parts
+        case Fields(fields):
+            return [value for _, value in fields]
+        case Declaration(alternatives=parts, guard=guard):
+            return parts if guard is None else (*parts, guard)
         case Constant() | Name() | Ignored():
             return ()
 
@@ -228,13 +228,14 @@ def names(*data: Data) -> frozenset[str]:
 
 def fold(root: P, step: Callable[[P, list[R]], R], below: Callable[[P], Sequence[P]] = inside) -> R:  # type: ignore[assignment]
     """The value of a tree, from the values of what is below each part; without recursion."""
-    order, todo = list[P](), [root]
+    order, todo = list[tuple[P, int]](), [root]
     while todo:
-        order.append(part := todo.pop())
-        todo.extend(below(part))
+        parts = below(part := todo.pop())
+        order.append((part, len(parts)))
+        todo.extend(parts)
     done = list[R]()
-    for part in reversed(order):
-        first = len(done) - len(below(part))
+    for part, count in reversed(order):
+        first = len(done) - count
         done[first:] = [step(part, done[first:])]
     return done[0]
 

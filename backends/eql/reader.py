@@ -11,7 +11,7 @@ Elasticsearch does not; of others' lists nothing is told.
 
 import re
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import pairwise, permutations, product
@@ -39,26 +39,26 @@ _TRACES: Final = 100
 _LOCK: Final = threading.RLock()
 
 
-def document(value: Json) -> Json:
-    """A value as the engine gets it; for that None is a field that is not there."""
-    if isinstance(value, Mapping):
-        return {name: document(one) for name, one in value.items()}
-    return [*map(document, value)] if isinstance(value, list) else _NULL if value is None else value
+def _at(value: Json, path: Sequence[str | int]) -> Json:
+    """What stands at a path, a null as a value of its own; None where there is nothing."""
+    for name in path:
+        at_number = isinstance(value, list) and isinstance(name, int) and name < len(value)
+        if not (at_number or (isinstance(value, Mapping) and name in value)):
+            return None
+        value = value[name]
+    return _NULL if value is None else value
+
+
+def _field(_: Any, node: Any) -> Callable[[Any], Json]:
+    """How the engine gets a field: its own way finds one in a text, too."""
+    path = (node.base, *node.path)
+    return lambda scope: _at(scope.event.data, path)
 
 
 def _categories(event: Json) -> list[Json]:
     nested = event["event"].get("category") if isinstance(event.get("event"), Mapping) else None
     found = event.get("event_type"), event.get("event.category"), nested
     return [each for one in found for each in (one if isinstance(one, list) else [one])]
-
-
-def _is_in_list(value: Json, path: Iterable[str | int]) -> bool:
-    """Whether what stands at a path is a list, or in one."""
-    for name in path:
-        value = value.get(name) if isinstance(value, Mapping) else None
-        if isinstance(value, list):
-            return True
-    return False
 
 
 @contextmanager
@@ -76,7 +76,8 @@ class Queries:
     """What a text asks. An engine runs many traces: their number is a key of sequences."""
 
     def __init__(self, module: Any, queries: Sequence[Any], time: EventTime | None) -> None:
-        self._module, self._asker = module, module.PythonEngine({"functions": {**FUNCTIONS, _KEY: key}})
+        asker = type("Asker", (module.PythonEngine,), {"_convert_field": _field})
+        self._module, self._asker = module, asker({"functions": {**FUNCTIONS, _KEY: key}})
         self._asked: dict[str, int] = {}
         self._answers: list[Callable[[Any], Json]] = []
         self._fields: set[tuple[str | int, ...]] = set()
@@ -139,7 +140,7 @@ class Queries:
         for number, event in enumerate(trace, 1):
             moment = None if self._time is None else self._time.read(event)
             try:
-                given = self._module.Event(_EVENT, 0, {**document(event), _CATEGORIES: _categories(event)})
+                given = self._module.Event(_EVENT, 0, {**event, _CATEGORIES: _categories(event)})
                 told = {place: answer(given) for place, answer in enumerate(self._answers, 1)}
                 for kind in self._types:
                     told[_TRACE] = self._traces
@@ -158,8 +159,8 @@ class Queries:
         times = [time for time in read if time is not None]
         if any(later < earlier for earlier, later in pairwise(times)):
             return _BACKWARDS
-        lists = () if self._by_number else product(self._fields, trace)
-        return _LISTS if any(_is_in_list(event, path) for path, event in lists) else ""
+        ends = () if self._by_number else {path[:end] for path in self._fields for end in range(1, len(path) + 1)}
+        return _LISTS if any(isinstance(_at(event, path), list) for path, event in product(ends, trace)) else ""
 
     def _engine(self, queries: Sequence[Any]) -> Any:
         engine = self._module.PythonEngine({"time_unit": UNITS["ms"]})

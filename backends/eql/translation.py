@@ -183,8 +183,6 @@ class EqlText:
                 for index, inner in enumerate(parts):
                     yield from self._matches(inner, f"{path}[{index}]", node, found)
             case ObjectPattern(fields):
-                if path and not any(isinstance(one, Literal) and type(one.value) is not bool for _, one in fields):
-                    yield f'not stringContains({path}, "")'  # below a string stands whether it is that word
                 for name, inner in fields:
                     if not name or any(sign in "`\r\n" or "\ud800" <= sign <= "\udfff" for sign in name):
                         raise self._refusal("the name of a field in EQL has a letter, no line break and no `", [node])

@@ -144,7 +144,6 @@ WRONG = {  # what a slip in the text makes of it, and a row of the texts on whos
     "the wrong key": ("by v[1]", "by v[0]"),
     "a window less by one unit": ("maxspan=10m", "maxspan=599s"),
     "a window more by one unit": ("maxspan=10m", "maxspan=601s"),
-    "a string for an object": ('not stringContains(`a b`, "") and ', ""),
 }
 
 

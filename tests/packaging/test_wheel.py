@@ -3,10 +3,13 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from importlib.metadata import Distribution, distribution
 from pathlib import Path
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
 
@@ -16,19 +19,38 @@ def run(*command: str | Path, cwd: Path, **environment: str) -> subprocess.Compl
     return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=600, check=False)
 
 
+def dependencies(of: Distribution) -> Iterator[Distribution]:
+    """What a distribution says it needs, and what that needs, as it is installed here."""
+    for requirement in map(Requirement, of.requires or ()):
+        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+            found = distribution(requirement.name)
+            assert found.version in requirement.specifier
+            yield found
+            yield from dependencies(found)
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder whose environment has the wheel that pip makes of the checkout, and what it depends on."""
+    """A folder whose environment has the wheel that pip makes of the checkout, and of what is here only what that depends on."""
     folder = tmp_path_factory.mktemp("wheel")
     made = run(sys.executable, "-m", "venv", "--without-pip", "venv", cwd=folder)
     assert made.returncode == 0, made.stderr
+    wheel = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", "made", ROOT)
+    built = run(sys.executable, *wheel, cwd=folder)
+    assert built.returncode == 0, built.stderr
+    (source,) = (folder / "made").iterdir()
     steps = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))["runs"]["steps"]
     (install,) = [step["run"] for step in steps if step.get("name") == "Install rvaft"]
-    # the pip that installs is this environment's, as are the tools that build
+    # the pip that installs is this environment's
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    pip = {"PIP_PYTHON": str(folder / "venv/bin/python"), "PIP_NO_COMPILE": "1"}
-    done = run("bash", "-eo", "pipefail", "-c", install, cwd=folder, PATH=path, RVAFT_SOURCE=str(ROOT), **pip)
+    pip = {"PIP_PYTHON": str(folder / "venv/bin/python"), "PIP_NO_COMPILE": "1", "PIP_NO_DEPS": "1"}
+    done = run("bash", "-eo", "pipefail", "-c", install, cwd=folder, PATH=path, RVAFT_SOURCE=str(source), **pip)
     assert done.returncode == 0, done.stderr
+    (metadata,) = (folder / "venv").glob("lib/python*/site-packages/rvaft-*.dist-info")
+    for needed in dependencies(Distribution.at(metadata)):
+        for name in {file.parts[0] for file in needed.files or ()} - {"..", "__pycache__"}:
+            if not (link := metadata.with_name(name)).exists():
+                link.symlink_to(str(needed.locate_file(name)))
     return folder
 
 

@@ -75,13 +75,17 @@ def first_detections(asked: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> l
             for text, trace, position in _detections(table, environment, Path(folder), headers, asked):
                 known = found[text][trace]
                 found[text][trace] = position if known is None else min(known, position)
+        except OverflowError:
+            raise
         except Exception as error:  # of Java, by way of Python
             said = _CAUSE.findall(str(error)) or [f"{type(error).__name__}: {error}"]
             why = " ".join(said[-1].split())[:_LENGTH]
             raise ToolFailed("Apache Flink", reason=why if environment else f"it needs {_JAVA} ({why})") from error
         finally:
-            for number in range(len(asked) if environment else 0):
-                environment.execute_sql(f"DROP TEMPORARY TABLE IF EXISTS events_{number}")
+            if environment:
+                environment.execute_sql("DROP TEMPORARY VIEW IF EXISTS events")
+                for number in range(len(asked)):
+                    environment.execute_sql(f"DROP TEMPORARY TABLE IF EXISTS events_{number}")
     return found
 
 

@@ -28,7 +28,9 @@ from tests.backends.match_recognize.joins import first_detections
 from tests.tables import rows
 
 installed = pytest.mark.skipif(find_spec("pyflink") is None, reason="Apache Flink is not installed")
-of_flink = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # it uses what it deprecates
+of_flink = pytest.mark.filterwarnings(  # it uses what it deprecates, and leaves its process to the end of this one
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
 EVENTS = "event e(v) = { e: v }; event p(v, w) = { v: v, w: w }; "
 
 

@@ -10,10 +10,10 @@ from typing import Final
 
 from backends.sql.dialects import Dialect, Path
 from rvaft.errors import NotExpressible
-from rvaft.model.guards import ARITHMETIC, COMPARISONS, Guard, Operation, Operator
+from rvaft.model.guards import ARITHMETIC, COMPARISONS, UNDEFINED, Guard, Operation, Operator, value, variables
 from rvaft.model.patterns import Literal, Variable
 
-UNDEFINED: Final = "NULL"
+_NULL: Final = "NULL"
 _SIGNS: Final = {Operator.EQ: "=", Operator.NE: "<>", Operator.NEGATE: "-"}
 FACETS: Final = ("whole", "real", "text", "truth", "null", "key")
 """What a variable is asked for."""
@@ -79,18 +79,21 @@ class Guards:
 
     def condition(self, guard: Guard, binding: Mapping[str, SqlTerm]) -> str:
         """What is true where the guard holds."""
-        return self.term(guard, binding).truth or UNDEFINED
+        return self.term(guard, binding).truth or _NULL
 
     def term(self, guard: Guard, binding: Mapping[str, SqlTerm]) -> SqlTerm:
         """The value of a guard, or of a part of it."""
         match guard:
-            case Literal(value):
-                return self.literal(value)
+            case Literal(constant):
+                return self.literal(constant)
             case Variable(name):
                 return binding[name]
+            case Operation() if not variables(guard):  # some programs would calculate it before they run, and stop
+                constant = value(guard, {})
+                return SqlTerm() if constant is UNDEFINED else self.literal(constant)
             case Operation(Operator.LIKE, (text, Literal(str() as glob))):
-                value = self.term(text, binding).text
-                return SqlTerm(truth=value and f"({self.dialect.like(value, glob)})")
+                matched = self.term(text, binding).text
+                return SqlTerm(truth=matched and f"({self.dialect.like(matched, glob)})")
             case Operation(operator, operands):
                 return self._applied(operator, [self.term(operand, binding) for operand in operands])
 
@@ -98,7 +101,7 @@ class Guards:
         dialect, first = self.dialect, terms[0]
         match operator:
             case Operator.AND | Operator.OR:
-                both, found = operator is Operator.AND, terms[-1].truth or UNDEFINED
+                both, found = operator is Operator.AND, terms[-1].truth or _NULL
                 if terms[-1].truth is None:  # what is no truth is undefined
                     found = "CAST(NULL AS BOOLEAN)"
                 for one in reversed(terms[:-1]):
@@ -219,7 +222,7 @@ class Guards:
             sign = "<" if operator is Operator.MIN else ">"
             closer = self.compared(term, sign, found, texts=False)
             ways = [
-                f"CASE {closer} WHEN true THEN {a or UNDEFINED} WHEN false THEN {b or UNDEFINED} END"
+                f"CASE {closer} WHEN true THEN {a or _NULL} WHEN false THEN {b or _NULL} END"
                 if closer and (a or b)
                 else None
                 for a, b in ((term.whole, found.whole), (term.real, found.real))

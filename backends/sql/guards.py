@@ -206,6 +206,9 @@ class Guards:
         """A number as one with decimals; `exact` is an error where a whole number is not one exactly."""
         whole = term.whole
         if whole is not None and exact and term.constant is None:
+            if term.total and term.key is None:  # a literal
+                reason = f"a quotient of {whole}, which is an integer beyond 2**53"
+                raise NotExpressible(reason, backend="sql", semantics="any semantics")
             too_large = self.dialect.checked(f"{whole} * 1024")  # an error beyond 2^53
             whole = f"CASE WHEN {too_large} IS NOT NULL THEN {whole} END"
         if term.constant is not None:

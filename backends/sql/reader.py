@@ -6,12 +6,14 @@ not is asked once for each trace. The header of a text that was written here say
 
 import atexit
 import json
+import os
 import re
 import signal
 import sqlite3
-from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
-from typing import Any, Final
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache, lru_cache
+from threading import Lock
+from typing import Any, Final, TypeAlias
 
 from rvaft.backend import Match
 from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
@@ -23,7 +25,10 @@ _TABLE: Final = "CREATE TABLE events (trace INTEGER, pos INTEGER, event {}, time
 _TIME: Final = re.compile(r"^-- time (\[.*\]) as (\w+)", re.MULTILINE)
 _NULL: Final = re.compile(r"(?<!\\)(?:\\\\)*\\u0000")
 _HALF: Final = re.compile("[\ud800-\udfff]")
+_JSON: Final = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 _LARGEST: Final = 2**62
+_ONE_AT_A_TIME: Final = Lock()
+"""Queries share a table."""
 BITS: Final = 64
 """Of so many bits are the whole numbers of a column."""
 KEPT: Final = 2_000
@@ -33,9 +38,8 @@ KEPT: Final = 2_000
 class SqliteTable:
     """SQLite in memory."""
 
-    errors: tuple[type[Exception], ...] = (sqlite3.Error, sqlite3.Warning)
-
     def __init__(self) -> None:
+        self.errors: tuple[type[Exception], ...] = (sqlite3.Error, sqlite3.Warning)
         self.connection = sqlite3.connect(":memory:", check_same_thread=False, isolation_level=None)
         self.connection.execute(_TABLE.format("TEXT", "INTEGER"))
         self.connection.execute("PRAGMA temp_store = MEMORY")  # tables of a few rows, made anew for each query
@@ -61,11 +65,15 @@ class DuckDb:
     """DuckDB in memory."""
 
     def __init__(self) -> None:
-        duckdb = installed("duckdb", "DuckDB", "pip install '.[duckdb]' in a checkout of rvaft")
-        self.errors = (duckdb.Error,)
+        duckdb = self.installed()
+        self.errors: tuple[type[Exception], ...] = (duckdb.Error,)
         self.connection = duckdb.connect(config={"enable_external_access": "false", "threads": "1"})
         self.connection.execute(_TABLE.format("VARCHAR", "BIGINT"))
-        self.statements: Callable[[str], Sequence[object]] = duckdb.extract_statements
+
+    @staticmethod
+    def installed() -> Any:
+        """The package; raises `ToolMissing`."""
+        return installed("duckdb", "DuckDB", "pip install '.[duckdb]' in a checkout of rvaft")
 
     def load(self, rows: Sequence[tuple[Any, ...]]) -> None:
         """Make these the rows of the table."""
@@ -77,48 +85,70 @@ class DuckDb:
 
     def ask(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
         """The names of the columns and the rows of a query."""
-        if len(self.statements(query)) > 1:
+        if len(self.installed().extract_statements(query)) > 1:
             message = "more than one statement"
             raise self.errors[0](message)
         found = self.connection.execute(query)
         return [column[0] for column in found.description or ()], found.fetchall()
 
 
+SqlProgram: TypeAlias = Callable[[], SqliteTable | DuckDb]
+
+
+@cache
+def _running(program: SqlProgram, process: int) -> SqliteTable | DuckDb:  # noqa: ARG001 (a connection is of one process)
+    """The program, with one table for all queries."""
+    return program()
+
+
 class Query:
     """A text with the program that runs it; raises `LanguageError` for what is no query on the table `events`."""
 
-    def __init__(self, text: str, program: Callable[[], SqliteTable | DuckDb]) -> None:
-        self.program = program()
+    def __init__(self, text: str, program: SqlProgram) -> None:
+        self._program = program
         self.every = bool(re.search(r"^-- .*: every match\.$", text, re.MULTILINE))
         self.time = _declared(text)
         self.body = re.sub(r"(?:\s|;|^\s*--[^\n]*$)*\Z", "", text, flags=re.MULTILINE)
+        self.many = True
+        """Whether the query tells traces apart."""
         self._known: dict[str, int | None] = {}
         if not self.body:
             raise LanguageError("there is no query")
-        columns, _ = self._ask(f"SELECT * FROM (\n{self.body}\n) AS found LIMIT 0")
-        if "detected" not in columns:
-            raise LanguageError("the query has no column `detected`, the number of the event that completes a match")
-        self.many = "trace" in columns
-
-    def _ask(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+        errors = _running(program, os.getpid()).errors
         try:
-            return self.program.ask(query)
-        except self.program.errors as error:
+            try:
+                self._ask(())
+            except errors:
+                columns, _ = self._ask((), "SELECT *", "LIMIT 0")
+                if "detected" not in columns:
+                    message = "the query has no column `detected`, the number of the event that completes a match"
+                    raise LanguageError(message) from None
+                self.many = False
+                self._ask(())
+        except errors as error:
             raise LanguageError(" ".join(str(error).split("\n\n", maxsplit=1)[0].split())) from None
 
-    def _rows(self, columns: str, traces: Sequence[Sequence[Json]], group: str = "") -> Iterator[tuple[int, list[Any]]]:
-        """The rows for each trace, by its number."""
-        parts = [[*enumerate(traces)]] if self.many and traces else [[pair] for pair in enumerate(traces)]
-        for part in parts:
-            self.program.load([row for number, trace in part for row in self._loaded(number, trace)])
-            trace = "trace" if self.many else str(part[0][0]) if part else "0"
-            query = f"SELECT {trace} AS trace, {columns} FROM (\n{self.body}\n) AS found {group}"
-            try:
-                _, rows = self.program.ask(query)
-            except self.program.errors as error:
-                raise ToolFailed("the query", reason=" ".join(str(error).split())) from None
-            for number, *values in rows:
-                yield number, values
+    def _ask(
+        self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""
+    ) -> tuple[list[str], list[tuple[Any, ...]]]:
+        """What the query, or one of its rows, says of numbered traces: the first detections, where nothing else is asked."""
+        program, trace = _running(self._program, os.getpid()), "trace" if self.many else "0 AS trace"
+        select, group = (select, group) if select else (f"SELECT {trace}, min(detected)", "GROUP BY 1")
+        with _ONE_AT_A_TIME:
+            program.load([row for number, events in traces for row in self._loaded(number, events)])
+            return program.ask(f"{select} FROM (\n{self.body}\n) AS found {group}")
+
+    def _rows(self, traces: Sequence[Sequence[Json]], select: str = "") -> Iterator[tuple[int, Any]]:
+        """The number of a trace and a value, for each row."""
+        numbered = [*enumerate(traces)]
+        try:
+            if self.many:
+                yield from self._ask(numbered, select)[1] if numbered else ()
+                return
+            for number, trace in numbered:
+                yield from ((number, value) for _, value in self._ask([(0, trace)], select)[1])
+        except _running(self._program, os.getpid()).errors as error:
+            raise ToolFailed("the query", reason=" ".join(str(error).split())) from None
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
         """For each trace the least number in `detected`."""
@@ -127,19 +157,17 @@ class Query:
         if len(self._known) + len(new) > KEPT:
             self._known.clear()
             new = dict(zip(names, traces, strict=True))
-        found: dict[int, int] = {}
-        for number, (detected,) in self._rows("min(detected)", [*new.values()], "GROUP BY 1") if new else ():
+        found = dict(self._rows([*new.values()]))
+        for detected in found.values():
             if detected is not None and not isinstance(detected, int):
                 raise ToolFailed("the query", reason=f"`detected` is {detected!r}, which is no number of an event")
-            if detected is not None:
-                found[number] = detected
         self._known.update((name, found.get(number)) for number, name in enumerate(new))
         return [self._known[name] for name in names]
 
     def matches(self, traces: Sequence[Sequence[Json]]) -> list[frozenset[Match]]:
-        """For each trace all its matches."""
+        """For each trace all its matches, of a query that tells traces apart."""
         found: list[set[Match]] = [set() for _ in traces]
-        for number, (nodes,) in self._rows("nodes", traces):
+        for number, nodes in self._rows(traces, "SELECT trace, nodes"):
             found[number].add(frozenset(json.loads(nodes).items()))
         return [*map(frozenset, found)]
 
@@ -162,7 +190,7 @@ class Query:
 def _written(event: Json, position: int) -> str:
     """An event as JSON that SQL programs read alike; raises `TraceError` for what they do not keep as it is."""
     try:
-        text = json.dumps(event, ensure_ascii=False, allow_nan=False)
+        text = _JSON(event)
     except ValueError:
         raise TraceError("a number that is not finite, which JSON does not have", line=position) from None
     if "\\u0000" in text and _NULL.search(text):
@@ -186,9 +214,9 @@ def _declared(text: str) -> EventTime | None:
 
 
 @lru_cache(maxsize=64)
-def query(text: str, program: Callable[[], SqliteTable | DuckDb] = SqliteTable) -> Query:
+def query(text: str, program: SqlProgram = SqliteTable) -> Query:
     """A text made ready, once for all who ask it."""
     return Query(text, program)
 
 
-atexit.register(query.cache_clear)  # DuckDB complains of connections that outlive it
+atexit.register(_running.cache_clear)  # DuckDB complains of connections that outlive it

@@ -178,7 +178,7 @@ def _is_lucenes(regex: str, *, any_case: bool) -> bool:
 
 def _text(part: Any) -> str | None:
     """The text of a literal that is one."""
-    token = part.children[0].children[0] if part.data == "literal" else ""
+    token = next(part.scan_values(lambda _: True), "") if part.data == "literal" else ""
     return str(token[3:-3]) if token.startswith('"') else None
 
 

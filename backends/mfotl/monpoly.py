@@ -10,6 +10,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
+from functools import cache
 from pathlib import Path
 from typing import ClassVar, Final, TypeAlias
 from urllib.parse import quote
@@ -82,6 +83,7 @@ def first_detections(
     program, `ToolFailed` where it does not take the text, and `TimeoutExpired` of `subprocess` after so many seconds for one trace.
     """
     header, found = MfotlHeader.read(text), list[int | None]()
+    _require(program)
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
         names = [Path(folder) / name for name in ("signature", "formula", "log")]
         names[0].write_text(header.signature(), encoding="utf-8")
@@ -90,21 +92,32 @@ def first_detections(
         for trace in traces:
             lines = (" ".join((f"@{n}", *header.facts(event, n))) for n, event in enumerate(trace))
             names[2].write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-            try:
-                ran = subprocess.run(  # noqa: S603 (the program that the user names)
-                    [program.resolve(), *options, *(["-verified"] if verified else [])],
-                    capture_output=True,
-                    encoding="utf-8",
-                    errors="replace",
-                    timeout=timeout,
-                    check=False,
-                )
-            except OSError as error:
-                remedy = f"name the program that its build makes ({error.strerror}: {program})"
-                raise ToolMissing("MonPoly", remedy=remedy) from error
+            ran = _run(program, *options, *(["-verified"] if verified else []), timeout=timeout)
             at = _FOUND.search(ran.stdout)
             said = " ".join(f"{ran.stderr} {ran.stdout if at is None else ''}".split())
             if ran.returncode or (at is None and _REFUSED.search(said)):
                 raise ToolFailed("MonPoly", reason=said[:300] or f"exit status {ran.returncode}")
             found.append(None if at is None else int(at[1]) + 1)
     return found
+
+
+@cache
+def _require(program: Path) -> None:
+    """Raise `ToolMissing` for a program that does not say it is MonPoly: what says nothing would be one that detects nothing."""
+    if "MonPoly" not in _run(program, "-version", timeout=10).stdout:
+        raise ToolMissing("MonPoly", remedy=f"name the program that its build makes ({program} is another)")
+
+
+def _run(program: Path, *options: str, timeout: float | None) -> subprocess.CompletedProcess[str]:
+    try:
+        return subprocess.run(  # noqa: S603 (the program that the user names)
+            [program.resolve(), *options],
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=timeout,
+            check=False,
+        )
+    except OSError as error:
+        remedy = f"name the program that its build makes ({error.strerror}: {program})"
+        raise ToolMissing("MonPoly", remedy=remedy) from error

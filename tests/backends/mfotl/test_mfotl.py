@@ -64,7 +64,7 @@ def test_the_signature_and_the_facts_of_an_event() -> None:
     assert [*header.facts({"v": [1.0, None], "w": 2}, 0)] == ['b("o",0,"%5B1%2Cnull%5D",0)']
 
 
-STAND_IN = "#!/bin/sh\n{}\n"
+STAND_IN = '#!/bin/sh\nif [ "$1" = -version ]; then echo MonPoly; exit; fi\n{}\n'
 
 
 @pytest.mark.parametrize(
@@ -86,8 +86,9 @@ def test_what_a_program_says(tmp_path: Path, script: str, said: list[int | None]
             first_detections(program, text, [trace])
     else:
         assert first_detections(program, text, [trace]) == said
-    with pytest.raises(ToolMissing, match="name the program that its build makes"):
-        first_detections(tmp_path / "nowhere", text, [trace])
+    for other in (tmp_path / "nowhere", tmp_path, Path("/bin/true")):
+        with pytest.raises(ToolMissing, match="name the program that its build makes"):
+            first_detections(other, text, [trace])
 
 
 def compared(tree: RVAFT, program: Path, text: str | None = None) -> dict[str, Status]:

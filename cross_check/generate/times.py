@@ -378,6 +378,22 @@ def in_order(tree: RVAFT, trace: Iterable[Json]) -> list[Json]:
     return found
 
 
+def apart(tree: RVAFT, trace: Sequence[Json]) -> list[Json] | None:
+    """The events with those of one moment a microsecond after each other; None where an event has no time of whole microseconds, or one before the last."""
+    if tree.time is None:
+        return [*trace]
+    found: list[Json] = []
+    before = now = -MICROSECOND
+    for event in trace:
+        time = tree.time.read(event)
+        if time is None or time % MICROSECOND or time < before:
+            return None
+        before, moved = time, max(time, now + MICROSECOND)
+        found.append(event if moved == time else timed(Random(0), tree, event, moved, plain=True))  # noqa: S311 -- no secret
+        now = moved
+    return found
+
+
 def in_between(random: Random, tree: RVAFT, trace: Sequence[Json], at: int, event: Json, *, plain: bool) -> Json:
     """An event that comes in at a place, at a time between those around it: it makes none of them late."""
     if tree.time is None:

@@ -4,7 +4,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
-from itertools import pairwise
 from pathlib import Path
 from random import Random
 from typing import Any, Final
@@ -12,12 +11,13 @@ from typing import Any, Final
 import click
 
 from cross_check.generate.disturbances import near_miss as missing
+from cross_check.generate.times import apart
 from cross_check.generate.traces import PLAIN, NoTraceFound, detecting, random_trace
-from rvaft.api import meant, narrowed
+from rvaft.api import meant, monitor, narrowed
 from rvaft.backend import backend
 from rvaft.cli import options
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.files import deliver, telling, write_whole
 
 DEFAULT_NUMBER: Final = 5
@@ -77,7 +77,7 @@ def traces_command(
         meaning = Semantics.SCATTERED
     name = "near-miss" if near_miss else "random" if chance else "detect"
 
-    def make(random: Random) -> list[Json]:
+    def drawn(random: Random) -> list[Json]:
         if near_miss:
             return missing(random, part, meaning, manner).trace
         if chance:
@@ -89,12 +89,16 @@ def traces_command(
             return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in events)
         return backend(form).log(part, events)
 
-    def in_order(events: Sequence[Json]) -> bool:
+    def make(random: Random) -> list[Json] | None:
+        """A trace, or None where its times do not increase in a log that needs this."""
+        events = drawn(random)
         if form is LogForm.JSONL or part.time is None:
-            return True
-        times = [time for event in events if (time := part.time.read(event)) is not None]
-        micros = [time // 1_000 for time in times if time % 1_000 == 0]
-        return len(micros) == len(events) and all(earlier < later for earlier, later in pairwise([-1, *micros]))
+            return events
+        if (moved := apart(part, events)) is None or chance:
+            return moved
+        verdicts = [*monitor(part, semantics=meaning).run(moved)]
+        detected = Verdict.TRUE in verdicts[-1:], Verdict.TRUE in verdicts[:-1]
+        return moved if detected == (not near_miss, False) else None
 
     texts: list[str] = []
     for place in range(1, wanted + 1):  # each of a seed of its own: asking for more does not change the first ones
@@ -102,7 +106,7 @@ def traces_command(
         text = ""
         for _ in range(_REDRAWS):
             try:
-                if not in_order(events := make(random)):
+                if (events := make(random)) is None:
                     continue
                 text = log(events)
             except NoTraceFound as error:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rvaft import Semantics, Verdict, load
+from rvaft import Semantics, Verdict, load, monitor
 from rvaft.backend import backend
 from rvaft.semantics import Reference
 from tests.cli.runs import PRUNED, SAND, TREES, failed, process, run, written
@@ -123,6 +123,15 @@ def test_logs_for_programs_of_a_language_are_what_they_are_called(form: str, mod
             assert all({"eql": "@timestamp", "sigma": "timestamp"}[form] in event for event in given)
             found = [*backend(form).read(text).run(given)][-1] is Verdict.TRUE
         assert found is (mode == "detect")
+
+
+def test_events_of_one_moment_are_a_microsecond_apart_in_a_log_that_needs_it() -> None:
+    tree = TREES / "cloudtrail" / "takeover.rvaft"
+    for mode, seed in (("detect", 1), ("near-miss", 3)):
+        given = events(run("traces", tree, f"--{mode}", "--seed", seed, "--format", "eql").stdout)
+        times = [event["@timestamp"] for event in given]
+        assert (times, len({*times})) == (sorted(times), len(times))
+        assert (Verdict.TRUE in monitor(load(tree)).run(given)) is (mode == "detect")
 
 
 def test_a_log_for_a_language_is_about_what_it_can_say() -> None:

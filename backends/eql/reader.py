@@ -10,11 +10,10 @@ Elasticsearch does not; of others' lists nothing is told.
 """
 
 import re
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from functools import lru_cache
 from itertools import pairwise, permutations, product
+from threading import Lock
 from typing import Any, Final
 
 from backends.eql.queries import CATEGORY, FILE, FUNCTIONS, OPTIONAL, parsed, place
@@ -36,7 +35,6 @@ _KEY, _CATEGORIES, _TRACE, _NULL = "key", 0, -1, object()
 """A function, two fields that no event of JSON has, and what stands for a null."""
 _TRACES: Final = 100
 """So many traces are looked at by one engine, which keeps what is left of each."""
-_LOCK: Final = threading.RLock()
 
 
 def _at(value: Json, path: Sequence[str | int]) -> Json:
@@ -61,23 +59,14 @@ def _categories(event: Json) -> list[Json]:
     return [each for one in found for each in (one if isinstance(one, list) else [one])]
 
 
-@contextmanager
-def minding_case(module: Any) -> Iterator[None]:
-    """While this runs, the package `eql` tells capital letters from small ones."""
-    with _LOCK:
-        before, module.utils.CASE_INSENSITIVE = module.utils.CASE_INSENSITIVE, False
-        try:
-            yield
-        finally:
-            module.utils.CASE_INSENSITIVE = before
-
-
 class Queries:
     """What a text asks. An engine runs many traces: their number is a key of sequences."""
 
     def __init__(self, module: Any, queries: Sequence[Any], time: EventTime | None) -> None:
-        asker = type("Asker", (module.PythonEngine,), {"_convert_field": _field})
-        self._module, self._asker = module, asker({"functions": {**FUNCTIONS, _KEY: key}})
+        mended = {"_convert_field": _field, "lowercase": staticmethod(lambda compare, **_: compare)}
+        functions = {**FUNCTIONS, _KEY: lambda value: frozenset([key(value)])}  # of which no letters are made small
+        self._module, self._lock = module, Lock()
+        self._asker = type("Asker", (module.PythonEngine,), mended)({"functions": functions})
         self._asked: dict[str, int] = {}
         self._answers: list[Callable[[Any], Json]] = []
         self._fields: set[tuple[str | int, ...]] = set()
@@ -127,7 +116,7 @@ class Queries:
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
         """For each trace the number of the event with which one of the queries first has a match."""
-        with minding_case(self._module):
+        with self._lock:
             return [self._first(trace) for trace in traces]
 
     def _first(self, trace: Sequence[Json]) -> int | None:
@@ -185,5 +174,4 @@ def compiled(text: str) -> Queries:
         except LanguageError as error:
             at = begin + place(source, error.line - 1, error.column - 1)
             raise error_at(error.message, text, at, FILE) from None
-    with minding_case(eql):
-        return Queries(eql, queries, time)
+    return Queries(eql, queries, time)

@@ -30,6 +30,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
+from cross_check.generate.times import SECOND, TODAY, timed
 from cross_check.generate.values import fitting, interesting_values
 from cross_check.participants import loaded
 from cross_check.results import DETECTIONS_ONLY, Status, raised, reason
@@ -517,7 +518,7 @@ def walks(
     A random trace alone would soon be hopeless in most trees, and then no monitor has anything to do. So each event is one that the
     engine waits for, with values under which hope remains if some are found; one in ten fits nothing, where that does no harm. One
     walk in four is led on purpose, somewhere on its way, to where no hope is left, if the tree has such a place: a text has to
-    say that, too.
+    say that, too. Where the tree reads times, events are a second apart.
     """
     until, judge = process_time() + seconds, Engine(tree, semantics)
     # under consecutive there is always hope: the way is led where the match goes on that was begun
@@ -525,9 +526,12 @@ def walks(
     random = Random(f"{seed} {semantics}")  # noqa: S311 (no secret)
     values = [value for value in interesting_values(tree) if isinstance(value, _SCALARS)]
 
+    def now(event: Json) -> Json:
+        return event if tree.time is None else timed(random, tree, event, TODAY + len(taken) * SECOND, plain=True)
+
     def fitted(node: str, variables: Mapping[str, Json]) -> Json:
         bound = {name: Literal(value) for name, value in variables.items() if isinstance(value, _SCALARS)}
-        return fitting(random, substitute(tree.pattern(node) or Anything(), bound), values)
+        return now(fitting(random, substitute(tree.pattern(node) or Anything(), bound), values))
 
     def some_nodes() -> list[str]:
         return random.sample(tree.occurrences, min(len(tree.occurrences), _TRIES))
@@ -535,7 +539,7 @@ def walks(
     def hopeless(monitor: Engine) -> Json | None:
         """An event that leaves no hope, if one is found: most often one of the tree's own."""
         tried = [fitted(node, {}) for node in some_nodes()]
-        tried.insert(random.randrange(len(tried) + 1), {_FOREIGN: 0})
+        tried.insert(random.randrange(len(tried) + 1), now({_FOREIGN: 0}))
         return next((event for event in tried if monitor.fork().step(event) is Verdict.FALSE), None)
 
     def candidates(monitor: Engine) -> Iterator[tuple[str, Mapping[str, Json]]]:
@@ -555,16 +559,17 @@ def walks(
         return event
 
     found: list[Walk] = []
+    taken: list[Json] = []
     while events > 0 and process_time() < until:
         doomed = semantics.ends and len(found) % _DOOMED == _DOOMED - 1  # there hope never ends
         doom = random.randrange(len(found[-1].events)) if doomed else LONGEST
-        monitor, judging, taken, verdicts = start.fork(), judge.fork(), list[Json](), list[Verdict]()
+        monitor, judging, taken, verdicts = start.fork(), judge.fork(), [], list[Verdict]()
         with suppress(RvaftError):  # more partial matches than the engine follows; what there is will do
             while len(taken) < min(events, LONGEST) and not judging.verdict.final and process_time() < until:
                 event = hopeless(monitor) if len(taken) >= doom else None
                 if event is None:
                     noise = semantics is not Semantics.STRICT and random.random() < _NOISE
-                    event = {_FOREIGN: len(taken)} if noise else hopeful(monitor)
+                    event = now({_FOREIGN: len(taken)}) if noise else hopeful(monitor)
                 verdicts.append(judging.step(event))
                 monitor = start.fork() if monitor.step(event).final else monitor
                 taken.append(event)

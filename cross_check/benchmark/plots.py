@@ -2,15 +2,15 @@
 
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import PurePath
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from cross_check.benchmark.measurement import Measurement, Outcome
-from cross_check.benchmark.tables import Width
-from rvaft.backend import all_backends
+from cross_check.benchmark.tables import Width, unable
+from cross_check.results import DETECTIONS_ONLY
 from rvaft.errors import installed
 from rvaft.model.verdict import Semantics
 from rvaft.support.terminal import cut, visible
@@ -20,18 +20,25 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LOOK: Final = ("color", "marker", "linestyle", "fillstyle", "markersize")
-_STYLES: Final = (
-    ("#000000", "o", "-", "full", 3.0),
-    ("#d55e00", "s", "--", "none", 5.0),
-    ("#0072b2", "^", "-.", "full", 3.0),
-    ("#009e73", "D", ":", "none", 5.0),
-    ("#cc79a7", "v", "-", "full", 3.0),
-    ("#e69f00", "P", "--", "none", 5.5),
-    ("#56b4e9", "X", "-.", "full", 3.5),
-)
+_STYLES: Final = {
+    "automaton": ("#000000", "o", "-", "full", 3.0),
+    "ltlf": ("#d55e00", "s", "--", "none", 5.0),
+    "rml": ("#0072b2", "^", "-.", "full", 3.0),
+    "rml-paper": ("#009e73", "D", ":", "none", 5.0),
+    "rml-prolog": ("#cc79a7", "v", "-", "full", 3.0),
+    "sql": ("#e69f00", "P", "--", "none", 5.5),
+    "sigma": ("#56b4e9", "X", "-.", "full", 4.0),
+    "stix": ("#882255", "p", ":", "none", 5.5),
+    "eql": ("#117733", "<", "-", "full", 3.5),
+    "mfotl": ("#332288", "*", "--", "none", 6.5),
+    "mtl": ("#999933", ">", "-.", "full", 3.5),
+    "mtl-r2u2": ("#661100", "d", ":", "none", 5.5),
+    "match-recognize": ("#aa4499", "h", "-", "full", 4.0),
+    "sql-duckdb": ("#ddcc77", "8", "--", "none", 5.0),
+    "sql-postgres": ("#44aa99", "H", "-.", "full", 4.0),
+    "": ("#777777", "|", "-", "full", 6.0),
+}
 """How languages are told apart, in grey and by the colour-blind too; every other marker is open and larger, so that the one below shows."""
-_OWN: Final = ("automaton", "ltlf", "rml", "rml-paper", "rml-prolog")
-"""Languages whose look is theirs whatever else is installed."""
 _LETTERS: Final = dict(zip(list(Outcome)[1:], "NLT+*", strict=True))
 """What stands above a panel for each way to end without a value."""
 _RING: Final[dict[str, Any]] = dict(zip(_LOOK, ("black", "o", "none", "none", 8.0), strict=True))
@@ -52,7 +59,7 @@ Value = Callable[[Measurement], float | None]
 MEASURES: Final[Mapping[str, tuple[str, Value]]] = {
     "symbols": ("symbols", lambda row: row.symbols),
     "parts": (
-        "subformulas, states or equations",
+        "subformulas, atoms, states or equations",
         lambda row: row.states if row.subformulas is None else row.subformulas,
     ),
     "seconds": ("seconds to translate", lambda row: row.seconds),
@@ -82,6 +89,14 @@ class Plot(NamedTuple):
     def rows(self) -> list[Measurement]:
         """The measurements of all panels."""
         return [row for panel in self.panels for _, row in panel.points]
+
+    def of(self, languages: Collection[str]) -> "Plot":
+        """The same with these languages alone."""
+        panels = [
+            panel._replace(points=[(x, row) for x, row in panel.points if row.language in languages])
+            for panel in self.panels
+        ]
+        return self._replace(panels=panels)
 
     def lost(self, row: Measurement) -> str:
         """The letter for why there is no value; empty where there is one, and where the language has no such thing."""
@@ -169,10 +184,15 @@ def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
     matplotlib = library()
     across = min(across, len(plot.panels))
     down = math.ceil(len(plot.panels) / across)
-    languages = sorted({row.language for row in plot.rows})
+    mute = unable(plot.rows)
+    valued = {row.language for row in plot.rows if plot.value(row) is not None}
+    lacking = {row.language for row in plot.rows if plot.lost(row)} - {*mute}
+    seen = valued | (lacking - {row.language for row in plot.rows if row.only_emitted})
+    plot = plot.of(seen)
+    languages = sorted(seen)
     lost = [name for name in languages if any(plot.lost(row) for row in plot.rows if row.language == name)]
     centimetres, each = (17.4, 4.8) if width is Width.PAGE else (8.5, 3.7)
-    height = (each + 0.3 * len(lost)) * down + 1.1
+    height = (each + 0.3 * len(lost) + 0.2 * max(len(languages) - 6, 0)) * down + 1.1
     drawing: Figure = matplotlib.figure.Figure(figsize=(centimetres / 2.54, height / 2.54), layout="constrained")
     places = drawing.subplots(down, across, sharey=True, squeeze=False).flat
     for axes, panel in zip(places, plot.panels, strict=False):
@@ -182,7 +202,11 @@ def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
     places[0].set_yscale("log")
     drawing.supylabel(plot.label, fontsize="medium")
     mark = matplotlib.lines.Line2D
-    handles = [mark([], [], label=_drawable(language), **_look(language)) for language in languages]
+    starred = {row.language for row in plot.rows if row.detections_only}
+    names = {language: f"{_drawable(language)}{'*' * (language in starred)}" for language in languages}
+    handles = [mark([], [], label=name, **_look(language)) for language, name in names.items()]
+    if starred:
+        handles.append(mark([], [], label=f"* {DETECTIONS_ONLY}", linestyle="none"))
     if any(row.differing for row in plot.rows):
         handles.append(mark([], [], label="other verdicts", **_RING))
     met = {plot.lost(row) for row in plot.rows}
@@ -190,7 +214,8 @@ def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
         if letter in met:
             sign = {"marker": rf"$\mathrm{{{letter}}}$", "linestyle": "none", "color": "0.3"}
             handles.append(mark([], [], label=str(outcome), **sign))
-    drawing.legend(handles=handles, loc="outside lower center", ncols=across * 2, frameon=False)
+    title = f"not expressible: {', '.join(map(_drawable, mute))}" if mute else None
+    drawing.legend(handles=handles, loc="outside lower center", ncols=across * 2, frameon=False, title=title)
     return drawing
 
 
@@ -222,10 +247,8 @@ def _draw_panel(axes: "Axes", panel: Panel, plot: Plot, languages: Sequence[str]
 
 
 def _look(language: str) -> dict[str, Any]:
-    """Colour, marker and line of a language: the same in every figure, whoever else is compared."""
-    others = sorted({*all_backends(), language} - {*_OWN})
-    style = _STYLES[[*_OWN, *others].index(language) % len(_STYLES)]
-    return dict(zip(_LOOK, style, strict=True))
+    """Colour, marker and line of a language: the same in every figure, whoever else is compared; of all that are not known here the same."""
+    return dict(zip(_LOOK, _STYLES.get(language, _STYLES[""]), strict=True))
 
 
 def _drawable(text: str) -> str:

@@ -8,55 +8,91 @@ import io
 import sys
 from argparse import ArgumentParser
 from collections.abc import Sequence
-from contextlib import redirect_stdout
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import Final
 
-from cross_check.benchmark.tables import latex_text, read_rows
+from cross_check.benchmark.measurement import Measurement
+from cross_check.benchmark.plots import plots
+from cross_check.benchmark.tables import csv_text, headline, latex_text, read_rows
 from papers.languages.findings import missed
-from papers.languages.note import note, short
+from papers.languages.note import FOLDER, TREES, expressible, expressible_tex, note, short
 from rvaft.cli import main as rvaft
+from rvaft.model.nodes import Gate
+from rvaft.model.verdict import Semantics
 
-FOLDER: Final = Path(__file__).parent
-LANGUAGES: Final = "automaton,ltlf,rml,rml-paper"
-"""Those that say of every trace whether it is hopeless, too: the formulas of the note are about these."""
-TIMEOUT: Final = 30
-"""Seconds for one tree in one language: several times what the slowest needs, but for automata of tens of thousands of states."""
+STATES: Final = 20_000
+"""The limit of automata: those of the default limit take minutes each."""
+GROUPS: Final = (
+    ("automaton", "--limit", str(STATES)),
+    ("ltlf,rml,rml-paper,sql,stix,sigma,eql,mfotl,mtl,mtl-r2u2,match-recognize",),
+)
+"""Languages that are measured alike, with the options for them."""
+LANGUAGES: Final = tuple(name for names, *_ in GROUPS for name in names.split(","))
+TIMEOUT: Final = 60
+"""Seconds for one tree in one language: many times what the slowest needs, so that a slow machine gives the same sizes."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write; the result is the exit status."""
     parser = ArgumentParser(prog="python -m papers.languages", description="the comparison of languages, anew")
     parser.add_argument("--out", type=Path, default=FOLDER, metavar="FOLDER", help="where to write (default: here)")
-    parser.add_argument(
-        "--max-arity", type=int, default=12, metavar="N", help="gates with 1 to N children (default: 12)"
-    )
+    parser.add_argument("--max-arity", type=int, default=8, metavar="N", help="gates with 1 to N children (default: 8)")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes at a time (default: 1)")
     parser.add_argument("--texts", action="store_true", help="tables and the note only: no figures")
     parser.add_argument("--resume", action="store_true", help="go on with what languages.csv has")
     options = parser.parse_args(arguments)
-    out: Path = options.out
+    out = Path(options.out).resolve()
     table = out / "languages.csv"
     try:
         out.mkdir(parents=True, exist_ok=True)
+        if not options.resume:
+            table.unlink(missing_ok=True)
     except OSError as error:
         sys.stderr.write(f"papers.languages: error: {out}: cannot write: {error.strerror}\n")
         return 2
-    files = ["--csv", str(table), "--latex", str(out / "languages.tex")]
-    files += [] if options.texts else ["--plots", str(out / "figures")]
-    sizes = ["--max-arity", str(options.max_arity), "--timeout", str(TIMEOUT), "--jobs", str(options.jobs)]
-    wanted = ["--semantics", "all", "--languages", LANGUAGES, *sizes, *files, *(["--resume"] if options.resume else [])]
-    with redirect_stdout(io.StringIO()) as said:  # the table is in the file
-        status: int = rvaft(["compare", *wanted], standalone_mode=False)
-    sys.stdout.write("".join(said.getvalue().splitlines(keepends=True)[-1:]))
-    if status > 1:
-        return status
-    rows = list(read_rows(table.read_text(encoding="utf-8"), str(table)))
-    (out / "short.tex").write_text(latex_text(short(rows)), encoding="utf-8")
-    (out / "README.md").write_text(note(rows), encoding="utf-8")
+    wanted = [*(f"trees/{name}.rvaft" for name in TREES), "--gates", ",".join(Gate), "--semantics", "all"]
+    wanted += ["--max-arity", str(options.max_arity), "--timeout", str(TIMEOUT), "--jobs", str(options.jobs)]
+    for languages, *limit in GROUPS:
+        with chdir(FOLDER), redirect_stdout(io.StringIO()):  # the table is in the file
+            words = ["compare", *wanted, "--languages", languages, *limit, "--csv", str(table), "--resume"]
+            status: int = rvaft(words, standalone_mode=False)
+        if status > 1:
+            return status
+    rows = in_order(list(read_rows(table.read_text(encoding="utf-8"), str(table))))
+    table.write_text(csv_text(rows), encoding="utf-8")
+    sys.stdout.write(f"{headline(rows)}\n")
+    for name, text in texts(rows).items():
+        (out / name).write_text(text, encoding="utf-8")
+    if not options.texts:
+        (out / "figures").mkdir(exist_ok=True)
+        for name, data in plots([row for row in rows if row.gate is not None]):
+            (out / "figures" / name).write_bytes(data)
     for title in missed(rows):
         sys.stderr.write(f"papers.languages: not confirmed: {title}\n")
-    return 1 if missed(rows) else status
+    return 1 if missed(rows) else 0
+
+
+def in_order(rows: Sequence[Measurement]) -> list[Measurement]:
+    """Trees before gates, and under each semantics the languages as they are named here."""
+    gates, semantics = [None, *Gate], [*Semantics]
+
+    def place(row: Measurement) -> tuple[object, ...]:
+        tree = TREES.index(Path(row.tree).stem) if row.gate is None else 0
+        size = (row.children or 0, row.threshold or 0)
+        return gates.index(row.gate), tree, *size, semantics.index(row.semantics), LANGUAGES.index(row.language)
+
+    return sorted(rows, key=place)
+
+
+def texts(rows: Sequence[Measurement]) -> dict[str, str]:
+    """All that is written from the measurements, by the name of its file; figures apart."""
+    return {
+        "README.md": note(rows, STATES),
+        "expressible.tex": expressible_tex(*expressible(rows)),
+        "languages.tex": latex_text([row for row in rows if row.gate is not None]),
+        "short.tex": latex_text(short(rows)),
+    }
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """What is seen in the sizes, each as a formula that every measured cell is held against."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import comb, perm
 from typing import Final
 
@@ -9,12 +9,14 @@ from cross_check.benchmark.measurement import Measurement, Outcome
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 
-STRICT: Final = Semantics.STRICT
-PROJECTED: Final = Semantics.PROJECTED
-CONSECUTIVE: Final = Semantics.CONSECUTIVE
-SCATTERED: Final = Semantics.SCATTERED
+STRICT, PROJECTED, CONSECUTIVE, SCATTERED = Semantics
 SEQUENCES: Final = (Gate.SAND, Gate.SAND_RL, Gate.PAND)
 COUNTS: Final = (Gate.OR, Gate.AND, Gate.VOT)
+SCATTERED_ALONE: Final = ("eql", "mfotl", "mtl", "mtl-r2u2", "sigma", "stix")
+"""Languages that say of events that they are there, and not that there are none between."""
+
+Formula = Callable[[int, int], int]
+"""A size of a gate over n children that needs k of them; OR has k = 1, all other gates but VOT k = n."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,165 +32,358 @@ class Finding:
         return [row for row in rows if self.concerns(row)]
 
 
-def counted_subsets(row: Measurement) -> int:
-    """How many sets of fewer than k of the n children there are: what has happened before a VOT k/n is detected."""
-    return sum(comb(_n(row), size) for size in range(_k(row)))
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """What sizes a language has for gates, under some semantics, where n and k are as `where` says."""
+
+    language: str
+    gates: Sequence[Gate]
+    semantics: Sequence[Semantics]
+    sizes: Mapping[str, Formula]
+    where: Callable[[int, int], bool] = lambda _n, _k: True
+    at_most: bool = False
+    """Whether the sizes are bounds."""
+
+    def concerns(self, row: Measurement) -> bool:
+        """Whether it says something of a cell."""
+        named = row.language == self.language and row.gate in self.gates and row.semantics in self.semantics
+        return named and row.result is Outcome.OK and self.where(*_gate(row))
+
+    def holds(self, row: Measurement) -> bool:
+        """Whether that is true."""
+        pairs = [(getattr(row, name), formula(*_gate(row))) for name, formula in self.sizes.items()]
+        return all(found <= wanted if self.at_most else found == wanted for found, wanted in pairs)
 
 
-def counted_sequences(row: Measurement) -> int:
-    """How many sequences of fewer than k different children there are; OR has k = 1, AND k = n."""
-    return sum(perm(_n(row), length) for length in range(_k(row)))
+def sized(title: str, *claims: Claim) -> Finding:
+    """The finding that all of these claims hold."""
+    return Finding(
+        title,
+        lambda row: any(claim.concerns(row) for claim in claims),
+        lambda row: all(claim.holds(row) for claim in claims if claim.concerns(row)),
+    )
 
 
-def in_a_row(row: Measurement) -> int:
-    """The symbols of a gate whose children follow each other."""
-    n = _n(row)
-    symbols = {
-        "rml": {STRICT: n + 4, PROJECTED: n + 8, CONSECUTIVE: 17 * n + 1, SCATTERED: 3 * n + 4},
-        "ltlf": {STRICT: 5 * n - 6, PROJECTED: 12 * n - 4, CONSECUTIVE: 12 * n - 6, SCATTERED: 6 * n - 4},
-    }
-    return symbols[row.language][row.semantics]
+def filtered(claim: Claim) -> tuple[Claim, Claim]:
+    """What holds under `strict`, and the same under `projected`, where RML has four symbols more around the whole: `relevant >> (…)`."""
+    symbols = claim.sizes["symbols"]
+    more: Formula = lambda n, k: symbols(n, k) + 4  # noqa: E731
+    return claim, replace(claim, semantics=(PROJECTED,), sizes={**claim.sizes, "symbols": more})
 
 
-def unrolled(row: Measurement) -> int:
+def _gate(row: Measurement) -> tuple[int, int]:
+    """The n and k of a cell."""
+    n = row.children or 0
+    return n, row.threshold or (1 if row.gate is Gate.OR else n)
+
+
+def subsets(n: int, k: int) -> int:
+    """How many sets of fewer than k of n children there are: what has happened before a VOT k/n is detected."""
+    return sum(comb(n, size) for size in range(k))
+
+
+def sequences(n: int, k: int) -> int:
+    """How many sequences of fewer than k different children there are."""
+    return sum(perm(n, length) for length in range(k))
+
+
+def larger(n: int, k: int, size: Callable[[int], int]) -> int:
+    """The sizes of all sets of k or more children together."""
+    return sum(comb(n, j) * size(j) for j in range(k, n + 1))
+
+
+def unrolled(n: int, k: int) -> int:
     """The symbols of the paper's VOT k/n: for each set of fewer than k children an equation with an option for each child that is left."""
-    n, k = _n(row), _k(row)
     inner = sum(comb(n, size) * (5 * (n - size) + 2) for size in range(k - 1))
-    last = comb(n, k - 1) * (4 * (n - k + 1) + 2)
-    return inner + last + 5 + _filter(row)
+    return inner + comb(n, k - 1) * (4 * (n - k + 1) + 2) + 5
 
 
-def _filter(row: Measurement) -> int:
-    """The symbols of `relevant >> (…)`, which RML has around the whole under `projected`."""
-    return 4 if row.semantics is PROJECTED else 0
+def chains(n: int, k: int, chain: Callable[[int], int], *, other: int, more: int = 0, joint: int = 0) -> int:
+    """The symbols of a chain for each order of k - 1 children, with a choice of all others where the first event stands: `other` for each of these, `more` for the choice, `joint` between chains."""
+    each = chain(k) + other * (n - k) + more * (k < n)
+    return perm(n, k - 1) * each + (perm(n, k - 1) - 1) * joint
 
 
-def _n(row: Measurement) -> int:
-    return row.children or 0
+def several(n: int, _k: int) -> bool:
+    """Whether there are two children or more."""
+    return n > 1
 
 
-def _k(row: Measurement) -> int:
-    return row.threshold or (1 if row.gate is Gate.OR else _n(row))
+def between(n: int, k: int) -> bool:
+    """Whether k is neither 1 nor n."""
+    return 1 < k < n
 
 
-def _between(row: Measurement) -> bool:
-    return 1 < _k(row) < _n(row)
+def votes(language: str, formula: Formula, semantics: Sequence[Semantics] = (SCATTERED,)) -> Claim:
+    """A claim on the symbols of AND, and of VOT where one child is not enough."""
+    return Claim(language, (Gate.AND, Gate.VOT), semantics, {"symbols": formula}, lambda _, k: k > 1)
 
 
-def _in_print(row: Measurement) -> bool:
-    return row.gate is not Gate.PAND and row.semantics in (STRICT, PROJECTED)
+def in_a_row(language: str, semantics: Semantics, formula: Callable[[int], int], least: int = 2) -> Claim:
+    """A claim on the symbols of SAND, in either direction, and PAND."""
+    return Claim(language, SEQUENCES, (semantics,), {"symbols": lambda n, _: formula(n)}, lambda n, _: n >= least)
 
 
-def _of(
-    language: str, *gates: Gate, semantics: Sequence[Semantics] = tuple(Semantics)
-) -> Callable[[Measurement], bool]:
-    def concerns(row: Measurement) -> bool:
-        named = row.language == language and row.gate in gates and row.semantics in semantics
-        return named and row.result is Outcome.OK
-
-    return concerns
-
-
-def _all(row: Measurement) -> bool:
-    return row.gate is not None
-
-
-FINDINGS: Final = (
-    Finding(
-        "Every text that could be run gave the verdicts that the tree demands on all traces, the paper's unrolled VOT too: over "
-        "leaves, with nothing behind the gate, it is right.",
-        lambda row: _all(row) and row.run is Outcome.OK,
-        lambda row: row.differing == 0,
+SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
+    "Verdicts": (
+        Finding(
+            "Every text that could be run gave the verdicts that the tree demands on all traces, or the same first detections where the "
+            "language tells these alone; the paper's unrolled VOT too: over leaves, with nothing behind the gate, it is right.",
+            lambda row: bool(row.walks),
+            lambda row: row.differing == 0,
+        ),
+        Finding(
+            "SQL says every tree of the first table, under each semantics; no other language says the one whose events come late.",
+            lambda row: row.gate is None and (row.language == "sql" or "late" in row.tree),
+            lambda row: (row.result is Outcome.OK) == (row.language == "sql"),
+        ),
+        Finding(
+            "The paper does not say how to write PAND, nor a tree under `consecutive` or `scattered`; EQL, MFOTL, MTL, Sigma and STIX say only what is `scattered`. "
+            "That is all that some language cannot express of gates over leaves.",
+            lambda row: row.gate is not None,
+            lambda row: (
+                (row.result is Outcome.NOT_EXPRESSIBLE)
+                == (
+                    (row.language in SCATTERED_ALONE and row.semantics is not SCATTERED)
+                    or (
+                        row.language == "rml-paper"
+                        and (row.gate is Gate.PAND or row.semantics in (CONSECUTIVE, SCATTERED))
+                    )
+                )
+            ),
+        ),
     ),
-    Finding(
-        "The paper does not say how to write PAND, nor a tree under `consecutive` or `scattered`; that is the only thing that some language cannot express.",
-        _all,
-        lambda row: (row.result is Outcome.NOT_EXPRESSIBLE) == (row.language == "rml-paper" and not _in_print(row)),
+    "Automata": (
+        sized(
+            "An automaton for AND over n ≥ 2 children has 2ⁿ + 2 states under `strict` and `projected`.",
+            Claim("automaton", (Gate.AND,), (STRICT, PROJECTED), {"states": lambda n, _: 2**n + 2}, several),
+        ),
+        sized(
+            "Under `scattered` it has 2ⁿ + 1: nothing can go wrong, so no state for that.",
+            Claim("automaton", (Gate.AND,), (SCATTERED,), {"states": lambda n, _: 2**n + 1}, several),
+        ),
+        sized(
+            "An automaton for VOT k/n under `scattered` has a state for each set of fewer than k children, and two more.",
+            Claim("automaton", (Gate.VOT,), (SCATTERED,), {"states": lambda n, k: subsets(n, k) + 2}),
+        ),
+        sized(
+            "An automaton for VOT k/n under `consecutive` has a state for each sequence of fewer than k different children, and two more; OR has k = 1, "
+            "AND k = n. The order counts: if a child comes again, what has come since may begin a match.",
+            Claim("automaton", COUNTS, (CONSECUTIVE,), {"states": lambda n, k: sequences(n, k) + 2}),
+        ),
+        sized(
+            "An automaton for SAND, in either direction, or PAND has n + 2 states under `consecutive` and `scattered`.",
+            Claim("automaton", SEQUENCES, (CONSECUTIVE, SCATTERED), {"states": lambda n, _: n + 2}),
+        ),
+        sized(
+            "Under `strict` and `projected` it has one more (n ≥ 2), for what can go wrong.",
+            Claim("automaton", SEQUENCES, (STRICT, PROJECTED), {"states": lambda n, _: n + 3}, several),
+        ),
     ),
-    Finding(
-        "An automaton for AND over n ≥ 2 children has 2ⁿ + 2 states under `strict` and `projected`.",
-        lambda row: _of("automaton", Gate.AND, semantics=(STRICT, PROJECTED))(row) and _n(row) > 1,
-        lambda row: row.states == 2 ** _n(row) + 2,
+    "LTLf": (
+        sized(
+            "VOT k/n, k ≥ 3, and AND (k = n) under `projected` and `consecutive` have 9k² - 10k + 2 + (n - k)(9k - 13) distinct subformulas: "
+            "quadratic, and no more where a match may begin anywhere.",
+            Claim(
+                "ltlf",
+                (Gate.AND, Gate.VOT),
+                (PROJECTED, CONSECUTIVE),
+                {"subformulas": lambda n, k: 9 * k**2 - 10 * k + 2 + (n - k) * (9 * k - 13)},
+                lambda _, k: k > 2,
+            ),
+        ),
+        sized(
+            "AND under `scattered` has 3n - 1 symbols and 2n + 1 distinct subformulas (n ≥ 2): one conjunct for each child.",
+            Claim(
+                "ltlf",
+                (Gate.AND,),
+                (SCATTERED,),
+                {"symbols": lambda n, _: 3 * n - 1, "subformulas": lambda n, _: 2 * n + 1},
+                several,
+            ),
+        ),
+        sized(
+            "VOT k/n, k < n, under `scattered` has k(2(n - k) + 3) distinct subformulas: at most quadratic in n, where automata have a sum of binomials.",
+            Claim(
+                "ltlf",
+                (Gate.VOT,),
+                (SCATTERED,),
+                {"subformulas": lambda n, k: k * (2 * (n - k) + 3)},
+                lambda n, k: k < n,
+            ),
+        ),
+        sized(
+            "Over n ≥ 2 leaves PAND is SAND, in as many symbols: 5n - 6 under `strict`, 12n - 4 under `projected`, 12n - 6 under `consecutive`, 6n - 4 under `scattered`.",
+            in_a_row("ltlf", STRICT, lambda n: 5 * n - 6),
+            in_a_row("ltlf", PROJECTED, lambda n: 12 * n - 4),
+            in_a_row("ltlf", CONSECUTIVE, lambda n: 12 * n - 6),
+            in_a_row("ltlf", SCATTERED, lambda n: 6 * n - 4),
+        ),
     ),
-    Finding(
-        "Under `scattered` it has 2ⁿ + 1: nothing can go wrong, so no state for that.",
-        lambda row: _of("automaton", Gate.AND, semantics=(SCATTERED,))(row) and _n(row) > 1,
-        lambda row: row.states == 2 ** _n(row) + 1,
+    "RML": (
+        sized(
+            "SAND, in either direction, and PAND over n ≥ 2 leaves have n + 4 symbols under `strict`, n + 8 under `projected`, 17n + 1 under `consecutive`, 3n + 4 under `scattered`.",
+            in_a_row("rml", STRICT, lambda n: n + 4),
+            in_a_row("rml", PROJECTED, lambda n: n + 8),
+            in_a_row("rml", CONSECUTIVE, lambda n: 17 * n + 1),
+            in_a_row("rml", SCATTERED, lambda n: 3 * n + 4),
+        ),
+        sized(
+            "AND under `strict` has 2n + 5 symbols (n ≥ 2): `|` is a shuffle, and disjoint events cannot be confused.",
+            Claim("rml", (Gate.AND,), (STRICT,), {"symbols": lambda n, _: 2 * n + 5}, several),
+        ),
+        sized(
+            "VOT k/n, 1 < k < n, under `scattered` has one equation for each set of fewer than k children, and `Main`: one less than the automaton has states.",
+            Claim("rml", (Gate.VOT,), (SCATTERED,), {"states": lambda n, k: subsets(n, k) + 1}, between),
+        ),
+        sized(
+            "Under `consecutive` it has one for each sequence of fewer than k different children, and `Main`; OR has k = 1, AND k = n.",
+            Claim("rml", COUNTS, (CONSECUTIVE,), {"states": lambda n, k: sequences(n, k) + 1}),
+        ),
+        sized(
+            "The paper's unrolled VOT has one equation for each set of fewer than k children, and `Main`, under `strict` and `projected`: its symbols follow a sum of binomials.",
+            *filtered(
+                Claim(
+                    "rml-paper",
+                    (Gate.VOT,),
+                    (STRICT,),
+                    {"symbols": unrolled, "states": lambda n, k: subsets(n, k) + 1},
+                )
+            ),
+        ),
+        sized(
+            "RML needs no unrolling there: its VOT never has more symbols than the unrolled one. (Small ones are written as alternatives all the same: then the published monitors say `true` at the very event, not one later.)",
+            *filtered(Claim("rml", (Gate.VOT,), (STRICT,), {"symbols": unrolled}, at_most=True)),
+        ),
+        sized(
+            "From eight children up, for 1 < k < n, it is one equation of 3n + k + 10 symbols (`projected`: 4 more).",
+            *filtered(
+                Claim(
+                    "rml",
+                    (Gate.VOT,),
+                    (STRICT,),
+                    {"symbols": lambda n, k: 3 * n + k + 10, "states": lambda _n, _k: 1},
+                    lambda n, k: between(n, k) and n >= 8,
+                )
+            ),
+        ),
     ),
-    Finding(
-        "An automaton for VOT k/n under `scattered` has a state for each set of fewer than k children, and two more.",
-        _of("automaton", Gate.VOT, semantics=(SCATTERED,)),
-        lambda row: row.states == counted_subsets(row) + 2,
+    "SQL and row patterns": (
+        sized(
+            "A query of SQL for SAND, in either direction, or PAND joins n tables, in 40n + 45 symbols under `strict`, 48n + 47 under `projected`, 64n + 47 under `consecutive`, 62n + 4 under `scattered`.",
+            in_a_row("sql", STRICT, lambda n: 40 * n + 45),
+            in_a_row("sql", PROJECTED, lambda n: 48 * n + 47),
+            in_a_row("sql", CONSECUTIVE, lambda n: 64 * n + 47),
+            in_a_row("sql", SCATTERED, lambda n: 62 * n + 4),
+        ),
+        sized(
+            "For VOT k/n, k ≥ 2, and AND (k = n) under `scattered` it has one join of k tables for each set of k children, without an order between them: 40n + C(n,k)(14k + 17) - 2 symbols, where a language of sequences has them all.",
+            votes("sql", lambda n, k: 40 * n + comb(n, k) * (14 * k + 17) - 2),
+        ),
+        sized(
+            "Under the other semantics, where what comes between counts, it has one for each set of k children or more.",
+            votes("sql", lambda n, k: 24 * n + 29 + larger(n, k, lambda j: 20 * j + 17), (STRICT,)),
+            votes("sql", lambda n, k: 32 * n + 31 + larger(n, k, lambda j: 20 * j + 17), (PROJECTED,)),
+            votes("sql", lambda n, k: 44 * n + 35 + larger(n, k, lambda j: 24 * j + 13), (CONSECUTIVE,)),
+        ),
+        sized(
+            "MATCH_RECOGNIZE has one query of 10k + 43 symbols for each order of k children under `scattered`: n! for AND. (The standard's PERMUTE would say it in one; Flink does not have it.)",
+            Claim(
+                "match-recognize",
+                COUNTS,
+                (SCATTERED,),
+                {
+                    "symbols": lambda n, k: perm(n, k) * (10 * k + 45) - 2,
+                    "subformulas": lambda n, k: k * perm(n, k),
+                },
+            ),
+            in_a_row("match-recognize", SCATTERED, lambda n: 10 * n + 43, 1),
+        ),
+        sized(
+            "Under the other semantics it has, for AND and VOT, one for each order of k children or more.",
+            Claim(
+                "match-recognize",
+                (Gate.AND, Gate.VOT),
+                (STRICT, PROJECTED, CONSECUTIVE),
+                {"subformulas": lambda n, k: sum(j * perm(n, j) for j in range(k, n + 1))},
+            ),
+        ),
     ),
-    Finding(
-        "An automaton for VOT k/n under `consecutive` has a state for each sequence of fewer than k different children, and two more; OR has k = 1, "
-        "AND k = n. The order counts: if a child comes again, what has come since may begin a match.",
-        _of("automaton", *COUNTS, semantics=(CONSECUTIVE,)),
-        lambda row: row.states == counted_sequences(row) + 2,
+    "Patterns, rules and sequences of security": (
+        sized(
+            "STIX says OR, AND, SAND and PAND with n observations in 6n - 1 symbols: each gate is an operator, and observations are distinct by themselves.",
+            Claim("stix", (Gate.OR, Gate.AND, *SEQUENCES), (SCATTERED,), {"symbols": lambda n, _: 6 * n - 1}),
+        ),
+        sized(
+            "It has no counting of different things: VOT k/n, 1 < k < n, is one alternative of 6k + 1 symbols for each set of k children, C(n,k)(6k + 2) - 1.",
+            Claim("stix", (Gate.VOT,), (SCATTERED,), {"symbols": lambda n, k: comb(n, k) * (6 * k + 2) - 1}, between),
+        ),
+        sized(
+            "Sigma has one rule for each event and one correlation: 28n + 13 symbols for AND, SAND and PAND, and 28n + 18 for OR and VOT k/n, k < n, n ≥ 2: it counts (`gte: k`), and is the only one that grows so little in VOT.",
+            Claim("sigma", (Gate.AND, *SEQUENCES), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 13}),
+            Claim(
+                "sigma", (Gate.OR, Gate.VOT), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 18}, lambda n, k: k < n
+            ),
+        ),
+        sized(
+            "EQL says SAND and PAND with one sequence of 8n + 1 symbols (n ≥ 2), and OR with one event of 5n + 1.",
+            in_a_row("eql", SCATTERED, lambda n: 8 * n + 1),
+            Claim("eql", (Gate.OR,), (SCATTERED,), {"symbols": lambda n, _: 5 * n + 1}),
+        ),
+        sized(
+            "For AND it has n! sequences, and for VOT k/n, k ≥ 2, one for each order of k - 1 children, with a choice of all others before: n!/(n - k + 1)! sequences of 8k + 1 + 5(n - k) symbols.",
+            votes("eql", lambda n, k: chains(n, k, lambda k: 8 * k + 1, other=5)),
+        ),
     ),
-    Finding(
-        "RML has one equation for each of these sequences there, and `Main`.",
-        _of("rml", *COUNTS, semantics=(CONSECUTIVE,)),
-        lambda row: row.states == counted_sequences(row) + 1,
+    "Past-time logics": (
+        sized(
+            "MFOTL says AND with n atoms in 12n - 2 symbols, and SAND and PAND with n atoms and n - 1 comparisons of positions in 20n - 10: positions are values, so no order is written out.",
+            Claim(
+                "mfotl",
+                (Gate.AND,),
+                (SCATTERED,),
+                {"symbols": lambda n, _: 12 * n - 2, "subformulas": lambda n, _: n},
+            ),
+            Claim(
+                "mfotl",
+                SEQUENCES,
+                (SCATTERED,),
+                {"symbols": lambda n, _: 20 * n - 10, "subformulas": lambda n, _: 2 * n - 1},
+            ),
+        ),
+        sized(
+            "For OR and VOT k/n, k < n, it has one existential formula for each set of k children: kC(n,k) atoms in C(n,k)(12k + 1) - 1 symbols.",
+            Claim(
+                "mfotl",
+                (Gate.OR, Gate.VOT),
+                (SCATTERED,),
+                {
+                    "symbols": lambda n, k: comb(n, k) * (12 * k + 1) - 1,
+                    "subformulas": lambda n, k: k * comb(n, k),
+                },
+                lambda n, k: k < n,
+            ),
+        ),
+        sized(
+            "Past MTL has no positions: SAND and PAND are one chain of 12n - 4 symbols for Reelay, 14n - 13 for R2U2, and AND and VOT k/n one for each order of k - 1 children, with a choice of all others: n! for AND, as in EQL.",
+            in_a_row("mtl", SCATTERED, lambda n: 12 * n - 4),
+            in_a_row("mtl-r2u2", SCATTERED, lambda n: 14 * n - 13),
+            Claim(
+                "mtl",
+                COUNTS,
+                (SCATTERED,),
+                {"symbols": lambda n, k: chains(n, k, lambda k: 12 * k - 4, other=6, more=2, joint=1)},
+            ),
+            Claim(
+                "mtl-r2u2",
+                COUNTS,
+                (SCATTERED,),
+                {"symbols": lambda n, k: chains(n, k, lambda k: 14 * k - 13, other=3, more=2, joint=2)},
+            ),
+        ),
     ),
-    Finding(
-        "LTLf says VOT k/n, k ≥ 3, and AND (k = n) under `projected` and `consecutive` with 9k² - 10k + 2 + (n - k)(9k - 13) distinct subformulas: "
-        "quadratic, and no more where a match may begin anywhere.",
-        lambda row: _of("ltlf", Gate.AND, Gate.VOT, semantics=(PROJECTED, CONSECUTIVE))(row) and _k(row) > 2,
-        lambda row: row.subformulas == 9 * _k(row) ** 2 - 10 * _k(row) + 2 + (_n(row) - _k(row)) * (9 * _k(row) - 13),
-    ),
-    Finding(
-        "An automaton for SAND, in either direction, or PAND has n + 2 states under `consecutive` and `scattered`.",
-        _of("automaton", *SEQUENCES, semantics=(CONSECUTIVE, SCATTERED)),
-        lambda row: row.states == _n(row) + 2,
-    ),
-    Finding(
-        "Under `strict` and `projected` it has one more (n ≥ 2), for what can go wrong.",
-        lambda row: _of("automaton", *SEQUENCES, semantics=(STRICT, PROJECTED))(row) and _n(row) > 1,
-        lambda row: row.states == _n(row) + 3,
-    ),
-    Finding(
-        "Over n ≥ 2 leaves PAND is SAND, in as many symbols: RML has n + 4 under `strict`, n + 8 under `projected`, 17n + 1 under `consecutive`, "
-        "3n + 4 under `scattered`; LTLf has 5n - 6, 12n - 4, 12n - 6, 6n - 4.",
-        lambda row: any(_of(language, *SEQUENCES)(row) for language in ("rml", "ltlf")) and _n(row) > 1,
-        lambda row: row.symbols == in_a_row(row),
-    ),
-    Finding(
-        "LTLf says AND under `scattered` with 3n - 1 symbols and 2n + 1 distinct subformulas (n ≥ 2): one conjunct for each child.",
-        lambda row: _of("ltlf", Gate.AND, semantics=(SCATTERED,))(row) and _n(row) > 1,
-        lambda row: (row.symbols, row.subformulas) == (3 * _n(row) - 1, 2 * _n(row) + 1),
-    ),
-    Finding(
-        "LTLf says VOT k/n, k < n, under `scattered` with k(2(n - k) + 3) distinct subformulas: at most quadratic in n, where automata have a sum of binomials.",
-        lambda row: _of("ltlf", Gate.VOT, semantics=(SCATTERED,))(row) and _k(row) < _n(row),
-        lambda row: row.subformulas == _k(row) * (2 * (_n(row) - _k(row)) + 3),
-    ),
-    Finding(
-        "RML says AND under `strict` with 2n + 5 symbols (n ≥ 2): `|` is a shuffle, and disjoint events cannot be confused.",
-        lambda row: _of("rml", Gate.AND, semantics=(STRICT,))(row) and _n(row) > 1,
-        lambda row: row.symbols == 2 * _n(row) + 5,
-    ),
-    Finding(
-        "For VOT k/n, 1 < k < n, under `scattered` RML has one equation for each set of fewer than k children, and `Main`: one less than the automaton has states.",
-        lambda row: _of("rml", Gate.VOT, semantics=(SCATTERED,))(row) and _between(row),
-        lambda row: row.states == counted_subsets(row) + 1,
-    ),
-    Finding(
-        "The paper's unrolled VOT has one equation for each set of fewer than k children, and `Main`, under `strict` and `projected`: its symbols follow a sum of binomials.",
-        _of("rml-paper", Gate.VOT, semantics=(STRICT, PROJECTED)),
-        lambda row: (row.symbols, row.states) == (unrolled(row), counted_subsets(row) + 1),
-    ),
-    Finding(
-        "RML needs no unrolling there: its VOT never has more symbols than the unrolled one. (Small ones are written as alternatives all the same: then the published monitors say `true` at the very event, not one later.)",
-        _of("rml", Gate.VOT, semantics=(STRICT, PROJECTED)),
-        lambda row: (row.symbols or 0) <= unrolled(row),
-    ),
-    Finding(
-        "From eight children up, for 1 < k < n, it is one equation of 3n + k + 10 symbols (`projected`: 4 more).",
-        lambda row: _of("rml", Gate.VOT, semantics=(STRICT, PROJECTED))(row) and _between(row) and _n(row) >= 8,
-        lambda row: (row.symbols, row.states) == (3 * _n(row) + _k(row) + 10 + _filter(row), 1),
-    ),
-)
+}
+FINDINGS: Final = tuple(finding for some in SECTIONS.values() for finding in some)
 
 
 def missed(rows: Sequence[Measurement]) -> list[str]:

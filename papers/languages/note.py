@@ -1,58 +1,95 @@
 """The note on what was found, written from the measurements."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Final
 
 from cross_check.benchmark.measurement import Measurement, Outcome
-from cross_check.benchmark.tables import milliseconds
-from papers.languages.findings import FINDINGS, Finding
+from cross_check.benchmark.tables import milliseconds, unable
+from papers.languages.findings import SECTIONS, Finding
+from rvaft.export.latex import escaped
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 
-SHORT: Final = (2, 3, 6, 9, 12)
+FOLDER: Final = Path(__file__).parent
+TREES: Final = ("order", "votes", "shared", "nested", "overlap", "guard", "null", "tied", "tied_some", "compared", "product", "window", "inner_window", "apart", "late")  # fmt: skip
+"""What a language may be able to say, from the simple to the demanding: files in `trees/`, whose first lines say what it is."""
+SHORT: Final = (2, 3, 4, 6, 8)
 """The numbers of children in the short table; VOT with half of them."""
+FEW: Final = 5
+"""The number of children in the tables of sizes and times: the most that each language says of every gate, within its limit."""
 
 _HEAD: Final = """\
 # Specification languages compared
 
-Every gate with 1 to {most} children, VOT with every threshold, under each semantics, in each language. `python -m papers.languages` measures all of it anew
-and writes this page and, beside it,
+One tree in {languages} languages: which of them can say it, how large, how fast. `python -m papers.languages` measures all of it anew and writes this page and, beside it,
 
 | file | what is in it |
 | --- | --- |
 | `languages.csv` | every measurement; [docs/compare.md](../../docs/compare.md) explains the columns |
-| `languages.tex`, `short.tex` | LaTeX tables of all, and of a selection that fits a page for each semantics |
+| `expressible.tex` | the first table below, for LaTeX |
+| `languages.tex`, `short.tex` | LaTeX tables of all, and of a selection of gates |
 | `figures/` | plots: `gates-MEASURE-SEMANTICS`, each as PDF and PNG |
 
 It takes some minutes; `--resume` goes on after an interruption. Sizes are the same in every run, times are those of the machine that wrote this page,
 and of what else it did then: `--resume` keeps the times of earlier runs.
 
-{count} measurements: {outcomes}.
+Where a text that people write in one of these languages says something else than the tree, without a word, is on the page of [findings](../../docs/findings.md).
 
+## Which can say what
+
+A number is the reason why not, below the table. All trees are under `scattered`; the last rows say of how many of these {trees} trees a language can say what they mean under each semantics.
+
+"""
+_MEASURED: Final = """
+## What was measured
+
+Every gate with 1 to {most} children, VOT with every threshold, and the trees above, under each semantics, in each language: {count} measurements, {outcomes}. Automata are made up to {limit:,} states, all else as far as `rvaft emit` goes.
+"""
+_SEEN: Final = """
 ## What is seen in the sizes
 
-Each sentence is held against every cell that it is about.
-
+Each sentence is held against every cell that it is about. n is the number of children, k how many are needed; C(n,k) is a binomial.
 """
-_TIMES: Final = """
-## Times at {most} children
+_TABLES: Final = """
+## Sizes and times at {few} children
 
-`projected`. Milliseconds to translate; thousands of events per second when a monitor meets them for the first time, and when the same
-traces are run again. The readers of RML and LTLf remember what an event did to a state, so that a trace which is known costs little more than a look-up; the first time
-tells what the language costs.
-
+`scattered`, which all but the paper's translation can say. Languages with * tell detections alone: their programs look at whole traces, and are asked for the first detection in each. {emitted} are only emitted: there is nothing to read or run.
 """
+_LEGEND: Final[Mapping[str, Callable[[Measurement], str]]] = {
+    "Symbols": lambda row: "-" if row.symbols is None else f"{row.symbols:,}",
+    "Milliseconds to translate": lambda row: _milliseconds(row.seconds),
+    "Milliseconds to read a text": lambda row: _milliseconds(row.read_seconds),
+    "Thousands of events per second, by a reader that has met nothing": lambda row: _thousands(row.events_per_second),
+    "Thousands of events per second, by a reader that has met these traces, or (*) is asked about all of them at once": (
+        lambda row: _thousands(row.again_per_second)
+    ),
+}  # fmt: skip
 
 
-def note(rows: Sequence[Measurement]) -> str:
+def note(rows: Sequence[Measurement], limit: int) -> str:
     """The page, in Markdown."""
     most = max(row.children or 0 for row in rows)
-    counts = [(outcome, sum(_ended(row) is outcome for row in rows)) for outcome in Outcome]
+    names = languages(rows)
+    counts = [(outcome, sum(row.ended is outcome for row in rows)) for outcome in Outcome]
     outcomes = ", ".join(f"{count:,} {outcome}" for outcome, count in counts if count)
-    head = _HEAD.format(most=most, count=f"{len(rows):,}", outcomes=outcomes)
-    times = [*_times([row for row in rows if row.semantics is Semantics.PROJECTED and row.children == most])]
-    parts = [head, *(_finding(finding, rows) for finding in FINDINGS), *_large(rows)]
-    return "".join([*parts, _TIMES.format(most=most), "\n".join(times), "\n"])
+    emitted = [name for name in names if any(row.only_emitted for row in rows if row.language == name)]
+    parts = [
+        _HEAD.format(languages=len(names), trees=len(TREES)),
+        _lines(_markdown(*expressible(rows))),
+        _MEASURED.format(most=most, count=f"{len(rows):,}", outcomes=outcomes, limit=limit),
+        _lines(_large([row for row in rows if row.gate is not None])),
+        _SEEN,
+    ]
+    for title, findings in SECTIONS.items():
+        parts += [f"\n### {title}\n\n", *(_finding(finding, rows) for finding in findings)]
+    parts.append(_TABLES.format(few=FEW, emitted=", ".join(f"`{name}`" for name in emitted)))
+    return "".join([*parts, _lines(_sizes_and_times(rows))])
+
+
+def languages(rows: Sequence[Measurement]) -> list[str]:
+    """The languages, in their order."""
+    return [*dict.fromkeys(row.language for row in rows)]
 
 
 def short(rows: Sequence[Measurement]) -> list[Measurement]:
@@ -64,8 +101,88 @@ def _half(row: Measurement) -> int:
     return ((row.children or 0) + 1) // 2
 
 
-def _ended(row: Measurement) -> Outcome | None:
-    return row.run if row.result is Outcome.OK else row.result
+def _lines(lines: Iterator[str]) -> str:
+    return "".join(f"{line}\n" for line in lines)
+
+
+# -- which can say what -------------------------------------------------------------------------------------------------
+
+
+def expressible(rows: Sequence[Measurement]) -> tuple[list[list[str]], list[str]]:
+    """A table, its heading first, of what each language says of each of the trees; and the reasons to which its numbers refer."""
+    names = languages(rows)
+    cells = {(Path(row.tree).stem, row.semantics, row.language): row for row in rows if row.gate is None}
+    reasons: dict[str, int] = {}
+
+    def said(row: Measurement) -> str:
+        if row.result is Outcome.NOT_EXPRESSIBLE:
+            return str(reasons.setdefault(row.reason, len(reasons) + 1))
+        return "yes" if _is_said(row) else "other verdicts" if row.differing else str(row.ended)
+
+    table = [["tree", *names]]
+    for tree in TREES:
+        title = (FOLDER / "trees" / f"{tree}.rvaft").read_text(encoding="utf-8").splitlines()[0].strip("/ .")
+        table.append([title, *(said(cells[tree, Semantics.SCATTERED, name]) for name in names)])
+    for semantics in Semantics:
+        can = (sum(_is_said(cells[tree, semantics, name]) for tree in TREES) for name in names)
+        table.append([f"{semantics}, of {len(TREES)}", *map(str, can)])
+    runs = (_told([row for row in rows if row.language == name]) for name in names)
+    table.append(["a run tells", *runs])
+    return table, list(reasons)
+
+
+def _is_said(row: Measurement) -> bool:
+    return row.ended is Outcome.OK and not row.differing
+
+
+def _told(rows: Sequence[Measurement]) -> str:
+    """What a run of the texts of a language tells."""
+    if any(row.only_emitted for row in rows):
+        return "emitted"
+    return "detections only" if any(row.detections_only for row in rows) else "verdicts"
+
+
+def _markdown(table: Sequence[Sequence[str]], reasons: Sequence[str]) -> Iterator[str]:
+    heading, *others = table
+    yield f"| {' | '.join(heading)} |"
+    yield "| --- |" + " :---: |" * (len(heading) - 1)
+    yield from (f"| {' | '.join(line)} |" for line in others)
+    yield ""
+    yield from (f"{number}. {reason}" for number, reason in enumerate(reasons, 1))
+
+
+def expressible_tex(table: Sequence[Sequence[str]], reasons: Sequence[str]) -> str:
+    r"""The same for LaTeX, to be read by `\input`; the reasons stand below the table."""
+    heading, *others = ([escaped(cell) for cell in line] for line in table)
+    turned = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in heading[1:])
+    lines = [" & ".join(rf"\rotatebox{{90}}{{{cell}}}" if cell in ("emitted", "detections only", "verdicts") else cell for cell in line) + r" \\" for line in others]  # fmt: skip
+    below = " ".join(f"({number}) {escaped(reason.replace('`', ''))}." for number, reason in enumerate(reasons, 1))
+    return "\n".join(
+        [
+            "% Needs \\usepackage[T1]{fontenc} and \\usepackage{booktabs,graphicx,textcomp}.",
+            r"\begin{table*}[htbp]",
+            r"\centering",
+            r"\caption{Which language can say which tree under scattered, and why not; below it, how many of the trees under each semantics.}",
+            r"\label{tab:languages-expressible}",
+            r"\footnotesize\setlength{\tabcolsep}{3.5pt}",
+            rf"\begin{{tabular}}{{l{'c' * (len(heading) - 1)}}}",
+            r"\toprule",
+            rf"{heading[0]} & {turned} \\",
+            r"\midrule",
+            *lines[: len(TREES)],
+            r"\midrule",
+            *lines[len(TREES) :],
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
+            rf"\medskip\parbox{{\linewidth}}{{\scriptsize {below}}}",
+            r"\end{table*}",
+            "",
+        ]
+    )
+
+
+# -- sizes and times ----------------------------------------------------------------------------------------------------
 
 
 def _finding(finding: Finding, rows: Sequence[Measurement]) -> str:
@@ -76,32 +193,38 @@ def _finding(finding: Finding, rows: Sequence[Measurement]) -> str:
 
 
 def _large(rows: Sequence[Measurement]) -> Iterator[str]:
-    """What was too much for a language, or took too long."""
-    for outcome in (Outcome.TOO_LARGE, Outcome.TIMEOUT):
-        met = [row for row in rows if _ended(row) is outcome]
-        for language, semantics in dict.fromkeys((row.language, row.semantics) for row in met):
-            trees = [row.tree for row in met if (row.language, row.semantics) == (language, semantics)]
-            yield f"- {outcome} in `{language}` under `{semantics}`: {', '.join(trees)}.\n"
+    """What was too much for a language, or took too long: how many gates, and of each the smallest."""
+    kinds = dict.fromkeys(
+        (row.ended, row.language, row.semantics) for row in rows if row.ended in (Outcome.TOO_LARGE, Outcome.TIMEOUT)
+    )
+    yield from [""] * bool(kinds)
+    for outcome, language, semantics in kinds:
+        met = [row for row in rows if (row.ended, row.language, row.semantics) == (outcome, language, semantics)]
+        least = {gate: min(row.children or 0 for row in met if row.gate is gate) for gate in {row.gate for row in met}}
+        first = [row.tree for row in met if row.children == least[row.gate]]
+        why = met[0].reason or met[0].run_reason
+        yield f"- {outcome} in `{language}` under `{semantics}`: {len(met)} gates, the smallest {', '.join(first)} ({why.strip()})."
 
 
-def _times(rows: Sequence[Measurement]) -> Iterator[str]:
-    """A table with a row per gate and a group of columns per language."""
-    languages = list(dict.fromkeys(row.language for row in rows))
-    columns = ("ms", "first", "again")
-    yield "| gate | " + " | ".join(f"{language} {column}" for language in languages for column in columns) + " |"
-    yield "| --- |" + " ---: |" * (len(languages) * len(columns))
-    for gate in Gate:
-        chosen = {row.language: row for row in rows if row.gate is gate and row.threshold in (None, _half(row))}
-        if chosen:
-            name = next(iter(chosen.values())).tree
-            yield (
-                f"| {name} | " + " | ".join(cell for language in languages for cell in _cells(chosen[language])) + " |"
-            )
+def _sizes_and_times(rows: Sequence[Measurement]) -> Iterator[str]:
+    """For each measure a table with a row for each gate and a column for each language."""
+    some = [row for row in rows if row.semantics is Semantics.SCATTERED and row.children == FEW]
+    chosen = [row for row in some if row.threshold in (None, _half(row)) and row.language not in unable(some)]
+    names = languages(chosen)
+    starred = {row.language for row in chosen if row.detections_only}
+    for title, cell in _LEGEND.items():
+        has = [name for name in names if any(cell(row) != "-" for row in chosen if row.language == name)]
+        yield from ("", f"{title}:", "")
+        yield "| gate | " + " | ".join(f"{name}{'*' * (name in starred)}" for name in has) + " |"
+        yield "| --- |" + " ---: |" * len(has)
+        for gate in Gate:
+            its: Mapping[str, Measurement] = {row.language: row for row in chosen if row.gate is gate}
+            if its:
+                yield f"| {next(iter(its.values())).tree} | " + " | ".join(cell(its[name]) for name in has) + " |"
 
 
-def _cells(row: Measurement) -> tuple[str, str, str]:
-    time = "-" if row.seconds is None else milliseconds(row.seconds)
-    return (time, _thousands(row.events_per_second), _thousands(row.again_per_second))
+def _milliseconds(seconds: float | None) -> str:
+    return "-" if seconds is None else milliseconds(seconds)
 
 
 def _thousands(speed: float | None) -> str:

@@ -24,6 +24,7 @@ from cross_check.benchmark.measurement import (
     Outcome,
     Settings,
     Subject,
+    Walk,
     cells_of,
     default_languages,
     gate_subjects,
@@ -38,7 +39,7 @@ from rvaft.model.nodes import Gate
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Monitor
+from rvaft.monitors import DetectionMonitor, Monitor
 from rvaft.rules import require_valid
 from tests.cli.runs import PRUNED
 
@@ -244,6 +245,45 @@ def test_a_whole_measurement(language: str) -> None:
     assert 1 <= (last.first_events or 0) <= EVENTS
     for number in (last.seconds, last.read_seconds, last.events_per_second, last.again_per_second):
         assert 0 < (number or 0) < float("inf")
+
+
+@pytest.mark.parametrize("language", ["sql", "stix", "sigma", "eql", "mtl"])
+def test_a_language_that_tells_detections_alone_runs_whole_traces(language: str) -> None:
+    """What its program knows is all that is compared, and told."""
+    for module in backend(language).modules:
+        pytest.importorskip(module)
+    row = one("sand 2", SCATTERED, language)
+    assert (row.run, row.run_reason, row.events, row.differing) == (Outcome.OK, "detections only", EVENTS, 0)
+    assert row.detections_only
+    assert 0 < (row.events_per_second or 0) < (row.again_per_second or 0) < float("inf")
+
+
+@pytest.mark.parametrize(
+    ("found", "left_open", "differing", "said"),
+    [
+        (lambda walk: walk.detection, "", 0, "detections only"),
+        (lambda walk: walk.detection and walk.detection - 1, "", 1, "detections only"),
+        (lambda _: None, "why", 0, "detections only, {walks} of {walks} traces are left open"),
+    ],
+)
+def test_detections_are_held_against_the_tree(
+    monkeypatch: pytest.MonkeyPatch, found: Callable[[Walk], int | None], left_open: str, differing: int, said: str
+) -> None:
+    known = walks(SUBJECTS["sand 2"].tree, STRICT, 0)  # of which one in four ends without hope
+    right = {str(walk.events): found(walk) for walk in known}
+    monitor = DetectionMonitor(lambda traces: [right[str(trace)] for trace in traces], lambda _: left_open)
+    plant(monkeypatch, Odd(reader=lambda _text: monitor))
+    row = one("sand 2", STRICT)
+    assert row.run_reason == said.format(walks=len(known))
+    assert bool(row.differing) == bool(differing)
+    assert row.walks == (0 if left_open else len(known))
+
+
+def test_events_have_times_where_a_tree_reads_them() -> None:
+    tree = rvaft.loads("time ts as s; top sand a b within 10 s; a; b;")
+    found = walks(tree, SCATTERED, 0)
+    assert all(walk.events[1]["ts"] - walk.events[0]["ts"] == 1 for walk in found if len(walk.events) > 1)
+    assert {walk.verdicts[-1] for walk in found[:-1]} == {Verdict.TRUE}
 
 
 def test_the_papers_translation_is_caught() -> None:

@@ -3,13 +3,15 @@
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
-from cross_check.benchmark.measurement import Measurement, Outcome, gate_subjects
-from cross_check.benchmark.tables import latex_text, read_rows
-from papers.languages.__main__ import FOLDER, main
+from cross_check.benchmark.measurement import Measurement, Outcome, default_languages, gate_subjects
+from cross_check.benchmark.tables import read_rows
+from cross_check.results import reason
+from papers.languages.__main__ import LANGUAGES, main, texts
 from papers.languages.findings import FINDINGS, missed
-from papers.languages.note import note, short
-from rvaft import NotExpressible, translate
+from papers.languages.note import FOLDER, TREES, expressible
+from rvaft import NotExpressible, Semantics, load, translate
 
 
 @pytest.fixture(scope="module")
@@ -18,54 +20,74 @@ def rows() -> list[Measurement]:
 
 
 def test_all_was_measured(rows: list[Measurement]) -> None:
-    assert len(rows) == (5 * 12 + 78) * 4 * 4
-    assert {row.children for row in rows} == set(range(1, 13))
+    assert len(rows) == (5 * 8 + 36 + len(TREES)) * len(Semantics) * len(LANGUAGES)
+    assert {row.language for row in rows} == {*LANGUAGES} >= {*default_languages()}
+    assert {row.children for row in rows} == {None, *range(1, 9)}
     assert not any(row.broken for row in rows)
+    assert {Path(row.tree) for row in rows if row.gate is None} == {
+        path.relative_to(FOLDER) for path in FOLDER.glob("trees/*")
+    }
 
 
 def test_every_finding_holds_and_one_that_does_not_is_told(rows: list[Measurement]) -> None:
-    assert len(FINDINGS) > 10
+    assert len(FINDINGS) > 30
     assert missed(rows) == []
-    assert len(missed([row for row in rows if row.result is Outcome.TOO_LARGE])) > 10
+    assert len(missed([row for row in rows if row.result is Outcome.TOO_LARGE])) > 30
+    larger = [
+        replace(row, symbols=row.symbols and row.symbols + 1, states=row.states and row.states + 1) for row in rows
+    ]
+    assert len(missed(larger)) > 25
 
 
 def test_the_pages_are_those_of_the_measurements(rows: list[Measurement]) -> None:
-    assert (FOLDER / "README.md").read_text(encoding="utf-8") == note(rows)
-    assert (FOLDER / "short.tex").read_text(encoding="utf-8") == latex_text(short(rows))
-    assert (FOLDER / "languages.tex").read_text(encoding="utf-8") == latex_text(rows)
+    for name, text in texts(rows).items():
+        assert (FOLDER / name).read_text(encoding="utf-8") == text, name
 
 
 @pytest.mark.spot
 def test_committed_sizes_are_those_of_the_texts(rows: list[Measurement]) -> None:
     pytest.importorskip("spot")
-    trees = {subject.name: subject.tree for subject in gate_subjects(max_arity=5)}
+    trees = {subject.name: subject.tree for subject in gate_subjects(max_arity=4)}
+    trees |= {f"trees/{name}.rvaft": load(FOLDER / "trees" / f"{name}.rvaft") for name in TREES}
     small = [row for row in rows if row.tree in trees]
-    assert len(small) == (5 * 5 + 15) * 4 * 4
+    assert len(small) == (5 * 4 + 10 + len(TREES)) * len(Semantics) * len(LANGUAGES)
     for row in small:
         try:
             made = translate(trees[row.tree], row.language, semantics=row.semantics)
-        except NotExpressible:
-            assert row.result is Outcome.NOT_EXPRESSIBLE
+        except NotExpressible as error:
+            ended = (Outcome.NOT_EXPRESSIBLE, reason(error))
+        else:
+            ended = (Outcome.OK, "")
+        assert (row.result, row.reason) == ended, row
+        if row.result is Outcome.NOT_EXPRESSIBLE:
             continue
         found = made.metrics
         expected = (row.symbols, row.subformulas, row.states, row.edges, row.characters)
-        assert (found.symbols, found.subformulas, found.states, found.edges, len(made.text)) == expected, row.tree
+        assert (found.symbols, found.subformulas, found.states, found.edges, len(made.text)) == expected, row
+
+
+def test_each_reason_is_told_once(rows: list[Measurement]) -> None:
+    table, reasons = expressible(rows)
+    assert {len(line) for line in table} == {1 + len(LANGUAGES)}
+    numbers = {cell for line in table[1 : 1 + len(TREES)] for cell in line[1:]} - {"yes"}
+    assert numbers == {str(number) for number in range(1, len(reasons) + 1)}
+    assert table[-1][1:].count("detections only") == 5
 
 
 @pytest.mark.slow
 @pytest.mark.spot
+@pytest.mark.usefixtures("quick")
 def test_a_small_one(tmp_path: Path, rows: list[Measurement], capsys: pytest.CaptureFixture[str]) -> None:
     """The sizes are those that are committed; a finding about larger gates has nothing to stand on here."""
     pytest.importorskip("spot")
-    assert main(["--out", str(tmp_path), "--max-arity", "2", "--texts"]) == 1
+    assert main(["--out", str(tmp_path), "--max-arity", "1", "--texts"]) == 1
     said = capsys.readouterr()
-    assert said.out == "208 measurements: 178 ok, 30 not expressible\n"
     assert all(line.startswith("papers.languages: not confirmed: ") for line in said.err.splitlines())
     assert any("3n + k + 10 symbols" in line for line in said.err.splitlines())
     committed = {_cell(row): _sizes(row) for row in rows}
     fresh = list(read_rows((tmp_path / "languages.csv").read_text(encoding="utf-8")))
     assert {_cell(row): _sizes(row) for row in fresh} == {_cell(row): committed[_cell(row)] for row in fresh}
-    assert {path.name for path in tmp_path.iterdir()} == {"README.md", "languages.csv", "languages.tex", "short.tex"}
+    assert {path.name for path in tmp_path.iterdir()} == {*texts(fresh), "languages.csv"}
 
 
 def _cell(row: Measurement) -> tuple[object, ...]:

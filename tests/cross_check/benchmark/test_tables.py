@@ -11,9 +11,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cross_check.benchmark.measurement import Measurement, Outcome
-from cross_check.benchmark.plots import figures, plots
-from cross_check.benchmark.tables import COLUMNS, Width, csv_text, latex_text, read_rows
+from cross_check.benchmark.measurement import ONLY_EMITTED, Measurement, Outcome, default_languages
+from cross_check.benchmark.plots import _STYLES, figures, plots
+from cross_check.benchmark.tables import COLUMNS, Width, csv_text, latex_text, read_rows, text_lines, unable
+from cross_check.results import DETECTIONS_ONLY
 from rvaft.errors import LanguageError
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
@@ -144,6 +145,43 @@ def test_latex_tables_have_a_row_for_each_tree_and_fit_a_page(width: Width) -> N
     assert r"\textdagger{}15" in text
     assert "not expressible" in text
     assert "木\n" not in text
+
+
+MIXED = [
+    ROW,
+    replace(ROW, language="sql", run_reason=DETECTIONS_ONLY),
+    replace(ROW, language="mfotl", run_reason=ONLY_EMITTED, **dict.fromkeys(SIZED[3:])),
+    replace(ROW, language="eql", result=Outcome.NOT_EXPRESSIBLE, reason="it skips", run=None, **dict.fromkeys(SIZED)),
+]
+
+
+def test_what_kind_of_language_it_is_stands_in_each_table() -> None:
+    pytest.importorskip("pandas")
+    text = latex_text(MIXED)
+    assert "Detections only: sql. Only emitted: mfotl. Not expressible in eql: it skips." in text
+    assert "{eql}" not in text
+    assert [line.split("  ")[-1].strip() for line in text_lines(MIXED)[1:]] == [
+        "ok",
+        "ok: detections only",
+        "ok: only emitted: nothing here runs its texts",
+        "not expressible: it skips",
+    ]
+    assert unable(MIXED) == {"eql": "it skips"}
+
+
+def test_what_kind_of_language_it_is_stands_below_each_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    figure = pytest.importorskip("matplotlib.figure")
+    said: dict[str, Any] = {}
+    monkeypatch.setattr(figure.Figure, "legend", lambda _self, **options: said.update(options))
+    assert next(plots(MIXED))
+    assert [handle.get_label() for handle in said["handles"]] == ["mfotl", "rml", "sql*", "* detections only"]
+    assert said["title"] == "not expressible: eql"
+
+
+def test_languages_look_different() -> None:
+    looks = [tuple(style) for style in _STYLES.values()]
+    assert len(set(looks)) == len({look[0] for look in looks}) == len({look[1] for look in looks}) == len(looks)
+    assert {*default_languages()} <= {*_STYLES}
 
 
 def test_panels() -> None:

@@ -19,7 +19,7 @@ from rvaft.analysis.scenarios import Kept, Resolutions, event, precedence
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.guards import Guard, conjuncts, variables
 from rvaft.model.nodes import Causality
-from rvaft.model.patterns import rigid_variables
+from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.tree import RVAFT, reachable
 
 Refusal: TypeAlias = Callable[[str, Iterable[str]], NoReturn]
@@ -39,6 +39,16 @@ class Nest:
     guards: tuple[Guard, ...] = ()
     within: int | None = None
     size: int = 0
+
+    def inside(self) -> Iterator["Nest"]:
+        """The nest and all in it."""
+        yield self
+        for part in self.parts:
+            yield from part.inside()
+
+    def nodes(self) -> list[str]:
+        """The nodes whose events it has, each as often as it is written."""
+        return [one.node for one in self.inside() if one.op is Op.EVENT]
 
     def ways(self) -> "Nest":
         """One of all that it asks for, where it asks for some."""
@@ -81,6 +91,24 @@ def joined(op: Op, parts: Iterable[Nest], need: int = 0) -> Nest:
     )
 
 
+def in_every_order(tree: RVAFT, *, limit: int) -> Nest:
+    """A plain tree without guards as one of all orders in which its events can come, those with the same pattern being one; raises `TooLarge`.
+
+    >>> from rvaft import loads
+    >>> [part.nodes() for part in in_every_order(loads("top and a b;"), limit=9).parts]
+    [['a', 'b'], ['b', 'a']]
+    """
+    orders = Orders(tree, limit=limit, apart=tree.nodes)
+    first: dict[Pattern | None, Nest] = {}
+    words = dict[tuple[Nest, ...], None]()
+    for kept in orders.scenarios():
+        events = [Nest(Op.EVENT, node=name, size=1) for name in kept if tree.nodes[name].has_event]
+        words |= dict.fromkeys(
+            orders.words(kept, {one.node: first.setdefault(tree.pattern(one.node), one) for one in events})
+        )
+    return joined(Op.ONE, [joined(Op.SEQUENCE, word) for word in words])
+
+
 class Nesting:
     """The nest of a plain tree, whose nodes have `windows`. Variables that are `free` tie nothing. Raises `TooLarge` beyond `limit` of what the `unit` says.
 
@@ -106,6 +134,7 @@ class Nesting:
         self._binds = {
             name: {one for one in rigid_variables(pattern) if one not in free} for name, pattern in patterns if pattern
         }
+        assert not free or not any(variables(node.when) for node in tree.nodes.values()), "a guard ties what is free"
         self._shapes = {name: body(node) for name, node in tree.nodes.items()}
 
     def nest(self) -> Nest:

@@ -34,7 +34,7 @@ class SigmaBackend(Backend):
       rules:
       - break_in
       - alarm
-      timespan: 36500d
+      timespan: 50000d
     """
 
     name: ClassVar[str] = "sigma"

@@ -1,14 +1,14 @@
-"""Running a correlation: pySigma compiles the rules to one query, and SQLite asks it of a table with a row for each event.
+"""Running a correlation: pySigma compiles the rules to a plan of queries, and SQLite asks them of a table with a row for each event.
 
 A trace is left open where Sigma would take different values for the same: null for what is absent, and values that differ in type or case, or beyond 15 digits,
 where events are grouped by them; and where the times of the events do not increase.
 """
 
 import json
+import re
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from itertools import combinations
 from typing import Any, Final
 
 from rvaft.errors import LanguageError, TraceError, installed
@@ -18,9 +18,10 @@ from rvaft.model.values import Json, at, equal
 from rvaft.monitors import DetectionMonitor
 
 _LAST: Final = 2**32
-_MOST_KNOWN: Final = 5_000
 _REMEDY: Final = "pip install '.[sigma]' in a checkout of rvaft"
 _TIME: Final = "rvaft_time"
+_TOLD: Final = ("action", "correlation", "detection", "filter", "id", "logsource", "name", "rvaft", "title")
+"""What a document has that matters: not who wrote it, when and why."""
 
 
 class SigmaMonitor(DetectionMonitor):
@@ -28,41 +29,39 @@ class SigmaMonitor(DetectionMonitor):
 
     def __init__(self, text: str) -> None:
         program = _SigmaProgram(text)
-        super().__init__(lambda traces: [program.first(trace) for trace in traces], program.left_open)
+        super().__init__(lambda traces: [program.known(json.dumps(trace)) for trace in traces], program.left_open)
 
 
 @lru_cache(maxsize=64)
 class _SigmaProgram:
-    """The query of a text, and what it said of some traces; monitors of one text share it."""
+    """The queries of a text, and what they said of some traces; monitors of one text share it."""
 
     def __init__(self, text: str) -> None:
-        self._known: dict[str, int | None] = {}
+        self.known = lru_cache(5_000)(self.first)
         yaml = installed("yaml", "PyYAML", _REMEDY)
         sigma = installed("sigma.collection", "pySigma", _REMEDY)
         sqlite = installed("sigma.backends.sqlite", "pysigma-backend-sqlite", _REMEDY)
-        correlations = installed("sigma.correlations", "pySigma", _REMEDY)
         try:
-            documents = [one for one in yaml.safe_load_all(text) if one is not None]
-            _require_mappings(documents)
+            loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+            documents = _told(yaml.load_all(text, Loader=loader))
             said = next((one["rvaft"] for one in documents if "rvaft" in one), None)
             self._time: EventTime | None = None if said is None else parse_time(str(said))
-            rules = sigma.SigmaCollection.from_yaml(text)
+            rules = sigma.SigmaCollection.from_dicts(documents)
             backend = sqlite.sqliteBackend(
                 timestamp_field=_TIME, timestamp_seconds_expression="{field}", collate_nocase=True
             )
-            queries = backend.convert(rules)
-            roots = [rule for rule in rules.rules if isinstance(rule, correlations.SigmaCorrelationRule)]
-            root = _only(roots)
-            self._query = _only(queries)
-            fields = {item.field for rule in rules.rules if rule is not root for item in _items(rule)}
-            mapped = {field for alias in root.aliases for field in alias.mapping.values()}
-            grouped = {field for field in root.group_by or [] if field not in {one.alias for one in root.aliases}}
-            self._grouped = sorted(mapped | grouped)
-            self._fields = sorted({*(one for one in fields if one), *self._grouped})
-            self._table = sqlite3.connect(":memory:", check_same_thread=False)
+            plan = _root(json.loads(backend.convert(rules, output_format="zircolite")))["correlation_plan"]
+            self._fields = [one for fields in plan["required_fields"].values() for one in fields if one != _TIME]
+            self._grouped = sorted({*self._fields} & {one for rule in rules.rules for one in _grouped(rule)})
+            self._table = sqlite3.connect(":memory:", check_same_thread=False, cached_statements=10_000)
+            self._table.create_function("REGEXP", 2, _is_found, deterministic=True)
             columns = "".join(f", `{name.replace('`', '``')}`" for name in self._fields)
             self._table.execute(f"CREATE TABLE logs ({_TIME}{columns})")
             self._insert = f"INSERT INTO logs VALUES (?{', ?' * len(self._fields)})"  # noqa: S608 -- the query of SQLite's own signs
+            self._steps, self._query = list[str](), plan["query"]
+            for name, select in ((one["name"], one["select"]) for one in plan["prepare"]):
+                self._table.execute(f"CREATE TEMP TABLE {name} AS {select}")
+                self._steps += [f"DELETE FROM {name}", f"INSERT INTO {name} {select}"]  # noqa: S608 -- pySigma's own names
             self._table.execute(self._query)
         except yaml.MarkedYAMLError as error:
             line, column = (error.problem_mark.line, error.problem_mark.column) if error.problem_mark else (0, 0)
@@ -70,10 +69,12 @@ class _SigmaProgram:
             raise LanguageError(message, file="<sigma>", line=line + 1, column=column + 1) from None
         except Exception as error:  # noqa: BLE001 -- pySigma and SQLite say in many ways what is wrong with a text
             message = error.message if isinstance(error, LanguageError) else str(error)
+            if "fulltext_field" in message:
+                message = "a rule looks for words in no field, and an event is fields: say in which"
             raise LanguageError(f"no Sigma correlation: {' '.join(message.split())[:500]}", file="<sigma>") from None
 
-    def _times(self, trace: Sequence[Json]) -> list[float] | None:
-        """When the events are; None where that would not be in their order.
+    def _times(self, trace: Sequence[Json]) -> list[float]:
+        """When the events are, up to the first that is not later than those before.
 
         A microsecond is the 2**-20th part of a second there, so that whole seconds are added exactly and the order is kept.
         """
@@ -81,88 +82,86 @@ class _SigmaProgram:
             return [float(number) for number in range(len(trace))]
         found = [-1.0]
         for time in map(self._time.read, trace):
-            if time is None or time % 1_000:
-                return None
-            seconds, part = divmod(time // 1_000, 1_000_000)
+            seconds, part = divmod((time or 0) // 1_000, 1_000_000)
             now = seconds + part / 2**20
-            if not found[-1] < now < _LAST:
-                return None
+            if time is None or time % 1_000 or not found[-1] < now < _LAST:
+                break
             found.append(now)
         return found[1:]
 
     def left_open(self, trace: Sequence[Json]) -> str:
         """Why the language says nothing of a trace, if that is so."""
-        if self._times(trace) is None:
+        if len(self._times(trace)) < len(trace):
             return "Sigma orders by times, which have to increase"
         if any(at(event, name.split("."), 0) is None for event in trace for name in self._fields):
             return "Sigma takes null for absent"
-        values = [
-            value for name in self._grouped for event in trace if (value := at(event, name.split("."), ...)) is not ...
-        ]
-        if any(isinstance(one, float) and float(f"{one:.15g}") != one for one in map(_stored, values)):
-            return "SQLite groups by 15 digits of a number"
         known: dict[object, Json] = {}
-        for value in values:
-            if not equal(known.setdefault(_alike(value), value), value):
-                return "Sigma groups without types and case"
-        compound = [value for value in known.values() if isinstance(value, Mapping | list)]
-        if any(equal(one, other) for one, other in combinations(compound, 2)):
-            return "SQLite groups objects and lists as they are written"
+        for name in self._grouped:
+            for event in trace:
+                value = at(event, name.split("."), ...)
+                if value is not ... and not equal(known.setdefault(_alike(value), value), value):
+                    return "Sigma groups without types, case and the last digits"
         return ""
 
-    def first(self, trace: Sequence[Json]) -> int | None:
+    def first(self, written: str) -> int | None:
         """The number of the event at which the correlation first holds; raises `TraceError` where its language leaves that open."""
-        written = json.dumps(trace)
-        if written not in self._known:
-            if why := self.left_open(trace):
-                raise TraceError(f"this log says nothing to Sigma: {why}", line=None)
-            if len(self._known) > _MOST_KNOWN:
-                self._known.clear()
-            self._known[written] = self._first(trace)
-        return self._known[written]
-
-    def _first(self, trace: Sequence[Json]) -> int | None:
-        times = self._times(trace) or []
+        trace = json.loads(written)
+        if why := self.left_open(trace):
+            raise TraceError(f"this log says nothing to Sigma: {why}", line=None)
+        times = self._times(trace)
         rows = [
             (time, *(_stored(at(event, name.split("."), None)) for name in self._fields))
             for time, event in zip(times, trace, strict=True)
         ]
         self._table.execute("DELETE FROM logs")
         self._table.executemany(self._insert, rows)
+        for step in self._steps:
+            self._table.execute(step)
         cursor = self._table.execute(self._query)
         column = [one[0] for one in cursor.description].index("occurrence_time")
-        ends = [row[column] for row in cursor]
-        return times.index(min(ends)) + 1 if ends else None
+        end = min((row[column] for row in cursor), default=_LAST)
+        return next((number for number, time in enumerate(times, 1) if time >= end), None)
 
 
-def _only(several: list[Any]) -> Any:
-    if len(several) != 1:
-        raise ValueError(f"there has to be one correlation, of all the rules, and there are {len(several)}")
-    return several[0]
-
-
-def _require_mappings(documents: Sequence[object]) -> None:
+def _told(documents: Iterable[Any]) -> list[Any]:
+    """What documents say of events; one rule alone with a correlation that counts to one."""
+    found = list[Any]()
     for one in documents:
-        if not isinstance(one, dict):
+        if not isinstance(one, dict | None):
             raise TypeError(f"a rule is a mapping of YAML, and here is a {type(one).__name__}")
+        found += [{key: one[key] for key in _TOLD if key in one}] if one else []
+    match found:
+        case [{"detection": _} as rule]:
+            name = str(rule.get("name", "rule"))
+            alone = {"type": "event_count", "rules": [name], "timespan": "1s", "condition": {"gte": 1}}
+            return [{**rule, "name": name}, {"title": name, "correlation": alone}]
+        case _:
+            return found
 
 
-def _items(rule: Any) -> list[Any]:
-    """The items of all detections of a rule."""
-    found, todo = [], [*rule.detection.detections.values()]
-    while todo:
-        one = todo.pop()
-        if hasattr(one, "detection_items"):
-            todo += one.detection_items
-        else:
-            found.append(one)
-    return found
+def _root(converted: list[Any]) -> Any:
+    """What asks for all other rules."""
+    if len(converted) != 1:
+        found = ", ".join(one["title"] for one in converted) or "none"
+        raise ValueError(f"there has to be one correlation, of all the rules and other correlations; there is: {found}")
+    return converted[0]
+
+
+def _grouped(rule: Any) -> list[str]:
+    """The fields by which a correlation groups or counts."""
+    counted = getattr(getattr(rule, "condition", None), "fieldref", None)
+    aliases = [field for alias in getattr(rule, "aliases", ()) for field in alias.mapping.values()]
+    return [*(getattr(rule, "group_by", None) or ()), *([counted] if isinstance(counted, str) else ()), *aliases]
+
+
+def _is_found(pattern: str, value: object) -> bool:
+    return value is not None and re.search(pattern, str(value)) is not None
 
 
 def _alike(value: Json) -> object:
-    """What values have in common that Sigma takes for the same."""
+    """What values have in common that Sigma takes for the same; groups are kept as JSON, in which SQLite writes 15 digits."""
     stored = _stored(value)
-    return stored.lower() if isinstance(stored, str) else stored
+    return stored.lower() if isinstance(stored, str) else stored if stored is None else float(f"{stored:.15g}")
 
 
 def _stored(value: Json) -> str | float | None:
@@ -170,8 +169,17 @@ def _stored(value: Json) -> str | float | None:
     if value is None or isinstance(value, str):
         return value if value is None else value.encode("utf-8", "backslashreplace").decode()
     if isinstance(value, bool | Mapping | list):
-        return json.dumps(value)
+        return json.dumps(_numbered(value), sort_keys=True)
     number: int | float = value
     if abs(number) < 2**53 or isinstance(number, float):
         return number
     return float(number) if abs(number) < 2**1023 else f"integer {number:x}"
+
+
+def _numbered(value: Json) -> Json:
+    """A value with one way to write each number in it."""
+    if isinstance(value, Mapping):
+        return {name: _numbered(inner) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_numbered(inner) for inner in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value

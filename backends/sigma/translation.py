@@ -1,197 +1,267 @@
-"""From a tree to Sigma: a rule for each event, and one correlation of the rules.
+"""From a tree to Sigma: a rule for each event, and correlations of the rules.
 
-A correlation asks for rules and not for events: one event that fits two rules serves both. So no two events of a tree may fit the same one.
+A correlation knows when its last event was, and asks for rules and not for events: of two rules without order one event can fit both, while in
+`temporal_ordered` each comes later than those before. So what is in sequence becomes chains of single events, of which all are asked for, or one, each
+event as early as it can be; and events that can be the same one are tried in every order.
 Sigma has no types: what a number, a boolean and a text have in common it does not tell apart, so constants that could be taken for others are refused.
 """
 
 import re
-from collections.abc import Iterator, Mapping
-from itertools import combinations
-from typing import Any, Final, NoReturn
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from functools import reduce
+from itertools import chain, combinations, product, takewhile
+from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
-from rvaft.analysis.normal_form import NormalForm, Op, Part, normal_form
-from rvaft.errors import NotExpressible, TooLarge, TreeError, installed
+from backends.nests import Nest, Nesting, in_every_order
+from rvaft.analysis.normal_form import Op
+from rvaft.errors import NotExpressible, TooLarge, installed
 from rvaft.model.expressions import time_text
+from rvaft.model.guards import variables
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import NUMBER, Json, equal
 from rvaft.model.verdict import Semantics
 
-FOREVER: Final = "36500d"
-"""The timespan where a tree has no window: a hundred years, while the events that have no times stand 1 s apart."""
+_DAYS: Final = 50_000
+FOREVER: Final = f"{_DAYS}d"
+"""The timespan where a tree has no window: longer than any trace is."""
 _SECOND: Final = 1_000_000_000
 _ODD: Final = re.compile(r"[\0-\2\ud800-\udfff]")
 _COLUMN: Final = re.compile(r"rowid|oid|_rowid_|rvaft_.*", re.IGNORECASE)
 """What columns of a table are called that are no fields."""
+_UNIT: Final = "rules of the correlation"
+_MIXED: Final = "one event can fit two rules, and a correlation does not tell that it is one"
+_WINDOW: Final = (
+    "a correlation has one timespan, from the first of its events, and tells others only when its last one was"
+)
+
+Chain: TypeAlias = tuple[Nest, ...]
+"""Single events one after the other, each perhaps one of several; the first may be a nest with a window."""
+
+
+class Junction(NamedTuple):
+    """Of its parts `need` are asked for."""
+
+    need: int
+    parts: "list[Chain | Junction]"
 
 
 class SigmaRules:
-    """One translation of a tree; `plain` is the same without counted leaves, `pand` and windows. `limit` counts rules."""
+    """One translation of a tree; `plain` is the same without counted leaves, `pand` and windows. `limit` counts rules and correlations."""
 
     def __init__(self, tree: RVAFT, plain: RVAFT, semantics: Semantics, limit: int) -> None:
-        self._tree, self._whole, self._semantics, self._limit = plain, tree, semantics, limit
-        self._form: NormalForm = normal_form(plain)
-        self._names: dict[str, str] = {}
-        self._variables: dict[str, dict[str, str]] = {}
+        self._tree, self._semantics, self._limit = plain, semantics, limit
+        self._documents: dict[str, dict[str, Any]] = {}
+        self._names: dict[object, str] = {}
+        self._bound: dict[str, dict[str, str]] = {}
         """Of each rule the fields of its variables."""
+        self._written = 0
+        if guards := [node.name for node in plain.top_down() if variables(node.when)]:
+            self._refuse("Sigma compares without types: to it a text is more than any number", guards)
+        asked = {tree.origins.get(n.name, n.name): n.within for n in tree.top_down() if n.within is not None}
+        self._windows = {name: asked[old] for name in plain.nodes if (old := plain.origins.get(name, name)) in asked}
+        self._time = time_text(tree.time) if asked and tree.time is not None else None
+        self._groups = self._grouped()
 
     def text(self) -> tuple[str, int]:
         """The documents, and how many symbols they have."""
         yaml = installed("yaml", "PyYAML", "pip install '.[sigma]' in a checkout of rvaft")
-        if not self._form.feasible:
-            message = f"no scenario of {self._tree.root} is feasible"
-            raise TreeError(message, rule="no-scenario", nodes=[self._tree.root])
-        if guards := [node for number, _ in self._form.guards for node in [self._form.parts[number].node]]:
-            self._refuse("Sigma compares without types: to it a text is more than any number", *guards)
-        correlation, rules = self._correlation()
-        documents = [*rules, {"title": self._title(), "correlation": correlation}]
-        if self._time is not None:
-            documents[-1]["rvaft"] = self._time
-        text = "---\n".join(
-            yaml.safe_dump(one, sort_keys=False, allow_unicode=False, width=10_000) for one in documents
-        )
-        return text, len(re.findall(r"\w+|\S", text))
+        tied, refused = self._groups, lambda _, nodes: self._refuse(_WINDOW, nodes)
+        nest = Nesting(self._tree, self._windows, refused, limit=10 * self._limit, unit=_UNIT, free=tied).nest()
+        title = _ODD.sub("?", self._tree.root)[:256].strip() or "tree"
+        whole = {"title": title, "correlation": self._correlation(nest)}
+        whole |= {} if self._time is None else {"rvaft": self._time}
+        documents = [*sorted(self._documents.values(), key=lambda one: "correlation" in one), whole]
+        texts = [yaml.safe_dump(one, sort_keys=False, allow_unicode=False, width=10_000) for one in documents]
+        return "---\n".join(texts), len(re.findall(r"\w+|\S", "---\n".join(texts)))
 
-    def _title(self) -> str:
-        return _ODD.sub("?", self._tree.root)[:256].strip() or "tree"
-
-    def _refuse(self, reason: str, *nodes: str) -> NoReturn:
+    def _refuse(self, reason: str, nodes: Iterable[str]) -> NoReturn:
         named = dict.fromkeys(self._tree.origins.get(name, name) for name in nodes)
         raise NotExpressible(reason, backend="sigma", semantics=self._semantics, nodes=named)
 
-    # -- the correlation
+    def _fits(self, size: int) -> None:
+        if size > self._limit:
+            raise TooLarge(_UNIT, limit=self._limit)
 
-    def _correlation(self) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-        form, parts = self._form, self._form.parts
-        place = {name: at for at, name in enumerate(self._tree.order)}
-        events = [number for number in form.kept() if parts[number].op is Op.EVENT]
-        events.sort(key=lambda number: place[parts[number].node])
-        if len(events) > self._limit:
-            raise TooLarge("rules of the correlation", limit=self._limit)
-        ordered = any(parts[number].op is Op.SEQUENCE for number in form.kept())
-        steps = self._steps() if ordered else [[number] for number in events]
-        for one, other in combinations(steps, 2):
-            for first in one:
-                for second in other:
-                    nodes = parts[first].node, parts[second].node
-                    if not disjoint(*(self._pattern(node) for node in nodes)):
-                        self._refuse(
-                            "one event can fit two rules, and a correlation does not tell that it is one", *nodes
-                        )
-        named = {number: self._name(parts[step[0]].node) for step in steps for number in step}
-        rules = [self._rule(named[step[0]], [parts[number].node for number in step]) for step in steps]
-        names = list(dict.fromkeys(named.values()))
-        found: dict[str, Any] = {"type": "temporal_ordered" if ordered else "temporal", "rules": names}
-        found |= self._grouped(names, [len(step) for step in steps])
-        found["timespan"] = self._timespan()
-        root = parts[form.root]
-        if not ordered and len(names) > 1 and (root.op is not Op.ALL or self._nested(root)):
-            simple = root.op in (Op.ONE, Op.AT_LEAST) and not self._nested(root)
-            found["condition"] = {"gte": root.need} if simple else self._condition(form.root, named)
-        return found, rules
+    # -- correlations
 
-    def _nested(self, root: Part) -> bool:
-        return any(self._form.parts[one].op is not Op.EVENT for one in root.parts)
+    def _correlation(self, nest: Nest) -> dict[str, Any]:
+        """What first holds when a nest has been there, within its window."""
+        within, nest = nest.within, replace(nest, within=None)
+        if mixed := self._mixed(nest):
+            nest = self._in_every_order(mixed, _MIXED)
+        ordered = any(one.op is Op.SEQUENCE or one.within for one in nest.inside())
+        if ordered and within is not None and nest.op is not Op.ONE and not self._is_chain(nest):
+            nest = self._in_every_order(nest.nodes(), _WINDOW)
+        if self._is_chain(nest):
+            return self._sequence(nest.parts, within)
+        formula: Chain | Junction
+        if ordered and within is not None:  # each way has a timespan of its own
+            ways = [(replace(one, within=within) if one.parts else one,) for one in nest.parts]
+            formula, within = Junction(1, [*ways]), None
+        else:
+            formula = self._after((), nest)
+        if not isinstance(formula, Junction) and len(formula) > 1:
+            return self._sequence(formula, within)
+        names: dict[str, None] = {}
+        condition = self._condition(formula, names)
+        further: dict[str, Any] = {}
+        if isinstance(formula, Junction) and len(names) > 1 and condition != f"({' and '.join(names)})":
+            flat = len(names) == len(formula.parts) and not any(isinstance(one, Junction) for one in formula.parts)
+            further = {"condition": {"gte": formula.need} if flat else condition}
+        return self._of("temporal", [*names], within, **further)
 
-    def _steps(self) -> list[list[int]]:
-        """The events in sequence, each step one of several."""
-        parts, found = self._form.parts, list[list[int]]()
-        todo = [self._form.root]
-        while todo:
-            part = parts[number := todo.pop()]
-            match part.op:
-                case Op.SEQUENCE | Op.ALL if part.op is Op.SEQUENCE or len(part.parts) < 2:
-                    todo += part.parts[::-1]
-                case Op.EVENT:
-                    found.append([number])
-                case Op.ONE if all(parts[one].op is Op.EVENT for one in part.parts):
-                    found.append([*part.parts])
-                case _:
-                    self._refuse("a correlation puts single events in order, and no parts that have several", part.node)
-        if len({number for step in found for number in step}) < sum(map(len, found)):
-            self._refuse("an event is in two steps of a sequence")
-        return found
+    def _sequence(self, steps: Chain, within: int | None) -> dict[str, Any]:
+        """Events one after the other; equal ones before all others are counted."""
+        equal_ones = len([*takewhile(lambda one: self._key(one) == self._key(steps[0]), steps)])
+        counted = equal_ones > 1 and (within is None or equal_ones == len(steps))
+        names = list[str]()
+        if counted:
+            count = self._of("event_count", [self._rule(steps[0], 0)], within, condition={"gte": equal_ones})
+            if equal_ones == len(steps):
+                return count
+            names, steps = [self._child(count)], steps[equal_ones:]
+        keys = [self._key(one) for one in steps]
+        names += [self._rule(one, keys[:number].count(keys[number])) for number, one in enumerate(steps)]
+        return self._of("temporal_ordered", names, within)
 
-    def _condition(self, number: int, named: Mapping[int, str]) -> str:
-        """What has to be there, over the names of rules."""
-        part = self._form.parts[number]
-        if part.op is Op.EVENT:
-            return named[number]
-        below = [self._condition(one, named) for one in part.parts]
-        if not below:
-            self._refuse("an alternative asks for no event", part.node)
-        if part.op is Op.AT_LEAST:
-            below = [f"({' and '.join(way)})" if way[1:] else way[0] for way in self._ways(below, part.need)]
-        joined = (" and " if part.op is Op.ALL else " or ").join(below)
-        if len(joined) > 200 * self._limit:
-            raise TooLarge("rules of the correlation", limit=self._limit)
-        return f"({joined})" if below[1:] else joined
+    def _of(self, kind: str, names: list[str], within: int | None, **further: Any) -> dict[str, Any]:
+        """A correlation of rules and correlations; its groups have the same values in the variables."""
+        if within is not None and (within < _SECOND or within % _SECOND or within > _DAYS * 86_400 * _SECOND):
+            self._refuse("a timespan is of whole seconds, one or more", self._windows)
+        bound = {name: self._bound[name] for name in names if name in self._bound}
+        aliases = {
+            alias: {name: bound[name][one] for name in bound}
+            for one, alias in self._groups.items()
+            if alias.startswith("rvaft_")
+        }
+        found: dict[str, Any] = {"type": kind, "rules": names}
+        found |= {"aliases": aliases} if bound and aliases else {}
+        found |= {"group-by": [*dict.fromkeys(self._groups.values())]} if self._groups else {}
+        return found | {"timespan": FOREVER if within is None else f"{within // _SECOND}s", **further}
 
-    def _ways(self, below: list[str], need: int) -> Iterator[tuple[str, ...]]:
-        for count, way in enumerate(combinations(below, need)):
-            if count > self._limit:
-                raise TooLarge("rules of the correlation", limit=self._limit)
-            yield way
+    def _child(self, correlation: dict[str, Any]) -> str:
+        """The name of a correlation that another one asks for."""
+        if (key := str(correlation)) not in self._names:
+            times = "_times" if correlation["type"] == "event_count" else ""
+            name = self._named(key, "_".join(correlation["rules"])[:60] + times)
+            self._documents[name] = {"title": name, "name": name, "correlation": correlation}
+            self._fits(len(self._documents))
+        return self._names[key]
 
-    def _timespan(self) -> str:
-        asked = {n.name: n.within for n in self._whole.top_down() if n.within is not None}
-        self._time = time_text(self._whole.time) if asked and self._whole.time is not None else None
-        if not asked:
-            return FOREVER
-        within = asked.pop(self._whole.root, None)
-        if asked or within is None:
-            self._refuse("a correlation has one timespan, and so one window, around all", *asked)
-        if within < _SECOND or within % _SECOND or within > 36_500 * 86_400 * _SECOND:
-            self._refuse("a timespan is of whole seconds, one or more", self._whole.root)
-        return f"{within // _SECOND}s"
+    def _grouped(self) -> dict[str, str]:
+        """The variables that all events have, each with the field that all have it in, or an alias of their fields."""
+        fields = {n.name: dict(_places(self._pattern(n.name), ())) for n in self._tree.top_down() if n.has_event}
+        names = list(dict.fromkeys(chain.from_iterable(fields.values())))
+        shared = sorted(name for name in names if sum(name in one for one in fields.values()) > 1)
+        for name in shared:
+            if lacking := [node for node, one in fields.items() if name not in one]:
+                self._refuse(f"a correlation groups by what all of its events have, and not all have {name}", lacking)
+        by = {name: {one[name] for one in fields.values()} for name in shared}
+        several = [name for name in shared if len(by[name]) > 1]
+        return {name: f"rvaft_{several.index(name)}" if name in several else min(by[name]) for name in shared}
 
-    def _grouped(self, names: list[str], alternatives: list[int]) -> dict[str, Any]:
-        """Variables that all events have."""
-        shared = {name for fields in self._variables.values() for name in fields}
-        shared = {name for name in shared if sum(name in one for one in self._variables.values()) > 1}
-        for name in sorted(shared):
-            lacking = [rule for rule in names if name not in self._variables.get(rule, {})]
-            if lacking or max(alternatives) > 1:
-                self._refuse(f"a correlation groups by what all of its events have, and not all have {name}")
-        by = {name: {rule: self._variables[rule][name] for rule in names} for name in sorted(shared)}
-        same = {name: next(iter(fields.values())) for name, fields in by.items() if len(set(fields.values())) == 1}
-        others = [fields for name, fields in by.items() if name not in same]
-        aliases = {f"rvaft_{number}": fields for number, fields in enumerate(others)}
-        found: dict[str, Any] = {"aliases": aliases} if aliases else {}
-        return found | ({"group-by": [*dict.fromkeys(same.values()), *aliases]} if by else {})
+    # -- which events come after which
+
+    def _after(self, before: Chain | Junction, nest: Nest, *, step: bool = False) -> Chain | Junction:
+        """What has a nest after each of its chains."""
+        self._written += 1
+        self._fits(self._written // 100)
+        if isinstance(before, Junction) and (step or nest.op is Op.EVENT):
+            return Junction(before.need, [self._after(one, nest, step=step) for one in before.parts])
+        if nest.within is not None and before:
+            self._refuse(_WINDOW, nest.nodes())
+        if step or nest.op is Op.EVENT or nest.within is not None:
+            return (*before, nest)
+        if nest.op is Op.SEQUENCE:
+            return reduce(lambda done, one: self._after(done, one, step=self._is_step(one)), nest.parts, before)
+        need = len(nest.parts) if nest.op is Op.ALL else max(1, nest.need)
+        return Junction(need, [self._after(before, one) for one in nest.parts])
+
+    def _condition(self, formula: Chain | Junction, names: dict[str, None]) -> str:
+        """A formula over the names of rules and correlations, which are added to the names."""
+        if not isinstance(formula, Junction):
+            name = self._rule(formula[0], 0) if len(formula) == 1 else self._child(self._sequence(formula, None))
+            names[name] = None
+            return name
+        texts = [self._condition(one, names) for one in formula.parts]
+        ways = list[str]()
+        for way in [texts] if formula.need == 1 else combinations(texts, formula.need):
+            ways.append(f"({(' or ' if formula.need == 1 else ' and ').join(way)})")
+            self._fits(sum(map(len, ways)) // 200)
+        return ways[0] if len(ways) == 1 else f"({' or '.join(ways)})"
+
+    def _mixed(self, nest: Nest) -> list[str]:
+        """Two events without order that can be the same one."""
+        for one, other in combinations(nest.parts, 2) if nest.op in (Op.ALL, Op.AT_LEAST) else ():
+            for nodes in product(one.nodes(), other.nodes()):
+                if not disjoint(*map(self._pattern, nodes)):
+                    return [*nodes]
+        return next(filter(None, map(self._mixed, nest.parts)), [])
+
+    def _in_every_order(self, nodes: Iterable[str], reason: str) -> Nest:
+        """The whole tree as one of all orders in which its events can come; refused for a reason where there are windows in it."""
+        if any(name != self._tree.root for name in self._windows):
+            self._refuse(reason, nodes)
+        return in_every_order(self._tree, limit=10 * self._limit)
+
+    def _is_step(self, nest: Nest) -> bool:
+        """Whether a rule says it: an event, or one of several."""
+        several = nest.op is Op.ONE and not self._groups and all(one.op is Op.EVENT for one in nest.parts)
+        return nest.within is None and (nest.op is Op.EVENT or several)
+
+    def _is_chain(self, nest: Nest) -> bool:
+        return nest.op is Op.SEQUENCE and all(map(self._is_step, nest.parts))
 
     # -- a rule
 
-    def _name(self, node: str) -> str:
-        """A name of letters and digits that no other rule has."""
-        word = re.sub(r"[^a-z0-9_]", "_", node.lower()) or "_"
+    def _named(self, key: object, wish: str) -> str:
+        """A name of letters and digits that no other rule has, for what has a key."""
+        word = re.sub(r"[^a-z0-9_]", "_", wish.lower()) or "_"
         word = f"e_{word}" if word in ("and", "or", "not", "of") or not word[0].isalpha() else word
-        while word in self._names.values():
+        while word in self._documents:
             word += "_"
-        return self._names.setdefault(node, word)
+        return self._names.setdefault(key, word)
 
     def _pattern(self, node: str) -> Pattern:
         pattern = self._tree.pattern(node)
         assert pattern is not None, "only nodes with events are observed"
         return pattern
 
-    def _rule(self, name: str, nodes: list[str]) -> dict[str, Any]:
+    def _key(self, step: Nest) -> object:
+        """What equal steps have in common."""
+        return step if step.within is not None else tuple(map(self._pattern, step.nodes()))
+
+    def _rule(self, step: Nest, number: int) -> str:
+        """The name of the rule for the events of a step, another one for each number; or of the correlation for a nest with a window."""
+        if step.within is not None:
+            return self._child(self._correlation(step))
+        if (key := (self._key(step), number)) not in self._names:
+            nodes = step.nodes()
+            name = self._named(key, nodes[0].partition("[")[0])
+            self._documents[name] = self._detecting(name, nodes)
+            self._bound[name] = dict(_places(self._pattern(nodes[0]), ()))
+            self._fits(len(self._documents))
+        return self._names[key]
+
+    def _detecting(self, name: str, nodes: list[str]) -> dict[str, Any]:
         """A rule that an event of one of the nodes fits."""
         detection: dict[str, Any] = {}
         for number, node in enumerate(nodes):
-            detection["selection" if len(nodes) == 1 else f"selection{number}"] = self._selection(name, node)
+            detection["selection" if len(nodes) == 1 else f"selection{number}"] = self._selection(node)
         condition = "selection" if len(nodes) == 1 else "1 of selection*"
         logsource = {"category": "rvaft"}
         return {"title": name, "name": name, "logsource": logsource, "detection": {**detection, "condition": condition}}
 
-    def _selection(self, rule: str, node: str) -> dict[str, Any]:
+    def _selection(self, node: str) -> dict[str, Any]:
         found: dict[str, Any] = {}
-        bound: dict[str, str] = {}
+        bound = set[str]()
         todo: list[tuple[tuple[str, ...], Pattern]] = [((), self._pattern(node))]
         while todo:
             way, part = todo.pop(0)
             if way and (not re.fullmatch(r"[^.|\0-\x1f\ud800-\udfff]+", way[-1]) or _COLUMN.fullmatch(way[0])):
-                self._refuse("the name of a field has a meaning of its own in Sigma or in a table", node)
+                self._refuse("the name of a field has a meaning of its own in Sigma or in a table", [node])
             field = ".".join(way)
             match part:
                 case ObjectPattern(inner) if inner:
@@ -204,24 +274,32 @@ class SigmaRules:
                         or value[0] in "[{"
                         or _ODD.search(value)
                     ):
-                        self._refuse("Sigma has no types: it takes the text for another value", node)
+                        self._refuse("Sigma has no types: it takes the text for another value", [node])
                     found[f"{field}|cased"] = re.sub(r"([\\*?])", r"\\\1", value)
                 case Literal(value) if _plain_number(value):
                     found[field] = value
                 case Literal():
-                    self._refuse("Sigma has no types, and no null: it takes the constant for another value", node)
+                    self._refuse("Sigma has no types, and no null: it takes the constant for another value", [node])
                 case Variable(name) if name in bound:
-                    self._refuse("no rule compares two fields of an event by value", node)
+                    self._refuse("no rule compares two fields of an event by value", [node])
                 case Variable() | Anything():
                     found[f"{field}|exists"] = True
-                    bound |= {part.name: field} if isinstance(part, Variable) else {}
+                    bound |= {part.name} if isinstance(part, Variable) else set()
                 case _:
-                    self._refuse("no rule asks for the length of a list, or whether a value is an object", node)
+                    self._refuse("no rule asks for the length of a list, or whether a value is an object", [node])
         if len({name.partition("|")[0].lower() for name in found}) < len(found):
-            self._refuse("two fields of an event differ in case alone, which no table tells apart", node)
-        own = self._variables.setdefault(rule, {})
-        own |= {name: field for name, field in bound.items() if not name.startswith("_")}
+            self._refuse("two fields of an event differ in case alone, which no table tells apart", [node])
         return found
+
+
+def _places(pattern: Pattern, way: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+    """The variables of a pattern that other events can have, with their fields."""
+    match pattern:
+        case Variable(name) if not name.startswith("_"):
+            yield name, ".".join(way)
+        case ObjectPattern(fields):
+            for step, inner in fields:
+                yield from _places(inner, (*way, step))
 
 
 def _plain_number(value: Json) -> bool:

@@ -154,6 +154,8 @@ class Backend(ABC):
     highlighting: ClassVar[Highlighting | None] = None
     """How its texts are highlighted in a listing in LaTeX, if they are."""
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics) - {Semantics.CONSECUTIVE}
+    unskipped: ClassVar[str] = "the language has no way to say it"
+    """Why the language says no semantics but those, in a few words."""
     untimed: ClassVar[str] = "the language has no times"
     """Why its texts cannot ask for the times of events; empty where they can."""
     default_limit: ClassVar[int]
@@ -197,7 +199,7 @@ class Backend(ABC):
         """
         timed = [node.name for node in tree.top_down() if asks_for_time(node)]
         if semantics not in self.semantics:
-            raise NotExpressible("the language has no way to say it", backend=self.name, semantics=semantics)
+            raise NotExpressible(self.unskipped, backend=self.name, semantics=semantics)
         if tree.time is not None and tree.time.late is not None:
             reason = "which events are late the events before them say, and a text asks of each event by itself"
             raise NotExpressible(reason, backend=self.name, semantics=semantics)

@@ -41,6 +41,7 @@ class EqlBackend(Backend):
     extra: ClassVar[str] = "eql"
     modules: ClassVar[tuple[str, ...]] = ("eql",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+    unskipped: ClassVar[str] = "between the events of a sequence EQL skips all others"
     untimed: ClassVar[str] = "of times EQL has `maxspan` alone: how long a whole sequence may take"
     default_limit: ClassVar[int] = 1_000
 

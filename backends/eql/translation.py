@@ -83,13 +83,11 @@ class EqlText:
 
     def __init__(self, backend: Backend, tree: RVAFT, semantics: Semantics, limit: int) -> None:
         self._backend, self._semantics = backend, semantics
-        if semantics not in backend.semantics:
-            raise self._refusal("between the events of a sequence EQL skips all others")
         self._windows = {node.name: node.within for node in tree.nodes.values() if node.within is not None}
         self._time = tree.time if self._windows else None
         if self._windows:
             tree = tree.changed(nodes=[replace(node, within=None) for node in tree.nodes.values()])
-        if max(node.times for node in tree.nodes.values()) > limit:
+        if semantics in backend.semantics and max(node.times for node in tree.nodes.values()) > limit:
             raise TooLarge("events of all orders in which they may come", limit=limit)
         plain = backend.plain(tree, semantics)
         self._windows = {

@@ -38,6 +38,7 @@ class MtlBackend(Backend):
     extra: ClassVar[str] = "mtl"
     modules: ClassVar[tuple[str, ...]] = ("reelay",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+    unskipped: ClassVar[str] = "a chain of `once` skips what comes between its events"
     untimed: ClassVar[str] = "its discrete time counts events, and windows are of clocks"
     default_limit: ClassVar[int] = 5_000
 

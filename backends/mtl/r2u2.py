@@ -55,6 +55,7 @@ class MtlR2u2Backend(Backend):
     readable: ClassVar[bool] = False
     verdicts: ClassVar[frozenset[Verdict]] = MtlBackend.verdicts
     semantics: ClassVar[frozenset[Semantics]] = MtlBackend.semantics
+    unskipped: ClassVar[str] = MtlBackend.unskipped
     untimed: ClassVar[str] = MtlBackend.untimed
     default_limit: ClassVar[int] = MtlBackend.default_limit
 

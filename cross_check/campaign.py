@@ -70,7 +70,7 @@ def _above(gate: Gate, children: str, further: str) -> tuple[str, str]:
 
 
 def catalogue() -> Iterator[Entry]:
-    """All trees of the run without arguments: small ones first, and early those that tell most."""
+    """All trees of the run without arguments: early those that are small and tell most."""
     yield from _single(1, 2)
     yield from starmap(_entry, _WRITTEN.items())
     tree = loads("r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
@@ -94,11 +94,11 @@ def catalogue() -> Iterator[Entry]:
     for (name, guard), gate in product(GUARDS.items(), ("sand", "and")):
         yield _entry(f"{gate}, a guard with {name}", f"r {gate} a b; a on at(P, S); b on at(Q, T) when {guard};")
     yield from starmap(_entry, (_WRITTEN_LATE | _IN_PRACTICE).items())
+    yield from _single(3, 4)  # these take long: at the end no process waits for another
     for outer, inner in product(Gate, repeat=2):
         above, upper = _above(outer, "a g" if outer.counts else "g a", "d")
         below, lower = _above(inner, "b c", "e")
         yield _entry(f"{above} over {below}", f"r {above} {upper}; g {below} {lower};")
-    yield from _single(3, 4)
 
 
 _WRITTEN: Final = {

@@ -82,6 +82,7 @@ class Transitions:
         self.types = EventTypes(program)
         self.start: Final = self.terms.body("Main")
         self._taken: dict[tuple[RmlTerm, Hashable], RmlTerm | None] = {}
+        self._matched: dict[tuple[RmlTerm, Hashable, bool], list[Bindings]] = {}
 
     def step(self, term: RmlTerm, event: Json) -> RmlTerm | None:
         """The term after the event, or None where no rule applies; raises `TooLarge` where unfolding finds no end."""
@@ -91,12 +92,27 @@ class Transitions:
         except KeyError:
             pass
         after = None
-        for term_after, bound in run(_RmlStep(self, event).ways(term, True))[:1]:
+        for term_after, bound in run(_RmlStep(self, event, asked[1]).ways(term, True))[:1]:
             after = self.terms.canonical(self.terms.opened(term_after, bound))
         if len(self._taken) >= _REMEMBERED:
             self._taken.clear()
         self._taken[asked] = after
         return after
+
+    def matches(self, term: RmlTerm, event: Json, known: Hashable, *, first: bool) -> list[Bindings]:
+        """What the ways bind in which an event, with what it is `known` by, matches the type of a term; the first one alone, if that will do."""
+        asked = term, known, first
+        if asked not in self._matched:
+            found: list[Bindings] = []
+            for bound in self.types.matches(term.data, event):
+                if not any(all(_agree(bound[name], other[name]) for name in bound) for other in found):
+                    found.append(bound)
+                if first:
+                    break
+            if len(self._matched) >= _REMEMBERED:
+                self._matched.clear()
+            self._matched[asked] = found
+        return self._matched[asked]
 
     def may_halt(self, term: RmlTerm) -> bool:
         """Whether a trace may end here; each term remembers its answer. Raises `TooLarge` where unfolding finds no end."""
@@ -140,10 +156,11 @@ def _check_depth(depth: int) -> None:
 class _RmlStep:
     """One event."""
 
-    def __init__(self, transitions: Transitions, event: Json) -> None:
+    def __init__(self, transitions: Transitions, event: Json, known: Hashable) -> None:
         self.terms = transitions.terms
         self.transitions = transitions
         self.event = event
+        self._event_known = known
         self._opened = 0
         self._depth = 0
         self._known: dict[tuple[RmlTerm, bool], list[Way]] = {}
@@ -168,12 +185,7 @@ class _RmlStep:
             case "empty" | "nothing":
                 return []
             case "event":
-                found: list[Bindings] = []
-                for bound in self.transitions.types.matches(term.data, self.event):
-                    if not any(all(_agree(bound[name], other[name]) for name in bound) for other in found):
-                        found.append(bound)
-                    if first:
-                        break
+                found = self.transitions.matches(term, self.event, self._event_known, first=first)
                 return [(terms.empty, bound) for bound in found]
             case "or":
                 for part in parts[:-1]:

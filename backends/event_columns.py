@@ -14,7 +14,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, NamedTuple, Self
+from typing import ClassVar, Final, NamedTuple, Self
 
 from rvaft.analysis.truth_conditions import Unsayable
 from rvaft.errors import LanguageError
@@ -30,8 +30,8 @@ from rvaft.model.values import Json, is_finite, is_number
 ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
 EXACT: Final = 2**46
 """Numbers that columns hold are less: sums of some of them are exact as doubles, too."""
-LONGEST: Final = 2**61
-"""So are times, and durations, in nanoseconds; the difference of two of them has 62 bits."""
+LONGEST: Final = 22 * 10**17
+"""So are times, and durations, in nanoseconds: up to 2039. The difference of two of them, and some years, has 63 bits with its sign."""
 _FITS: Final = re.compile(r"(\w+) := (.*)")
 _HAS: Final = re.compile(rf"(\w+) ({'|'.join(ASPECTS)}) of (.*)")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
@@ -72,9 +72,13 @@ class ValueColumn(NamedTuple):
             case _ if not is_number(found):
                 return None
             case "time":
-                return _bounded(int(found), LONGEST)
+                if abs(found) >= LONGEST:
+                    raise OverflowError("a time of 2.2e18 ns or more is no exact one there")
+                return int(found)
+            case _ if abs(found) >= EXACT:
+                raise OverflowError("a number of 2**46 or more is no exact one there")
             case _:
-                return float(_bounded(found, EXACT)) + 0.0  # no zero is negative
+                return float(found) + 0.0  # no zero is negative
 
 
 @dataclass(slots=True)
@@ -169,12 +173,6 @@ def _plain(value: Json) -> Json:
     return value
 
 
-def _bounded(number: float, most: int) -> Any:
-    if abs(number) >= most:
-        raise OverflowError(f"a number of 2**{most.bit_length() - 1} or more is no exact one there")
-    return number
-
-
 def constant(literal: Literal, aspect: str) -> Json:
     """What stands in a column for a constant; raises `Unsayable` where none holds it exactly."""
     number = literal.value
@@ -202,7 +200,7 @@ def require_exact_sums(*terms: Guard, time: bool) -> None:
                 return unit
 
     unit = LONGEST - 1 if time else EXACT - 1
-    if max(map(reach, terms)) >= (2 * LONGEST if time else 2**53):
+    if max(map(reach, terms)) >= (2**62 if time else 2**53):
         raise Unsayable("its sums are too long to be calculated exactly")
 
 

@@ -85,8 +85,8 @@ def test_rows_and_what_they_cannot_hold() -> None:
     assert row == {
         "is_a": True, "a_x_text": "2", "a_at_a_time": 2_000_000_000, "is_b": False, "b_x_text": None, "b_at_b_time": None,
     }  # fmt: skip
-    assert header.left_open([{"v": 1, "w": "*/ '", "t": 10**12}]) == "a number of 2**61 or more is no exact one there"
-    assert header.left_open([{"v": 1, "w": "*/ '", "t": 2_300_000_000}]) == ""  # the year 2042
+    assert header.left_open([{"v": 1, "w": "*/ '", "t": 10**12}]) == "a time of 2.2e18 ns or more is no exact one there"
+    assert header.left_open([{"v": 1, "w": "*/ '", "t": 2_190_000_000}]) == ""  # the year 2039
     sums = RowHeader.read(emitted(EVENTS + "top sand a b; a on e(X); b on e(Y) when Y + X > 3;"))
     assert sums.left_open([{"e": 2**46 - 1}]) == ""
     assert sums.left_open([{"e": 2**46}]) == "a number of 2**46 or more is no exact one there"

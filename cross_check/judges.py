@@ -22,6 +22,8 @@ MONPOLY: Final = "mfotl-monpoly"
 VERIMON: Final = "mfotl-verimon"
 R2U2: Final = "mtl-r2u2"
 FLINK: Final = "match-recognize-flink"
+FLINK_LIMIT: Final = 200
+"""So many events of all orders a text may have for Flink, which takes minutes over more."""
 
 Traces: TypeAlias = Sequence[Sequence[Json]]
 
@@ -46,7 +48,7 @@ def r2u2_of(part: RVAFT, semantics: Semantics, program: Path, *, timeout: float)
 def flink_of(part: RVAFT, semantics: Semantics) -> Outside:
     """Apache Flink with the MATCH_RECOGNIZE text of a tree; absent where that cannot be said, or PyFlink is not installed."""
     flink.tables()
-    made = backend("match-recognize").translate(part, semantics)
+    made = backend("match-recognize").translate(part, semantics, limit=FLINK_LIMIT)
     return _judge(
         FLINK,
         made,

@@ -10,7 +10,7 @@ from time import perf_counter
 from typing import ClassVar
 
 from backends.sql.dialects import DIALECTS
-from backends.sql.reader import DuckDb, SqliteTable, query
+from backends.sql.reader import query
 from backends.sql.translation import SqlQuery
 from rvaft.backend import Backend, Highlighting, Match, Specification
 from rvaft.errors import NotExpressible, OptionError
@@ -56,19 +56,19 @@ class SqlBackend(Backend):
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a query, whoever wrote it; raises `LanguageError`."""
-        asked = query(text, SqliteTable)
+        asked = query(text, self.dialect)
         return DetectionMonitor(asked.first_detections, asked.left_open)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """By `duckdb`: a monitor that runs a query in that dialect; raises `LanguageError`, and `ToolMissing`."""
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
-        asked = query(text, DuckDb)
+        asked = query(text, tool)
         return DetectionMonitor(asked.first_detections, asked.left_open)
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
         """All matches in each trace, where the text says that its rows are these."""
-        asked = query(text, SqliteTable)
+        asked = query(text, self.dialect)
         return asked.matches(traces) if asked.every else None
 
     @classmethod
@@ -89,15 +89,6 @@ class SqlDuckdbBackend(SqlBackend):
     form_of: ClassVar[str | None] = "sql"
     extra: ClassVar[str] = "duckdb"
     modules: ClassVar[tuple[str, ...]] = ("duckdb",)
-
-    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """A monitor that runs a query by DuckDB; raises `LanguageError`, and `ToolMissing`."""
-        return self.read_with("duckdb", text, atoms=atoms)
-
-    def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
-        """All matches in each trace, where the text says that its rows are these."""
-        asked = query(text, DuckDb)
-        return asked.matches(traces) if asked.every else None
 
 
 class SqlPostgresBackend(SqlBackend):

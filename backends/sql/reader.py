@@ -10,10 +10,10 @@ import os
 import re
 import signal
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, lru_cache
 from threading import Lock
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 from rvaft.backend import Match
 from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
@@ -92,19 +92,19 @@ class DuckDb:
         return [column[0] for column in found.description or ()], found.fetchall()
 
 
-SqlProgram: TypeAlias = Callable[[], SqliteTable | DuckDb]
+_PROGRAMS: Final[Mapping[str, Callable[[], SqliteTable | DuckDb]]] = {"sqlite": SqliteTable, "duckdb": DuckDb}
 
 
 @cache
-def _running(program: SqlProgram, process: int) -> SqliteTable | DuckDb:  # noqa: ARG001 (a connection is of one process)
+def _running(program: str, process: int) -> SqliteTable | DuckDb:  # noqa: ARG001 (a connection is of one process)
     """The program, with one table for all queries."""
-    return program()
+    return _PROGRAMS[program]()
 
 
 class Query:
     """A text with the program that runs it; raises `LanguageError` for what is no query on the table `events`."""
 
-    def __init__(self, text: str, program: SqlProgram) -> None:
+    def __init__(self, text: str, program: str) -> None:
         self._program = program
         self.every = bool(re.search(r"^-- .*: every match\.$", text, re.MULTILINE))
         self.time = _declared(text)
@@ -214,7 +214,7 @@ def _declared(text: str) -> EventTime | None:
 
 
 @lru_cache(maxsize=64)
-def query(text: str, program: SqlProgram = SqliteTable) -> Query:
+def query(text: str, program: str) -> Query:
     """A text made ready, once for all who ask it."""
     return Query(text, program)
 

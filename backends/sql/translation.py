@@ -9,7 +9,7 @@ events, and only events that a guard compares, or that could serve each other's 
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -117,6 +117,12 @@ class QueriedScenario:
         compared = (name for guard in guards for one in variables(guard) for name in self.binders.get(one, ()))
         return frozenset([*compared, *(name for pair in self.apart for name in pair)])
 
+    @cached_property
+    def starts(self) -> dict[str, tuple[frozenset[str], int]]:
+        """The windows that have events which are not tried one by one, each with the column of its start."""
+        windows = (window for window in dict.fromkeys(self.windows.values()) if window[0] - self.tried)
+        return {f"s{number}": window for number, window in enumerate(windows, 1)}
+
     @property
     def loose(self) -> bool:
         """Whether nothing but order ties the events together."""
@@ -147,7 +153,8 @@ class SqlQuery:
         """Of each query the name of the table that it makes."""
         self.late = late = None if tree.time is None else tree.time.late
         self.timed = any(map(asks_for_time, tree.top_down()))
-        if self.timed and any(TIME in _fields(pattern) for pattern in _all_patterns(tree)):
+        patterns = [*map(tree.pattern, tree.nodes), *(tree.instantiate(ignore.on) for ignore in tree.ignores)]
+        if self.timed and any(TIME in dict(one.fields) for one in patterns if isinstance(one, ObjectPattern)):
             reason = f"the time of an event is called {TIME} there, and this tree reads a field of that name"
             raise NotExpressible(reason, backend="sql", semantics=semantics)
         plain = plain_trees(
@@ -177,19 +184,18 @@ class SqlQuery:
 
     def _header(self, text: str) -> str:
         time, late = self.tree.time, self.late
-        rows = "every match"
-        if self.first:
-            rows = "the first match of each scenario"
-            rows += "" if all(one.loose for one in self.scenarios) else ", for all that ties its events together"
+        rows = "the first match of each scenario" if self.first else "every match"
+        rows += (
+            ""
+            if all(one.loose for one in self.scenarios) or not self.first
+            else ", for all that ties its events together"
+        )
         lines = [
             f"rvaft sql {self.dialect.name}",
             f"The attack-fault tree {json.dumps(self.tree.root)} under {self.semantics}: {rows}.",
+            *(f"{self._column(name)} {name}" for name in self.variables if "_key" in text or "_json" in text),
+            "events(trace, pos, event, time): the log, its number from 1, the event as JSON, nanoseconds or NULL.",
         ]
-        if "_key" in text or "_json" in text:
-            lines += [f"{self._column(name)} {name}" for name in self.variables]
-        lines.append(
-            "events(trace, pos, event, time): the log, its number from 1, the event as JSON, nanoseconds or NULL."
-        )
         if time is not None:
             lines.append(f"time {json.dumps(time.field)} as {time.format}{'' if late is None else f' late {late} ns'}")
         return "".join(f"-- {line}\n" for line in lines)
@@ -235,34 +241,33 @@ class SqlQuery:
 
     def _places(self) -> str:
         """The table of the events that count, with their places in each trace where the semantics asks for these."""
-        source, tree = "events", self.tree
+        source, late = "events", ""
         if self.late is not None:
-            greatest = (
-                "max(time) OVER (PARTITION BY trace ORDER BY pos ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING)"
-            )
-            late = f"coalesce({greatest} - time > {self.dialect.number(self.late)}, false)"
-            source = self._table(f"SELECT trace, pos, event, time, {late} AS late FROM events", "late_")
+            before = "PARTITION BY trace ORDER BY pos ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING"
+            late = f"coalesce(max(time) OVER ({before}) - time > {self.dialect.number(self.late)}, false) AS late"
+            source, late = self._table(f"SELECT trace, pos, event, time, {late} FROM events", "late_"), ", late"
         if self.semantics is Semantics.SCATTERED:
             return source
-        wanted = [] if self.late is None or self.semantics is Semantics.STRICT else ["NOT late"]
+        wanted = ["NOT late"] if late and self.semantics is not Semantics.STRICT else []
         if self.semantics.projects:
-            entries = [self._condition(entry.pattern, [entry.when] if entry.when else []) for entry in tree.alphabet]
-            wanted.append(f"({' OR '.join(dict.fromkeys(f'({one})' for one in entries))})")
+            relevant = [self._condition(one.pattern, [one.when] if one.when else []) for one in self.tree.alphabet]
             ignored = [
-                self._condition(tree.instantiate(one.on), [one.when] if one.when else []) for one in tree.ignores
+                self._condition(self.tree.instantiate(one.on), [one.when] if one.when else [])
+                for one in self.tree.ignores
             ]
+            wanted.append(f"({' OR '.join(dict.fromkeys(f'({one})' for one in relevant))})")
             wanted += [f"({one}) IS NOT TRUE" for one in dict.fromkeys(ignored)]
-        kept = "trace, pos, event, time" + (", late" if self.late is not None else "")
         where = f" WHERE {' AND '.join(wanted)}" if wanted else ""
-        query = f"SELECT {kept}, row_number() OVER (PARTITION BY trace ORDER BY pos) AS place FROM {source}{where}"
-        return self._table(query, "place_")
+        place = "row_number() OVER (PARTITION BY trace ORDER BY pos) AS place"
+        return self._table(f"SELECT trace, pos, event, time{late}, {place} FROM {source}{where}", "place_")
 
     def _leaf(self, one: QueriedScenario, name: str, places: str, wanted: Set[str]) -> str:
         """The table of the events of an occurrence, with these columns of its variables."""
         pattern = one.patterns[name]
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = ["trace", "pos"]
-        for variable, path in self._paths(pattern).items():
+        paths = _paths(pattern)
+        for variable, path in ((name, paths[name]) for name in rigid_variables(pattern) if name not in one.times):
             facets = {**self.guards.facets("event", path), "json": self.dialect.value("json", "event", path)}
             named = ((f"{self._column(variable)}_{kind}", said) for kind, said in facets.items())
             columns += [f"{said} AS {column}" for column, said in named if column in wanted]
@@ -271,10 +276,9 @@ class SqlQuery:
         if self.late is not None:
             where.insert(0, "NOT late")
         if self.semantics is Semantics.CONSECUTIVE:
-            shifts = self._table(
-                " UNION ALL ".join(f"SELECT {number} AS shift" for number in range(self.most)), "shift_"
-            )
-            columns, places = [*columns, "place - shift AS start", "shift AS place"], f"{places}, {shifts}"
+            shifts = (f"SELECT {number} AS shift" for number in range(self.most))
+            columns += ["place - shift AS start", "shift AS place"]
+            places += f", {self._table(' UNION ALL '.join(shifts), 'shift_')}"
         elif self.semantics is not Semantics.SCATTERED:
             columns.append("place")
             where.insert(0, f"place <= {self.most}")
@@ -283,55 +287,35 @@ class SqlQuery:
     def _column(self, variable: str) -> str:
         return f"v{self.variables.index(variable) + 1}"
 
-    def _paths(self, pattern: Pattern) -> dict[str, Path]:
-        """Where the variables of a pattern stand first, but the time."""
-        found: dict[str, Path] = {}
-        for path, name in _variables(pattern):
-            if not name.startswith("_") and not (self.timed and path == (TIME,)):
-                found.setdefault(name, path)
-        return found
-
     def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
         """What is true of the events that match a pattern under guards."""
-        dialect, asked = self.dialect, list[str]()
+        dialect, asked, places = self.dialect, list[str](), dict[str, Path]()
         todo: list[tuple[Path, Pattern]] = [((), pattern)]
-        places: dict[str, Path] = {}
         while todo:
             path, part = todo.pop()
             match part:
-                case _ if path == (TIME,) and self.timed and isinstance(part, Variable):
-                    places[part.name] = path
-                case Literal(str() as value) if path:
+                case Variable(name) if path == (TIME,) and self.timed:
+                    places[name] = path
+                case Literal() | ListPattern() if not path:  # an event is an object
+                    asked.append("false")
+                case Literal(str() as value):
                     asked.append(dialect.is_text(value, "event", path))
                 case Literal(value):
-                    same = (
-                        self.guards.equal(self.guards.variable("event", path), self.guards.literal(value))
-                        if path
-                        else "false"
-                    )
-                    asked.append(same)
-                case Variable(name) if name in places and places[name] != (TIME,):
-                    asked += [f"{dialect.kind('event', path)} IS NOT NULL"]
-                    asked.append(f"{dialect.key('event', places[name])} = {dialect.key('event', path)}")
+                    asked.append(self.guards.equal(self._term(path), self.guards.literal(value)))
                 case Variable() | Anything():
-                    if isinstance(part, Variable):
-                        places[part.name] = path
                     if path:
                         asked.append(f"{dialect.kind('event', path)} IS NOT NULL")
+                    if isinstance(part, Variable) and (first := places.setdefault(part.name, path)) != path:
+                        asked.append(f"{dialect.key('event', first)} = {dialect.key('event', path)}")
                 case ObjectPattern(fields):
-                    if path:
-                        asked.append(dialect.is_a("object", "event", path))
+                    asked += [dialect.is_a("object", "event", path)] if path else []
                     todo += reversed([((*path, name), inner) for name, inner in fields])
                 case ListPattern(items):
-                    asked.append(
-                        f"{dialect.is_a('list', 'event', path)} AND {dialect.value('length', 'event', path)} = {len(items)}"
-                        if path
-                        else "false"
-                    )
+                    length = dialect.value("length", "event", path)
+                    asked.append(f"{dialect.is_a('list', 'event', path)} AND {length} = {len(items)}")
                     todo += reversed([((*path, place), item) for place, item in enumerate(items)])
         for guard in guards:
-            binding = {name: self._term(places[name]) for name in variables(guard)}
-            asked.append(self.guards.condition(guard, binding))
+            asked.append(self.guards.condition(guard, {name: self._term(places[name]) for name in variables(guard)}))
         return " AND ".join(dict.fromkeys(asked)) or "true"
 
     def _term(self, path: Path) -> SqlTerm:
@@ -400,11 +384,8 @@ class SqlQuery:
         """What an occurrence is called in the tree as it was written."""
         name = tree.origins.get(name, name)
         own = name.rstrip("'").removesuffix("[event]")  # so a gate's event is called where the end of a `pand` is one
-        return (
-            own
-            if tree.part_of is not None and name not in tree.part_of.tree.nodes and own in tree.part_of.tree.nodes
-            else name
-        )
+        nodes = () if tree.part_of is None else tree.part_of.tree.nodes
+        return own if own in nodes and name not in nodes else name
 
     def _order(self, one: QueriedScenario, alias: Mapping[str, str]) -> Iterator[str]:
         """Which positions, or places, the occurrences may have."""
@@ -432,57 +413,58 @@ class SqlQuery:
         self, one: QueriedScenario, tables: Mapping[str, str], alias: Mapping[str, str], wanted: Mapping[str, Set[str]]
     ) -> dict[str, QueriedRow]:
         """For each occurrence its events, or where they are not tried one by one those at the least position after what comes before it."""
+        keys = {name: [key for key in sorted(wanted[row]) if key.endswith("_key")] for name, row in alias.items()}
         found: dict[str, QueriedRow] = {}
         for name, row in alias.items():
-            keys = [column for column in sorted(wanted[row]) if column.endswith("_key")]
             if name in one.tried:
-                found[name] = QueriedRow(tables[name], {**{key: key for key in keys}, f"p{row[1:]}": "pos"})
+                found[name] = QueriedRow(tables[name], {**{key: key for key in keys[name]}, f"p{row[1:]}": "pos"})
                 continue
             sources, where = [f"{tables[name]} AS n"], list[str]()
-            shared = {key: f"n.{key}" for key in keys}
+            shared = {key: f"n.{key}" for key in keys[name]}
             for other in one.near(name):
                 table, before = found[other].table, alias[other] if other in one.tried else found[other].table
                 sources.append(table if table == before else f"{table} AS {before}")
                 where += [f"{before}.trace = n.trace", f"{before}.pos < n.pos"]
-                for column, own in found[other].shared.items():
-                    said = f"{before}.{own}"
-                    if shared.setdefault(column, said) != said:
-                        where.append(f"{said} = {shared[column]}")
-            for column, start, members, length in self._windows(one, tables):
+                where += self._same(shared, before, found[other])
+            for column, (members, length) in one.starts.items():
+                if name in members and column not in shared:
+                    start = self._start(column, [other for other in alias if other in members], tables, keys)
+                    sources.append(start.table)
+                    where += [f"{start.table}.trace = n.trace", *self._same(shared, start.table, start)]
                 if name in members:
-                    if column not in shared:
-                        sources.append(start)
-                        where.append(f"{start}.trace = n.trace")
-                    since = shared.setdefault(column, f"{start}.start")
-                    where.append(f"n.time - {since} BETWEEN 0 AND {self.guards.literal(length).whole}")
+                    where.append(f"n.time - {shared[column]} BETWEEN 0 AND {self.guards.literal(length).whole}")
             columns = "".join(f", {said} AS {column}" for column, said in shared.items())
-            groups = "".join(f", {said}" for said in shared.values())
-            condition = f" WHERE {' AND '.join(where)}" if where else ""
-            query = f"SELECT n.trace{columns}, min(n.pos) AS pos FROM {', '.join(dict.fromkeys(sources))}{condition} GROUP BY n.trace{groups}"
+            groups = ", ".join(["n.trace", *shared.values()])
+            condition = f" WHERE {' AND '.join(dict.fromkeys(where))}" if where else ""
+            query = f"SELECT n.trace{columns}, min(n.pos) AS pos FROM {', '.join(dict.fromkeys(sources))}{condition} GROUP BY {groups}"
             found[name] = QueriedRow(self._table(query, "f"), {column: column for column in shared})
         return found
 
-    def _windows(
-        self, one: QueriedScenario, tables: Mapping[str, str]
-    ) -> Iterator[tuple[str, str, frozenset[str], int]]:
-        """Of each window the column of its start, the table of when it may start, the occurrences below it, and its length."""
-        for number, (members, length) in enumerate(dict.fromkeys(one.windows.values()), 1):
-            if members - one.tried:
-                times = dict.fromkeys(tables[name] for name in tables if name in members)
-                query = " UNION ".join(f"SELECT trace, time AS start FROM {table}" for table in times)
-                yield f"s{number}", self._table(query, "start_"), members, length
+    def _start(
+        self, column: str, members: Sequence[str], tables: Mapping[str, str], keys: Mapping[str, Sequence[str]]
+    ) -> QueriedRow:
+        """When a window may start: the times of the events below it, with the values that all of them share."""
+        every = [key for key in keys[members[0]] if all(key in keys[name] for name in members)]
+        columns = ", ".join(["trace", *every, "time AS start"])
+        selects = dict.fromkeys(f"SELECT {columns} FROM {tables[name]}" for name in members)
+        return QueriedRow(
+            self._table(" UNION ".join(selects), "start_"), {**{key: key for key in every}, column: "start"}
+        )
+
+    @staticmethod
+    def _same(known: dict[str, str], row: str, has: QueriedRow) -> list[str]:
+        """That a row has in the columns that it shares what is known of them; of others it is known from now on."""
+        said = {column: f"{row}.{own}" for column, own in has.shared.items()}
+        return [f"{one} = {known[column]}" for column, one in said.items() if known.setdefault(column, one) != one]
 
     def _shared(self, one: QueriedScenario, alias: Mapping[str, str], rows: Mapping[str, QueriedRow]) -> Iterator[str]:
         """That the rows of occurrences have the same in the columns that they share, and are in its windows."""
         known: dict[str, str] = {}
         for name, row in alias.items():
-            for column, own in rows[name].shared.items():
-                if known.setdefault(column, f"{row}.{own}") != f"{row}.{own}":
-                    yield f"{row}.{own} = {known[column]}"
-        for number, (members, length) in enumerate(dict.fromkeys(one.windows.values()), 1):
-            if since := known.get(f"s{number}"):
-                for name in sorted(one.tried & members, key=[*alias].index):
-                    yield f"{alias[name]}.time - {since} BETWEEN 0 AND {self.guards.literal(length).whole}"
+            yield from self._same(known, row, rows[name])
+        for column, (members, length) in one.starts.items() if known else ():
+            for name in (name for name in alias if name in one.tried & members):
+                yield f"{alias[name]}.time - {known[column]} BETWEEN 0 AND {self.guards.literal(length).whole}"
 
     def _object(self, items: Iterable[tuple[str, str]]) -> str:
         """A JSON object of what expressions give."""
@@ -499,24 +481,17 @@ def _without_time(pattern: Pattern) -> Pattern:
     return pattern
 
 
-def _all_patterns(tree: RVAFT) -> Iterator[Pattern]:
-    """All that a tree asks of events."""
-    yield from (pattern for node in tree.top_down() if (pattern := tree.pattern(node.name)) is not None)
-    yield from (tree.instantiate(ignore.on) for ignore in tree.ignores)
-
-
-def _fields(pattern: Pattern) -> tuple[str, ...]:
-    return tuple(name for name, _ in pattern.fields) if isinstance(pattern, ObjectPattern) else ()
-
-
-def _variables(pattern: Pattern, path: Path = ()) -> Iterator[tuple[Path, str]]:
-    """The variables of a pattern, each with the places where it stands."""
-    match pattern:
-        case Variable(name):
-            yield path, name
-        case ObjectPattern(fields):
-            for name, inner in fields:
-                yield from _variables(inner, (*path, name))
-        case ListPattern(items):
-            for place, item in enumerate(items):
-                yield from _variables(item, (*path, place))
+def _paths(pattern: Pattern) -> dict[str, Path]:
+    """Where each variable of a pattern stands first."""
+    found: dict[str, Path] = {}
+    todo: list[tuple[Path, Pattern]] = [((), pattern)]
+    while todo:
+        path, part = todo.pop(0)
+        match part:
+            case Variable(name):
+                found.setdefault(name, path)
+            case ObjectPattern(fields):
+                todo[:0] = [((*path, name), inner) for name, inner in fields]
+            case ListPattern(items):
+                todo[:0] = [((*path, place), item) for place, item in enumerate(items)]
+    return found

@@ -9,7 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final, TypeAlias
 
 from rvaft.errors import NotExpressible
@@ -148,6 +148,7 @@ def _named(**types: str) -> dict[str, str]:
     return {what: f"{{0}} = '{name}'" for what, name in types.items()}
 
 
+@lru_cache(maxsize=256)
 def _sqlite_way(event: str, path: Path) -> tuple[str, str]:
     """A field whose name a path of SQLite cannot have is looked for among all."""
     steps = "$"

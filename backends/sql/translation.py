@@ -11,9 +11,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import networkx as nx
 
@@ -135,6 +135,54 @@ class QueriedScenario:
         return any(number > 2 for number in Counter(map(_without_time, patterns)).values())
 
 
+class SameTree(NamedTuple):
+    """A tree that is the same as itself alone: equal trees may write their numbers otherwise."""
+
+    tree: RVAFT
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SameTree) and self.tree is other.tree
+
+    def __hash__(self) -> int:
+        return id(self.tree)
+
+
+@lru_cache(maxsize=4)  # a comparison asks for each semantics
+def _scenarios(same: SameTree, limit: int, *, minimal: bool) -> tuple[QueriedScenario, ...]:
+    """The scenarios of a tree; raises `TooLarge` beyond `limit` events that are joined."""
+    tree, found, joined = same.tree, list[QueriedScenario](), 0
+    timed = any(map(asks_for_time, tree.top_down()))
+    in_time = tree.changed(time=replace(tree.time, late=None)) if tree.time and tree.time.late is not None else tree
+    for plain in plain_trees(in_time, limit=min(limit, LIMIT)):
+        for kept in resolutions(plain, minimal=minimal, limit=limit):
+            graph = precedence(plain, kept)
+            if find_cycle(graph):
+                continue
+            some = [name for name in kept if plain.nodes[name].has_event]
+            joined += max(len(some), 1)
+            if joined > limit or len(some) > TABLES:
+                what = "events joined in the scenarios" if joined > limit else "events joined in a scenario"
+                raise TooLarge(what, limit=limit if joined > limit else TABLES)
+            before = {
+                name: frozenset(one for kind, one, _ in nx.ancestors(graph, event(name)) if kind == "event")
+                for name in some
+            }
+            order = {name: before[name] for name in sorted(some, key=lambda name: len(before[name]))}
+            guards = tuple(w for name in kept if (w := plain.nodes[name].when) is not None and variables(w))
+            found.append(QueriedScenario(plain, _branch(plain, kept), order, guards, timed))
+    return tuple(found)
+
+
+def _branch(tree: RVAFT, kept: Kept) -> int:
+    part, origins = tree.part_of or Whole(tree), tree.origins
+    if part.branch is not None:
+        return part.branch
+    choosing = {name: children[0] for name, children in kept.items() if body(tree.nodes[name]).op is Op.ONE}
+    choices = {origins.get(name, name): origins.get(child, child) for name, child in choosing.items()}
+    known = {name: child for name, child in choices.items() if name in part.tree.nodes}
+    return number_of(part.tree, known, kind=part.kind) or 0
+
+
 @dataclass(frozen=True)
 class QueriedRow:
     """The rows of an occurrence: their table, and the columns that other tables may have, too, as this one calls them."""
@@ -151,21 +199,18 @@ class SqlQuery:
         self.guards = Guards(dialect)
         self.tables: dict[str, str] = {}
         """Of each query the name of the table that it makes."""
-        self.late = late = None if tree.time is None else tree.time.late
+        self.late = None if tree.time is None else tree.time.late
         self.timed = any(map(asks_for_time, tree.top_down()))
         patterns = [*map(tree.pattern, tree.nodes), *(tree.instantiate(ignore.on) for ignore in tree.ignores)]
         if self.timed and any(TIME in dict(one.fields) for one in patterns if isinstance(one, ObjectPattern)):
             reason = f"the time of an event is called {TIME} there, and this tree reads a field of that name"
             raise NotExpressible(reason, backend="sql", semantics=semantics)
-        plain = plain_trees(
-            tree.changed(time=replace(tree.time, late=None)) if tree.time and late is not None else tree,
-            limit=min(limit, LIMIT),
-        )
-        self.scenarios = [*self._scenarios(plain, minimal=True)] if semantics is Semantics.SCATTERED else []
+        same = SameTree(tree)
+        self.scenarios = _scenarios(same, limit, minimal=True) if semantics is Semantics.SCATTERED else ()
         self.first = all(one.loose for one in self.scenarios) or any(one.counts for one in self.scenarios)
         """Whether first matches are looked for, and not all."""
         if not (self.first and self.scenarios):
-            self.first, self.scenarios = False, [*self._scenarios(plain, minimal=False)]
+            self.first, self.scenarios = False, _scenarios(same, limit, minimal=False)
         if not self.scenarios:
             raise TreeError(f"no scenario of {tree.root} is feasible", rule="no-scenario", nodes=[tree.root])
         self.most = max(len(one.before) for one in self.scenarios)
@@ -199,37 +244,6 @@ class SqlQuery:
         if time is not None:
             lines.append(f"time {json.dumps(time.field)} as {time.format}{'' if late is None else f' late {late} ns'}")
         return "".join(f"-- {line}\n" for line in lines)
-
-    # scenarios
-
-    def _scenarios(self, trees: Iterable[RVAFT], *, minimal: bool) -> Iterator[QueriedScenario]:
-        joined = 0
-        for tree in trees:
-            for kept in resolutions(tree, minimal=minimal, limit=self.limit):
-                graph = precedence(tree, kept)
-                if find_cycle(graph):
-                    continue
-                some = [name for name in kept if tree.nodes[name].has_event]
-                joined += max(len(some), 1)
-                if joined > self.limit or len(some) > TABLES:
-                    what = "events joined in the scenarios" if joined > self.limit else "events joined in a scenario"
-                    raise TooLarge(what, limit=self.limit if joined > self.limit else TABLES)
-                before = {
-                    name: frozenset(one for kind, one, _ in nx.ancestors(graph, event(name)) if kind == "event")
-                    for name in some
-                }
-                order = {name: before[name] for name in sorted(some, key=lambda name: len(before[name]))}
-                guards = tuple(w for name in kept if (w := tree.nodes[name].when) is not None and variables(w))
-                yield QueriedScenario(tree, self._branch(tree, kept), order, guards, self.timed)
-
-    def _branch(self, tree: RVAFT, kept: Kept) -> int:
-        part, origins = tree.part_of or Whole(tree), tree.origins
-        if part.branch is not None:
-            return part.branch
-        choosing = {name: children[0] for name, children in kept.items() if body(tree.nodes[name]).op is Op.ONE}
-        choices = {origins.get(name, name): origins.get(child, child) for name, child in choosing.items()}
-        known = {name: child for name, child in choices.items() if name in part.tree.nodes}
-        return number_of(part.tree, known, kind=part.kind) or 0
 
     # tables
 

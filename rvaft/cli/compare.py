@@ -41,7 +41,9 @@ _WIDTH: Final = "Of tables and figures; only with --latex or --plots.  [default:
 @options.strict_galileo
 @options.number("--max-arity", default=MAX_ARITY, text="Gates with 1 to N children, VOT with every threshold.")
 @click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help=_SEMANTICS)
-@click.option("--languages", metavar="A,B", help="These backends.  [default: rml-paper and all faithful ones, each in one form]")
+@click.option(
+    "--languages", metavar="A,B", help="These backends.  [default: rml-paper and all faithful ones, each in one form]"
+)
 @options.number("--limit", text="Of translations, in the language's own unit.")
 @options.timeout_option("Of the processor, for one tree in one language.", default=Settings().timeout)
 @options.number("--memory", most=2**40, default=Settings().memory, metavar="MB", text=_MEMORY)

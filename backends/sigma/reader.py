@@ -164,14 +164,16 @@ def _alike(value: Json) -> object:
     return stored.lower() if isinstance(stored, str) else stored if stored is None else float(f"{stored:.15g}")
 
 
-def _stored(value: Json) -> str | float | None:
+def _stored(value: Json) -> str | int | float | None:
     """A value as a table holds it."""
     if value is None or isinstance(value, str):
         return value if value is None else value.encode("utf-8", "backslashreplace").decode()
     if isinstance(value, bool | Mapping | list):
         return json.dumps(_numbered(value), sort_keys=True)
     number: int | float = value
-    if abs(number) < 2**53 or isinstance(number, float):
+    if abs(number) < 2**53:
+        return int(number) if number == int(number) else number  # a whole number is written in full, whatever its type
+    if isinstance(number, float):
         return number
     return float(number) if abs(number) < 2**1023 else f"integer {number:x}"
 

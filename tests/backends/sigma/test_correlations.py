@@ -132,6 +132,9 @@ def test_what_is_left_open() -> None:
     assert isinstance(monitor, DetectionMonitor)
     a, b = {"e": "in", "u": "bob", "t": 5}, {"e": "out", "u": "bob", "t": 7}
     assert monitor.first_detections([[a, b], [a, {**b, "t": "7.000001"}], [a, {**b, "u": "eve"}]]) == [2, None, None]
+    alike: list[tuple[Json, Json]] = [(9007199254740991, 9007199254740991.0), ({"k": 1, "l": 2}, {"l": 2, "k": 1.0})]
+    for x, y in alike:
+        assert monitor.first_detections([[{**a, "u": x}, {**b, "u": y}]]) == [2]
     some: list[tuple[Json, Json]] = [
         ("bob", "Bob"),
         ("bob", None),

@@ -100,6 +100,6 @@ class SqlPostgresBackend(SqlBackend):
     readable: ClassVar[bool] = False
     tools: ClassVar[tuple[str, ...]] = ()
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a query that nothing here runs."""
-        return replace(super().translate(tree, semantics, limit=limit), reader=None)
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
+        """Raises `OptionError`: nothing here runs a query of PostgreSQL."""
+        return Backend.read(self, text, atoms=atoms)

@@ -81,7 +81,8 @@ def test_a_text_for_postgres_is_one_statement_on_one_table() -> None:
         assert ";" not in code
         assert "--" not in code
         assert set(re.findall(r"FROM (\w+)", code)) <= {"events", "place_1", "n1", "n2"}
-        assert made.reader is None
+        with pytest.raises(OptionError, match="sql-postgres is only emitted"):
+            made.monitor()
 
 
 @pytest.mark.parametrize(("text", "reason"), rows("refused.txt"))
@@ -286,6 +287,8 @@ def test_dialects_and_tools_that_are_not_there(monkeypatch: pytest.MonkeyPatch) 
         assert message in done.stderr
     done = run("emit", "trees/gates/and.rvaft", "--to", "sql", "--dialect", "postgres")
     assert done.stdout.startswith("-- rvaft sql postgres\n")
+    done = run("monitor", "trees/gates/and.rvaft", "--backend", "sql-postgres", "--word", "a b c")
+    assert (done.exit_code, "error: sql-postgres is only emitted" in done.stderr) == (2, True)
     with pytest.raises(OptionError, match="no tool mona runs sql; known: duckdb"):
         SqlBackend().read_with("mona", "SELECT 1")
     monkeypatch.setitem(__import__("sys").modules, "duckdb", None)

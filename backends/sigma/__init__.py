@@ -12,7 +12,6 @@ from typing import ClassVar
 from backends.sigma.reader import SigmaMonitor
 from backends.sigma.translation import SigmaRules
 from rvaft.backend import Backend, Metrics, Specification, stamped
-from rvaft.errors import NotExpressible
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -46,15 +45,13 @@ class SigmaBackend(Backend):
     extra: ClassVar[str] = "sigma"
     modules: ClassVar[tuple[str, ...]] = ("sigma", "sigma.backends.sqlite", "yaml")
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+    unskipped: ClassVar[str] = "a correlation says which events there are and not that there are none between"
     untimed: ClassVar[str] = "of times a correlation has its timespan alone"
     default_limit: ClassVar[int] = 100
 
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as a correlation with its rules; `TooLarge` beyond `limit` rules, `NotExpressible`, `ToolMissing` without PyYAML."""
         semantics, start = Semantics(semantics), time.perf_counter()
-        if semantics not in self.semantics:
-            reason = "a correlation says which events there are and not that there are none between"
-            raise NotExpressible(reason, backend=self.name, semantics=semantics)
         plain = self.plain(tree.changed(nodes=[replace(n, within=None) for n in tree.nodes.values()]), semantics)
         made = SigmaRules(tree, plain, semantics, self.default_limit if limit is None else limit)
         text, symbols = made.text()

@@ -16,7 +16,6 @@ from backends.stix.observations import StixHeader
 from backends.stix.reader import StixMonitor
 from backends.stix.translation import StixPattern
 from rvaft.backend import Backend, Metrics, Specification
-from rvaft.errors import NotExpressible
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -42,6 +41,7 @@ class StixBackend(Backend):
     extra: ClassVar[str] = "stix"
     modules: ClassVar[tuple[str, ...]] = ("stix2matcher", "stix2patterns")
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+    unskipped: ClassVar[str] = "a pattern says which observations there are and not that there are none between"
     untimed: ClassVar[str] = "of times a pattern has WITHIN alone, and compares no two of them"
     default_limit: ClassVar[int] = 250
 
@@ -61,9 +61,6 @@ class StixBackend(Backend):
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as a pattern; `TooLarge` beyond `limit` observation expressions, `OptionError` for a mapping that lacks a type or a field."""
         semantics, start = Semantics(semantics), time.perf_counter()
-        if semantics not in self.semantics:
-            reason = "a pattern says which observations there are and not that there are none between"
-            raise NotExpressible(reason, backend=self.name, semantics=semantics)
         plain = self.plain(tree.changed(nodes=[replace(n, within=None) for n in tree.nodes.values()]), semantics)
         windows = any(node.within is not None for node in tree.top_down())
         header = replace(self._header, time=tree.time if windows else None)

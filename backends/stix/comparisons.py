@@ -6,10 +6,17 @@ Guards have three values: where one cannot be calculated neither it nor its nega
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
-from functools import partial
 from typing import Final, TypeAlias
 
-from rvaft.model.guards import COMPARISONS, OPERATORS, ORDERINGS, Guard, Operation, Operator, folded, variables
+from rvaft.analysis.truth_conditions import (
+    ComparisonTest,
+    ConditionTest,
+    EqualityTest,
+    TruthConditions,
+    TruthTest,
+    spelled,
+)
+from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, variables
 from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Json
 
@@ -31,9 +38,7 @@ class Unsaid(Exception):
 def comparisons(pattern: Pattern, conditions: Iterable[Guard], path_of: Callable[[tuple[str, ...]], str]) -> Test:
     """What an event that fits a pattern under guards over its own values is asked; raises `Unsaid`."""
     paths: dict[str, str] = {}
-    asked = [folded(condition) for condition in conditions]
-    alone = {names[0] for one in asked if len(names := variables(one)) == 1}  # to compare a value asks for it, too
-    tests: list[Test] = []
+    found: list[tuple[str, Test]] = []
     todo: list[tuple[tuple[str, ...], Pattern]] = [((), pattern)]
     while todo:
         way, part = todo.pop(0)
@@ -43,14 +48,18 @@ def comparisons(pattern: Pattern, conditions: Iterable[Guard], path_of: Callable
             case ObjectPattern() | ListPattern():
                 raise Unsaid("no comparison asks for the length of a list, or whether a value is an object")
             case Literal(value):
-                tests.append(_compared(path_of(way), Operator.EQ, value))
+                found.append(("", f"{path_of(way)} = {literal(value)}"))
             case Variable(name) if name in paths:
                 raise Unsaid("no comparison is of two properties, and two have to be equal")
             case _:
-                path = path_of(way)
-                paths |= {part.name: path} if isinstance(part, Variable) else {}
-                tests += [] if alone & {getattr(part, "name", None)} else [f"({path} = '' OR {path} != '')"]
-    return _all([*tests, *(_truth(paths, condition, wanted=True) for condition in asked)])
+                name, path = getattr(part, "name", ""), path_of(way)
+                paths |= {name: path} if name else {}
+                found.append((name, f"({path} = '' OR {path} != '')"))
+    said = [(variables(one), _spelled(one, paths)) for one in conditions]
+    alone = {
+        names[0] for names, test in said if len(names) == 1 and isinstance(test, str)
+    }  # to compare asks for it, too
+    return _all([*(test for name, test in found if name not in alone), *(test for _, test in said)])
 
 
 def step(name: str) -> str:
@@ -70,12 +79,6 @@ def literal(value: Json) -> str:
             return "'" + re.sub(r"([\\'])", r"\\\1", value) + "'"
         case _:
             raise Unsaid("STIX has no null" if value is None else "half a surrogate pair is no text")
-
-
-def _compared(path: str, operator: Operator, value: Json) -> Test:
-    if operator in ORDERINGS and (value is None or isinstance(value, bool)):
-        return False
-    return f"{path} {'=' if operator is Operator.EQ else operator} {literal(value)}"
 
 
 def _matched(path: str, pieces: Sequence[str], *, wanted: bool) -> Test:
@@ -103,46 +106,46 @@ def _any(tests: Iterable[Test]) -> Test:
     return True in some or (f"({' OR '.join(ways)})" if len(ways) > 1 else next(iter(ways), False))
 
 
-def _truth(paths: Mapping[str, str], guard: Guard, *, wanted: bool) -> Test:
-    """When a guard has this truth value."""
-    inner = partial(_truth, paths)
-    match guard:
-        case Literal(value):
-            return value is wanted
-        case Variable(name):
-            return _compared(paths[name], Operator.EQ, wanted)
-        case Operation() if not variables(guard):  # what is undefined stays as it is
-            return False
-        case Operation(Operator.NOT, (one,)):
-            return inner(one, wanted=not wanted)
-        case Operation(Operator.AND | Operator.OR as operator, (first, *others)):  # read from the left while all are so
-            rest = Operation(operator, tuple(others)) if others[1:] else others[0]
-            if wanted is (operator is Operator.AND):
-                return _all([inner(first, wanted=wanted), inner(rest, wanted=wanted)])
-            return _any(
-                [inner(first, wanted=wanted), _all([inner(first, wanted=not wanted), inner(rest, wanted=wanted)])]
-            )
-        case Operation(operator, (Variable(name), Literal(value))) if operator in COMPARISONS:
-            return _compared(paths[name], operator if wanted else OPERATORS[operator].negated or operator, value)
-        case Operation(operator, (Literal(), Variable()) as sides) if operator in COMPARISONS:
-            return inner(Operation(OPERATORS[operator].mirrored or operator, sides[::-1]), wanted=wanted)
-        case Operation(Operator.IN, (one, *listed)):
-            tests = [inner(Operation(Operator.EQ, (one, it)), wanted=wanted) for it in listed]
-            return _any(tests) if wanted else _all(tests)
-        case Operation(Operator.LIKE, (Variable() as one, Literal(str() as glob))) if re.fullmatch(r"[^*?]*\*+", glob):
-            return inner(Operation(Operator.STARTSWITH, (one, Literal(glob.rstrip("*")))), wanted=wanted)
-        case Operation(Operator.STARTSWITH, (Variable() as one, Literal(str() as start))):
-            kept = start.rstrip("\U0010ffff")
-            behind = [Operation(Operator.LT, (one, Literal(kept[:-1] + chr(ord(kept[-1]) + 1))))] if kept else []
-            tests = [inner(each, wanted=wanted) for each in (Operation(Operator.GE, (one, Literal(start))), *behind)]
+def _spelled(guard: Guard, paths: Mapping[str, str]) -> Test:
+    """When a guard is true."""
+
+    def test(one: ConditionTest) -> Test:
+        match one:
+            case TruthTest(Variable(name), wanted):
+                return f"{paths[name]} = {literal(wanted)}"
+            case TruthTest(Operation(operator, (Variable(name), Literal(str() as text))), wanted):
+                return _of_text(paths[name], operator, text, wanted=wanted)
+            case EqualityTest(Variable(name), Literal(value), wanted) | EqualityTest(
+                Literal(value), Variable(name), wanted
+            ):
+                return f"{paths[name]} {'=' if wanted else '!='} {literal(value)}"
+            case ComparisonTest(_, Variable(name), sign, Literal(value)):
+                return f"{paths[name]} {sign} {literal(value)}"
+            case ComparisonTest(sort, Literal() as left, sign, Variable() as right):
+                return test(ComparisonTest(sort, right, str(OPERATORS[Operator(sign)].mirrored), left))
+            case _:
+                raise Unsaid("a comparison is of one property and a constant, and calculates nothing")
+
+    return spelled(TruthConditions().of(guard), test, lambda every, parts: (_all if every else _any)(parts))
+
+
+def _of_text(path: str, operator: Operator, text: str, *, wanted: bool) -> Test:
+    """What a function of texts says of a property."""
+    match operator:
+        case Operator.LIKE if re.fullmatch(r"[^*?]*\*+", text):
+            return _of_text(path, Operator.STARTSWITH, text.rstrip("*"), wanted=wanted)
+        case Operator.STARTSWITH:
+            kept = text.rstrip("\U0010ffff")
+            ends = [literal(text)] + ([literal(kept[:-1] + chr(ord(kept[-1]) + 1))] if kept else [])
+            tests = [
+                f"{path} {sign} {end}" for sign, end in zip((">=", "<") if wanted else ("<", ">="), ends, strict=False)
+            ]
             return _all(tests) if wanted else _any(tests)
-        case Operation(Operator.ENDSWITH, (Variable(name), Literal(str() as end))):
-            return _matched(paths[name], ["", end], wanted=wanted)
-        case Operation(Operator.CONTAINS, (Variable(name), Literal(str() as piece))):
-            return _matched(paths[name], ["", piece, ""], wanted=wanted)
-        case Operation(Operator.LIKE, (Variable(name), Literal(str() as glob))) if "?" not in glob and "*" in glob:
-            return _matched(paths[name], re.split(r"\*+", glob), wanted=wanted)
-        case Operation(Operator.LIKE, (Variable(), Literal(str()))):
-            raise Unsaid(_NFC)
+        case Operator.ENDSWITH:
+            return _matched(path, ["", text], wanted=wanted)
+        case Operator.CONTAINS:
+            return _matched(path, ["", text, ""], wanted=wanted)
+        case Operator.LIKE if "*" in text and "?" not in text:
+            return _matched(path, re.split(r"\*+", text), wanted=wanted)
         case _:
-            raise Unsaid("a comparison is of one property and a constant, and calculates nothing")
+            raise Unsaid(_NFC)

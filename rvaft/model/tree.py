@@ -250,15 +250,21 @@ class RVAFT:
         except (ToolMissing, ToolFailed):
             return None
 
+    @cached_property
     def _identity(self) -> tuple[object, ...]:
         unordered = (frozenset(stated.values()) for stated in (self.nodes, self.events, self.topics))
         return (self.root, *unordered, self.ignores, self.causality, self.time, self.semantics, self.part_of)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, RVAFT) and self._identity() == other._identity()
+        return self is other or (isinstance(other, RVAFT) and self._identity == other._identity)
+
+    @cached_property
+    def _hash(self) -> int:
+        """Of what no nesting makes deep."""
+        return hash((self.root, frozenset((node.name, node.gate, node.children) for node in self.nodes.values())))
 
     def __hash__(self) -> int:
-        return hash((self.root, tuple(sorted(self.nodes))))
+        return self._hash
 
     def __repr__(self) -> str:
         return f"<RVAFT {self.root}: {len(self.nodes)} nodes>"

@@ -2,6 +2,7 @@
 
 import json
 import os
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,11 @@ def texts(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text(encoding="utf-8") for path in sorted(folder.iterdir())}
 
 
+known = cache(load)
+
+
 def verdict(tree: Path, text: str, semantics: str = "projected", **part: Any) -> Verdict:
-    return [Verdict.UNKNOWN, *Reference(load(tree), semantics, **part).run(events(text))][-1]
+    return [Verdict.UNKNOWN, *Reference(known(tree), semantics, **part).run(events(text))][-1]
 
 
 @pytest.mark.parametrize("name", shipped.names())

@@ -5,6 +5,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ def names() -> list[str]:
     return [name for name in found if name not in REFUSED | ADDING.keys()]
 
 
+@cache
 def load(name: str) -> RVAFT:
     """One tree."""
     return rvaft.load(TREES / f"{name}.rvaft")

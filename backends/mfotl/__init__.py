@@ -65,5 +65,4 @@ class MfotlSignatureBackend(MfotlBackend):
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The signature; raises what the formula does."""
         made = super().translate(tree, semantics, limit=limit)
-        header = MfotlHeader.read(made.text)
-        return replace(made, text=header.signature(), language=self.language)
+        return replace(made, text=MfotlHeader.read(made.text).signature(), language=self.language)

@@ -45,11 +45,8 @@ def both(*several: Ways) -> Ways:
 
 
 def either(*several: Ways) -> Ways:
-    """What is so where one of these is; raises `TooLarge`."""
-    found = tuple(dict.fromkeys(way for ways in several for way in ways))
-    if len(found) > MOST:
-        raise TooLarge("ways in which a guard can hold", limit=MOST)
-    return found
+    """What is so where one of these is."""
+    return tuple(dict.fromkeys(way for ways in several for way in ways))
 
 
 class Conditions:
@@ -71,8 +68,7 @@ class Conditions:
 
     def ways(self, guard: Guard) -> Ways:
         """When a guard is true; raises `Unsayable` and `TooLarge`."""
-        join = lambda every, parts: both(*parts) if every else either(*parts)  # noqa: E731
-        return spelled(self._conditions.of(guard), self._spelled, join)
+        return spelled(self._conditions.of(guard), self._spelled, lambda every, parts: (either, both)[every](*parts))
 
     def _spelled(self, test: ConditionTest) -> Ways:
         match test:

@@ -97,7 +97,9 @@ class MfotlFormula:
                 if name not in after[other] and overlaps(self._patterns[name], self._patterns[other]):
                     orders[number].append(f"NOT ({places[other]} = {places[name]})")
         for way in both(*ways):
-            self._count(len(events) + sum(map(len, orders)) + len(way))
+            self._size += len(events) + sum(map(len, orders)) + len(way)
+            if self._size > self._limit:
+                raise TooLarge("atoms and comparisons of the formula", limit=self._limit)
             yield _conjunction(atoms, orders, way, [*map(self._column, asked), *places.values()])
 
     def _atom(self, node: str, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
@@ -122,14 +124,8 @@ class MfotlFormula:
         """A name of a predicate that no other has, like that of a node."""
         name = _ILLEGAL.sub("_", node.lower()).strip("_") or "event"
         name = f"e{name}" if name[0].isdigit() else name
-        found = _free(name, self._taken)
-        self._taken.add(found)
+        self._taken.add(found := _free(name, self._taken))
         return found
-
-    def _count(self, more: int) -> None:
-        self._size += more
-        if self._size > self._limit:
-            raise TooLarge("atoms and comparisons of the formula", limit=self._limit)
 
 
 def _free(name: str, taken: Collection[str]) -> str:

@@ -30,6 +30,11 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(20_000)
 
 
+def pytest_sessionfinish() -> None:
+    """At the end all is looked through again: DuckDB complains of what is left."""
+    gc.unfreeze()
+
+
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """How exact the times of `rvaft compare` are is no question."""

@@ -325,18 +325,6 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
                 "sigma", (Gate.OR, Gate.VOT), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 18}, lambda n, k: k < n
             ),
         ),
-        Finding(
-            "What is short to write is not quick to read: for SAND and PAND of eight rules SQLite needs over a hundred times as long to plan what pySigma makes of them as `rvaft` to translate, "
-            "for other gates less than fifty times.",
-            lambda row: (
-                row.language == "sigma" and bool(row.read_seconds) and (row.gate in COUNTS or row.children == 8)
-            ),
-            lambda row: (
-                (row.read_seconds or 0) > 100 * (row.seconds or 0)
-                if row.gate in SEQUENCES
-                else (row.read_seconds or 0) < 50 * (row.seconds or 0)
-            ),
-        ),
         sized(
             "EQL says SAND and PAND with one sequence of 8n + 1 symbols (n ≥ 2), and OR with one event of 5n + 1.",
             in_a_row("eql", SCATTERED, lambda n: 8 * n + 1),

@@ -1,9 +1,7 @@
 """`rvaft emit`: a specification of a tree, or a drawing of its automaton; `rvaft backends`: the languages there are."""
 
-import json
-import tomllib
 from collections.abc import Iterator
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any, Final
 
 import click
@@ -21,9 +19,6 @@ from rvaft.support.files import deliver
 from rvaft.support.terminal import columns, visible
 
 _FORMATS: Final = "latex: a listing for the package listings, with the definition of the language."
-_MAPPING: Final = (
-    "For stix: which property of which object each field of an event type is, in TOML, or JSON in a .json."
-)
 _TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
 
 
@@ -35,9 +30,7 @@ _TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
 @options.part_options
 @options.output_format("text", "latex", text=_FORMATS)
 @options.number("--limit", text="The largest size, in the language's own unit; of a drawing, in states.")
-@click.option(
-    "--mapping", metavar="FILE", callback=lambda _context, _option, path: path and _mapping(path), help=_MAPPING
-)
+@options.mapping_option
 @options.output_option
 def emit_command(*, tree: str, language: str, dialect: str | None, form: str, output: str | None, **chosen: Any) -> int:
     """Write a specification of a tree that means the tree under the chosen semantics."""
@@ -72,21 +65,6 @@ def emit_command(*, tree: str, language: str, dialect: str | None, form: str, ou
         text = listing(text, backend(language).highlighting)
     deliver((text if text.endswith("\n") else f"{text}\n").encode(), output)
     return 0
-
-
-def _mapping(path: str) -> dict[str, Any]:
-    """What a file of TOML, or of JSON, holds; raises `OptionError` and `OSError`."""
-    data = Path(path).read_bytes()
-    try:
-        text = data.decode("utf-8-sig")
-        found = json.loads(text) if path.endswith(".json") else tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise OptionError(f"{click.format_filename(path)} holds no mapping: {error}") from None
-    if not isinstance(found, dict):
-        raise OptionError(
-            f"{click.format_filename(path)} holds no mapping, which is an object: of each event type its fields"
-        )
-    return found
 
 
 @click.command("backends")

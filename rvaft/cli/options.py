@@ -1,8 +1,10 @@
 """Options that several commands share, as decorators, and how their values are checked."""
 
+import json
 import math
 import os
 import sys
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -174,6 +176,31 @@ def part_options(function: F) -> F:
     kind = choice("--kind", words=Kind, text="Only the branches that have this kind.")
     branch = click.option("--branch", type=int, metavar="N", help="Only this branch, counted from 1.")
     return cast("F", branch(kind(checked)))
+
+
+def _mapping(_context: object, _parameter: object, path: str | None) -> dict[str, Any] | None:
+    """What a file of TOML, or of JSON, holds; raises `OptionError` and `OSError`."""
+    if path is None:
+        return None
+    data = Path(path).read_bytes()
+    try:
+        text = data.decode("utf-8-sig")
+        found = json.loads(text) if path.endswith(".json") else tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise OptionError(f"{click.format_filename(path)} holds no mapping: {error}") from None
+    if not isinstance(found, dict):
+        raise OptionError(
+            f"{click.format_filename(path)} holds no mapping, which is an object: of each event type its fields"
+        )
+    return found
+
+
+mapping_option = click.option(
+    "--mapping",
+    metavar="FILE",
+    callback=_mapping,
+    help="For stix: which property of which object each field of an event type is, in TOML, or JSON in a .json.",
+)
 
 
 _COOLDOWN: Final = "With --repeat, after a detection tell no other for so long by the time of events, as in '10 min'."

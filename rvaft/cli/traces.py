@@ -1,7 +1,7 @@
 """`rvaft traces`: example logs for a tree."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -50,6 +50,7 @@ class LogForm(StrEnum):
 @options.choice(
     "--format", "form", words=LogForm, default=LogForm.JSONL, text="As logs that programs of a language take."
 )
+@options.mapping_option
 @click.option("-o", "--output", metavar="DIR", help="Write DIR/detect-1.jsonl and so on instead of to standard output.")
 def traces_command(
     *,
@@ -58,6 +59,7 @@ def traces_command(
     chance: bool,
     length: int | None,
     form: LogForm,
+    mapping: Mapping[str, Any] | None,
     output: str | None,
     **given: Any,
 ) -> int:
@@ -71,6 +73,7 @@ def traces_command(
     options.refuse(folder is None and wanted > 1, f"{wanted} traces need a folder: name it with -o")
     part, manner = narrowed(options.load_tree(tree), given["branch"], given["kind"]), replace(PLAIN, longest=length)
     meaning = meant(part, given["semantics"])
+    options.refuse(form is LogForm.JSONL and mapping is not None, "--mapping is for --format stix")
     if form is not LogForm.JSONL:  # programs of these languages skip events
         other = given["semantics"] not in (None, Semantics.SCATTERED)
         options.refuse(other, f"--format {form} is about the semantics scattered, which is what {form} can say")
@@ -87,7 +90,8 @@ def traces_command(
     def log(events: Sequence[Json]) -> str:
         if form is LogForm.JSONL:
             return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in events)
-        return backend(form).log(part, events)
+        language = backend(form)
+        return (language if mapping is None else language.mapped(mapping)).log(part, events)
 
     def make(random: Random) -> list[Json] | None:
         """A trace, or None where its times do not increase in a log that needs this."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rvaft import Semantics, Verdict, load, monitor
+from rvaft import Semantics, Verdict, load, monitor, translate
 from rvaft.backend import backend
 from rvaft.semantics import Reference
 from tests.cli.runs import PRUNED, SAND, TREES, failed, process, run, written
@@ -105,27 +105,34 @@ def test_random_times_are_written_as_others_write_them(tmp_path: Path) -> None:
     assert {event["t"]["nanosec"] < 10**9 for event in events(said) if "t" in event} == {True}
 
 
-@pytest.mark.parametrize("form", ["eql", "sigma", "stix"])
+MAPPING = {"e": {"k": "user-account:user_id", "ts": "user-account:x_ts"}}
+
+
+@pytest.mark.parametrize(("form", "mapping"), [("eql", None), ("sigma", None), ("stix", None), ("stix", MAPPING)])
 @pytest.mark.parametrize("mode", ["detect", "near-miss"])
-def test_logs_for_programs_of_a_language_are_what_they_are_called(form: str, mode: str, tmp_path: Path) -> None:
+def test_logs_for_programs_of_a_language_are_what_they_are_called(
+    form: str, mapping: dict[str, Any] | None, mode: str, tmp_path: Path
+) -> None:
     """Its program, asked of the log by itself, detects what is to be detected and nothing else."""
     pytest.importorskip({"eql": "eql", "sigma": "sigma", "stix": "stix2matcher"}[form])
     tree = written(
         tmp_path / "t.rvaft",
         'event e(k, t) = { k: k, ts: t }; top sand a b within 20 s; time ts as s; a on e("a", _); b on e("b", _);',
     )
-    result = run("traces", tree, f"--{mode}", "--format", form, "-o", tmp_path / "logs")
+    given = () if mapping is None else ("--mapping", written(tmp_path / "mapping.json", json.dumps(mapping)))
+    result = run("traces", tree, f"--{mode}", "--format", form, *given, "-o", tmp_path / "logs")
     assert (result.exit_code, result.output) == (0, "")
-    text = backend(form).translate(load(tree), Semantics.SCATTERED).text
+    text = translate(load(tree), form, semantics="scattered", mapping=mapping).text
+    assert (mapping is None) or "user-account:user_id = 'a'" in text
     for log in (tmp_path / "logs").iterdir():
         if form == "stix":
             from stix2matcher.matcher import Pattern
 
             found = bool(Pattern(text, "2.1").match([json.loads(log.read_text(encoding="utf-8"))]))
         else:
-            given = events(log.read_text(encoding="utf-8"))
-            assert all({"eql": "@timestamp", "sigma": "timestamp"}[form] in event for event in given)
-            found = [*backend(form).read(text).run(given)][-1] is Verdict.TRUE
+            read = events(log.read_text(encoding="utf-8"))
+            assert all({"eql": "@timestamp", "sigma": "timestamp"}[form] in event for event in read)
+            found = [*backend(form).read(text).run(read)][-1] is Verdict.TRUE
         assert found is (mode == "detect")
 
 
@@ -143,3 +150,10 @@ def test_a_log_for_a_language_is_about_what_it_can_say() -> None:
         run("traces", SAND, "--format", "eql", "--semantics", "strict"), "--format eql is about the semantics scattered"
     )
     failed(run("traces", PRUNED, "--format", "stix"), "stix cannot express this tree")
+
+
+def test_a_mapping_is_for_logs_that_have_objects(tmp_path: Path) -> None:
+    mapping = written(tmp_path / "mapping.toml", "[a]\n")
+    failed(run("traces", SAND, "--mapping", mapping), "--mapping is for --format stix")
+    failed(run("traces", SAND, "--mapping", mapping, "--format", "eql"), "eql takes no mapping")
+    failed(run("traces", SAND, "--mapping", mapping, "--format", "stix"), "the mapping of a lacks the field event")

@@ -50,6 +50,16 @@ class Nest:
         """The nodes whose events it has, each as often as it is written."""
         return [one.node for one in self.inside() if one.op is Op.EVENT]
 
+    def during(self, within: int | None) -> "Nest":
+        """The nest within a time, the shorter one if it has another; a single event takes none.
+
+        >>> both = joined(Op.ALL, [Nest(Op.EVENT, node="a"), Nest(Op.EVENT, node="b")])
+        >>> both.during(5).during(9).within, both.parts[0].during(5).within
+        (5, None)
+        """
+        asked = [one for one in (self.within, within) if one is not None]
+        return replace(self, within=min(asked)) if asked and self.parts else self
+
     def ways(self) -> "Nest":
         """One of all that it asks for, where it asks for some."""
         several = (joined(Op.ALL, some) for some in combinations(self.parts, self.need))
@@ -151,8 +161,7 @@ class Nesting:
             else:
                 made = self._gate(name, [found[one] for one in self._shapes[name].children if one in kept[name]])
             self._fits(made.size)
-            several = made.op is not Op.EVENT and made.parts
-            found[name] = replace(made, within=self._windows[name]) if several and name in self._windows else made
+            found[name] = made.during(self._windows.get(name))
         if found.get(self._tree.root, NEVER) in (NEVER, NOTHING):
             message = f"no scenario of {self._tree.root} is feasible"
             raise TreeError(message, rule="no-scenario", nodes=[self._tree.root])

@@ -98,8 +98,7 @@ class SigmaRules:
             return self._sequence(nest.parts, within)
         formula: Chain | Junction
         if ordered and within is not None:  # each way has a timespan of its own
-            ways = [(replace(one, within=within) if one.parts else one,) for one in nest.parts]
-            formula, within = Junction(1, [*ways]), None
+            formula, within = Junction(1, [(one.during(within),) for one in nest.parts]), None
         else:
             formula = self._after((), nest)
         if not isinstance(formula, Junction) and len(formula) > 1:

@@ -114,6 +114,8 @@ class Query:
         self._known: dict[str, int | None] = {}
         if not self.body:
             raise LanguageError("there is no query")
+        if re.search("[\\ud800-\\udfff]", text):
+            raise LanguageError("the query has half of a surrogate pair, which is no text")
         errors = _running(program, os.getpid()).errors
         try:
             try:

@@ -117,6 +117,12 @@ def test_what_a_table_does_not_keep_is_an_error_and_never_another_value(event: d
         large.step({"x": 2**40})
 
 
+def test_a_query_is_text() -> None:
+    for dialect in ("sql", "sql-duckdb"):
+        with pytest.raises(LanguageError, match="half of a surrogate pair"):
+            backend(dialect).read("SELECT 1 AS trace, 1 AS detected WHERE '\ud800' > ''")
+
+
 def test_the_limit_counts_events_that_are_joined() -> None:
     with pytest.raises(TooLarge, match=r"\(limit 3\)"):
         SqlBackend().translate(loads("r or a b c d;"), Semantics.STRICT, limit=3)

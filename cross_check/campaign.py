@@ -138,6 +138,8 @@ _IN_PRACTICE: Final = {
     "within, a vote": "time t as ms; r sand v d; v 2of3 a b c within 5 s;",
     "within, two over a shared node": "time t as s; r and p q; p and a s within 5 s; q and s b within 3 s;",
     "within, a counted leaf": "time t as us; r sand b d; b sand a c within 1 s; a times 3;",
+    "within, around a shorter one": "time t as s; r or p within 5 s; p and a b within 1 s;",
+    "within, around ways with one": "time t as s; r or p c within 5 s; p sand a b within 1 s;",
     "within, a choice": "time t as s; r and a o within 5 s; o or b c;",
     # time points, in every format
     "at, seconds": "time t as s; r sand a b c g; g when at(c) - at(b) >= 2 s;",

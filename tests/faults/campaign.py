@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from importlib import import_module
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from random import Random
 from types import CodeType
@@ -71,11 +72,12 @@ def exercises(seed: int, share: float) -> list[Exercise]:
         random = Random(shape)
         made = (tree for _ in range(200) if small_and_valid(tree := dense_tree(random, dense), 30))
         trees += [(tree, f"random {number}, {shape}", None, None) for number, tree in enumerate(islice(made, 12))]
-    random = Random(seed)
     every = ((tree, Job(name, s, branch, kind)) for tree, name, branch, kind in trees for s in Semantics)
-    chosen = [one for one in every if random.random() < share]
-    random.shuffle(chosen)
-    return [found for tree, job in chosen if (found := exercise(tree, job)) is not None]
+    drawn = [(Random(f"{seed} {job.title} {job.semantics}").random(), tree, job) for tree, job in every]
+    chosen = sorted(
+        (one for one in drawn if one[0] < share), key=itemgetter(0)
+    )  # a new tree changes none of the others
+    return [found for _, tree, job in chosen if (found := exercise(tree, job)) is not None]
 
 
 def exercise(tree: RVAFT, job: Job) -> Exercise | None:

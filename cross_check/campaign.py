@@ -247,11 +247,16 @@ def run(tasks: Iterable[Task], *, jobs: int = 1, together: int = 1) -> Generator
         yield from ((task, task.run()) for task in tasks)
         return
     gc.freeze()  # what was imported: otherwise each process goes through all of it again and again
+    threshold = gc.get_threshold()
     gc.set_threshold(1_000, 10, 200)  # what lasts is caches, and going through them finds nothing
     rest = iter(tasks)
     batches = iter(lambda: [*islice(rest, together)], [])
-    with closing(in_processes(lambda some: [task.run() for task in some], batches, jobs=jobs)) as running:
-        for some, found in running:
-            for number, task in enumerate(some):
-                killed = Result(task.job, "tree", Status.COULD_NOT_RUN, why="a process that compares was killed")
-                yield task, [killed] if isinstance(found, Killed) else found[number]
+    try:
+        with closing(in_processes(lambda some: [task.run() for task in some], batches, jobs=jobs)) as running:
+            for some, found in running:
+                for number, task in enumerate(some):
+                    killed = Result(task.job, "tree", Status.COULD_NOT_RUN, why="a process that compares was killed")
+                    yield task, [killed] if isinstance(found, Killed) else found[number]
+    finally:  # whoever called collects as before
+        gc.set_threshold(*threshold)
+        gc.unfreeze()

@@ -94,7 +94,6 @@ TruthCondition: TypeAlias = ConditionTest | ConditionJunction
 ALWAYS: Final = ConditionJunction(every=True)
 NEVER: Final = ConditionJunction(every=False)
 _EQUAL: Final = {True: "=", False: "<>"}
-_UNTYPED: Final = (Sort.NUMBER, Sort.TEXT, Sort.UNKNOWN)
 
 
 class TruthConditions:

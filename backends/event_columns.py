@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, NamedTuple, Self
 
-from rvaft.analysis.truth_conditions import Unsayable
+from rvaft.core.conditions import Unsayable
 from rvaft.errors import LanguageError
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model import guards, patterns

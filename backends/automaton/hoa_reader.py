@@ -15,8 +15,8 @@ from typing import Any, Final, TypeAlias
 
 from backends import slices
 from backends.automaton.hoa_writer import ALIVE
-from rvaft.analysis.pattern_index import Decided, PatternIndex
 from rvaft.backend import Observed
+from rvaft.core.classifier import Decided, PatternIndex
 from rvaft.errors import LanguageError, TooLarge, ToolMissing, installed
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time

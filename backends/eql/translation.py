@@ -13,7 +13,8 @@ from typing import Final
 
 from backends.orders import Orders, merged
 from rvaft.analysis.scenarios import Kept
-from rvaft.analysis.truth_conditions import (
+from rvaft.backend import Backend
+from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,
@@ -21,7 +22,6 @@ from rvaft.analysis.truth_conditions import (
     TruthTest,
     spelled,
 )
-from rvaft.backend import Backend
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model import guards
 from rvaft.model.event_time import UNITS

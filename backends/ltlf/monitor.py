@@ -13,8 +13,8 @@ from backends.ltlf.formulas import Formulas
 from backends.ltlf.progression import Residuals
 from backends.ltlf.reader import Header, Observation, formula_of
 from backends.slices import advance, fits, start
-from rvaft.analysis.pattern_index import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
 from rvaft.backend import Observed
+from rvaft.core.classifier import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
 from rvaft.model import guards, patterns
 from rvaft.model.patterns import Binding, Pattern
 from rvaft.model.values import Json

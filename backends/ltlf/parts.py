@@ -12,7 +12,7 @@ from typing import Final, TypeAlias, assert_never
 import networkx as nx
 
 from rvaft.analysis.normal_form import EMPTY, NormalForm, Op, Part, divided
-from rvaft.analysis.unification import Overlaps
+from rvaft.core.patterns import Overlaps
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, rigid_variables

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Final, TypeAlias
 
 from backends.event_columns import constant, require_exact_sums
-from rvaft.analysis.truth_conditions import (
+from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,

@@ -12,8 +12,8 @@ from backends.match_recognize.conditions import ALWAYS, NEVER, written
 from backends.match_recognize.flink import RowHeader
 from backends.orders import Orders
 from rvaft.analysis.scenarios import Kept
-from rvaft.analysis.truth_conditions import TruthCondition, TruthConditions, Unsayable
 from rvaft.backend import Metrics
+from rvaft.core.conditions import TruthCondition, TruthConditions, Unsayable
 from rvaft.errors import NotExpressible
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Variable, rigid_variables

@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 
 from backends.event_columns import constant, require_exact_sums
 from backends.mfotl.monpoly import Column, argument
-from rvaft.analysis.truth_conditions import (
+from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,

@@ -11,9 +11,9 @@ from backends.mfotl.conditions import Conditions, Ways, both
 from backends.mfotl.monpoly import Column, MfotlHeader
 from backends.orders import Orders
 from rvaft.analysis.scenarios import Kept
-from rvaft.analysis.truth_conditions import Unsayable
-from rvaft.analysis.unification import overlaps
 from rvaft.backend import Metrics
+from rvaft.core.conditions import Unsayable
+from rvaft.core.patterns import overlaps
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables

@@ -23,8 +23,8 @@ from rvaft.analysis.branches import number_of
 from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.plain_trees import LIMIT, asks_for_time, plain_trees
 from rvaft.analysis.scenarios import Kept, event, precedence, resolutions
-from rvaft.analysis.unification import compatible
 from rvaft.backend import Metrics
+from rvaft.core.patterns import compatible
 from rvaft.errors import NotExpressible, TooLarge, TreeError
 from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard, Operation, Operator, variables

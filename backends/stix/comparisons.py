@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from typing import Final, TypeAlias
 
-from rvaft.analysis.truth_conditions import (
+from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,

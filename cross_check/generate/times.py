@@ -12,7 +12,7 @@ from math import inf, nan
 from random import Random
 from typing import Final, TypeAlias
 
-from rvaft.analysis.time_differences import point_bounds
+from rvaft.core.times import point_bounds
 from rvaft.model.event_time import UNITS, TimeFormat
 from rvaft.model.guards import (
     OPERATORS,

@@ -16,7 +16,7 @@ from typing import Final, TypeAlias, TypeVar, cast
 
 import networkx as nx
 
-from rvaft.analysis.guard_solver import bounds
+from rvaft.core.solver import bounds
 from rvaft.model.guards import ARITHMETIC, COMPARISONS, Duration, Guard, Operation, Operator, conjuncts, holds
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk

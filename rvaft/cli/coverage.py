@@ -7,8 +7,8 @@ from typing import Any, BinaryIO, Final, cast
 
 import click
 
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.cli import FAILED, FOUND, Failures, options, warn
+from rvaft.core.classifier import TreeReads
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.monitoring.detection import told_fields

@@ -12,9 +12,9 @@ import click
 import msgspec
 
 from rvaft.analysis.branches import branches
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import monitor
 from rvaft.cli import FAILED, FOUND, Failures, options, warn
+from rvaft.core.classifier import TreeReads
 from rvaft.errors import OptionError, TreeError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json

@@ -13,10 +13,10 @@ import networkx as nx
 from rvaft.analysis.branches import branch as numbered
 from rvaft.analysis.branches import branches
 from rvaft.analysis.normal_form import Op, body, is_impossible
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.analysis.plain_trees import is_plain, plain_trees, without_conditions
 from rvaft.analysis.scenarios import Fewest, Kept, Point, ScenarioSpace, event, fewest_events, precedence
 from rvaft.api import meant, narrowed
+from rvaft.core.classifier import TreeReads
 from rvaft.engine import Engine
 from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters

@@ -17,8 +17,8 @@ from functools import cached_property
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
-from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, outcomes, reader
-from rvaft.analysis.time_differences import TimeDifference, differences
+from rvaft.core.classifier import Decided, Letter, PatternIndex, Reader, outcomes, reader
+from rvaft.core.times import TimeDifference, differences
 from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard, Outcomes, Predicate, conjuncts, predicate
 from rvaft.model.guards import variables as guard_variables

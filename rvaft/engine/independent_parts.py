@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rvaft.analysis.normal_form import Op
-from rvaft.analysis.unification import Overlaps
+from rvaft.core.patterns import Overlaps
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.support.bits import bits, union
 

@@ -16,8 +16,8 @@ from functools import partial
 from itertools import chain, islice, product
 from typing import Any, Final, NamedTuple
 
-from rvaft.analysis.pattern_index import outcomes
-from rvaft.analysis.time_differences import Extreme, TimeDifference
+from rvaft.core.classifier import outcomes
+from rvaft.core.times import Extreme, TimeDifference
 from rvaft.engine.compiled_tree import NOTHING, QUIET, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import SURE, Configuration, Witness, history
 from rvaft.engine.independent_parts import IndependentPart, independent_parts

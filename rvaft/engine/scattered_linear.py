@@ -16,7 +16,7 @@ from itertools import chain, combinations, product
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.analysis.normal_form import Op
-from rvaft.analysis.unification import Overlaps
+from rvaft.core.patterns import Overlaps
 from rvaft.engine.compiled_tree import NOTHING, QUIET, Admission, CompiledTree, Hit, Reading, Sketch, Told, TreeLetters
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Alike

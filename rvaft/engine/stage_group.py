@@ -10,7 +10,7 @@ from heapq import heappop, heappush
 from operator import ge
 from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.analysis.time_differences import TimeDifference
+from rvaft.core.times import TimeDifference
 from rvaft.engine.configuration import Configuration
 from rvaft.engine.subsumption import Rank, Ranking, Term, scale
 from rvaft.model.values import Json, exact, is_number, key

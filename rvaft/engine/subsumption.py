@@ -34,7 +34,7 @@ What makes a guard one for greater (smaller) values, as `rvaft.model.guards` eva
 these alone: k of them exclude at most k values. So of matches that agree otherwise as many are kept as it takes for some to be left, whatever is excluded, if another one were: a match is not needed
 if each choice of values to come that excludes all that are kept excludes it too.
 
-**Times.** Of a difference of times (`time_differences`) only the least and the greatest of the times known on either side matter, and whole
+**Times.** Of a difference of times (`core.times`) only the least and the greatest of the times known on either side matter, and whole
 numbers are exact. Where events with times before a floor no longer count, a greatest time below it is as good as any other.
 
 Anything else is left alone: equality, products, a variable on both sides. What is not said to be comparable counts as equal only
@@ -47,7 +47,7 @@ from operator import ge
 from typing import Any, Final, NamedTuple, assert_never
 
 from rvaft.analysis.normal_form import Op
-from rvaft.analysis.time_differences import Extreme
+from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final
 
-from rvaft.analysis.pattern_index import TreeReads
+from rvaft.core.classifier import TreeReads
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, finite, is_finite

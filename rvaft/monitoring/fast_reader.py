@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, TypedDict
 
 import msgspec
 
-from rvaft.analysis.pattern_index import Reads, TreeReads, brief
+from rvaft.core.classifier import Reads, TreeReads, brief
 from rvaft.errors import TraceError
 from rvaft.model.event_time import UNITS
 from rvaft.model.patterns import ObjectPattern

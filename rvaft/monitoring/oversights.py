@@ -14,7 +14,7 @@ from enum import StrEnum
 from itertools import chain, product
 from typing import Any, Final, NamedTuple
 
-from rvaft.analysis.pattern_index import Reader, flat
+from rvaft.core.classifier import Reader, flat
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Alike, Guard, Operation, Operator, time_points, value, variables, walk

@@ -23,7 +23,7 @@ from time import monotonic, process_time
 from typing import Any, Final
 
 from rvaft.analysis.branches import branches
-from rvaft.analysis.pattern_index import Decided, Letter, PatternIndex, Reader, reader
+from rvaft.core.classifier import Decided, Letter, PatternIndex, Reader, reader
 from rvaft.engine.explanation import whole
 from rvaft.errors import TooLarge
 from rvaft.export.svg import svg_text

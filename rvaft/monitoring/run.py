@@ -15,7 +15,7 @@ from typing import Any, BinaryIO, Final, Self, cast
 
 import msgspec
 
-from rvaft.analysis.pattern_index import Scope, TreeReads
+from rvaft.core.classifier import Scope, TreeReads
 from rvaft.errors import OptionError, RvaftError, TooLarge
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.guards import Alike

@@ -22,7 +22,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import BinaryIO, ClassVar, Final, Self, TypeAlias
 
-from rvaft.analysis.pattern_index import Scope, TreeReads
+from rvaft.core.classifier import Scope, TreeReads
 from rvaft.errors import OptionError, TraceError
 from rvaft.model.patterns import ObjectPattern
 from rvaft.model.values import NUMBER, Json, decimal
@@ -140,7 +140,7 @@ class Interest:
         """What a tree looks at, and fields that are told of its events; everything, where it is not only fields of objects.
 
         >>> import rvaft
-        >>> from rvaft.analysis.pattern_index import TreeReads
+        >>> from rvaft.core.classifier import TreeReads
         >>> sorted(Interest.of(TreeReads(rvaft.loads("top or a b;")), ["time"]).fields)
         ['event', 'time']
         """

@@ -12,7 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Final
 
-from rvaft.analysis.pattern_index import Scope
+from rvaft.core.classifier import Scope
 from rvaft.errors import OptionError, RvaftError, ToolFailed, WrongType, expect
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import JsonLinesReader

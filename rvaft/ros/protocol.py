@@ -15,8 +15,8 @@ from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
 from typing import Any, Final, Self
 
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import meant, monitor
+from rvaft.core.classifier import TreeReads
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Literal, ObjectPattern

@@ -6,10 +6,10 @@ from functools import cache
 from itertools import combinations, islice, pairwise
 from typing import Final, TypeAlias
 
-from rvaft.analysis.guard_solver import contradictory, contradictory_over_reals, refuted, witness
 from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import Kept, ScenarioSpace, borne_surely, inevitable, path
-from rvaft.analysis.unification import Overlaps
+from rvaft.core.patterns import Overlaps
+from rvaft.core.solver import contradictory, contradictory_over_reals, refuted, witness
 from rvaft.model.guards import Guard, Operation, Operator, conjuncts, time_points, variables
 from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, Pattern, Variable, rigid_variables, substitute, walk

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.analysis.plain_trees import MOST
 from rvaft.analysis.scenarios import Edge, Kept, ScenarioSpace, borne_surely, fewest_events
-from rvaft.analysis.time_differences import point_bounds
+from rvaft.core.times import point_bounds
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import POINTS, TimePoint, conjuncts, time_points
 from rvaft.model.nodes import Node

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rvaft.analysis.guard_solver import contradictory, contradictory_over_reals, refuted, witness
+from rvaft.core.solver import contradictory, contradictory_over_reals, refuted, witness
 from rvaft.language.parser import parse_guard
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import (

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from rvaft import loads
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.analysis.plain_trees import is_plain
+from rvaft.core.classifier import TreeReads
 from rvaft.coverage import BranchCoverage, Coverage
 from rvaft.errors import TreeError
 from rvaft.model.tree import RVAFT

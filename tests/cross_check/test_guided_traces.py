@@ -31,7 +31,7 @@ from cross_check.generate.traces import (
 from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Gate, Node, Semantics, Verdict, load, loads, monitor
 from rvaft.analysis.branches import restrict
-from rvaft.analysis.guard_solver import witness
+from rvaft.core.solver import witness
 from rvaft.engine import Engine
 from rvaft.model.values import Json
 from rvaft.semantics import feasible_scenarios

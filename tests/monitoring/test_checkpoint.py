@@ -21,9 +21,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rvaft
-from rvaft.analysis.pattern_index import TreeReads
 from rvaft.api import narrowed
 from rvaft.cli import main
+from rvaft.core.classifier import TreeReads
 from rvaft.engine import Engine
 from rvaft.errors import CheckpointError, OptionError, TraceError
 from rvaft.model.nodes import Node

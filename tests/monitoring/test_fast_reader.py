@@ -15,7 +15,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, TraceError, loads
-from rvaft.analysis.pattern_index import LONGEST, PatternIndex, TreeReads
+from rvaft.core.classifier import LONGEST, PatternIndex, TreeReads
 from rvaft.model.patterns import ObjectPattern, match
 from rvaft.monitoring import fast_reader
 from rvaft.monitoring.fast_reader import Batch, FastReader, plain_fields

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError, loads
-from rvaft.analysis.pattern_index import Reads, Scope, TreeReads
+from rvaft.core.classifier import Reads, Scope, TreeReads
 from rvaft.errors import ToolMissing
 from rvaft.model.patterns import Anything, ObjectPattern, Variable
 from rvaft.model.values import finite

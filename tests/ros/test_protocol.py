@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import Verdict, load, loads, monitor
-from rvaft.analysis.pattern_index import TreeReads
+from rvaft.core.classifier import TreeReads
 from rvaft.model.values import Json
 from rvaft.monitoring.monitor_set import Per
 from rvaft.readers.json_lines import decode

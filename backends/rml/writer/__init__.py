@@ -8,7 +8,7 @@ from backends.rml.writer.determinise import Determinised, equations, feasible_sc
 from backends.rml.writer.event_types import ALWAYS, NEVER, Call, RmlTypes
 from backends.rml.writer.letters import RmlLetters, closed
 from backends.rml.writer.terms import Written, around, symbols
-from rvaft.analysis.unification import Overlaps, implies
+from rvaft.core.patterns import Overlaps, implies
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.guards import Guard
 from rvaft.model.tree import RVAFT

@@ -26,7 +26,7 @@ from backends.rml.writer.event_types import when_true
 from backends.rml.writer.letters import RmlLetter, RmlLetters
 from backends.rml.writer.terms import ALL, AND, ANY, OR, SHUFFLE, THEN, Written, around, join, named, then
 from rvaft.analysis.normal_form import Op, Part, is_constant, is_impossible, normal_form
-from rvaft.analysis.unification import Overlaps
+from rvaft.core.patterns import Overlaps
 from rvaft.model.guards import Operation, Operator, variables
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, union

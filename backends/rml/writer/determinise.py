@@ -19,7 +19,7 @@ from backends.rml.writer.letters import RmlLetter, RmlLetters, Where
 from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, RmlNames, Written, join, named, then
 from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import Kept, resolutions
-from rvaft.analysis.unification import Overlaps, compatible, implies
+from rvaft.core.patterns import Overlaps, compatible, implies
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.guards import variables
 from rvaft.model.nodes import Causality

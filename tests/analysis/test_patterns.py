@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rvaft.analysis.unification import LeastEvent, Overlaps, Unknown, compatible, implies, least, overlaps
+from rvaft.core.patterns import LeastEvent, Overlaps, Unknown, compatible, implies, least, overlaps
 from rvaft.errors import RvaftError
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 from rvaft.support.bits import bits

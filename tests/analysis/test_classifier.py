@@ -5,7 +5,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rvaft.analysis.pattern_index import MEMORY, WIDEST, Discriminators, Letter, PatternIndex, reader
+from rvaft.core.classifier import MEMORY, WIDEST, Discriminators, Letter, PatternIndex, reader
 from rvaft.model.guards import COMPARISONS, Guard, Operation, Operator, holds
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 

@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rvaft.analysis.truth_conditions import (
+from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,

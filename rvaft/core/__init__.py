@@ -1,0 +1,1 @@
+"""What every engine and backend works on: analyses of patterns, guards and times."""

@@ -360,7 +360,7 @@ def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None 
     elif kind is None:
         return tree
     else:
-        ways = _ways_to_kind(tree, kind, limit)
+        ways = ways_to_kind(tree, kind, limit)
         if not ways:
             raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[tree.root])
     nodes: list[Node] = []
@@ -386,7 +386,7 @@ def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None 
     return tree.changed(root=root, nodes=nodes, part_of=Whole(tree, branch, kind, origins))
 
 
-def _ways_to_kind(tree: RVAFT, kind: Kind, limit: int) -> list[Allowed]:
+def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
     """Sub-DAGs whose branches together are exactly the branches that have the kind."""
     rank = {name: index for index, name in enumerate(tree.order)}
     above = {tree.root: tree.root}  # the immediate dominators

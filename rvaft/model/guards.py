@@ -213,19 +213,24 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class TimePoint(Variable):
-    """`at(NODE)`, `start(NODE)` or `end(NODE)`: a variable that the times of events bind; `name` is how it is told apart."""
+    """`at(NODE)`, `start(NODE)` or `end(NODE)`: a variable that the times of events bind; `name` identifies it.
+
+    `number` is 0 in a tree. In a property it is the occurrence of the event (`at`), or the copy of the node (`start`, `end`).
+    """
 
     point: str = "at"
     node: str = ""
+    number: int = 0
 
     @classmethod
-    def of(cls, point: str, node: str) -> "TimePoint":
+    def of(cls, point: str, node: str, number: int = 0) -> "TimePoint":
         """The time point of a node.
 
-        >>> TimePoint.of("start", "login").name
-        'start(login)'
+        >>> TimePoint.of("start", "login").name, TimePoint.of("at", "login", 2).name
+        ('start(login)', 'at(login)#2')
         """
-        return cls(f"{point}({node})", point, node)
+        name = f"{point}({node})"
+        return cls(f"{name}#{number}" if number else name, point, node, number)
 
 
 POINTS: Final = ("at", "start", "end")

@@ -27,7 +27,7 @@ class Partial(NamedTuple):
     @property
     def key(self) -> Hashable:
         """Equal for equal partial matches."""
-        values = frozenset((name, _key(value)) for name, value in self.binding.items())
+        values = frozenset((name, value_key(value)) for name, value in self.binding.items())
         return self.scenario, self.order, self.assigned, values, frozenset(self.times.items())
 
 
@@ -207,9 +207,10 @@ def _check_scenario(scenario: Scenario) -> None:
         raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario")
 
 
-def _key(value: Any) -> Hashable:
+def value_key(value: Any) -> Hashable:
+    """A key that is equal for values that no guard tells apart."""
     if isinstance(value, dict):
-        return "object", frozenset((name, _key(inner)) for name, inner in value.items())
+        return "object", frozenset((name, value_key(inner)) for name, inner in value.items())
     if isinstance(value, list):
-        return "list", tuple(map(_key, value))
+        return "list", tuple(map(value_key, value))
     return type(value).__name__, value  # 1 and 1.0 are equal, but arithmetic may tell them apart: integers are exact

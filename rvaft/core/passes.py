@@ -1,0 +1,434 @@
+"""Passes: each takes a property and returns one that means the same with fewer constructs.
+
+A pass removes constructs and never adds one of those that an earlier pass removed. Each is held against the reference of
+properties and the reference of trees.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import product
+from math import prod
+from typing import Final, assert_never
+
+from rvaft.analysis.branches import branch, ways_to_kind
+from rvaft.core.build import build
+from rvaft.core.property import (
+    IMPOSSIBLE,
+    NOTHING,
+    All,
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    One,
+    Part,
+    Property,
+    Sequence,
+    Source,
+    Times,
+    Within,
+    chooses,
+    parts_below,
+    with_parts,
+)
+from rvaft.core.scenarios import Kept, is_constant, is_empty, most_events, resolutions
+from rvaft.errors import TooLarge, TreeError
+from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint, holds, substitute, time_points
+from rvaft.model.nodes import Kind
+from rvaft.model.patterns import Literal
+from rvaft.model.tree import RVAFT
+
+LIMIT: Final = 5_000
+"""The most alternatives that a pass makes by default."""
+MOST: Final = 10_000
+"""The most events that a leaf may count: each becomes a part."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pass:
+    """A pass with the constructs that it removes. Called with a limit on the alternatives that it may make."""
+
+    name: str
+    removes: frozenset[type[Part]]
+    run: Callable[[Property, int], Property]
+
+    def __call__(self, prop: Property, limit: int = LIMIT) -> Property:
+        """The property without these constructs; raises `TooLarge` beyond the limit."""
+        return self.run(prop, limit)
+
+
+# Restriction to a branch or a kind.
+
+
+def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | str | None = None) -> Property:
+    """The property with the scenarios of one branch, or of the branches of one kind; relevance stays that of the whole tree.
+
+    Raises `TreeError` where there is no such branch or kind, `TooLarge` where a kind needs too many alternatives.
+    """
+    kind = None if kind is None else Kind(kind)
+    if branch_number is not None:
+        chosen = branch(prop.tree, branch_number)
+        if kind is not None and kind not in chosen.kinds:
+            raise TreeError(f"branch {branch_number} does not have the kind {kind}", rule="no-branch")
+        ways: list[Mapping[str, frozenset[str]]] = [
+            {gate: frozenset([child]) for gate, child in chosen.choices.items()}
+        ]
+    elif kind is None:
+        return prop
+    else:
+        ways = list(ways_to_kind(prop.tree, kind))
+        if not ways:
+            raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[prop.tree.root])
+    prop = replace(prop, branch=branch_number, kind=kind)
+    if len(ways) == 1:
+        return _allowing(prop, ways[0], 0)
+    copies = [_allowing(prop, way, number) for number, way in enumerate(ways, 1)]
+    wholes = {source: whole for copy in copies for source, whole in copy.wholes.items()}
+    return replace(prop, root=One(None, tuple(dict.fromkeys(copy.root for copy in copies))), wholes=wholes)
+
+
+def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) -> Property:
+    """The property where some choices are among fewer parts; `copy` numbers the parts that its time points are of."""
+
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        match part:
+            case One(source=Source(node, _)) if node in allowed:
+                kept = [
+                    new
+                    for old, new in zip(part.parts, parts, strict=True)
+                    if old.source is not None and old.source.node in allowed[node]
+                ]
+                return One(part.source, tuple(kept))
+            case Condition(guard=guard) if copy:
+                points = [one for one in time_points(guard) if one.point != "at"]
+                return replace(
+                    part, guard=substitute(guard, {one.name: TimePoint.of(one.point, one.node, copy) for one in points})
+                )
+            case Within() if copy:
+                return Within(Source(part.source.node, copy), parts, part.duration)
+            case _:
+                return with_parts(part, parts)
+
+    made = prop.rewritten(change)
+    reached = set(parts_below(made.root))
+    kept = {source: whole for source, whole in made.wholes.items() if whole in reached}
+    return replace(made, wholes={source._replace(number=copy): whole for source, whole in kept.items()})
+
+
+# Counted leaves.
+
+
+def _expand_times(prop: Property, _: int) -> Property:
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        if not isinstance(part, Times):
+            return with_parts(part, parts)
+        node = part.source.node
+        if part.count > MOST:
+            raise TooLarge(f"events that {node} counts, {part.count:,}", limit=MOST, remedy="ask for fewer")
+        return Sequence(
+            part.source, tuple(Event(Source(node, number), part.pattern) for number in range(1, part.count + 1))
+        )
+
+    return prop.rewritten(change) if any(isinstance(part, Times) for part in prop.parts) else prop
+
+
+expand_times: Final = Pass("expand_times", frozenset({Times}), _expand_times)
+"""A counted leaf becomes a sequence of as many events."""
+
+
+# Choices.
+
+
+class _Open(Exception):
+    """What is in a part, or how it ends, depends on choices that are still to be made."""
+
+
+def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
+    """A property for each way to make the choices; the scenarios of all of them together are those of the property.
+
+    Each keeps a `One` with the part that is kept, so that the choice can be read off. Raises `TooLarge` beyond the limit.
+    """
+    for kept in resolutions(prop, limit=limit):
+
+        def change(part: Part, parts: tuple[Part, ...], kept: Kept = kept) -> Part:
+            if part not in kept or not isinstance(part, One | AtLeast):
+                return with_parts(part, parts)
+            new = dict(zip(part.parts, parts, strict=True))
+            left = tuple(new[inner] for inner in kept[part])
+            return One(part.source, left) if isinstance(part, One) else All(part.source, left)
+
+        part = replace(prop, wholes={source: whole for source, whole in prop.wholes.items() if whole in kept})
+        yield part.rewritten(change)
+
+
+def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iterator[Property]]) -> Property:
+    """The alternatives that `made` gives for each way to make the choices; infeasible ones are left out.
+
+    `made` gets the number of alternatives that may still be made.
+    """
+    found: dict[Part, Property] = {}
+    for each in chosen(prop, limit):
+        with suppress(_Open):  # a time point of a node that is not there: no feasible scenario makes these choices
+            for alternative in made(each, limit - len(found)):
+                if not is_empty(alternative):
+                    found[alternative.root] = alternative
+    roots = tuple(found)
+    if not roots:
+        return prop.with_root(IMPOSSIBLE)
+    return found[roots[0]] if len(roots) == 1 else prop.with_root(One(None, roots))
+
+
+# The order of ends.
+
+
+class _Ends:
+    """How the parts of a property end, as far as choices leave that open."""
+
+    def __init__(self, prop: Property) -> None:
+        most = most_events(prop.parts)
+        self.silent = {part for part, events in most.items() if events == 0}
+        self.single = {part for part, events in most.items() if events < 2}
+        self._shared = bool(prop.shared)
+        self._open: set[Part] = set()
+        self._lasts: dict[Part, tuple[Event, ...]] = {}
+        for part in prop.parts:
+            if chooses(part) or not self._open.isdisjoint(part.parts):
+                self._open.add(part)
+            self._lasts[part] = self._last_of(part)
+
+    def _last_of(self, part: Part) -> tuple[Event, ...]:
+        busy = [inner for inner in part.parts if inner not in self.silent]
+        match part:
+            case Event():
+                return (part,)
+            case Times():
+                raise AssertionError("counted leaves are expanded before")
+            case Condition():
+                return ()
+            case Sequence() | EndInOrder():
+                return self._lasts[busy[-1]] if busy else ()
+            case All() | One() | AtLeast() | Within():
+                return tuple(dict.fromkeys(last for inner in busy for last in self._lasts[inner]))
+            case _:
+                assert_never(part)
+
+    def last(self, part: Part) -> tuple[Event, ...]:
+        """The events with which a part may end; none where each comes before another. Raises `_Open` where choices decide."""
+        lasts = self._lasts[part]
+        if part in self._open:
+            raise _Open
+        if len(lasts) < 2 or not self._shared:
+            return lasts
+        later = _successors(part)
+        return tuple(one for one in lasts if later[one].isdisjoint(set(lasts) - {one}))
+
+
+def _successors(root: Part) -> dict[Event, set[Event]]:
+    """For each event below a part without choices the events that come after it, by its sequences."""
+    inside: dict[Part, set[Event]] = {}
+    after: dict[Event, set[Event]] = {}
+    for part in parts_below(root):
+        inside[part] = {part} if isinstance(part, Event) else set().union(*(inside[one] for one in part.parts))
+        if isinstance(part, Event):
+            after[part] = set()
+        if isinstance(part, Sequence):
+            for number, one in enumerate(part.parts):
+                for event in inside[one]:
+                    after[event].update(*(inside[other] for other in part.parts[number + 1 :]))
+    for found in after.values():
+        agenda = list(found)
+        while agenda:
+            new = after[agenda.pop()] - found
+            found.update(new)
+            agenda += new
+    return after
+
+
+def _with_ends(prop: Property, chosen_ends: Mapping[tuple[Event, ...], Event] | None) -> Property:
+    """The property with every `EndInOrder` as events in sequence; raises `_Open` where choices, or an end, are to be chosen."""
+    ends = _Ends(prop)
+
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        if not isinstance(part, EndInOrder):
+            return with_parts(part, parts)
+        busy = [inner for inner in part.parts if inner not in ends.silent]
+        if ends.single.issuperset(busy):
+            return Sequence(part.source, parts)
+        new = dict(zip(part.parts, parts, strict=True))
+        ended, more = list[Part](), list[Part]()
+        for inner in busy:
+            if inner in ends.single:
+                ended.append(new[inner])
+                continue
+            lasts = ends.last(inner)
+            if not lasts:
+                return IMPOSSIBLE
+            if len(lasts) > 1 and chosen_ends is None:
+                raise _Open
+            last = lasts[0] if chosen_ends is None or len(lasts) == 1 else chosen_ends[lasts]
+            ended.append(last)
+            more += [Sequence(None, (other, last)) for other in lasts if other is not last]
+        if len(set(ended)) < len(ended):
+            return IMPOSSIBLE
+        return All(part.source, (*parts, *more, Sequence(None, tuple(ended))))
+
+    return prop.rewritten(change)
+
+
+def _order_ends(prop: Property, limit: int) -> Property:
+    if not any(isinstance(part, EndInOrder) for part in prop.parts):
+        return prop
+    prop = expand_times(prop)
+    try:
+        return _with_ends(prop, None)
+    except _Open:
+        pass
+
+    def made(each: Property, left: int) -> Iterator[Property]:
+        ends = _Ends(each)
+        ordered = [part for part in each.parts[::-1] if isinstance(part, EndInOrder)]
+        # parts that have the same last events end with the same one of them
+        ways = {ends.last(inner): None for part in ordered for inner in part.parts if inner not in ends.silent}
+        ways = {lasts: None for lasts in ways if len(lasts) > 1}
+        if prod(map(len, ways)) > left:
+            raise TooLarge("ways to make the choices and to end the parts of `pand` gates", limit=limit)
+        for last in product(*ways):
+            yield _with_guards(_with_ends(each, dict(zip(ways, last, strict=True))), windows=False)
+
+    return _by_choices(prop, limit, made)
+
+
+order_ends: Final = Pass("order_ends", frozenset({EndInOrder}), _order_ends)
+"""Ends in order become sequences of events; where choices or several last events decide, alternatives.
+
+Counted leaves are expanded where there is such an order."""
+
+
+# Windows and time points.
+
+
+def _windows_to_guards(prop: Property, limit: int) -> Property:
+    if not prop.timed:
+        return prop
+    prop = order_ends(expand_times(prop), limit)
+    try:
+        return _with_guards(prop)
+    except _Open:
+        return _by_choices(prop, limit, lambda each, _: iter([_with_guards(each)]))
+
+
+def _with_guards(prop: Property, *, windows: bool = True) -> Property:
+    """The property without `start` and `end`, and with `windows` as guards; raises `_Open` where choices decide over which events."""
+    below: dict[Part, tuple[Part, ...]] = {}
+
+    def point(one: TimePoint) -> Guard:
+        if one.point == "at":
+            return TimePoint.of("at", one.node, max(one.number, 1))
+        whole = prop.wholes.get(Source(one.node, one.number))
+        if whole is None:  # a node that no scenario of this property has
+            raise _Open
+        return extreme(one.point, whole)
+
+    def extreme(which: str, whole: Part) -> Guard:
+        if whole not in below:
+            below[whole] = parts_below(whole)
+        if any(map(chooses, below[whole])):
+            raise _Open
+        events = [part.source for part in reversed(below[whole]) if isinstance(part, Event)]
+        if not events:  # undefined
+            return Operation(Operator.DIV, (Literal(0), Literal(0)))
+        times = tuple(TimePoint.of("at", source.node, source.number) for source in events)
+        return times[0] if len(times) == 1 else Operation(Operator.MIN if which == "start" else Operator.MAX, times)
+
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        match part:
+            case Condition(guard=guard) if points := {one.name: point(one) for one in time_points(guard)}:
+                return replace(part, guard=substitute(_differences(guard), points), written=part.written or guard)
+            case Within(source=source, parts=(whole,), duration=duration) if windows:
+                span = Operation(Operator.SUB, (extreme("end", whole), extreme("start", whole)))
+                window = Condition(source, Operation(Operator.LE, (span, Literal(duration))), window=duration)
+                return All(source, (*parts, window))
+            case _:
+                return with_parts(part, parts)
+
+    return prop.with_root(prop.with_root(prop.root).rewritten(change).root)
+
+
+def _differences(guard: Guard) -> Guard:
+    """The guard with durations as numbers, and times that are compared for equality subtracted.
+
+    An undefined time is null, which equals null; the difference of undefined times equals nothing.
+    """
+    if not isinstance(guard, Operation):
+        return Literal(guard.value) if isinstance(guard, Duration) else guard
+    if guard.operator in (Operator.EQ, Operator.NE) and time_points(guard):
+        difference = Operation(Operator.SUB, tuple(map(_differences, guard.operands)))
+        return Operation(guard.operator, (difference, Literal(0)))
+    return Operation(guard.operator, tuple(map(_differences, guard.operands)))
+
+
+windows_to_guards: Final = Pass("windows_to_guards", frozenset({Within}), _windows_to_guards)
+"""Windows, `start` and `end` become guards over the times of single events; where choices decide which, alternatives."""
+
+
+# What the semantics makes superfluous.
+
+
+def _simplify(prop: Property, _: int) -> Property:
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        possible = tuple(inner for inner in parts if inner is not IMPOSSIBLE)
+        match part:
+            case Event() | Times():
+                return part
+            case Condition():
+                if not is_constant(part):
+                    return part
+                return NOTHING if holds(part.guard, {}) else IMPOSSIBLE
+            case One():
+                return One(part.source, possible) if possible else IMPOSSIBLE
+            case AtLeast():
+                if len(possible) < part.need:
+                    return IMPOSSIBLE
+                if len(possible) == part.need:
+                    return All(part.source, possible)
+                return with_parts(part, possible)
+            case All() | Sequence() | EndInOrder() | Within():
+                return with_parts(part, parts) if len(possible) == len(parts) else IMPOSSIBLE
+            case _:
+                assert_never(part)
+
+    return prop.with_root(prop.rewritten(change).root)
+
+
+simplify: Final = Pass("simplify", frozenset(), _simplify)
+"""Conditions without variables are decided, and what a false one makes impossible is removed. No window may be left."""
+
+
+def _flatten(prop: Property, _: int) -> Property:
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        match part:
+            case All() | Sequence():
+                kind = type(part)
+                nested = (each.parts if isinstance(each, kind) else (each,) for each in parts)
+                inner = [one for each in nested for one in each if one is not NOTHING]
+                if not inner:
+                    return NOTHING
+                return inner[0] if len(inner) == 1 else kind(part.source, tuple(inner))
+            case Event() | Times() | Condition() | One() | AtLeast() | EndInOrder() | Within():
+                return with_parts(part, parts)
+            case _:
+                assert_never(part)
+
+    return prop.with_root(prop.rewritten(change).root)
+
+
+flatten: Final = Pass("flatten", frozenset(), _flatten)
+"""A sequence inside a sequence, or parts in any order inside such parts, become one."""
+
+
+def property_of(tree: RVAFT) -> Property:
+    """The property of a tree, or of the branch or kind that a restricted tree stands for."""
+    if tree.part_of is None:
+        return build(tree)
+    return restrict(build(tree.part_of.tree), branch_number=tree.part_of.branch, kind=tree.part_of.kind)

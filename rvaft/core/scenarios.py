@@ -1,0 +1,213 @@
+"""The scenarios of a property, one by one: its choices made, with the events, their precedence and the conditions (semantics, section 2)."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain, combinations
+from typing import Final, TypeAlias, assert_never
+
+from rvaft.core.property import (
+    All,
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    One,
+    Part,
+    Property,
+    Sequence,
+    Times,
+    Within,
+    chooses,
+    fewest,
+    parts_below,
+)
+from rvaft.errors import TooLarge
+from rvaft.model.guards import holds, variables
+from rvaft.support.bits import bits
+
+Kept: TypeAlias = Mapping[Part, tuple[Part, ...]]
+"""The parts of a scenario, each with the parts directly inside that it keeps, in the order of the tree."""
+
+LIMIT: Final = 5_000
+"""The most scenarios that are enumerated by default."""
+
+
+def is_constant(guard_of: Condition) -> bool:
+    """Whether a condition has neither variables nor time points."""
+    return not variables(guard_of.guard)
+
+
+def observable(parts: Iterable[Part]) -> set[Part]:
+    """Those of the parts (inner parts first) that no false constant condition makes impossible."""
+    found: set[Part] = set()
+    for part in parts:
+        match part:
+            case Event() | Times():
+                possible = True
+            case Condition():
+                possible = not is_constant(part) or holds(part.guard, {})
+            case One() | AtLeast():
+                possible = sum(inner in found for inner in part.parts) >= fewest(part)
+            case All() | Sequence() | EndInOrder() | Within():
+                possible = all(inner in found for inner in part.parts)
+            case _:
+                assert_never(part)
+        if possible:
+            found.add(part)
+    return found
+
+
+def most_events(parts: Iterable[Part]) -> dict[Part, int]:
+    """For each of the parts (inner parts first) the most events of it in any scenario, at most 2: two stand for many."""
+    most: dict[Part, int] = {}
+    for part in parts:
+        inner = [most[one] for one in part.parts]
+        match part:
+            case Event():
+                most[part] = 1
+            case Times(count=count):
+                most[part] = min(2, count)
+            case One():
+                most[part] = max(inner, default=0)
+            case Condition() | All() | Sequence() | AtLeast() | EndInOrder() | Within():
+                most[part] = min(2, sum(inner))
+            case _:
+                assert_never(part)
+    return most
+
+
+def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Kept]:
+    """The ways to make the choices that a scenario reaches, without impossible parts, in a stable order.
+
+    `minimal` keeps exactly `need` parts of an `AtLeast`. Order among events is not looked at. Raises `TooLarge` beyond
+    `limit`.
+    """
+    order = prop.parts[::-1]
+    place = {part: number for number, part in enumerate(order)}
+    possible = observable(prop.parts)
+    surely: dict[Part, int] = {}
+    """For each part the parts kept whenever it is: those below it up to the next choices."""
+    for part in prop.parts:
+        below = 0
+        for inner in () if isinstance(part, One | AtLeast) else part.parts:
+            below |= surely[inner]
+        surely[part] = 1 << place[part] | below
+    gates = [part for part in order if isinstance(part, One | AtLeast)]
+
+    def further(reached: int, chosen: Kept, gate: Part) -> Iterator[tuple[int, Kept]]:
+        options = [part for part in gate.parts if part in possible]
+        least = fewest(gate)
+        most = least if minimal or isinstance(gate, One) else len(options)
+        for kept in chain.from_iterable(combinations(options, size) for size in range(least, most + 1)):
+            now = reached
+            for part in kept:
+                now |= surely[part]
+            yield now, {**chosen, gate: kept}
+
+    # One level per choice: what is reached with each way to make it, and all choices so far.
+    levels: list[Iterator[tuple[int, Kept]]] = [iter([(surely[prop.root], {})] if prop.root in possible else [])]
+    count = 0
+    while levels:
+        reached, chosen = next(levels[-1], (0, {}))
+        if not reached:
+            levels.pop()
+        elif len(levels) > len(gates):
+            count += 1
+            if count > limit:
+                raise TooLarge("scenarios of the tree", limit=limit)
+            yield {order[i]: chosen.get(order[i], order[i].parts) for i in bits(reached)}
+        elif reached >> place[gate := gates[len(levels) - 1]] & 1:
+            levels.append(further(reached, chosen, gate))
+        else:
+            levels.append(iter([(reached, chosen)]))
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A partial order of events, with conditions.
+
+    `before` has, for each event, the events that precede it as bits: bit i is `events[i]`. `kept` are the parts.
+    """
+
+    events: tuple[Event, ...]
+    before: tuple[int, ...]
+    conditions: tuple[Condition, ...]
+    kept: Kept
+
+
+def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
+    """The events of kept parts in the order of the tree, and for each those before it as bits; None where the order is cyclic.
+
+    The parts must be free of `Times` and `EndInOrder`.
+    """
+    events = tuple(part for part in kept if isinstance(part, Event))
+    place = {event: number for number, event in enumerate(events)}
+    inside: dict[Part, int] = {}
+    before = [0] * len(events)
+    for part in reversed(list(kept)):
+        match part:
+            case Event():
+                inside[part] = 1 << place[part]
+                continue
+            case Times() | EndInOrder():
+                raise AssertionError("a pass removes these before scenarios are enumerated")
+            case Sequence():
+                earlier = 0
+                for one in kept[part]:
+                    for event in bits(inside[one]):
+                        before[event] |= earlier
+                    earlier |= inside[one]
+            case Condition() | All() | One() | AtLeast() | Within():
+                pass
+            case _:
+                assert_never(part)
+        found = 0
+        for one in kept[part]:
+            found |= inside[one]
+        inside[part] = found
+    closed = _closed(before)
+    return None if closed is None else (events, closed)
+
+
+def _closed(before: list[int]) -> tuple[int, ...] | None:
+    """The transitive closure, or None where an event precedes itself."""
+    waiting = [one.bit_count() for one in before]
+    after: list[list[int]] = [[] for _ in before]
+    for event, earlier in enumerate(before):
+        for one in bits(earlier):
+            after[one].append(event)
+    ready = [event for event, count in enumerate(waiting) if not count]
+    closed = list(before)
+    for event in ready:
+        for later in after[event]:
+            closed[later] |= closed[event] | 1 << event
+            waiting[later] -= 1
+            if not waiting[later]:
+                ready.append(later)
+    return tuple(closed) if len(ready) == len(before) else None
+
+
+def scenarios(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Scenario]:
+    """The feasible scenarios, in a stable order, of a property free of `Times` and `EndInOrder`; raises `TooLarge` beyond `limit`.
+
+    >>> import rvaft
+    >>> from rvaft.core.build import build
+    >>> found, = scenarios(build(rvaft.loads("top sand a b;")))
+    >>> [event.source.node for event in found.events], found.before
+    (['a', 'b'], (0, 1))
+    """
+    for kept in resolutions(prop, minimal=minimal, limit=limit):
+        found = precedence(kept)
+        if found is not None:
+            conditions = tuple(part for part in kept if isinstance(part, Condition) and not is_constant(part))
+            yield Scenario(*found, conditions, kept)
+
+
+def is_empty(prop: Property, *, limit: int = LIMIT) -> bool:
+    """Whether no scenario is feasible."""
+    return next(scenarios(prop, limit=limit), None) is None
+
+
+def unchosen(root: Part) -> bool:
+    """Whether a choice below a part, or at it, is still to be made."""
+    return any(map(chooses, parts_below(root)))

@@ -1,0 +1,261 @@
+"""The second reference: the verdicts of a property, by trying its scenarios (definition, sections 2 to 4).
+
+It reads the parts of a property and nothing else of `rvaft.core`; the build of a property and every pass are held against it.
+"""
+
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain, combinations, pairwise, product
+from typing import Any, NamedTuple
+
+from rvaft.core.property import (
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    One,
+    Part,
+    Property,
+    Sequence,
+    Source,
+    Times,
+    Within,
+)
+from rvaft.model.guards import TimePoint, walk
+from rvaft.model.patterns import Pattern
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import Monitor
+from rvaft.semantics.events import Binding, holds, matches, names, time_of
+from rvaft.semantics.reference import value_key
+
+Occurrence = tuple[str, int]
+"""A node and the number of its event, from 1."""
+Chosen = Mapping[Part, tuple[Part, ...]]
+
+
+def _choices(part: Part) -> list[tuple[Part, ...]]:
+    if isinstance(part, One):
+        return [(inner,) for inner in part.parts]
+    if isinstance(part, AtLeast):
+        sizes = range(part.need, len(part.parts) + 1)
+        return list(chain.from_iterable(combinations(part.parts, size) for size in sizes))
+    return [part.parts]
+
+
+def _resolved(root: Part) -> Iterator[Chosen]:
+    agenda: list[tuple[dict[Part, tuple[Part, ...]], list[Part]]] = [({}, [root])]
+    while agenda:
+        kept, reached = agenda.pop()
+        waiting = [part for part in reached if part not in kept]
+        if not waiting:
+            yield kept
+            continue
+        agenda += [({**kept, waiting[0]: way}, [*waiting[1:], *way]) for way in _choices(waiting[0])]
+
+
+@dataclass(frozen=True)
+class _Scenario:
+    """One way to make the choices; `patterns` are the events, each with the pattern it has to match."""
+
+    prop: Property
+    kept: Chosen
+
+    def below(self, part: Part) -> dict[Occurrence, Pattern]:
+        """The events of a part."""
+        found: dict[Occurrence, Pattern] = {}
+        agenda, seen = [part], {part}
+        while agenda:
+            one = agenda.pop()
+            if isinstance(one, Event):
+                found[one.source.node, one.source.number] = one.pattern
+            if isinstance(one, Times):
+                found |= {(one.source.node, number): one.pattern for number in range(1, one.count + 1)}
+            agenda += [inner for inner in self.kept[one] if inner not in seen]
+            seen.update(self.kept[one])
+        return found
+
+    @cached_property
+    def patterns(self) -> dict[Occurrence, Pattern]:
+        """All events."""
+        return self.below(self.prop.root)
+
+    @cached_property
+    def orders(self) -> list[Mapping[Occurrence, frozenset[Occurrence]]]:
+        """Each precedence that is not cyclic: for every event all events before it."""
+        fixed = set[tuple[Occurrence, Occurrence]]()
+        ways: list[list[set[tuple[Occurrence, Occurrence]]]] = []
+        for part, kept in self.kept.items():
+            events = [set(self.below(inner)) for inner in kept]
+            if isinstance(part, Sequence):
+                fixed |= {(a, b) for one, other in combinations(events, 2) for a in one for b in other}
+            if isinstance(part, Times):
+                numbered = [(part.source.node, number) for number in range(1, part.count + 1)]
+                fixed |= set(pairwise(numbered))
+            if isinstance(part, EndInOrder):
+                busy = [sorted(inner) for inner in events if inner]
+                ways.append(
+                    [
+                        {(one, last) for inner, last in zip(busy, lasts, strict=True) for one in inner if one != last}
+                        | set(pairwise(lasts))
+                        for lasts in product(*busy)
+                    ]
+                )
+        found = [self._closed(fixed.union(*chosen)) for chosen in product(*ways)]
+        return [order for order in found if all(one not in order[one] for one in order)]
+
+    def _closed(self, pairs: set[tuple[Occurrence, Occurrence]]) -> Mapping[Occurrence, frozenset[Occurrence]]:
+        before = {one: {a for a, b in pairs if b == one} for one in self.patterns}
+        for earlier in before.values():
+            agenda = list(earlier)
+            while agenda:
+                new = before[agenda.pop()] - earlier
+                earlier.update(new)
+                agenda += new
+        return {one: frozenset(found) for one, found in before.items()}
+
+    @cached_property
+    def conditions(self) -> list[Condition]:
+        """The guards."""
+        return [part for part in self.kept if isinstance(part, Condition)]
+
+    @cached_property
+    def windows(self) -> list[tuple[frozenset[Occurrence], int]]:
+        """The windows, each with its events."""
+        return [(frozenset(self.below(part)), part.duration) for part in self.kept if isinstance(part, Within)]
+
+    @cached_property
+    def points(self) -> dict[str, tuple[str, frozenset[Occurrence]]]:
+        """The time points of the guards by name, each with the events whose times it is of."""
+        found: dict[str, tuple[str, frozenset[Occurrence]]] = {}
+        for condition in self.conditions:
+            for one in walk(condition.guard):
+                if isinstance(one, TimePoint):
+                    found[one.name] = (one.point, self._events_of(one))
+        return found
+
+    def _events_of(self, point: TimePoint) -> frozenset[Occurrence]:
+        if point.point == "at":
+            return frozenset({(point.node, max(point.number, 1))} & self.patterns.keys())
+        whole = self.prop.wholes.get(Source(point.node, point.number))
+        return frozenset() if whole is None or whole not in self.kept else frozenset(self.below(whole))
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it has an order, and every guard without variables and time points holds."""
+        constant = [one.guard for one in self.conditions if not names(one.guard)]
+        return bool(self.orders) and all(holds(guard, {}) for guard in constant)
+
+    def allows(self, binding: Binding, times: Mapping[Occurrence, int | None]) -> bool:
+        """Whether all guards and windows hold of which everything is known."""
+        known = dict(binding)
+        for name, (point, events) in self.points.items():
+            if events and events <= times.keys():
+                known[name] = _extreme(point, [times[one] for one in events])
+        for condition in self.conditions:
+            if names(condition.guard) <= known.keys() and not holds(condition.guard, known):
+                return False
+        for events, duration in self.windows:
+            if events and events <= times.keys():
+                own = [times[one] for one in events]
+                start, end = _extreme("start", own), _extreme("end", own)
+                if start is None or end is None or end - start > duration:
+                    return False
+        return True
+
+
+def _extreme(point: str, times: list[int | None]) -> int | None:
+    defined = [time for time in times if time is not None]
+    if len(defined) < len(times):
+        return None
+    return max(defined) if point == "end" else min(defined)
+
+
+class _Partial(NamedTuple):
+    scenario: int
+    order: int
+    binding: Binding
+    times: Mapping[Occurrence, int | None]
+
+    @property
+    def key(self) -> Hashable:
+        values = frozenset((name, value_key(value)) for name, value in self.binding.items())
+        return self.scenario, self.order, values, frozenset(self.times.items())
+
+
+class PropertyReference(Monitor):
+    """The verdict of a property after each prefix, by following every partial match of every feasible scenario."""
+
+    def __init__(self, prop: Property, semantics: Semantics | str) -> None:
+        super().__init__()
+        self.prop = prop
+        self.semantics = Semantics(semantics)
+        every = [_Scenario(prop, kept) for kept in _resolved(prop.root)]
+        self.scenarios = [one for one in every if one.feasible]
+        self._starts = [
+            _Partial(number, order, {}, {})
+            for number, one in enumerate(self.scenarios)
+            for order in range(len(one.orders))
+        ]
+        self._partials = {partial.key: partial for partial in self._starts}
+        self._latest: int | None = None
+
+    @property
+    def state(self) -> Hashable:
+        """The verdict and the partial matches so far."""
+        return self.verdict, frozenset(self._partials), self._latest
+
+    def _advance(self, event: Any) -> Verdict:
+        time = time_of(self.prop.time, event)
+        late = self._is_late(time)
+        found = {partial.key: partial for partial in self._after(event, time, late=late)}
+        if any(len(one.times) == len(self.scenarios[one.scenario].patterns) for one in found.values()):
+            self._partials = {}
+            return Verdict.TRUE
+        self._partials = found
+        lasting = self.semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
+        return Verdict.UNKNOWN if found or lasting else Verdict.FALSE
+
+    def _is_late(self, time: int | None) -> bool:
+        allowed, greatest = self.prop.time.late if self.prop.time else None, self._latest
+        if allowed is None or time is None:
+            return False
+        self._latest = time if greatest is None else max(time, greatest)
+        return greatest is not None and greatest - time > allowed
+
+    def _after(self, event: Any, time: int | None, *, late: bool) -> Iterator[_Partial]:
+        takes = not late
+        if self.semantics in (Semantics.PROJECTED, Semantics.CONSECUTIVE):
+            takes = takes and self._relevant(event)
+        skips = self.semantics is Semantics.SCATTERED or (self.semantics is not Semantics.STRICT and not takes)
+        for partial in self._partials.values():
+            if skips:
+                yield partial
+            if takes:
+                yield from self._extended(partial, event, time)
+        if self.semantics is Semantics.CONSECUTIVE:
+            yield from self._starts
+
+    def _extended(self, partial: _Partial, event: Any, time: int | None) -> Iterator[_Partial]:
+        scenario = self.scenarios[partial.scenario]
+        for one, before in scenario.orders[partial.order].items():
+            if one in partial.times or not before <= partial.times.keys():
+                continue
+            found = matches(scenario.patterns[one], event, partial.binding, {})
+            if found is None:
+                continue
+            binding = {name: value for name, value in found.items() if not name.startswith("_")}
+            times = {**partial.times, one: time}
+            if scenario.allows(binding, times):
+                yield _Partial(partial.scenario, partial.order, binding, times)
+
+    def _relevant(self, event: Any) -> bool:
+        for pattern, when in self.prop.ignored:
+            found = matches(pattern, event, {}, {})
+            if found is not None and (when is None or holds(when, found)):
+                return False
+        for entry in self.prop.alphabet:
+            found = matches(entry.pattern, event, {}, {})
+            if found is not None and (entry.when is None or holds(entry.when, found)):
+                return True
+        return False

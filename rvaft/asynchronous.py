@@ -70,9 +70,9 @@ def on_detection(
     only what it returns shows it.
 
     >>> import rvaft
-    >>> step = on_detection(rvaft.loads("top and a b;"), lambda explanation: print(dict(explanation.matched)))
+    >>> step = on_detection(rvaft.loads("top and a b;"), lambda explanation: print(explanation.events))
     >>> [step({"event": name}).symbol for name in "ba"]
-    {'b': 1, 'a': 2}
+    {'b': [1], 'a': [2]}
     ['?', '⊤']
     """
     watching = _watching(tree, options)

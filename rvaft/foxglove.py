@@ -29,7 +29,10 @@ HOST: Final = "127.0.0.1"
 _TEXT: Final = {"type": "string"}
 _WHOLE: Final = {"type": "integer"}
 _ABOUT: Final = {"tree": _TEXT, "trace": _TEXT, "key": {}, "event": _WHOLE, "again": {"type": "boolean"}}
-_MATCHED: Final = {"type": "object", "properties": {"node": _TEXT, "event": _WHOLE, "time": {}, "topic": _TEXT}}
+_MATCHED: Final = {
+    "type": "object",
+    "properties": {"node": _TEXT, "occurrence": _WHOLE, "event": _WHOLE, "time": {}, "topic": _TEXT},
+}
 _SCHEMAS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     DETECTIONS: (
         "rvaft.Detection",

@@ -4,7 +4,7 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Self, TypeAlias
+from typing import Final, NamedTuple, Self, TypeAlias
 
 from rvaft.errors import TraceError
 from rvaft.model.nodes import Kind
@@ -13,38 +13,46 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 
 
+class MatchedEvent(NamedTuple):
+    """One event of a match: the node that it shows, which event of the node it is, and its number in the trace, both from 1."""
+
+    node: str
+    occurrence: int
+    event: int
+
+
 @dataclass(frozen=True, slots=True)
 class Explanation:
     """One match (semantics, section 4): the branch with the lowest number that has one, and how it matched.
 
-    `matched` maps each occurrence to the number of its event, from 1, in the order of the events; `branch` is None where
-    a tree has too many branches to count. `scenario` maps each node of the scenario to the children that it keeps, those of
-    a KofN being K or more; it is empty where the monitor does not know.
+    `matched` are the events of the match, in their order; `branch` is None where a tree has too many branches to count.
+    `scenario` maps each node of the scenario to the children that it keeps, those of a KofN being K or more; it is empty
+    where the monitor does not know.
 
     >>> import rvaft
     >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
-    >>> [*watching.run([{"event": "a"}, {"event": "b"}])][-1].symbol, dict(watching.explanation.matched)
-    ('⊤', {'a': 1, 'b': 2})
+    >>> [*watching.run([{"event": "a"}, {"event": "b"}])][-1].symbol, watching.explanation.matched[1]
+    ('⊤', MatchedEvent(node='b', occurrence=1, event=2))
     """
 
     branch: int | None
     kinds: frozenset[Kind]
-    matched: Mapping[str, int]
+    matched: tuple[MatchedEvent, ...]
     variables: Mapping[str, Json]
     scenario: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
-    def observed(self, tree: RVAFT) -> dict[str, list[int]]:
-        """The events of each node of a tree, several where a leaf counts them.
+    @property
+    def events(self) -> dict[str, list[int]]:
+        """The numbers of the events of each node, several where a leaf counts them.
 
         >>> import rvaft
-        >>> watching = rvaft.monitor(tree := rvaft.loads("top sand a b; a times 2;"))
-        >>> [*watching.run([{"event": name} for name in "aab"])][-1].symbol, watching.explanation.observed(tree)
+        >>> watching = rvaft.monitor(rvaft.loads("top sand a b; a times 2;"))
+        >>> [*watching.run([{"event": name} for name in "aab"])][-1].symbol, watching.explanation.events
         ('⊤', {'a': [1, 2], 'b': [3]})
         """
         found: dict[str, list[int]] = {}
-        for name, number in self.matched.items():
-            leaf = name if name in tree.nodes else name.rpartition("[")[0] or name
-            found.setdefault(leaf, []).append(number)
+        for one in self.matched:
+            found.setdefault(one.node, []).append(one.event)
         return found
 
     def bound(self, tree: RVAFT) -> dict[str, Json]:
@@ -237,8 +245,8 @@ class Repetition(Monitor):
     >>> watching = Repetition(rvaft.monitor(rvaft.loads("top sand a b;"), semantics="scattered"))
     >>> "".join(verdict.symbol for verdict in watching.run({"event": name} for name in "abbab"))
     '?⊤??⊤'
-    >>> watching.detections, dict(watching.explanation.matched)
-    (2, {'a': 4, 'b': 5})
+    >>> watching.detections, watching.explanation.events
+    (2, {'a': [4], 'b': [5]})
     """
 
     def __init__(self, monitor: Monitor) -> None:

@@ -60,7 +60,7 @@ def test_a_monitor_goes_on_where_it_is() -> None:
     asyncio.run(verdicts(monitor, [A]))
     resumed = pickle.loads(pickle.dumps(monitor))
     assert asyncio.run(verdicts(resumed, slowly([B]))) == [(B, "true")]
-    assert resumed.explanation.matched == {"a": 1, "b": 2}
+    assert resumed.explanation.events == {"a": [1], "b": [2]}
     assert monitor.verdict is Verdict.UNKNOWN
 
 
@@ -70,7 +70,7 @@ def test_a_callback_is_called_once() -> None:
     assert [step(event) for event in (B, A)] == ["unknown", "unknown"]
     assert told == []
     assert [step(event) for event in (B, B)] == ["true", "true"]
-    assert [explanation and explanation.matched for explanation in told] == [{"a": 2, "b": 3}]
+    assert [explanation and explanation.events for explanation in told] == [{"a": [2], "b": [3]}]
 
 
 def test_a_repetition_detects_and_calls_back_again() -> None:
@@ -79,7 +79,7 @@ def test_a_repetition_detects_and_calls_back_again() -> None:
     found = asyncio.run(verdicts(TREE, [A, B, B, A, B, X], semantics="consecutive", repeat=True))
     assert [step(event) for event, _ in found] == [verdict for _, verdict in found]
     assert "".join(verdict.symbol for _, verdict in found) == "?⊤??⊤?"
-    assert [explanation and explanation.matched for explanation in told] == [{"a": 1, "b": 2}, {"a": 4, "b": 5}]
+    assert [explanation and explanation.events for explanation in told] == [{"a": [1], "b": [2]}, {"a": [4], "b": [5]}]
     one = rvaft.on_detection(rvaft.monitor(rvaft.loads("top or a b;"), repeat=True), told.append)
     assert [one(event) for event in (A, A, B)] == ["true"] * 3
     assert len(told) == 5

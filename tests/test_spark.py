@@ -139,7 +139,10 @@ def test_rows_are_events_and_a_number_is_their_order(session: Any) -> None:
     table = session.createDataFrame(rows, "host string, n int, event string")
     detected, lacking = rvaft.spark.monitor(table, tree, key=["host"], order_by="n").orderBy("warning").collect()
     assert (detected.key, detected.event, detected.time, detected.detection) == ('"x"', 2, None, None)
-    assert json.loads(detected.record)["matched"] == [{"node": "a", "event": 1}, {"node": "b", "event": 2}]
+    assert json.loads(detected.record)["matched"] == [
+        {"node": "a", "occurrence": 1, "event": 1},
+        {"node": "b", "occurrence": 1, "event": 2},
+    ]
     assert lacking.warning == "1 event without the field host, given to no monitor"
 
 

@@ -41,7 +41,7 @@ def _because(monitor: Monitor) -> str:
         case Verdict.TRUE:
             explanation = monitor.explanation
             assert explanation is not None, "the engine knows the tree"
-            matched = ", ".join(f"{escaped(node)} by event {number}" for node, number in explanation.matched.items())
+            matched = ", ".join(f"{escaped(node)} by event {number}" for node, _, number in explanation.matched)
             return f"{tex.math(tex.phi(explanation.branch))} is complete: {matched}."
         case Verdict.FALSE:
             ended = monitor.ended

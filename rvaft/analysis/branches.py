@@ -440,6 +440,11 @@ def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], abov
     )
 
 
+def whole(tree: RVAFT) -> RVAFT:
+    """The tree that a restricted tree is part of, or the tree itself."""
+    return tree if tree.part_of is None else tree.part_of.tree
+
+
 def _distinct(ways: Iterable[Allowed]) -> list[Allowed]:
     """The ways without repetition; one that allows everything makes the others superfluous."""
     found: list[Allowed] = []

@@ -299,7 +299,7 @@ class _Text(Reporter):
         if head := title + ": ".join(part for part in (branch, kinds) if part):
             yield head
         tree = self.settings.tree
-        for node, numbers in explanation.observed(tree).items():
+        for node, numbers in explanation.events.items():
             label, number = tree.nodes[node].label if node in tree.nodes else None, numbers[-1]
             place = " (no longer known)"
             if number in events:

@@ -11,7 +11,7 @@ from itertools import product
 from math import prod
 from typing import Final, assert_never
 
-from rvaft.analysis.branches import branch, ways_to_kind
+from rvaft.analysis.branches import Branch, branch, ways_to_kind
 from rvaft.core.build import build
 from rvaft.core.property import (
     IMPOSSIBLE,
@@ -68,24 +68,30 @@ def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | s
     """
     kind = None if kind is None else Kind(kind)
     if branch_number is not None:
-        chosen = branch(prop.tree, branch_number)
-        if kind is not None and kind not in chosen.kinds:
+        one = branch(prop.tree, branch_number)
+        if kind is not None and kind not in one.kinds:
             raise TreeError(f"branch {branch_number} does not have the kind {kind}", rule="no-branch")
-        ways: list[Mapping[str, frozenset[str]]] = [
-            {gate: frozenset([child]) for gate, child in chosen.choices.items()}
-        ]
-    elif kind is None:
+        return of_branch(replace(prop, kind=kind), one)
+    if kind is None:
         return prop
-    else:
-        ways = list(ways_to_kind(prop.tree, kind))
-        if not ways:
-            raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[prop.tree.root])
-    prop = replace(prop, branch=branch_number, kind=kind)
+    ways = ways_to_kind(prop.tree, kind)
+    if not ways:
+        raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[prop.tree.root])
+    prop = replace(prop, kind=kind)
     if len(ways) == 1:
         return _allowing(prop, ways[0], 0)
     copies = [_allowing(prop, way, number) for number, way in enumerate(ways, 1)]
     wholes = {source: whole for copy in copies for source, whole in copy.wholes.items()}
     return replace(prop, root=One(None, tuple(dict.fromkeys(copy.root for copy in copies))), wholes=wholes)
+
+
+def of_branch(prop: Property, one: Branch) -> Property:
+    """The property with the scenarios of one branch of its tree."""
+    return _allowing(replace(prop, branch=one.number), _singly(one.choices), 0)
+
+
+def _singly(choices: Mapping[str, str]) -> dict[str, frozenset[str]]:
+    return {gate: frozenset([child]) for gate, child in choices.items()}
 
 
 def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) -> Property:
@@ -120,21 +126,29 @@ def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) 
 
 
 def _expand_times(prop: Property, _: int) -> Property:
-    def change(part: Part, parts: tuple[Part, ...]) -> Part:
-        if not isinstance(part, Times):
-            return with_parts(part, parts)
+    def counted(part: Times) -> list[Event]:
         node = part.source.node
         if part.count > MOST:
             raise TooLarge(f"events that {node} counts, {part.count:,}", limit=MOST, remedy="ask for fewer")
-        return Sequence(
-            part.source, tuple(Event(Source(node, number), part.pattern) for number in range(1, part.count + 1))
-        )
+        return [Event(Source(node, number), part.pattern) for number in range(1, part.count + 1)]
+
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        match part:
+            case Times():
+                return Sequence(part.source, tuple(counted(part)))
+            case All(source=Source() as source, parts=(Times() as leaf, Condition(guard=guard))) if not time_points(
+                guard
+            ):
+                guarded = (All(one.source, (one, Condition(one.source, guard))) for one in counted(leaf))
+                return Sequence(source, tuple(guarded))
+            case _:
+                return with_parts(part, parts)
 
     return prop.rewritten(change) if any(isinstance(part, Times) for part in prop.parts) else prop
 
 
 expand_times: Final = Pass("expand_times", frozenset({Times}), _expand_times)
-"""A counted leaf becomes a sequence of as many events."""
+"""A counted leaf becomes a sequence of as many events, each with the guard of the leaf unless that asks for times."""
 
 
 # Choices.
@@ -158,7 +172,8 @@ def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
             left = tuple(new[inner] for inner in kept[part])
             return One(part.source, left) if isinstance(part, One) else All(part.source, left)
 
-        part = replace(prop, wholes={source: whole for source, whole in prop.wholes.items() if whole in kept})
+        wholes = {source: whole for source, whole in prop.wholes.items() if whole in kept}
+        part = replace(prop, wholes=wholes, resolved=True)
         yield part.rewritten(change)
 
 
@@ -176,7 +191,7 @@ def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iter
     roots = tuple(found)
     if not roots:
         return prop.with_root(IMPOSSIBLE)
-    return found[roots[0]] if len(roots) == 1 else prop.with_root(One(None, roots))
+    return found[roots[0]] if len(roots) == 1 else replace(prop.with_root(One(None, roots)), resolved=True)
 
 
 # The order of ends.
@@ -384,7 +399,7 @@ def _simplify(prop: Property, _: int) -> Property:
             case Condition():
                 if not is_constant(part):
                     return part
-                return NOTHING if holds(part.guard, {}) else IMPOSSIBLE
+                return All(part.source, ()) if holds(part.guard, {}) else IMPOSSIBLE
             case One():
                 return One(part.source, possible) if possible else IMPOSSIBLE
             case AtLeast():
@@ -405,13 +420,18 @@ simplify: Final = Pass("simplify", frozenset(), _simplify)
 """Conditions without variables are decided, and what a false one makes impossible is removed. No window may be left."""
 
 
+def with_choices(prop: Property, choices: Mapping[str, str]) -> Property:
+    """The property where these choices keep the part of the child given, simplified; impossible where that cannot be."""
+    return simplify(_allowing(prop, _singly(choices), 0))
+
+
 def _flatten(prop: Property, _: int) -> Property:
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
             case All() | Sequence():
                 kind = type(part)
                 nested = (each.parts if isinstance(each, kind) else (each,) for each in parts)
-                inner = [one for each in nested for one in each if one is not NOTHING]
+                inner = [one for each in nested for one in each if not (isinstance(one, All) and not one.parts)]
                 if not inner:
                     return NOTHING
                 return inner[0] if len(inner) == 1 else kind(part.source, tuple(inner))
@@ -425,6 +445,11 @@ def _flatten(prop: Property, _: int) -> Property:
 
 flatten: Final = Pass("flatten", frozenset(), _flatten)
 """A sequence inside a sequence, or parts in any order inside such parts, become one."""
+
+
+def reduced(prop: Property, limit: int = LIMIT) -> Property:
+    """The property by events, guards over single events, sequences and choices alone; the engine follows this form."""
+    return simplify(windows_to_guards(order_ends(expand_times(prop), limit), limit))
 
 
 def property_of(tree: RVAFT) -> Property:

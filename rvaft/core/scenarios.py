@@ -165,12 +165,12 @@ def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
         for one in kept[part]:
             found |= inside[one]
         inside[part] = found
-    closed = _closed(before)
+    closed = transitive(before)
     return None if closed is None else (events, closed)
 
 
-def _closed(before: list[int]) -> tuple[int, ...] | None:
-    """The transitive closure, or None where an event precedes itself."""
+def transitive(before: list[int]) -> tuple[int, ...] | None:
+    """The transitive closure of what is before each event, as bits, or None where an event precedes itself."""
     waiting = [one.bit_count() for one in before]
     after: list[list[int]] = [[] for _ in before]
     for event, earlier in enumerate(before):

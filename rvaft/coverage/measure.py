@@ -6,28 +6,28 @@ from dataclasses import dataclass, replace
 from io import BufferedIOBase, IOBase
 from itertools import chain, combinations, islice
 from math import inf
-from typing import BinaryIO, Final, NamedTuple, Self, cast
-
-import networkx as nx
+from typing import BinaryIO, Final, NamedTuple, Self, TypeAlias, cast
 
 from rvaft.analysis.branches import branch as numbered
 from rvaft.analysis.branches import branches
-from rvaft.analysis.normal_form import Op, body, is_impossible
-from rvaft.analysis.plain_trees import is_plain, plain_trees, without_conditions
-from rvaft.analysis.scenarios import Fewest, Kept, Point, ScenarioSpace, event, fewest_events, precedence
 from rvaft.api import meant, narrowed
+from rvaft.core.build import build
 from rvaft.core.classifier import TreeReads
+from rvaft.core.passes import of_branch, reduced
+from rvaft.core.property import All, Event, Property, Source, Times
+from rvaft.core.scenarios import is_empty, transitive
 from rvaft.engine import Engine
 from rvaft.engine.alternatives import Alternatives
-from rvaft.engine.compiled_tree import CompiledTree, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import CompiledTree, Op, Reading, Sketch, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness, history
-from rvaft.engine.explanation import awaited, chosen_part
+from rvaft.engine.explanation import awaited
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.engine.partial_matches import Following
 from rvaft.engine.scattered_linear import Earliest, EarliestRun
 from rvaft.errors import TooLarge, TreeError
+from rvaft.model.guards import holds
 from rvaft.model.nodes import Kind
-from rvaft.model.tree import RVAFT, find_cycle, reachable
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitoring.fast_reader import FastReader, exact_time, plain_fields
@@ -35,7 +35,6 @@ from rvaft.monitoring.near_misses import EventTypeIndex, Sight
 from rvaft.monitoring.oversights import Oversight, Oversights
 from rvaft.monitors import Awaited
 from rvaft.readers.json_lines import read
-from rvaft.rules import require_valid
 from rvaft.support.bits import bits
 
 DEFAULT_BRANCHES: Final = 1_000
@@ -44,93 +43,122 @@ _WAYS: Final = 20_000
 """How many ways to keep children of gates above shared nodes are tried."""
 
 
+Kept: TypeAlias = Mapping[int, tuple[int, ...]]
+"""The nodes of a scenario, each with the children that it keeps."""
+
+
 class LackingEvents:
     """The fewest events that a partial match of a branch still lacks, over all feasible scenarios that it is a part of.
 
-    The tree is restricted to the branch, which leaves only KofN gates to choose: they keep K children or more. Where no node is shared,
-    the cheapest children are the answer, gate by gate. The gates above shared nodes (the *core*) depend on each other: their choices
-    are tried one by one, and each scenario is looked at as a whole.
+    In a branch only KofN gates have a choice left: they keep K children or more. Where no node is shared, the cheapest children
+    are the answer, gate by gate. The gates above shared nodes (the *core*) depend on each other: their choices are tried one by
+    one, and each scenario is looked at as a whole.
     """
 
-    def __init__(self, tree: RVAFT, core: Iterable[str]) -> None:
-        self.tree = tree
-        self.core = frozenset(core)
-        self.occurrences = frozenset(tree.occurrences)
-        bodies = {node.name: body(node) for node in tree.top_down()}
-        self.thresholds = {name: below.need for name, below in bodies.items() if below.op is Op.AT_LEAST}
-        """The KofN gates; without any the branch is one scenario."""
-        self._never = frozenset(node.name for node in tree.top_down() if is_impossible(node))
+    def __init__(self, compiled: CompiledTree) -> None:
+        self._compiled = compiled
+        self._occurrences = frozenset(node for node, own in enumerate(compiled.own) if own)
 
     def fewest(
-        self, taken: Mapping[str, int], dead: Collection[str] = (), *, exact: bool = True
-    ) -> tuple[int, Collection[str]]:
+        self, taken: Mapping[int, int], dead: Collection[int] = (), *, exact: bool = True
+    ) -> tuple[int, Collection[int]]:
         """How many are lacking when these are taken and the guards of the dead nodes do not hold, and the nodes of such a scenario.
 
-        `taken` maps each occurrence to the position of its event. If `exact`, the scenario contains all that is taken; otherwise it
-        may do without some of it. There has to be such a scenario. Raises `TooLarge`.
+        `taken` maps each node with an event to the position of its event. If `exact`, the scenario contains all that is taken;
+        otherwise it may do without some of it. There has to be such a scenario. Raises `TooLarge`.
         """
-        if not self.thresholds:
-            return len(self.occurrences) - len(taken), self.tree.order
-        forced: set[str] = set()
-        below = [node for node in self.tree.bottom_up() if node.name not in self.core]
+        compiled = self._compiled
+        if not compiled.chooses:
+            return len(self._occurrences) - len(taken), range(len(compiled.names))
+        below = [node for node in reversed(range(len(compiled.names))) if node not in compiled.members]
+        forced: set[int] = set()
         for node in below:
-            if exact and (node.name in taken or not forced.isdisjoint(node.children)):
-                forced.add(node.name)
-        dead = self._never | frozenset(dead)
-        parts = fewest_events(below, without=dead, taken=taken, forced=forced)
-        best: tuple[int, Collection[str]] | None = None
+            if exact and (node in taken or not forced.isdisjoint(compiled.children[node])):
+                forced.add(node)
+        parts = self._cheapest(below, dead, taken, forced)
+        best: tuple[int, Collection[int]] | None = None
         for kept in self._resolutions(parts, forced, dead):
-            lacking = len(self.occurrences & kept.keys() - taken.keys())
+            lacking = len(self._occurrences & kept.keys() - taken.keys())
             fits = (best is None or lacking < best[0]) and (not exact or taken.keys() <= kept.keys())
-            if fits and (not self.core or _keeps_order(self.tree, kept, taken)):
+            if fits and (not compiled.core or self._keeps_order(kept, taken)):
                 best = lacking, kept
         assert best is not None, "a partial match is part of a feasible scenario"
         return best
 
+    def _cheapest(
+        self, nodes: Iterable[int], dead: Collection[int], taken: Collection[int], forced: Collection[int]
+    ) -> dict[int, tuple[int, tuple[int, ...]]]:
+        """For each of the nodes (children first) that can be kept, how many events it lacks at least, and the children kept for it."""
+        found: dict[int, tuple[int, tuple[int, ...]]] = {}
+        for node in nodes:
+            children, need = self._compiled.children[node], self._compiled.need[node]
+            able = [child for child in children if child in found]
+            must = {child for child in children if child in forced}
+            if node in dead or len(able) < need or not must.issubset(able):
+                continue
+            rest = sorted((child for child in able if child not in must), key=lambda child: found[child][0])
+            chosen = must.union(rest[: max(need - len(must), 0)])
+            kept = tuple(child for child in children if child in chosen)
+            own = node in self._occurrences and node not in taken
+            found[node] = own + sum(found[child][0] for child in kept), kept
+        return found
+
     def _resolutions(
-        self, parts: Mapping[str, Fewest], forced: Collection[str], dead: Collection[str]
+        self, parts: Mapping[int, tuple[int, tuple[int, ...]]], forced: Collection[int], dead: Collection[int]
     ) -> Iterator[Kept]:
-        """Scenarios, each node with the children it keeps: every choice in the core, the cheapest below it."""
-        agenda: list[tuple[dict[str, tuple[str, ...]], tuple[str, ...]]] = [({}, (self.tree.root,))]
+        """Scenarios: every choice in the core, the cheapest below it."""
+        compiled = self._compiled
+        agenda: list[tuple[dict[int, tuple[int, ...]], tuple[int, ...]]] = [({}, (compiled.root,))]
         tried = 0
         while agenda:
             kept, reached = agenda.pop()
-            waiting = next((name for name in reached if name in self.core and name not in kept), None)
-            if waiting in dead:
+            waiting = next((node for node in reached if node in compiled.members and node not in kept), None)
+            if waiting is not None and waiting in dead:
                 continue
             if waiting is not None:
-                children = self.tree.nodes[waiting].children
-                able = [child for child in children if child in self.core or child in parts]
-                sizes = range(self.thresholds.get(waiting, len(children)), len(able) + 1)
+                children = compiled.children[waiting]
+                able = [child for child in children if child in compiled.members or child in parts]
+                sizes = range(compiled.need[waiting], len(able) + 1)
                 ways = chain.from_iterable(combinations(able, size) for size in sizes)
                 possible = (way for way in ways if all(child in way for child in children if child in forced))
                 agenda.extend(({**kept, waiting: way}, (*reached, *way)) for way in possible)
                 continue
             tried += 1
             if tried > _WAYS:
-                gates = [name for name in self.tree.order if name in self.core & self.thresholds.keys()]
-                what = f"ways to keep children of {', '.join(gates[:10])}, which share nodes"
+                gates = (compiled.names[node] for node in compiled.core if compiled.chooses >> node & 1)
+                what = f"ways to keep children of {', '.join([*gates][:10])}, which share nodes"
                 remedy = "choose a branch without them with --branch N, or prune the tree"
                 raise TooLarge(what, limit=_WAYS, remedy=remedy)
-            roots = [name for name in reached if name not in self.core]
-            below = (name for root in roots for name in reachable(root, lambda name: parts[name].kept))
-            yield kept | {name: parts[name].kept for name in below}
+            todo = [node for node in reached if node not in compiled.members]
+            if all(node in parts for node in todo):
+                whole = dict(kept)
+                while todo:
+                    node = todo.pop()
+                    whole[node] = parts[node][1]
+                    todo += whole[node]
+                yield whole
 
-
-def _keeps_order(tree: RVAFT, kept: Kept, taken: Mapping[str, int]) -> bool:
-    """Whether a scenario is feasible, and what is taken came in an order that it allows and before all that is lacking."""
-    graph = precedence(tree, kept)
-    if find_cycle(graph):
-        return False
-    position = {event(name): taken.get(name, inf) for name in kept if tree.nodes[name].has_event}
-    latest: dict[Point, float] = {}
-    for point in nx.topological_sort(graph):
-        before = max((latest[earlier] for earlier in graph.predecessors(point)), default=0)
-        own = position.get(point, before)
-        if own <= before and point in position and own != inf:
+    def _keeps_order(self, kept: Kept, taken: Mapping[int, int]) -> bool:
+        """Whether a scenario is feasible, and what is taken came in an order that it allows and before all that is lacking."""
+        compiled = self._compiled
+        inside: dict[int, int] = {}
+        before = [0] * len(compiled.names)
+        for node in sorted(kept, reverse=True):
+            inside[node] = 0
+            for child in kept[node]:
+                if compiled.ops[node] is Op.SEQUENCE:
+                    for one in bits(inside[child]):
+                        before[one] |= inside[node]
+                inside[node] |= inside[child]
+            if compiled.own[node]:
+                for one in bits(inside[node]) if compiled.top_down else ():
+                    before[one] |= 1 << node
+                before[node] |= 0 if compiled.top_down else inside[node]
+                inside[node] |= 1 << node
+        closed = transitive(before)
+        if closed is None:
             return False
-        latest[point] = max(before, own)
-    return True
+        return all(taken.get(one, inf) < taken[node] for node in taken for one in bits(closed[node]))
 
 
 class Reach(NamedTuple):
@@ -141,8 +169,8 @@ class Reach(NamedTuple):
     awaited: tuple[Awaited, ...]
 
 
-class PlainFollower(Engine):
-    """The monitor of a plain tree, a branch or one of those that it becomes, that remembers the best of the partial matches it met.
+class AlternativeFollower(Engine):
+    """The monitor of a branch, or of one alternative of it, that remembers the best of the partial matches it met.
 
     It is given only the events that may matter to it, with what the whole tree says of them, since there may be very many branches.
     Under `scattered` no partial match is lost but to a better one, and the end of the log is early enough; else they end, so they are
@@ -151,18 +179,19 @@ class PlainFollower(Engine):
 
     _apart = False  # how far the parts came together is what is measured
 
-    def __init__(self, tree: RVAFT, semantics: Semantics, *, of: RVAFT, limit: int) -> None:
-        super().__init__(tree, semantics, limit=limit)
-        self._of = of  # whose nodes are told
+    def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
+        self._alternative = prop
+        super().__init__(prop.tree, semantics, limit=limit)
         if isinstance(self._strategy, Following):
             self._strategy.matching.asked.clear()  # a partial match counts also where no time could complete it
-        assert not isinstance(self._strategy, Alternatives), "a plain tree has no others beside it"
-        compiled = self._strategy.compiled
-        self._names = compiled.names
-        self._shortest = LackingEvents(tree, (compiled.names[node] for node in compiled.core))
+        assert not isinstance(self._strategy, Alternatives), "an alternative has no others beside it"
+        self._shortest = LackingEvents(self._strategy.compiled)
         self._size = 0
         self._lacking, self._last = self._shortest.fewest({})[0], 0
         self._best: list[Witness | None] = [None]
+
+    def _property(self) -> Property:
+        return self._alternative
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
         """Read the event of that number, relevant to the whole tree; those since the last one read change nothing.
@@ -179,16 +208,16 @@ class PlainFollower(Engine):
         if self.verdict is Verdict.TRUE:
             return Reach(0, self._position, ())
         strategy, waiting = self._strategy, set[str]()
-        assert not isinstance(strategy, Alternatives), "a plain tree has no others beside it"
+        assert not isinstance(strategy, Alternatives), "an alternative has no others beside it"
         if isinstance(strategy, Earliest):  # the best match may do without some of what fired: played again alone
-            fired = {self._names[node]: position for node, (position, _) in strategy.run.fired.items()}
+            fired = {node: position for node, (position, _) in strategy.run.fired.items()}
             lacking, nodes = self._shortest.fewest(fired, exact=False)
             run, last = EarliestRun(strategy.compiled, strategy.starts), 0
             for node, (position, values) in strategy.run.fired.items():
-                if self._names[node] in nodes:
+                if node in nodes:
                     run.fire([(node, values)], position)
                     last = position
-            return Reach(lacking, last, awaited(self._of, {self._names[node] for node in run.awaited()}))
+            return Reach(lacking, last, awaited(self.tree, {strategy.compiled.names[node] for node in run.awaited()}))
         if self.semantics is Semantics.SCATTERED:
             self._look()
         for witness in self._best:
@@ -196,7 +225,7 @@ class PlainFollower(Engine):
             match = strategy.matching.replayed(steps)
             assert match is not None, "a partial match can be made again"
             waiting.update(strategy.matching.admitted(match))
-        return Reach(self._lacking, self._last, awaited(self._of, waiting))
+        return Reach(self._lacking, self._last, awaited(self.tree, waiting))
 
     def _look(self) -> None:
         """Compare the partial matches with the best so far."""
@@ -212,8 +241,8 @@ class PlainFollower(Engine):
             alike.setdefault((match.taken, match.dead, match.inversions), match)
         for match in alike.values():
             last = 0 if match.witness is None else match.witness.position
-            taken = {self._names[step.node]: step.position for step in history(match.witness)}
-            lacking, _ = self._shortest.fewest(taken, [self._names[node] for node in bits(match.dead)])
+            taken = {step.node: step.position for step in history(match.witness)}
+            lacking, _ = self._shortest.fewest(taken, [*bits(match.dead)])
             if (lacking, last) < (self._lacking, self._last):
                 self._lacking, self._last, self._best = lacking, last, []
             if (lacking, last) == (self._lacking, self._last) and match.witness not in self._best:
@@ -221,16 +250,19 @@ class PlainFollower(Engine):
 
 
 class BranchFollower:
-    """The monitors of one branch, `tree` being that branch alone: one for each plain tree that it becomes. The branch came as far as the best of them.
+    """The monitors of one branch, one for each alternative. The branch came as far as the best of them.
 
     Raises `TooLarge`, and `TreeError` where no scenario is feasible.
     """
 
-    def __init__(self, tree: RVAFT, semantics: Semantics, *, limit: int) -> None:
-        feasible = (one for one in plain_trees(tree) if one is tree or not ScenarioSpace(one).is_empty)
-        self._parts = [PlainFollower(one, semantics, of=tree, limit=limit) for one in feasible]
+    def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
+        present = {part.source.node for part in prop.parts if isinstance(part, Event | Times)}
+        own = tuple(entry for entry in prop.alphabet if entry.node in present)
+        prop = replace(prop, alphabet=own, ignored=())  # which events are relevant is looked up once for all branches
+        feasible = (one for one in reduced(prop).alternatives if not is_empty(one))
+        self._parts = [AlternativeFollower(one, semantics, limit=limit) for one in feasible]
         if not self._parts:
-            raise TreeError("no feasible scenario", rule="no-scenario", nodes=[tree.root])
+            raise TreeError("no feasible scenario", rule="no-scenario", nodes=[prop.tree.root])
 
     def fork(self) -> Self:
         """An independent copy."""
@@ -331,18 +363,20 @@ class Coverage:
         narrowed(tree, branch, kind)  # all that can be wrong with these is said here
         self.tree = tree
         self.semantics = meant(tree, semantics)
-        self._branches: list[tuple[BranchFollower, frozenset[int]]] = []
-        # For each branch the monitor that each log gets a copy of, and its nodes by their numbers in the whole tree.
+        self._branches: list[tuple[BranchFollower, frozenset[str]]] = []
+        # For each branch the monitor that each log gets a copy of, and its nodes.
         self._best: list[BranchCoverage] = []
         self._infeasible: list[int] = []
         self._logs = 0
-        carrier = tree if is_plain(tree) else without_conditions(tree)
-        self._seen: set[int] = set()
-        self._compiled = CompiledTree(carrier)
-        self._letters = TreeLetters(carrier, self._compiled)
+        self._seen: set[str] = set()
+        prop = build(tree)
+        self._own = {entry.node: entry.when for entry in tree.alphabet}
+        self._compiled = CompiledTree(
+            prop.with_root(All(None, tuple(Event(Source(entry.node, 1), entry.pattern) for entry in tree.alphabet)))
+        )
+        self._letters = TreeLetters(self._compiled)
         self._types = EventTypeIndex(tree, (letter.pattern for letter in self._letters.letters))
         self._oversights = Oversights(self._types)
-        number = {name: node for node, name in enumerate(self._compiled.names)}
         chosen = [numbered(tree, branch)] if branch is not None else list(islice(branches(tree), limit + 1))
         if branch is None and len(chosen) > limit:
             remedy = "--limit allows more; or choose one with --branch N, or prune the tree"
@@ -350,10 +384,8 @@ class Coverage:
         for one in chosen:
             if kind is not None and Kind(kind) not in one.kinds:
                 continue
-            part = chosen_part(tree, one.choices)
             try:
-                require_valid(part)
-                fresh = BranchFollower(part, self.semantics, limit=configurations)
+                fresh = BranchFollower(of_branch(prop, one), self.semantics, limit=configurations)
             except TreeError as error:
                 if error.rule != "no-scenario":
                     raise
@@ -361,12 +393,12 @@ class Coverage:
             else:
                 start = fresh.fork().reach()
                 self._best.append(BranchCoverage(one.number, one.kinds, start.lacking, 0, awaited=start.awaited))
-                self._branches.append((fresh, frozenset(number[name] for name in one.nodes)))
+                self._branches.append((fresh, frozenset(one.nodes)))
 
     def add(self, log: str, events: Iterable[Json] | BinaryIO, *, strict_json: bool = False) -> None:
         """Read a whole log, its events or the bytes of JSON Lines. Raises what reading them raises, and `TooLarge`; a log that raises does not count."""
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
-        live, seen, number, oversights = followers, set[int](), 0, Oversights(self._types)
+        live, seen, number, oversights = followers, set[str](), 0, Oversights(self._types)
         numbered = (
             self._numbered(log, cast("BufferedIOBase", events), strict_json, oversights)
             if isinstance(events, IOBase)
@@ -376,7 +408,7 @@ class Coverage:
         projects = self.semantics.projects
         try:
             for number, event, sight in oversights.over(numbered, f"{log}: "):
-                hit = set[int]() if sight is None else self._hit(event, sight, projects=projects)
+                hit = set[str]() if sight is None else self._hit(event, sight, projects=projects)
                 seen |= hit
                 if hit or strict:
                     for follower, nodes in live:
@@ -406,13 +438,16 @@ class Coverage:
         sketch: Sketch = sight.monitored[0]
         return sketch
 
-    def _hit(self, event: Json, sight: Sight, *, projects: bool) -> set[int]:
-        """The nodes that an event may be, where it counts."""
+    def _hit(self, event: Json, sight: Sight, *, projects: bool) -> set[str]:
+        """The nodes that an event may be, where it counts: by the pattern and by the guard that the event alone decides."""
         sketch = self._sketch(event, sight)
         if projects and any(one.admits(event) for one in sketch.ignored):
             return set()
         reading = self._letters.read(event, sketch)
-        return {node for hit in reading.hits for node in hit.nodes} if reading.relevant or not projects else set()
+        if projects and not reading.relevant:
+            return set()
+        found = ((self._compiled.names[node], hit.values) for hit in reading.hits for node in hit.nodes)
+        return {name for name, values in found if (own := self._own[name]) is None or holds(own, values)}
 
     def _numbered(
         self, log: str, stream: BufferedIOBase, strict_json: bool, oversights: Oversights
@@ -453,8 +488,8 @@ class Coverage:
 
     def report(self) -> CoverageReport:
         """What the logs so far covered."""
-        kept = {node for _, nodes in self._branches for node in nodes if self._compiled.own[node]}
-        unseen = awaited(self.tree, (self._compiled.names[node] for node in kept - self._seen))
+        kept = {name for _, nodes in self._branches for name in nodes if name in self._own}
+        unseen = awaited(self.tree, kept - self._seen)
         counts = tuple(self._best), tuple(self._infeasible), len(kept)
         missed = tuple(replace(one) for one in self._oversights.found.values())
         return CoverageReport(self.semantics, self._logs, *counts, unseen, missed, tuple(self._oversights.lines))

@@ -1,4 +1,4 @@
-"""A tree that is said as several plain ones: one strategy for each, whose verdicts together are the tree's."""
+"""A property of which one of several alternatives has to be observed: one strategy for each."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from copy import copy
@@ -8,19 +8,18 @@ from rvaft.engine.compiled_tree import NOTHING, Reading, Sketch, TreeLetters
 from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Following
 from rvaft.engine.scattered_linear import Earliest
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending
 
 
 class Alternatives:
-    """The strategies of plain trees side by side: true where one of them is, false where all are.
+    """The strategies of alternatives side by side: true where one of them is, false where all are.
 
-    `letters` are those of the tree as it was, which say of an event whether it can concern any.
+    `letters` are those of all alternatives together, which say of an event whether it can concern any.
     """
 
-    def __init__(self, letters: TreeLetters, parts: Sequence[tuple[RVAFT, Following | Earliest]]) -> None:
+    def __init__(self, letters: TreeLetters, parts: Sequence[Following | Earliest]) -> None:
         self.letters = letters
         self.parts = tuple(parts)
         self.verdicts = [Verdict.UNKNOWN] * len(self.parts)
@@ -29,19 +28,19 @@ class Alternatives:
     @property
     def noted(self) -> bool:
         """Whether the last event may be part of a match."""
-        return any(strategy.noted for _, strategy in self.parts)
+        return any(strategy.noted for strategy in self.parts)
 
     def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
         """What an event means to each."""
         if not (self.letters.sketch(event) if sketch is None else sketch).letters:
             return NOTHING
-        readings = [strategy.read(event) for _, strategy in self.parts]
+        readings = [strategy.read(event) for strategy in self.parts]
         return Reading(any(one.relevant for one in readings), readings if any(one.hits for one in readings) else ())
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""
         self._last = list(self.verdicts)
-        for number, (_, strategy) in enumerate(self.parts):
+        for number, strategy in enumerate(self.parts):
             if self.verdicts[number] is Verdict.UNKNOWN:
                 own = reading.hits[number] if reading.hits else Reading(reading.relevant, ())
                 self.verdicts[number] = strategy.advance(own, position)
@@ -51,13 +50,13 @@ class Alternatives:
 
     def forget(self, floor: int) -> None:
         """No event with an earlier time than this will count any more."""
-        for _, strategy in self.parts:
+        for strategy in self.parts:
             strategy.forget(floor)
 
     def fork(self) -> Self:
         """An independent copy."""
         twin = copy(self)
-        twin.parts = tuple((tree, strategy.fork()) for tree, strategy in self.parts)
+        twin.parts = tuple(strategy.fork() for strategy in self.parts)
         twin.verdicts = list(self.verdicts)
         return twin
 
@@ -65,23 +64,23 @@ class Alternatives:
     def state(self) -> Hashable:
         """Equal states have equal futures."""
         pairs = zip(self.verdicts, self.parts, strict=True)
-        return tuple(strategy.state if verdict is Verdict.UNKNOWN else verdict for verdict, (_, strategy) in pairs)
+        return tuple(strategy.state if verdict is Verdict.UNKNOWN else verdict for verdict, strategy in pairs)
 
     def snapshot(self) -> tuple[list[Verdict], list[Verdict], list[Any]]:
-        """What `restore` needs to bring fresh strategies of the same tree into this state."""
-        return list(self.verdicts), self._last, [strategy.snapshot() for _, strategy in self.parts]
+        """What `restore` needs to bring fresh strategies of the same property into this state."""
+        return list(self.verdicts), self._last, [strategy.snapshot() for strategy in self.parts]
 
     def restore(self, snapshot: tuple[list[Verdict], list[Verdict], list[Any]]) -> None:
         """Take over a snapshot."""
         verdicts, self._last, states = snapshot
         self.verdicts = list(verdicts)
-        for (_, strategy), state in zip(self.parts, states, strict=True):
+        for strategy, state in zip(self.parts, states, strict=True):
             strategy.restore(state)
 
     def explanation(self) -> Explanation:
         """After detection, one match of the lowest-numbered branch that has one."""
         pairs = zip(self.verdicts, self.parts, strict=True)
-        found = [explain(tree, strategy) for verdict, (tree, strategy) in pairs if verdict is Verdict.TRUE]
+        found = [explain(strategy) for verdict, strategy in pairs if verdict is Verdict.TRUE]
         return min(found, key=lambda one: (one.branch is None, one.branch or 0))
 
     def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:
@@ -89,8 +88,8 @@ class Alternatives:
         verdicts = self.verdicts if before is None else self._last
         found = [
             one
-            for verdict, (tree, strategy) in zip(verdicts, self.parts, strict=True)
+            for verdict, strategy in zip(verdicts, self.parts, strict=True)
             if verdict is Verdict.UNKNOWN
-            for one in pending(tree, strategy, limit=limit, before=before)
+            for one in pending(strategy, limit=limit, before=before)
         ]
         return tuple(sorted(together(found), key=lambda one: (one.branch is None, one.branch or 0)))

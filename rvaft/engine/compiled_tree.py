@@ -1,9 +1,12 @@
-"""A tree compiled to numbers: what the engine looks up while events come in.
+"""A property compiled to numbers: what the engine looks up while events come in.
 
 Nodes are numbered in the order of the tree, parents before children; sets of nodes are bit masks. The children of a sequence
 stand in the order of time. Where no node is shared the tree is one *part*. Otherwise the ancestors of shared nodes (and the
 shared nodes) form the *core*, and every other child of a core node roots a part: a read-once tree that only the core relates to
 the rest.
+
+A node of the engine is a part of the property, together with a condition on it and with the event right before it (or right
+after it), where nothing else refers to these.
 
 A variable that only one node's event and that node's own guard mention is no variable of the tree at all: whether the event fits
 can be said from the event. The guard then is a *filter* of the event; what remains are the *exported* variables, which a
@@ -13,71 +16,193 @@ configuration has to remember, and the guards that wait for them.
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
 from functools import cached_property
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias, assert_never
 
-from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
+from rvaft.core import property as core
 from rvaft.core.classifier import Decided, Letter, PatternIndex, Reader, outcomes, reader
+from rvaft.core.property import Part, Property, Source, fewest
 from rvaft.core.times import TimeDifference, differences
-from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard, Outcomes, Predicate, conjuncts, predicate
+from rvaft.model.guards import Guard, Outcomes, Predicate, TimePoint, conjuncts, predicate, time_points
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, Node
-from rvaft.model.patterns import ObjectPattern, Variable, rigid_variables
-from rvaft.model.tree import RVAFT
+from rvaft.model.patterns import rigid_variables
 from rvaft.model.values import Json
 from rvaft.support.bits import mask_of
 
 
+class Op(Enum):
+    """How the children of a node are joined: all of them, all in sequence, one, or some number at least."""
+
+    ALL = auto()
+    SEQUENCE = auto()
+    ONE = auto()
+    AT_LEAST = auto()
+
+
+class _Node(NamedTuple):
+    """A node of the engine: its part, an event of its own with whether that comes first, its guard, and what is below."""
+
+    part: Part
+    event: core.Event | None
+    event_first: bool | None
+    guard: Guard | None
+    op: Op
+    children: tuple[Part, ...]
+    need: int
+
+
+def _nodes(prop: Property) -> list[_Node]:
+    """The nodes, parents before children, in the order of the tree."""
+    found: list[_Node] = []
+    taken: set[Part] = set()
+    direction: bool | None = None
+    for part in reversed(prop.parts):
+        if part not in taken:
+            node = _joined(part, prop.shared, direction)
+            direction = node.event_first if direction is None else direction
+            found.append(node)
+            below = set(node.children)
+            agenda = [inner for inner in part.parts if inner not in below]
+            while agenda:  # what has become one node with the part
+                inner = agenda.pop()
+                taken.add(inner)
+                agenda += [one for one in inner.parts if one not in below]
+    return found
+
+
+def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Node:
+    """A part as a node, with the condition and the event at its side that only it refers to."""
+    guard: Guard | None = None
+    rest, current = part.parts, part
+    if isinstance(part, core.All) and len(rest) > 1 and isinstance(last := rest[-1], core.Condition):
+        if last not in shared and last.source == part.source:
+            guard, rest = last.guard, rest[:-1]
+        if guard is not None and len(rest) == 1 and _belongs(rest[0], part, shared):
+            current, rest = rest[0], rest[0].parts
+    match current:
+        case core.Event():
+            return _Node(part, current, None, guard, Op.ALL, (), 0)
+        case core.Condition() if guard is None:
+            return _Node(part, None, None, current.guard, Op.ALL, (), 0)
+        case core.Sequence(parts=(core.Event() as event, below)) if direction is not False:
+            first = True
+        case core.Sequence(parts=(below, core.Event() as event)) if direction is not True:
+            first = False
+        case _:
+            return _Node(part, None, None, guard, _op(current), rest, _need(current, rest))
+    if _belongs(event, part, shared) and _belongs(below, part, shared) and _is_gate(below):
+        return _Node(part, event, first, guard, _op(below), below.parts, fewest(below))
+    return _Node(part, None, None, guard, _op(current), rest, len(rest))
+
+
+def _belongs(inner: Part, part: Part, shared: frozenset[Part]) -> bool:
+    """Whether a part comes from the same node of the tree, and stands in one place alone."""
+    same = inner.source is not None and part.source is not None and inner.source.node == part.source.node
+    return same and inner not in shared
+
+
+def _is_gate(part: Part) -> bool:
+    """Whether a part is made of others, and no condition is among them that comes from the same node."""
+    own = any(isinstance(one, core.Condition) and _belongs(one, part, frozenset()) for one in part.parts)
+    return bool(part.parts) and not own
+
+
+def _need(part: Part, rest: tuple[Part, ...]) -> int:
+    return len(rest) if isinstance(part, core.All) else fewest(part)
+
+
+def _op(part: Part) -> Op:
+    match part:
+        case core.All() | core.Event() | core.Condition():
+            return Op.ALL
+        case core.Sequence():
+            return Op.SEQUENCE
+        case core.One():
+            return Op.ONE
+        case core.AtLeast():
+            return Op.AT_LEAST
+        case core.Times() | core.EndInOrder() | core.Within():
+            raise AssertionError("passes remove these before a property is compiled")
+        case _:
+            assert_never(part)
+
+
 class CompiledTree:
-    """The structure of a tree; `parent` and `slot` are -1 for the root of a part and for the nodes of the core.
+    """The structure of a property; `parent` and `slot` are -1 for the root of a part and for the nodes of the core.
 
     >>> import rvaft
-    >>> compiled = CompiledTree(rvaft.loads("top sand a b; a or c d;"))
+    >>> from rvaft.core.build import build
+    >>> compiled = CompiledTree(build(rvaft.loads("top sand a b; a or c d;")))
     >>> compiled.names, compiled.children[0], compiled.need[1]
     (('top', 'a', 'c', 'd', 'b'), (1, 4), 1)
     """
 
     root: Final = 0
 
-    def __init__(self, tree: RVAFT) -> None:
-        self.names = tree.order
-        nodes = [tree.nodes[name] for name in self.names]
-        number = {name: node for node, name in enumerate(self.names)}
-        bodies = [body(node) for node in nodes]
-        self.ops = tuple(one.op for one in bodies)
-        self.children = tuple(tuple(number[child] for child in one.children) for one in bodies)
-        self.need = tuple(one.need for one in bodies)
+    def __init__(self, prop: Property) -> None:
+        self.prop = prop
+        nodes = _nodes(prop)
+        number = {one.part: node for node, one in enumerate(nodes)}
+        self.names = tuple("" if one.part.source is None else one.part.source.node for one in nodes)
+        """The node of the tree that each comes from; several may come from one."""
+        self.events = tuple(None if one.event is None else one.event.source for one in nodes)
+        """The occurrence that each observes."""
+        self.ops = tuple(one.op for one in nodes)
+        self.children = tuple(tuple(number[child] for child in one.children) for one in nodes)
+        self.need = tuple(one.need for one in nodes)
         """The least number of children that a scenario with a node keeps."""
-        self.chooses = mask_of(node for node, one in enumerate(bodies) if one.chooses and len(one.children) > one.need)
+        choosing = (node for node, one in enumerate(nodes) if len(one.children) > one.need)
+        self.chooses = mask_of(choosing)
         """The nodes that need not keep all of their children."""
         self.certain = 1 << self.root
         """The nodes that every scenario has, whatever is chosen."""
         for node, children in enumerate(self.children):
             if self.certain >> node & ~self.chooses >> node & 1:
                 self.certain |= mask_of(children)
-        self.own = tuple(node.has_event for node in nodes)
-        self.top_down = tree.causality is Causality.TOP_DOWN
-        self._note_variables(tree, nodes)
-        self._note_parts({number[name] for name in tree.shared})
-        self.dead = mask_of(index for index, node in enumerate(nodes) if is_impossible(node))
-        """The nodes that a constant guard rules out."""
-        waiting = (index for index, node in enumerate(nodes) if self.needs[index] and not is_constant(node))
+        self.own = tuple(one.event is not None for one in nodes)
+        self.top_down = next((one.event_first for one in nodes if one.event_first is not None), True)
+        """Whether the event of a node comes before what is below the node, or after it."""
+        self.patterns = tuple(None if one.event is None else one.event.pattern for one in nodes)
+        self._note_variables(nodes)
+        seen = Counter(child for children in self.children for child in children)
+        self._note_parts({child for child, count in seen.items() if count > 1})
+        self.dead = 0
+        """The nodes that are ruled out from the start: none, since passes remove what a false condition rules out."""
+        waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
 
-    def _note_variables(self, tree: RVAFT, nodes: Sequence[Node]) -> None:
-        patterns = [tree.pattern(name) for name in self.names]
-        bound = [() if pattern is None else rigid_variables(pattern) for pattern in patterns]
-        needs = [guard_variables(node.when) for node in nodes]
-        mentioned = Counter(name for both in zip(bound, needs, strict=True) for name in {*both[0], *both[1]})
-        self.times = frozenset(time for name in self.names if (time := _time_variable(tree, name)) is not None)
+    @cached_property
+    def occurrences(self) -> Mapping[Source, int]:
+        """The node of each occurrence."""
+        return {source: node for node, source in enumerate(self.events) if source is not None}
+
+    @cached_property
+    def choices(self) -> Mapping[str, int]:
+        """The node of each `or` gate of the tree."""
+        return {name: node for node, name in enumerate(self.names) if name and self.ops[node] is Op.ONE}
+
+    def child(self, gate: str, name: str) -> int:
+        """The child of an `or` gate that comes from a node of the tree, or -1 where the gate does not have it."""
+        return next((child for child in self.children[self.choices[gate]] if self.names[child] == name), -1)
+
+    def _note_variables(self, nodes: Sequence[_Node]) -> None:
+        guards = [one.guard for one in nodes]
+        self.times = frozenset(point.name for guard in guards for point in time_points(guard))
         """The variables that the times of events bind."""
+        points = [None if one.event is None else TimePoint.of("at", *one.event.source).name for one in nodes]
+        self.time_of = tuple(name if name in self.times else None for name in points)
+        """For each node the variable that the time of its event binds, where a guard asks for it."""
+        bound = [() if pattern is None else rigid_variables(pattern) for pattern in self.patterns]
+        bound = [names if time is None else (*names, time) for names, time in zip(bound, self.time_of, strict=True)]
+        needs = [guard_variables(guard) for guard in guards]
+        mentioned = Counter(name for both in zip(bound, needs, strict=True) for name in {*both[0], *both[1]})
         private = [{name for name in names if mentioned[name] == 1 and name not in self.times} for names in bound]
         filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
-        self.filters = tuple(node.when if only else None for node, only in zip(nodes, filters, strict=True))
+        self.filters = tuple(guard if only else None for guard, only in zip(guards, filters, strict=True))
         """For each node the guard that its event alone decides."""
-        self.guards = tuple(None if only else node.when for node, only in zip(nodes, filters, strict=True))
+        self.guards = tuple(None if only else guard for guard, only in zip(guards, filters, strict=True))
         """For each node the guard that is constant or waits for variables that are remembered."""
         self.needs = tuple(() if only else names for names, only in zip(needs, filters, strict=True))
         """The variables of these guards."""
@@ -207,15 +332,6 @@ class Told:
     serving: tuple[Admission, ...]
 
 
-def _time_variable(tree: RVAFT, name: str) -> str | None:
-    """The variable that the time of a node's event binds, where a plain tree has given it one: a declared event has parameters then."""
-    on, pattern = tree.nodes[name].on, tree.pattern(name)
-    if on is None or tree.events[on.event].parameters or not isinstance(pattern, ObjectPattern) or not pattern.fields:
-        return None
-    field, part = pattern.fields[-1]
-    return part.name if field == TIME and isinstance(part, Variable) else None
-
-
 def _told(sketch: Sketch) -> Outcomes[Told]:
     letters = len(sketch.letters)
 
@@ -234,29 +350,27 @@ class TreeLetters:
     What the shape of an event decides is worked out once for each shape, so an event that concerns nothing costs one look-up.
     """
 
-    def __init__(self, tree: RVAFT, compiled: CompiledTree) -> None:
+    def __init__(self, compiled: CompiledTree) -> None:
+        prop, event_time = compiled.prop, compiled.prop.time
         serves: dict[tuple[Letter, str | None], list[int]] = {}
-        for node, name in enumerate(compiled.names):
-            pattern = tree.pattern(name)
+        for node, pattern in enumerate(compiled.patterns):
             if pattern is not None:
-                time = _time_variable(tree, name)
-                if time is not None and isinstance(pattern, ObjectPattern):
-                    pattern = ObjectPattern(pattern.fields[:-1])
-                serves.setdefault((Letter(pattern, compiled.filters[node]), time), []).append(node)
-        alphabet = dict.fromkeys((Letter(entry.pattern, entry.when), None) for entry in tree.alphabet)
+                letter = Letter(pattern, compiled.filters[node])
+                serves.setdefault((letter, compiled.time_of[node]), []).append(node)
+        alphabet = dict.fromkeys((Letter(entry.pattern, entry.when), None) for entry in prop.alphabet)
         told = tuple(dict.fromkeys([*serves, *alphabet]))
         self.letters = tuple(letter for letter, _ in told)
         self.serves = tuple(tuple(serves.get(one, ())) for one in told)
         """For each letter the nodes whose runtime event it is."""
-        ignored = [Letter(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores]
+        ignored = [Letter(one.pattern, one.when) for one in prop.ignored]
         readers = [reader(number, letter) for number, letter in enumerate((*self.letters, *ignored))]
 
         def values_of(one: Reader, time: str | None) -> _Values:
             values = one.values if one.plain else one.read
-            if time is None or tree.time is None:
+            if time is None or event_time is None:
                 return values
             first = self.letters[one.number] not in shared
-            last, read = shared.setdefault(self.letters[one.number], [None, None]), tree.time.read
+            last, read = shared.setdefault(self.letters[one.number], [None, None]), event_time.read
 
             def timed(event: Mapping[str, Json]) -> dict[str, Json] | None:
                 if first:  # of letters that are alike but for the variable of the time the first is read, and the others at once after it
@@ -276,7 +390,7 @@ class TreeLetters:
             for one in possible:
                 if one.number < len(self.letters):
                     test, relevant = one.holds if one.plain else None, told[one.number] in alphabet
-                    time = told[one.number][1] is not None and tree.time is not None
+                    time = told[one.number][1] is not None and event_time is not None
                     nodes = self.serves[one.number]
                     letters.append(Admission(one.number, nodes, relevant, test, values[one.number], one, time))
             serving = tuple(one for one in letters if one.nodes)

@@ -19,8 +19,7 @@ from itertools import chain
 from operator import add
 from typing import Final, NamedTuple, Optional, TypeAlias
 
-from rvaft.analysis.normal_form import Op
-from rvaft.engine.compiled_tree import CompiledTree
+from rvaft.engine.compiled_tree import CompiledTree, Op
 from rvaft.model.values import Json, fingerprint
 
 

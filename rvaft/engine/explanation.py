@@ -8,16 +8,16 @@ matches count that the engine follows: one that another can replace waits for no
 All of this is found when it is asked for, from how the partial matches came about; monitoring does nothing for it.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from functools import cached_property
 from itertools import islice
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.analysis.branches import branches, number_of, or_gates
-from rvaft.analysis.normal_form import Op
-from rvaft.engine.compiled_tree import CompiledTree
+from rvaft.core.passes import with_choices
+from rvaft.core.property import One, Property, Source
+from rvaft.engine.compiled_tree import CompiledTree, Op
 from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Witness, history
 from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.scattered_linear import Earliest, EarliestRun, possible_nodes
@@ -25,7 +25,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.expressions import event_text
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, fingerprint
-from rvaft.monitors import Awaited, Explanation, Pending
+from rvaft.monitors import Awaited, Explanation, MatchedEvent, Pending
 from rvaft.support.bits import mask_of
 
 SEARCHING: Final = 20_000_000
@@ -37,10 +37,10 @@ Choices: TypeAlias = Mapping[str, str]
 """The child that each choice of one child keeps, where it is reached."""
 
 
-class MatchedEvent(NamedTuple):
-    """An occurrence, by its name in the whole tree, with the position of its event and the values that it saw."""
+class Step(NamedTuple):
+    """An occurrence, with the position of its event and the values that it saw."""
 
-    node: str
+    source: Source
     position: int
     values: Mapping[str, Json]
 
@@ -48,132 +48,111 @@ class MatchedEvent(NamedTuple):
 class FoundMatch(NamedTuple):
     """A match: its steps in the order of the events, and the nodes of its scenario with the children they keep."""
 
-    steps: list[MatchedEvent]
+    steps: list[Step]
     kept: Mapping[str, tuple[str, ...]]
 
 
-def whole(tree: RVAFT) -> RVAFT:
-    """The tree that a restricted tree is part of, or the tree itself."""
-    return tree if tree.part_of is None else tree.part_of.tree
-
-
-def is_all(tree: RVAFT) -> bool:
-    """Whether a tree has all branches of the tree that it is part of, said in other words perhaps."""
-    return tree.part_of is None or (tree.part_of.branch is None and tree.part_of.kind is None)
-
-
-def kept_nodes(tree: RVAFT, choices: Choices) -> dict[str, tuple[str, ...]]:
-    """The nodes that are reachable under choices, each with its children."""
+def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """The nodes of a tree that are reachable under choices, each with the children it keeps."""
 
     def children(name: str) -> tuple[str, ...]:
-        return (choices[name],) if name in choices else tree.nodes[name].children
+        return chosen.get(name, tree.nodes[name].children)
 
     return {name: children(name) for name in reachable(tree.root, children)}
 
 
-def chosen_part(tree: RVAFT, choices: Choices) -> RVAFT:
-    """The tree whose scenarios are those that keep the children chosen; its alphabet is its own."""
-    nodes = [replace(tree.nodes[name], children=children) for name, children in kept_nodes(tree, choices).items()]
-    events = dict.fromkeys(node.on.event for node in nodes if node.on is not None)
-    return RVAFT(tree.root, nodes, (tree.events[event] for event in events), causality=tree.causality, time=tree.time)
+def made_choices(prop: Property) -> dict[str, str]:
+    """The child that each `or` gate of a property keeps, where its choices are made."""
+    gates = [part for part in prop.parts if isinstance(part, One) and part.source is not None]
+    kept = ((gate.source, gate.parts[0].source) for gate in gates)
+    return {gate.node: child.node for gate, child in kept if gate is not None and child is not None}
 
 
 class MatchFinder:
-    """What the monitor of a tree knows of matches under choices."""
+    """What the monitor of a property knows of matches under choices."""
 
-    def __init__(self, tree: RVAFT, strategy: Following | Earliest) -> None:
-        self.tree = tree
+    def __init__(self, strategy: Following | Earliest) -> None:
         self.strategy = strategy
-        self._names = [tree.origins.get(name, name) for name in strategy.compiled.names]
-        self._number = {name: node for node, name in enumerate(self._names)}
+        self.compiled = strategy.compiled
+        self.prop = strategy.compiled.prop
 
     def find(self, choices: Choices) -> FoundMatch | None:
         """A match of a scenario in which each of these choices keeps the child chosen."""
         strategy = self.strategy
         if isinstance(strategy, Earliest):
-            run, names = self._run(strategy, choices), self._names
+            run = self._run(strategy, choices)
             if not run.detected:
                 return None
             kept = dict(run.scenario())
-            steps = [MatchedEvent(names[node], *run.fired[node]) for node in kept if node in run.fired]
-            return _found(names, sorted(steps, key=lambda step: step.position), kept)
+            steps = [_matched(self.compiled, node, *run.fired[node]) for node in kept if node in run.fired]
+            return _found(self.compiled, sorted(steps, key=lambda step: step.position), kept)
         for matching, match in self._replayed([history(match.witness) for match in strategy.matches], choices):
             if matching.standing(match)[0]:
-                own = matching.compiled.names
-                steps = [MatchedEvent(own[one.node], one.position, one.values) for one in history(match.witness)]
-                return _found(own, steps, _scenario(matching, match))
+                taken = history(match.witness)
+                steps = [_matched(matching.compiled, one.node, one.position, one.values) for one in taken]
+                return _found(matching.compiled, steps, _scenario(matching, match))
         return None
 
     def waiting(
         self, choices: Choices | None, histories: Iterable[list[Witness]]
     ) -> Iterator[tuple[set[str], Mapping[str, Json]]]:
-        """What the matches with these steps that can be made under choices too have yet to take, by the values they remember."""
+        """The nodes whose events matches with these steps still lack under choices, by the values they remember."""
         if isinstance(self.strategy, Earliest):
-            yield {self._names[node] for node in self._run(self.strategy, choices or {}).awaited()}, {}
+            yield {self.compiled.names[node] for node in self._run(self.strategy, choices or {}).awaited()}, {}
             return
         found: dict[Hashable, tuple[set[str], Mapping[str, Json]]] = {}
         known: dict[Hashable, set[str]] = {}
         histories = list(histories)
         replayed = list(self._replayed(histories, choices))
-        if not replayed and choices and not self.strategy.uses_up:  # those of this branch have been replaced by others
-            kept = kept_nodes(self._base, choices)
-            rest = [[step for step in steps if self._names[step.node] in kept] for steps in histories]
+        if not replayed and choices and not self.strategy.uses_up:  # other matches have replaced those of this branch
+            sources = {event.source for event in with_choices(self.prop, choices).events}
+            rest = [[step for step in steps if self.compiled.events[step.node] in sources] for steps in histories]
             replayed = list(self._replayed(rest, choices)) or list(self._replayed([[]], choices))
         for matching, match in replayed:
             place = match.taken, match.dead, match.closed, match.inversions
             if place not in known:
-                known[place] = {self.tree.origins.get(name, name) for name in matching.admitted(match)}
+                known[place] = set(matching.admitted(match))
             found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0].update(known[place])
         yield from found.values()
 
     def _run(self, strategy: Earliest, choices: Choices) -> EarliestRun:
-        """The run under choices in the numbers of the tree; -1 where a copy of a gate does not have the child."""
-        compiled, names = strategy.compiled, self._names
-        return strategy.run_under(
-            {
-                node: next((child for child in compiled.children[node] if names[child] == choices[name]), -1)
-                for node, name in enumerate(names)
-                if name in choices and compiled.ops[node] is Op.ONE
-            }
-        )
-
-    @property
-    def _base(self) -> RVAFT:
-        """The tree whose choices are made."""
-        of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
-        return self.tree if of_branch or is_all(self.tree) else whole(self.tree)
+        """The run under choices; -1 where a gate does not have the child."""
+        compiled = self.compiled
+        made = {gate: child for gate, child in choices.items() if gate in compiled.choices}
+        return strategy.run_under({compiled.choices[gate]: compiled.child(gate, child) for gate, child in made.items()})
 
     def _replayed(
         self, histories: Iterable[list[Witness]], choices: Choices | None
     ) -> Iterator[tuple[Matching, Configuration]]:
         """The matches with these steps that can be made under choices too; with None as they are."""
         assert isinstance(self.strategy, Following), "the linear way follows no matches"
-        matching, node_of = self.strategy.matching, {node: node for node in range(len(self._names))}
-        base = self._base
-        if choices or (choices is not None and base is not self.tree):
-            kept = kept_nodes(base, choices)
-            histories = [steps for steps in histories if all(self._names[step.node] in kept for step in steps)]
-            if not histories:
+        matching, sources = self.strategy.matching, self.compiled.events
+        if choices:
+            chosen = with_choices(self.prop, choices)
+            if not chosen.feasible:
                 return
-            matching = Matching(CompiledTree(chosen_part(base, choices)), limit=self.strategy.limit)
-            number = {name: node for node, name in enumerate(matching.compiled.names)}
-            node_of = {node: number[name] for node, name in enumerate(self._names) if name in number}
+            matching = Matching(CompiledTree(chosen), limit=self.strategy.limit)
+        node_of = matching.compiled.occurrences
         for steps in histories:
-            match = matching.replayed((node_of[step.node], step.values, step.position) for step in steps)
-            if match is not None:
-                yield matching, match
+            places = [(sources[step.node], step) for step in steps]
+            if all(source in node_of for source, _ in places):
+                taken = ((node_of[source], one.values, one.position) for source, one in places if source is not None)
+                match = matching.replayed(taken)
+                if match is not None:
+                    yield matching, match
 
     def is_possible(self, gate: str, child: str) -> bool:
         """False only where certainly no match keeps this child of a choice (or, if it is the first, does without the choice)."""
-        node, kept = self._number[gate], self._number[child]
+        if gate not in self.compiled.choices:
+            return False
         able, unavoidable = self._limits
-        is_first = self.strategy.compiled.children[node][0] == kept
-        return kept in able or (is_first and node not in unavoidable)
+        is_first = self.prop.tree.nodes[gate].children[0] == child
+        return self.compiled.child(gate, child) in able or (is_first and self.compiled.choices[gate] not in unavoidable)
 
     @cached_property
     def _limits(self) -> tuple[set[int], set[int]]:
         """The nodes that some choices may make complete, given what came; and those without which the root is not."""
-        strategy, compiled = self.strategy, self.strategy.compiled
+        strategy, compiled = self.strategy, self.compiled
         if isinstance(strategy, Earliest):
             came = {node for node in range(len(compiled.names)) if strategy.came(node)}
         else:
@@ -188,8 +167,23 @@ class MatchFinder:
         return able, unavoidable
 
 
-def _found(names: Sequence[str], steps: list[MatchedEvent], kept: Mapping[int, Iterable[int]]) -> FoundMatch:
-    return FoundMatch(steps, {names[node]: tuple(names[child] for child in kept[node]) for node in kept})
+def _matched(compiled: CompiledTree, node: int, position: int, values: Mapping[str, Json]) -> Step:
+    source = compiled.events[node]
+    assert source is not None, "only nodes with an event take one"
+    return Step(source, position, values)
+
+
+def _found(compiled: CompiledTree, steps: list[Step], kept: Mapping[int, Iterable[int]]) -> FoundMatch:
+    """A match, with the nodes of the tree that its scenario keeps."""
+    tree, chosen = compiled.prop.tree, dict[str, tuple[str, ...]]()
+    for node, children in kept.items():
+        gate = tree.nodes.get(compiled.names[node])
+        if gate is not None and compiled.ops[node] is not Op.SEQUENCE:
+            names = {compiled.names[child] for child in children}
+            own = tuple(child for child in gate.children if child in names)
+            if own:
+                chosen[gate.name] = own
+    return FoundMatch(steps, kept_nodes(tree, chosen))
 
 
 def _scenario(matching: Matching, match: Configuration) -> dict[int, tuple[int, ...]]:
@@ -213,36 +207,32 @@ def _scenario(matching: Matching, match: Configuration) -> dict[int, tuple[int, 
     return kept
 
 
-def explain(tree: RVAFT, strategy: Following | Earliest) -> Explanation:
+def explain(strategy: Following | Earliest) -> Explanation:
     """The explanation after detection; its branch is None where there are too many to find the lowest."""
-    finder, part = MatchFinder(tree, strategy), tree.part_of
+    finder = MatchFinder(strategy)
+    prop, tree = finder.prop, finder.prop.tree
     found = finder.find({})
     assert found is not None, "what detected is a match"
-    number = None if part is None else part.branch
-    if is_all(tree):
-        found, number = _lowest(whole(tree), finder, found)
-    elif part is not None and part.branch is None:  # a match may be in it with what its scenario does not contain
-        of_kind = (branch for branch in islice(branches(part.tree), BRANCHES) if part.kind in branch.kinds)
+    number = prop.branch
+    if number is None and prop.resolved:
+        number = number_of(tree, made_choices(prop))
+    elif number is None and prop.kind is None:
+        found, number = _lowest(tree, finder, found)
+    elif number is None:  # a match may be in it with what its scenario does not contain
+        of_kind = (branch for branch in islice(branches(tree), BRANCHES) if prop.kind in branch.kinds)
         matches = ((match, branch.number) for branch in of_kind if (match := finder.find(branch.choices)) is not None)
         found, number = next(matches, (found, None))
-    tree = whole(tree)
-    kept = {name: set(children) for name, children in found.kept.items() if name in tree.nodes}
-    kinds = (tree.nodes[name].kind for name in kept)
+    kinds = (tree.nodes[name].kind for name in found.kept)
     variables: dict[str, Json] = {}
     for step in found.steps:
         variables = {**step.values, **variables}
     return Explanation(
-        branch=number or None,
+        branch=number,
         kinds=frozenset(kind for kind in kinds if kind is not None),
-        matched={_occurrence(tree, step.node): step.position for step in found.steps},
+        matched=tuple(MatchedEvent(*step.source, step.position) for step in found.steps),
         variables={name: value for name, value in variables.items() if name in tree.variables},
-        scenario={name: tuple(c for c in tree.nodes[name].children if c in chosen) for name, chosen in kept.items()},
+        scenario=found.kept,
     )
-
-
-def _occurrence(tree: RVAFT, name: str) -> str:
-    """The occurrence that an event serves: the event of a gate may have become a leaf beside what is below it."""
-    return name if name in tree.nodes else name.removesuffix("[event]")
 
 
 def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:
@@ -270,22 +260,23 @@ def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundM
     return found, number_of(tree, {name: found.kept[name][0] for name in order if name in found.kept})
 
 
-def pending(
-    tree: RVAFT, strategy: Following | Earliest, *, limit: int, before: int | None = None
-) -> tuple[Pending, ...]:
+def pending(strategy: Following | Earliest, *, limit: int, before: int | None = None) -> tuple[Pending, ...]:
     """What each live branch waits for; with `before`, waited for when the event of that number ended the last hope.
 
     Beyond `limit` branches all are taken together, without a number. Raises `TooLarge` as the monitor does.
     """
-    all_of, part, finder = whole(tree), tree.part_of, MatchFinder(tree, strategy)
+    finder = MatchFinder(strategy)
+    prop, tree = finder.prop, finder.prop.tree
     selected: list[tuple[int | None, Choices | None]] = [(None, None)]
-    if part is not None and part.branch is not None:
-        selected = [(part.branch, {})]
+    if prop.branch is not None:
+        selected = [(prop.branch, {})]
+    elif prop.resolved:
+        selected = [(number_of(tree, made_choices(prop)), {})]
     else:
         with suppress(TooLarge):
-            first = list(islice(branches(all_of), limit + 1))
+            first = list(islice(branches(tree), limit + 1))
             if len(first) <= limit:
-                wanted = (one for one in first if part is None or part.kind is None or part.kind in one.kinds)
+                wanted = (one for one in first if prop.kind is None or prop.kind in one.kinds)
                 selected = [(branch.number, branch.choices) for branch in wanted]
     histories: list[list[Witness]] = []
     if isinstance(strategy, Following):
@@ -293,11 +284,7 @@ def pending(
         steps = (history(match.witness) for match in matches)
         histories = [[one for one in some if before is None or one.position < before] for some in steps]
     return tuple(
-        Pending(
-            number or None,
-            awaited(all_of, names),
-            {n: value for n, value in variables.items() if n in all_of.variables},
-        )
+        Pending(number, awaited(tree, names), {n: value for n, value in variables.items() if n in tree.variables})
         for number, choices in selected
         for names, variables in finder.waiting(choices, histories)
         if names
@@ -315,6 +302,6 @@ def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pend
 
 def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
     """The nodes of a tree with these names, each once, in the order of the tree, with their events as text."""
-    wanted = {name if name in tree.nodes else name.rpartition("[")[0] for name in names}
+    wanted = set(names)
     nodes = (tree.nodes[name] for name in tree.order if name in wanted)
     return tuple(Awaited(n.name, event_text(n)) for n in nodes)

@@ -8,9 +8,8 @@ on all choices.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from rvaft.analysis.normal_form import Op
 from rvaft.core.patterns import Overlaps
-from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
+from rvaft.engine.compiled_tree import CompiledTree, Op, TreeLetters
 from rvaft.support.bits import bits, union
 
 

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Hashable, Mapping
 from typing import Any, ClassVar, Final, Self
 
-from rvaft.analysis.plain_trees import plain_trees, without_conditions
+from rvaft.core.passes import property_of, reduced
+from rvaft.core.property import All, Property
 from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
 from rvaft.engine.explanation import explain, pending, together
@@ -30,8 +31,8 @@ class Engine(Monitor):
 
     >>> import rvaft
     >>> monitor = Engine(rvaft.loads("top sand a b;"))
-    >>> [monitor.step({"event": name}).symbol for name in "ab"], monitor.explanation.matched
-    (['?', '⊤'], {'a': 1, 'b': 2})
+    >>> [monitor.step({"event": name}).symbol for name in "ab"], monitor.explanation.events
+    (['?', '⊤'], {'a': [1], 'b': [2]})
     """
 
     _apart: ClassVar = True
@@ -47,23 +48,26 @@ class Engine(Monitor):
         self._ended: Ended | None = None
         self._limit = limit
         self._may_be_late = tree.time is not None and tree.time.late is not None
-        plain = plain_trees(tree)
-        found = [(one, _strategy(one, self.semantics, limit, apart=self._apart)) for one in plain]
-        self._plain = found[0][0] if found else tree
+        prop = self._property()
+        found = [_strategy(one, self.semantics, limit, apart=self._apart) for one in prop.alternatives]
         self._strategy: Following | Earliest | Alternatives
         if len(found) == 1:
-            self._strategy = found[0][1]
+            self._strategy = found[0]
         else:
-            carrier = without_conditions(tree)
-            self._strategy = Alternatives(TreeLetters(carrier, CompiledTree(carrier)), found)
+            events = CompiledTree(prop.with_root(All(None, prop.events)))
+            self._strategy = Alternatives(TreeLetters(events), found)
+
+    def _property(self) -> Property:
+        """What is followed."""
+        return reduced(property_of(self.tree))
 
     def snapshot(self) -> dict[str, Any]:
         """What the events so far have left, for `restore`; can be pickled."""
-        return {**vars(self), "tree": None, "_plain": None, "_strategy": self._strategy.snapshot()}
+        return {**vars(self), "tree": None, "_strategy": self._strategy.snapshot()}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot of a monitor of the same tree; this one has read nothing."""
-        vars(self).update({**snapshot, "tree": self.tree, "_plain": self._plain, "_strategy": self._strategy})
+        vars(self).update({**snapshot, "tree": self.tree, "_strategy": self._strategy})
         self._strategy.restore(snapshot["_strategy"])
         self.pass_time(self._latest)
 
@@ -184,9 +188,7 @@ class Engine(Monitor):
         """After ⊤, one match of the lowest-numbered branch that has one."""
         if self._explanation is None and self.verdict is Verdict.TRUE:
             self._explanation = (
-                self._strategy.explanation()
-                if isinstance(self._strategy, Alternatives)
-                else explain(self._plain, self._strategy)
+                self._strategy.explanation() if isinstance(self._strategy, Alternatives) else explain(self._strategy)
             )
         return self._explanation
 
@@ -198,7 +200,7 @@ class Engine(Monitor):
         if isinstance(self._strategy, Alternatives):
             found = self._strategy.pending(limit, before=before)
         else:
-            found = pending(self._plain, self._strategy, limit=limit, before=before)
+            found = pending(self._strategy, limit=limit, before=before)
         of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
         if of_branch or len({one.branch for one in found} - {None}) <= limit:
             return found
@@ -213,12 +215,12 @@ class Engine(Monitor):
         return self._ended
 
 
-def _strategy(tree: RVAFT, semantics: Semantics, limit: int, *, apart: bool) -> Following | Earliest:
-    compiled = CompiledTree(tree)
-    letters = TreeLetters(tree, compiled)
+def _strategy(prop: Property, semantics: Semantics, limit: int, *, apart: bool) -> Following | Earliest:
+    compiled = CompiledTree(prop)
+    letters = TreeLetters(compiled)
     if semantics is not Semantics.SCATTERED:
         return Contiguous(compiled, letters, semantics, limit=limit)
     starts = linear_starts(compiled, letters)
     if starts is not None:
         return Earliest(compiled, letters, starts, limit=limit)
-    return ScatteredMatches(compiled, letters, SettledChoices(tree, compiled), limit=limit, apart=apart)
+    return ScatteredMatches(compiled, letters, SettledChoices(compiled), limit=limit, apart=apart)

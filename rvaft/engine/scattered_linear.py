@@ -15,9 +15,19 @@ from copy import copy
 from itertools import chain, combinations, product
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
-from rvaft.analysis.normal_form import Op
 from rvaft.core.patterns import Overlaps
-from rvaft.engine.compiled_tree import NOTHING, QUIET, Admission, CompiledTree, Hit, Reading, Sketch, Told, TreeLetters
+from rvaft.engine.compiled_tree import (
+    NOTHING,
+    QUIET,
+    Admission,
+    CompiledTree,
+    Hit,
+    Op,
+    Reading,
+    Sketch,
+    Told,
+    TreeLetters,
+)
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Alike
 from rvaft.model.values import Json

@@ -6,21 +6,18 @@ the partial matches is enough, and it is the one with the lower branch: all choi
 the digit of a gate counts as it does in the number of a branch.
 """
 
-from collections import Counter
 from collections.abc import Hashable
 
 from rvaft.analysis.branches import or_gates
-from rvaft.analysis.normal_form import Op
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, SURE, TOUCHED, Configuration, PartProgress, Witness
-from rvaft.model.tree import RVAFT
 from rvaft.support.bits import mask_of
 
 
 class SettledChoices:
     """The choices of a tree that may be settled; of a part of a tree with some kind none, for its branches depend on more."""
 
-    def __init__(self, tree: RVAFT, compiled: CompiledTree) -> None:
+    def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
         self.weights: dict[int, int] = {}
         """For each part that a choice may keep what keeping it adds to the number."""
@@ -33,20 +30,18 @@ class SettledChoices:
             self._below[node] |= 1 << node
             if compiled.parent[node] >= 0:
                 self._below[compiled.parent[node]] |= self._below[node]
-        whole = tree if tree.part_of is None else tree.part_of.tree
-        if tree.part_of is not None and tree.part_of.kind is not None:
+        tree, names = compiled.prop.tree, compiled.names
+        if compiled.prop.kind is not None:
             return
         weights, weight = dict[str, int](), 1
-        for name in or_gates(whole):
+        for name in or_gates(tree):
             weights[name] = weight
-            weight *= len(whole.nodes[name].children)
-        names = [tree.origins.get(name, name) for name in compiled.names]
-        copies = Counter(names)
+            weight *= len(tree.nodes[name].children)
         for gate in compiled.core:
-            if compiled.ops[gate] is not Op.ONE or names[gate] not in weights or copies[names[gate]] > 1:
+            if compiled.choices.get(names[gate]) != gate:
                 continue
             parts = [child for child in compiled.children[gate] if child not in compiled.members]
-            others, digits = 0, whole.nodes[names[gate]].children
+            others, digits = 0, tree.nodes[names[gate]].children
             for part in parts:
                 others |= self._below[part]
             for part in parts:

@@ -15,8 +15,7 @@ from functools import cached_property
 from itertools import chain, combinations
 from typing import Final, TypeAlias
 
-from rvaft.analysis.normal_form import Op
-from rvaft.engine.compiled_tree import CompiledTree
+from rvaft.engine.compiled_tree import CompiledTree, Op
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration, PartProgress
 from rvaft.errors import TooLarge
 from rvaft.support.bits import bits, mask_of, union

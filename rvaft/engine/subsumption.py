@@ -46,9 +46,8 @@ from itertools import chain
 from operator import ge
 from typing import Any, Final, NamedTuple, assert_never
 
-from rvaft.analysis.normal_form import Op
 from rvaft.core.times import Extreme
-from rvaft.engine.compiled_tree import CompiledTree
+from rvaft.engine.compiled_tree import CompiledTree, Op
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import Guard, Operation, Operator, variables
@@ -88,8 +87,6 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
                 if flags(before, child) & TOUCHED or able <= compiled.need[gate]:
                     return True
                 return op is Op.AT_LEAST and flags(after, child) & SURE > 0 and not compiled.picks >> child & 1
-            case Op.EVENT | Op.CONDITION:
-                raise AssertionError("a body joins children")
             case _ as never:
                 assert_never(never)
 

@@ -71,7 +71,7 @@ def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> 
     """The marks of a match; of an event that is not among `events` only the number is known."""
     scenario = {name: frozenset(children) for name, children in explanation.scenario.items()}
     notes: dict[str, tuple[str, ...]] = {}
-    for name, numbers in explanation.observed(tree).items():
+    for name, numbers in explanation.events.items():
         shown = map(str, numbers if len(numbers) <= _LISTED else [*numbers[: _LISTED - 1], "…", numbers[-1]])
         several = (f"events {', '.join(shown)}",)
         notes[name] = several if len(numbers) > 1 else tuple(_note(numbers[0], events.get(numbers[0]), tree))

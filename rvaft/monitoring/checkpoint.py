@@ -41,7 +41,7 @@ from rvaft.monitoring.monitor_set import DetectionCount
 from rvaft.monitoring.near_misses import NearMissCount, Statistics
 from rvaft.monitoring.oversights import Oversight, Oversights, Reason
 from rvaft.monitoring.run import Backwards, Field, Ordering
-from rvaft.monitors import Awaited, Ended, Explanation, Pending
+from rvaft.monitors import Awaited, Ended, Explanation, MatchedEvent, Pending
 from rvaft.readers.json_lines import MAX_DEPTH, LinesRead, NonFiniteEvent, RepeatingObject
 from rvaft.readers.log import failures_of, unreadable
 from rvaft.support.files import SUFFIXES, opened, telling, write_whole
@@ -57,7 +57,18 @@ _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
 _OF_TREES: Final = (EventTime, Exact, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TimeFormat, Verdict)
-_OF_MONITORS: Final = (Awaited, Backwards, Configuration, Ended, Explanation, Field, Ordering, Pending, Snapshot)
+_OF_MONITORS: Final = (
+    Awaited,
+    Backwards,
+    Configuration,
+    Ended,
+    Explanation,
+    Field,
+    MatchedEvent,
+    Ordering,
+    Pending,
+    Snapshot,
+)
 _COUNTS: Final = (DetectionCount, NearMissCount, Oversight, Oversights, Reason, Statistics)
 _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}

@@ -42,7 +42,7 @@ def counted(count: int, what: str = "event") -> str:
 
 def matched_events(explanations: Collection[Explanation]) -> set[int]:
     """The numbers of the events that explanations name."""
-    return {number for explanation in explanations for number in explanation.matched.values()}
+    return {one.event for explanation in explanations for one in explanation.matched}
 
 
 def told_fields(tree: RVAFT) -> tuple[str, ...]:
@@ -89,10 +89,11 @@ def explained(
 ) -> dict[str, Json]:
     """Branch, kinds, which event was which node, and the variables; `events` are those that are known, by their numbers."""
     matched = []
-    for node, number in explanation.matched.items():
+    for node, occurrence, number in explanation.matched:
         event = events.get(number)
         others = other_fields(node, event, tree, fields)
-        matched.append({"node": node, "event": number, **places(event, tree), **({"fields": others} if others else {})})
+        told = {"node": node, "occurrence": occurrence, "event": number}
+        matched.append({**told, **places(event, tree), **({"fields": others} if others else {})})
     return {
         "branch": explanation.branch,
         "kinds": sorted(kind.value for kind in explanation.kinds),
@@ -117,7 +118,7 @@ def unlike(explanations: Mapping[int, Explanation]) -> Collection[tuple[list[int
     """The explanations that differ in branch or events, each with the columns that have it."""
     known: dict[object, tuple[list[int], Explanation]] = {}
     for column, one in explanations.items():
-        known.setdefault((one.branch, one.kinds, tuple(one.matched.items())), ([], one))[0].append(column)
+        known.setdefault((one.branch, one.kinds, one.matched), ([], one))[0].append(column)
     return known.values()
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from rvaft.analysis.branches import whole
 from rvaft.core.classifier import (
     Decided,
     Discriminators,
@@ -17,7 +18,6 @@ from rvaft.core.classifier import (
     outcomes,
     reader,
 )
-from rvaft.engine.explanation import whole
 from rvaft.model.expressions import pattern_text
 from rvaft.model.guards import Alike, Outcomes, Predicate
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match

@@ -22,9 +22,8 @@ from secrets import token_hex
 from time import monotonic, process_time
 from typing import Any, Final
 
-from rvaft.analysis.branches import branches
+from rvaft.analysis.branches import branches, whole
 from rvaft.core.classifier import Decided, Letter, PatternIndex, Reader, reader
-from rvaft.engine.explanation import whole
 from rvaft.errors import TooLarge
 from rvaft.export.svg import svg_text
 from rvaft.model.event_time import UNITS
@@ -435,7 +434,7 @@ class LogReport(Listener):
 
     def _detection(self, titles: Sequence[str], how: Explanation, change: VerdictChange) -> dict[str, Any]:
         matched = []
-        for node, numbers in how.observed(self.tree).items():
+        for node, numbers in how.events.items():
             for number in numbers:
                 event = change.events.get(number)
                 known = ["", ""] if event is None else [self._time(event), _text(event)]
@@ -447,9 +446,7 @@ class LogReport(Listener):
             "kinds": sorted(kind.value for kind in how.kinds),
             "matched": matched,
             "variables": [[name, _text(value)] for name, value in how.bound(self.tree).items()],
-            "nodes": sorted(
-                {self.number[name] for name in (*how.scenario, *how.observed(self.tree)) if name in self.number}
-            ),
+            "nodes": sorted({self.number[name] for name in (*how.scenario, *how.events) if name in self.number}),
             "lines": [[self.number[name], self.number[child]] for name, some in kept for child in some],
         }
 

@@ -5,7 +5,6 @@ import pytest
 from rvaft import loads
 from rvaft.coverage import BranchCoverage, Coverage
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
-from rvaft.model.tree import RVAFT
 from tests.tables import rows
 
 
@@ -35,8 +34,8 @@ def test_a_branch_is_compiled_once_and_alone(monkeypatch: pytest.MonkeyPatch, se
     sizes: list[int] = []
     plain = TreeLetters.__init__
 
-    def counting(self: TreeLetters, tree: RVAFT, compiled: CompiledTree) -> None:
-        plain(self, tree, compiled)
+    def counting(self: TreeLetters, compiled: CompiledTree) -> None:
+        plain(self, compiled)
         sizes.append(len(self.letters))
 
     monkeypatch.setattr(TreeLetters, "__init__", counting)

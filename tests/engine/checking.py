@@ -14,7 +14,7 @@ from rvaft.monitors import Explanation
 from rvaft.semantics import Reference, Scenario, branches, feasible_scenarios
 from rvaft.semantics.events import observe, time_of
 from rvaft.semantics.reference import Partial, guards_hold, relevant
-from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices
+from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices, several
 
 Trace = Sequence[dict[str, Any]]
 
@@ -75,7 +75,7 @@ def check_explanation(
     assert explanation is not None
     assert explanation.branch is not None
     assert explanation.branch == _lowest(tree, prefix, semantics, branch, kind)
-    positions = list(explanation.matched.values())
+    positions = [one.event for one in explanation.matched]
     assert positions == sorted(set(positions))
     assert _allowed(tree, prefix, semantics, positions)
     chosen = branches(tree)[explanation.branch - 1]
@@ -116,8 +116,13 @@ def _allowed(tree: RVAFT, prefix: Trace, semantics: str, positions: list[int]) -
             return positions[-1] == len(prefix) and set(positions) <= set(in_time)
 
 
+def matched_occurrences(tree: RVAFT, explanation: Explanation) -> dict[str, int]:
+    """The positions of a match by the names that the reference gives to occurrences."""
+    return {several(tree, tree.nodes[one.node])[one.occurrence - 1]: one.event for one in explanation.matched}
+
+
 def _is_match(scenario: Scenario, explanation: Explanation, prefix: Trace) -> bool:
-    matched = explanation.matched
+    matched = matched_occurrences(scenario.tree, explanation)
     if scenario.occurrences != set(matched):
         return False
     binding: Any = {}

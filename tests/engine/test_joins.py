@@ -127,8 +127,8 @@ def test_nested_orders_do_not_multiply(last: str) -> None:
     monitor = Engine(parse(f"toplevel g0; {gates} g12 {last};").build(), "scattered")
     for number in range(12):
         monitor.step({"event": f"l{number}"})
-        parts = getattr(monitor._strategy, "parts", [(None, monitor._strategy)])
-        assert all(isinstance(strategy, Earliest) or len(strategy.partial) == 1 for _, strategy in parts)
+        parts = getattr(monitor._strategy, "parts", [monitor._strategy])
+        assert all(isinstance(strategy, Earliest) or len(strategy.partial) == 1 for strategy in parts)
     assert monitor.step({"event": "x"}) is Verdict.TRUE
 
 

@@ -160,7 +160,7 @@ def test_scattered_waits_for_nothing_else_and_for_all_that_matters(shape: str) -
             if engine.verdict.final:
                 explanation = engine.explanation
                 assert explanation is not None
-                assert list(explanation.matched)[-1].partition("[")[0] in waited[explanation.branch]
+                assert explanation.matched[-1].node in waited[explanation.branch]
                 detected += 1
                 break
             compared += 1

@@ -56,7 +56,7 @@ def test_large_trees(name: str, semantics: str) -> None:
     assert verdicts[-1] is Verdict.TRUE
     hash(monitor.state)
     assert monitor.explanation is not None
-    assert monitor.explanation.matched == {letter: position for position, letter in enumerate(word, 1)}
+    assert monitor.explanation.events == {letter: [position] for position, letter in enumerate(word, 1)}
     assert monitor.explanation.branch == {"or": MANY, "chain of or": MANY + 1}.get(name, 1)
 
 

@@ -64,7 +64,7 @@ def test_partial_matches_that_come_to_the_same_are_one(gate: str) -> None:
             assert len(monitor._strategy.partial) <= 2 * count + 2  # type: ignore[union-attr]
     assert monitor.explanation is not None
     assert monitor.explanation.branch == (1 << count - 1) + 1
-    assert [name[0] for name in monitor.explanation.matched] == [*"aaaaab"]
+    assert [one.node[0] for one in monitor.explanation.matched] == [*"aaaaab"]
 
 
 LETTERS = "abcdefgh"

@@ -162,7 +162,7 @@ def test_of_ever_later_or_earlier_times_one_is_kept(times: Sequence[int], matche
     verdicts = [monitor.step({"n": "b", "v": time + late}) for late in (9, 10)]
     assert verdicts == [Verdict.UNKNOWN, Verdict.TRUE]
     assert monitor.explanation is not None
-    assert monitor.explanation.matched == {"a": position, "b": 1002}
+    assert monitor.explanation.events == {"a": [position], "b": [1002]}
     assert monitor.explanation.variables == {"T1": time, "T2": time + 10}
 
 

@@ -14,10 +14,11 @@ from rvaft.engine import Engine
 from rvaft.export import fired_dot, fired_text, picture
 from rvaft.export.layout import LONGEST
 from rvaft.export.text import MARK, MAX_LEVELS
+from rvaft.monitors import MatchedEvent
 from rvaft.readers.json_lines import read
 from rvaft.semantics import branches, feasible_scenarios
 from rvaft.semantics.scenarios import of_branch
-from tests.engine.checking import small_and_valid
+from tests.engine.checking import matched_occurrences, small_and_valid
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 from tests.export.geometry import measured, needs_dot, overlaps
 from tests.export.trees import AWKWARD, PINNED, awkward, chain
@@ -85,7 +86,7 @@ def test_what_is_marked_is_a_scenario_of_the_reference(shape: str, semantics: st
         chosen = branches(tree)[explanation.branch - 1]
         scenarios = [scenario for scenario in feasible_scenarios(tree) if of_branch(scenario, chosen)]
         fitting = [scenario for scenario in scenarios if scenario.kept == explanation.scenario]
-        assert [scenario.occurrences for scenario in fitting] == [set(explanation.matched)]
+        assert [scenario.occurrences for scenario in fitting] == [set(matched_occurrences(tree, explanation))]
         assert marked(fired_text(part, explanation, {})) == set(explanation.scenario)
         assert fired_text(part, explanation, {}) == fired_text(tree, explanation, {}), "the whole tree is drawn"
         check_graph(tree, explanation)
@@ -118,7 +119,7 @@ def test_a_counted_leaf_has_all_its_events_and_times_stand_where_the_tree_says()
 
 
 def test_the_matched_nodes_alone_are_marked_without_a_scenario_and_once_in_a_deep_tree() -> None:
-    explanation = Explanation(1, frozenset(), {"a": 1, "b": 2}, {})
+    explanation = Explanation(1, frozenset(), (MatchedEvent("a", 1, 1), MatchedEvent("b", 1, 2)), {})
     assert marked(fired_text(loads("top sand a b;"), explanation, {})) == {"a", "b"}
     text = fired_text(tree := chain(3 * MAX_LEVELS), explained(tree, f"g{3 * MAX_LEVELS}"), {})
     assert text.count("event 1") == 1
@@ -132,7 +133,7 @@ def awkward_match() -> tuple[RVAFT, Explanation, dict[int, Any]]:
     events = {number: {"time": {text: [text]}, "topic": text} for number, text in enumerate(AWKWARD, 1)}
     scenario = {tree.root: tree.nodes[tree.root].children, **dict.fromkeys(leaves, ())}
     variables = {f"V{number}": text for number, text in enumerate(AWKWARD)}
-    matched = {name: number for number, name in enumerate(leaves, 1)}
+    matched = tuple(MatchedEvent(name, 1, number) for number, name in enumerate(leaves, 1))
     return tree, Explanation(1, frozenset(), matched, variables, scenario), events
 
 

@@ -34,7 +34,10 @@ def test_the_command_is_told_the_detection(tmp_path: Path) -> None:
     assert Hooks(f"cat > {said}").run(detected()) == []
     text = said.read_text(encoding="utf-8")
     assert (text[-2:], text.count("\n")) == ("}\n", 1)
-    matched = [{"node": "a", "event": 1, "time": 0.5}, {"node": "b", "event": 2, "time": 1.0}]
+    matched = [
+        {"node": "a", "occurrence": 1, "event": 1, "time": 0.5},
+        {"node": "b", "occurrence": 1, "event": 2, "time": 1.0},
+    ]
     found = {"branch": 1, "kinds": ["fault"], "matched": matched, "variables": {"V": 1, "W": 2}, "events": events}
     assert json.loads(text) == {"tree": "t.rvaft", "key": "robot", **found}
     # a backend does not explain

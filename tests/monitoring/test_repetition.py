@@ -44,7 +44,7 @@ def expected(tree: RVAFT, semantics: str, trace: list[dict[str, Any]]) -> Iterat
 
 def require_match(tree: RVAFT, semantics: str, trace: list[dict[str, Any]], begun: int, found: Explanation) -> None:
     """The explanation is one of the events since then, which have their numbers in the whole trace."""
-    numbers = {node: number - begun for node, number in found.matched.items()}
+    numbers = tuple(one._replace(event=one.event - begun) for one in found.matched)
     own = Explanation(found.branch, found.kinds, numbers, found.variables, found.scenario)
     late = [
         max([0, *(one.get("t", 0) for one in trace[:place])]) - event.get("t", 0) > 2

@@ -203,7 +203,9 @@ class Told(Listener):
         monitors = change.watch.monitors
         for column in change.columns:
             explanation = monitors.explanation(column)
-            known = () if explanation is None else change.watch.buffer.events(set(explanation.matched.values()))
+            known = (
+                () if explanation is None else change.watch.buffer.events({one.event for one in explanation.matched})
+            )
             times = {at: (known[at].get("time"), known[at].get("topic")) for at in known}
             verdict = change.verdicts[column], explanation, monitors.ended(column)
             self.said.append((change.watch.key, change.number, column, verdict, times))
@@ -472,7 +474,7 @@ def test_each_key_gets_the_verdicts_and_matches_of_its_events_alone(seed: int, s
         assert (explanation is None) is (own is None)
         if explanation is not None and own is not None:
             assert explanation.branch == own.branch
-            assert explanation.matched == {node: given[at - 1] for node, at in own.matched.items()}
+            assert explanation.matched == tuple(one._replace(event=given[one.event - 1]) for one in own.matched)
         if alone.ended is not None:
             assert watch.monitors.since[0] == given[alone.ended.event - 1]
 

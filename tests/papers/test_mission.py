@@ -85,7 +85,7 @@ def test_the_explanation_of_a_detection_names_the_departure() -> None:
         at = [verdict is Verdict.TRUE for verdict in monitor.run(Mission(5, mode).events())].index(True) + 1
         assert monitor.explanation is not None
         assert monitor.explanation.kinds == {rvaft.Kind(mode.value)}
-        assert (monitor.explanation.matched[last], monitor.explanation.variables["NewWp"]) == (at, 0)
+        assert (monitor.explanation.events[last], monitor.explanation.variables["NewWp"]) == ([at], 0)
 
 
 def test_a_second_mission_in_the_same_log_is_a_false_alarm_so_that_a_monitor_lasts_one_mission() -> None:

@@ -154,4 +154,4 @@ def test_the_node_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def matched(recorded: str) -> str:
     """The matched events in a line of `rvaft monitor`, as a text of JSON by node."""
     (line,) = recorded.splitlines()
-    return json.dumps({one["node"]: one["event"] for one in json.loads(line)["matched"]})
+    return json.dumps({one["node"]: [one["event"]] for one in json.loads(line)["matched"]})

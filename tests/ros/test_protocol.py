@@ -89,7 +89,7 @@ def test_what_is_no_event_gets_an_error_with_the_verdict_so_far(message: str | b
         assert len(reply["error"]) < 200
     assert [reply["verdict"] for reply in (first, a, again)] == ["currently_true"] * 3
     assert b["verdict"] is end["verdict"] is False
-    assert b["matched"] == [{"node": "a", "event": 1}, {"node": "b", "event": 2}]
+    assert b["matched"] == [{"node": "a", "occurrence": 1, "event": 1}, {"node": "b", "occurrence": 1, "event": 2}]
 
 
 def test_a_monitor_that_gives_up_says_so_and_has_no_verdict_any_more() -> None:

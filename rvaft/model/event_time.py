@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as part
 from datetime import date
-from decimal import ROUND_HALF_EVEN, Context, DecimalException
+from decimal import ROUND_HALF_EVEN, Context, Decimal, DecimalException
 from enum import StrEnum
 from typing import Final
 
@@ -107,14 +107,16 @@ def duration_text(nanoseconds: int) -> str:
 def scaled(number: str, unit: str) -> int | None:
     """A decimal number of a unit in nanoseconds, or None for what is too large to be a time.
 
-    >>> scaled("1.5", "h"), scaled("2e-10", "s"), scaled("1e999999", "s")
-    (5400000000000, 0, None)
+    >>> scaled("1.5", "h"), scaled("2e-10", "s"), scaled("0e31", "s"), scaled("1e999999", "s")
+    (5400000000000, 0, 0, None)
     """
     try:
         value = _EXACT.create_decimal(number)
+        if not value or value.adjusted() < -40:
+            return 0
         if not value.is_finite() or value.adjusted() > _MOST:
             return None
-        return int((value * UNITS[unit]).to_integral_value(ROUND_HALF_EVEN, _EXACT)) if value.adjusted() > -40 else 0
+        return int(_EXACT.multiply(value, Decimal(UNITS[unit])).to_integral_value(ROUND_HALF_EVEN, _EXACT))
     except DecimalException:
         return None
 

@@ -47,7 +47,7 @@ def results(name: str = "tree") -> list[Result]:
 def vacuous(name: str = "tree") -> list[Result]:
     """Two participants that give the same verdicts, none of which is a detection."""
     job = Job(name, Semantics.CONSECUTIVE)
-    never = {"why": "nothing was detected in any trace", "verdicts": 12}
+    never: dict[str, Any] = {"why": "nothing was detected in any trace", "verdicts": 12}
     return [
         Result(job, "reference", Status.BASELINE, verdicts=12),
         Result(job, "engine", Status.VACUOUS, traces=4, longest=3, **never),

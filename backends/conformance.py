@@ -8,6 +8,9 @@ The expected verdicts come from an oracle that the caller gives, a monitor for a
 backend. A refusal (`NotExpressible`) and a text that would be too large (`TooLarge`) are counted apart from each other and
 from failures; a refusal of what the caller requires is one. Of a backend that is not `readable`, only the text is looked at. Where a tool
 is missing, `ToolMissing` goes through to the caller.
+
+Every operator of guards and every construct of the tree language has a row: a tree with a trace that detects, and one that does not
+for want of this operator or construct alone. A backend refuses the tree, or its text says both.
 """
 
 import tomllib
@@ -18,16 +21,17 @@ from functools import partial
 from importlib.resources import files
 from itertools import islice, product, zip_longest
 from random import Random
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias, get_args
 
 from rvaft.analysis.branches import restrict
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.language.parser import parse
-from rvaft.model.expressions import GATES
-from rvaft.model.guards import FUNCTIONS, ORDERINGS, Operation, Operator, holds, walk
+from rvaft.model.expressions import CLAUSES, GATES
+from rvaft.model.guards import FUNCTIONS, ORDERINGS, POINTS, Operation, Operator, holds, walk
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import ListPattern, Literal, Variable, match, variables
+from rvaft.model.nodes import Causality, Gate, Kind
+from rvaft.model.patterns import ListPattern, Literal, Pattern, Variable, match, variables
 from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -45,20 +49,39 @@ class Example:
     """A tree, and events that fit its nodes; in their order, and in the reverse, they are always tried.
 
     `determinate`: whenever two occurrences may be next after the same events, no event fits both, so that there is
-    never more than one assignment of the variables to follow.
+    never more than one assignment of the variables to follow. `detects` is a trace that the tree detects under the semantics of
+    `shown`, `misses` one that it does not; both are always tried.
     """
 
     name: str
     tree: RVAFT
     events: tuple[Json, ...]
     determinate: bool = False
+    detects: Sequence[Json] = ()
+    misses: Sequence[Json] = ()
+    shown: frozenset[Semantics] = frozenset(Semantics)
 
 
 WRITTEN_GATES = (*GATES, "1of{n}", "2of{n}", "3of{n}")
 EVENTS = "event at(k) = { k: k }; event px(p) = { x: p }; event py(p) = { y: p }; event pxy(p, q) = { x: p, y: q }; "
 
-GROUPS: dict[str, dict[str, str]] = tomllib.loads(files("backends").joinpath("conformance.toml").read_text("utf-8"))
+GROUPS: dict[str, dict[str, Any]] = tomllib.loads(files("backends").joinpath("conformance.toml").read_text("utf-8"))
 """Trees by what they are about."""
+
+CONSTRUCTS: Final = frozenset(
+    {
+        *Gate,
+        *Causality,
+        *POINTS,
+        *(clause for clause in CLAUSES if clause not in (*Kind, "label")),
+        *(pattern.__name__ for pattern in get_args(Pattern)),
+        *("ignore", "late", "shared", "a variable over two events", "when, on a gate"),
+    }
+)
+"""All that a tree is made of but the operators of guards; kinds and labels change no verdict of the whole tree."""
+
+assert set(GROUPS["operator"]) == set(Operator), set(GROUPS["operator"]) ^ set(Operator)
+assert set(GROUPS["construct"]) == CONSTRUCTS, set(GROUPS["construct"]) ^ CONSTRUCTS
 
 DETERMINATE = {
     "one value twice",
@@ -135,11 +158,36 @@ def examples() -> Iterator[Example]:
         yield replace(one, events=tuple({**event, **time} for event, time in product(one.events, times)))
     for name, text in GROUPS["text"].items():
         yield Example(name, _tree(text), tuple({field: value} for field in "xy" for value in TEXTS), determinate=True)
+    yield from rows()
     whole = _default("the whole", "r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
     for number in (1, 2, 3):
         yield Example(f"branch {number}", restrict(whole.tree, branch=number), whole.events)
     for kind in ("fault", "attack"):
         yield Example(f"the {kind}s", restrict(whole.tree, kind=kind), whole.events)
+
+
+def rows() -> Iterator[Example]:
+    """A tree for every operator, on one event and on two, and for every construct."""
+    for name, row in GROUPS["operator"].items():
+        guard, holding, failing = row["one"]
+        text = f"r sand a b; a on px(X) when {guard}; b on py(_);"
+        yield _row(
+            f"operator `{name}`, one event", text, *([{"x": x}, {"y": 1}] for x in (holding, failing)), determinate=True
+        )
+        guard, *pairs = row["two"]
+        text = f"r sand a b; a on px(X); b on py(Y) when {guard};"
+        yield _row(f"operator `{name}`, two events", text, *([{"x": x}, {"y": y}] for x, y in pairs), determinate=True)
+    for name, row in GROUPS["construct"].items():
+        traces = (
+            [{"event": one} if isinstance(one, str) else one for one in row[key]] for key in ("detects", "misses")
+        )
+        shown = frozenset(map(Semantics, row.get("semantics", Semantics)))
+        yield replace(_row(f"construct `{name}`", row["tree"], *traces), shown=shown)
+
+
+def _row(name: str, text: str, detects: list[Json], misses: list[Json], *, determinate: bool = False) -> Example:
+    events = {repr(event): event for event in (*detects, *misses)}
+    return Example(name, _tree(text), tuple(events.values()), determinate, detects, misses)
 
 
 def _tree(text: str) -> RVAFT:
@@ -176,6 +224,13 @@ OF_STRINGS: Final = FUNCTIONS - {Operator.ABS, Operator.MIN, Operator.MAX}
 def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
     """Every tree under every semantics must be expressible, but where events may be late, of which no text knows."""
     return example.tree.time is None or example.tree.time.late is None
+
+
+def no_texts_of_several(example: Example, semantics: Semantics) -> bool:
+    """Every tree, but where a guard asks what the text of one event has to do with that of another."""
+    functions = (Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)
+    names = (f"operator `{name}`, two events" for name in functions)
+    return everything(example, semantics) and example.name not in names
 
 
 def without_variables(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
@@ -306,6 +361,7 @@ def run(
                     if first.verdict is not Verdict.UNKNOWN:
                         found.append(("start", "the verdict before any event is not unknown", ()))
                     if isinstance(first, DetectionMonitor):
+                        found += _left_open(example, first)
                         tried = [trace for trace in tried if not first.left_open(trace)]
                 except LanguageError as error:
                     found.append(("readable", f"the backend cannot read its own text: {error.message}", ()))
@@ -328,6 +384,7 @@ def run(
 
 def traces(example: Example, most: int, random: Random) -> Iterator[Trace]:
     """All words over the events of an example where there are few, otherwise a sample, and some longer ones."""
+    yield from (trace for trace in (example.detects, example.misses) if trace)
     letters = [*example.events, NOISE]
     length = 2
     while len(letters) ** (length + 1) <= most:
@@ -349,6 +406,13 @@ def _text(backend: Backend, tree: RVAFT, semantics: Semantics, specification: Sp
         yield "repeatable", "the second translation differs from the first", ()
     if specification.metrics.symbols <= 0:
         yield "metrics", f"{specification.metrics.symbols} symbols", ()
+
+
+def _left_open(example: Example, first: DetectionMonitor) -> Iterator[Finding]:
+    """The text has a verdict for the traces of a row."""
+    for trace in (example.detects, example.misses):
+        if trace and (why := first.left_open(trace)):
+            yield "left open", f"the text has no verdict for the trace of a row: {why}", trace
 
 
 def _verdicts(

@@ -1,7 +1,8 @@
 """One comparison: a tree, or a part of it, under one semantics, between everybody who takes part.
 
 What can be proved is proved, on all traces; then everybody, proved or not, also runs the same traces, and the verdict after every
-prefix is compared with that of the first participant: the reference, or where that is absent the next one.
+prefix is compared with that of the first participant: the reference, or where that is absent the next one. Where neither detects
+anything in any trace, equal verdicts say nothing: that is vacuous, and no agreement.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -164,6 +165,8 @@ class _Row:
     masked: int = 0
     matched: int = 0
     match: str = ""
+    detected: bool = False
+    """Whether this participant, or the one it is compared with, detected something in a trace that both were asked."""
 
     def end(self, status: Status, why: str = "") -> None:
         """Nothing more is asked of it, for that reason."""
@@ -221,6 +224,7 @@ class _Row:
             else:
                 self.traces, self.longest = self.traces + 1, max(self.longest, len(trace))
                 self.verdicts += len(trace)
+                self.detected |= Verdict.TRUE in (*(wanted.verdicts or ()), *answer.verdicts)
                 self.compare(trace, wanted.verdicts or (), answer.verdicts)
         if self.masked and not self.traces:
             self.end(Status.COULD_NOT_RUN, f"all traces are masked: {', '.join(self.masks)}")
@@ -296,7 +300,10 @@ class Comparison:
             self._prove()
         while len(self._present) + len(self._outside) > 1 and not self._test():
             pass
-        met = any(row.status is Status.DIFFERS or (row.status and row.status.agrees) for row in self.rows)
+        for row in self.rows:
+            if row.status is not None and row.status.agrees and not row.detected:
+                row.end(Status.VACUOUS, "nothing was detected in any trace")
+        met = any(row.status in (Status.PROVED, Status.TESTED, Status.DIFFERS, Status.VACUOUS) for row in self.rows)
         baseline = self._present[0] if met and self._present else None
         if baseline is not None:
             baseline.end(Status.BASELINE)
@@ -353,6 +360,7 @@ class Comparison:
             return
         for number, row in enumerate(able):
             row.verdicts += found.verdicts if number else 0
+            row.detected = number in found.detected
             if number in found.failed:
                 row.fail(found.failed[number])
             elif number in found.tied or (number and 0 in found.tied):
@@ -383,9 +391,6 @@ class Comparison:
             return False
         every = [*zip(traces, expected, strict=True)]
         baseline.judge(every, expected)
-        if traces and not any(Verdict.TRUE in (wanted.verdicts or ()) for wanted in expected):
-            for row in rest:
-                row.why = "; ".join(filter(None, [row.why, "none of them is a detection"]))
         for row in rest:
             if row.status is Status.PROVED and not self.effort.recheck:
                 continue

@@ -183,6 +183,9 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
         about = {name: guards.get(name, []) for name in names if uses[name] == 1}
         own = [name for name, some in about.items() if all(set(guard_variables(g)) <= set(names) for g in some)]
         found += [Observed(pattern, guard).untied(own) for guard in (None, *chain(*(about[name] for name in own)))]
+        # What a shared variable may be is also asked of each event that binds it: a value that some guard refuses is forgotten.
+        shared = chain(*(guards.get(name, []) for name in names if name not in own))
+        found += [Observed(pattern, guard).untied() for guard in shared]
     found += [Observed(entry.pattern, entry.when).untied() for entry in tree.alphabet]
     found += [Observed(tree.instantiate(ignore.on), ignore.when).untied() for ignore in tree.ignores]
     return tuple(dict.fromkeys(found))

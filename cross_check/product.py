@@ -57,7 +57,7 @@ class Exploration:
     """What the product has shown, each participant against the first one; `verdicts` counts the prefixes compared for each.
 
     `differ` gives a shortest distinguishing trace by the place of the participant, `failed` what a monitor raised, `tied` who remembers
-    values. `complete` says that no combination of states was left out; then the others agree on all traces over the letters.
+    values. `detected` has the participants that detect something. `complete` says that no combination of states was left out; then the others agree on all traces over the letters.
     """
 
     def __init__(self, participants: Sequence[Participant], letters: Letters, *, limit: int) -> None:
@@ -84,6 +84,7 @@ class Exploration:
                     known.add(after)
                     agenda.append(after)
                     self._came.append((position, letter))
+        self.detected = {number for number, machine in enumerate(self._machines) if Verdict.TRUE in machine.verdicts}
         self.complete = self.complete and 0 not in self.failed and 0 not in self.tied
 
     def _start(self, participants: Sequence[Participant]) -> tuple[int, ...]:

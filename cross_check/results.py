@@ -1,6 +1,6 @@
 """What a comparison says of each participant, and the same for people, spreadsheets and continuous integration.
 
-Its words are never blurred: proved is not tested, and neither is absence.
+Its words are never blurred: proved is not tested, and neither is absence, nor traces in which nothing was detected.
 """
 
 import csv
@@ -32,6 +32,8 @@ class Status(StrEnum):
     TESTED = "tested"
     """It agrees on the traces that were tried."""
     DIFFERS = "differs"
+    VACUOUS = "vacuous"
+    """All verdicts were equal, but neither participant detected anything: this is no evidence of agreement."""
     NOT_EXPRESSIBLE = "not expressible"
     TOO_LARGE = "too large"
     TIMEOUT = "timeout"
@@ -53,7 +55,7 @@ class Status(StrEnum):
 
     @property
     def agrees(self) -> bool:
-        """Whether verdicts were compared and all were equal."""
+        """Whether verdicts were compared, detections among them, and all were equal."""
         return self in (Status.PROVED, Status.TESTED)
 
 
@@ -76,7 +78,7 @@ def reason(error: BaseException) -> str:
 
 
 _RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
-_SKIPPED: Final = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
+_SKIPPED: Final = (Status.VACUOUS, Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 _REASONS: Final = 2
 """So many reasons are told for each participant, those that come most."""
 _FAILURES: Final = 20
@@ -152,10 +154,10 @@ class Result:
                 return str(self.status)
             case Status.TESTED:
                 because = f" ({self.why})" if self.why else ""
-                masked = f", {self.masked} masked ({', '.join(self.masks)})" if self.masked else ""
-                traces = f"{self.traces} {_plural('trace', self.traces)}"
                 matched = f", all matches of {self.matched}" if self.matched else ""
-                return f"tested: {traces} up to length {self.longest}{matched}{masked}{because}"
+                return f"tested: {self._tried}{matched}{self._masked}{because}"
+            case Status.VACUOUS if self.traces:
+                return f"vacuous: nothing was detected in {self._tried}{self._masked}"
             case Status.DIFFERS:
                 length = len(self.difference.trace) if self.difference else 0
                 return f"differs after {length} {_plural('event', length)}"
@@ -163,26 +165,40 @@ class Result:
                 return f"{self.status}: {self.why}" if self.why else str(self.status)
 
     @property
+    def _tried(self) -> str:
+        return f"{self.traces} {_plural('trace', self.traces)} up to length {self.longest}"
+
+    @property
+    def _masked(self) -> str:
+        return f", {self.masked} masked ({', '.join(self.masks)})" if self.masked else ""
+
+    @property
     def ending(self) -> str:
         """How it ended, whatever the verdicts were: `ok` for everybody who gave verdicts to the end."""
         return "ok" if self.status in _RAN else str(self.status)
 
 
-def exit_status(results: Iterable[Result], *, failing: Collection[Status] = ()) -> int:
+def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), vacuous: bool = False) -> int:
     """0 where all that ran agree, 1 where some differ, 2 where something could not run or nothing was compared; 2 wins.
 
-    `failing` has further statuses that count as what could not run.
+    `failing` has further statuses that count as what could not run. Where all results of a comparison are vacuous, nothing was
+    compared. With `vacuous` this is allowed for single comparisons, such as those of random trees, but not for all of them.
     """
     every = list(results)
     failed = {Status.COULD_NOT_RUN, Status.TOOL_MISSING, *failing}
     compared = {result.job for result in every if result.status.agrees or result.status is Status.DIFFERS}
+    if vacuous and compared:
+        compared |= {result.job for result in every if result.status is Status.VACUOUS}
     if any(result.status in failed or result.job not in compared for result in every):
         return 2
     return 1 if any(result.status is Status.DIFFERS for result in every) else 0
 
 
 class ComparisonTotals:
-    """Counts over all results; `unable` are those that are neither proved nor tested, and do not differ."""
+    """Counts over all results; `unable` are those that are neither proved nor tested, and do not differ.
+
+    Verdicts count where a detection was among those that were compared: a comparison that is vacuous has none.
+    """
 
     def __init__(self, results: Iterable[Result]) -> None:
         every = list(results)
@@ -193,10 +209,12 @@ class ComparisonTotals:
             told[result.status] += 1
         self.differing = [result for result in every if result.status is Status.DIFFERS]
         self.unable = [result for result in every if result.status not in _RAN]
+        self.vacuous = sum(result.status is Status.VACUOUS for result in every)
+        compared = {result.job for result in every if result.status.agrees or result.status is Status.DIFFERS}
         self.counts = {
             "tree": len({result.job.title for result in every}),
             "comparison": len({result.job for result in every}),
-            "verdict": sum(result.verdicts for result in every),
+            "verdict": sum(result.verdicts for result in every if result.status in _RAN and result.job in compared),
             "proof": sum(result.status is Status.PROVED for result in every),
         }
         self.masked = sum(result.masked for result in every)
@@ -214,10 +232,13 @@ class ComparisonTotals:
     @property
     def headline(self) -> str:
         """All in one line."""
-        counted = {**self.counts, "masked trace": self.masked} if self.masked else self.counts
+        seldom = {"masked trace": self.masked, "vacuous result": self.vacuous}
+        counted = self.counts | {what: number for what, number in seldom.items() if number}
         said = ", ".join(f"{number:,} {_plural(what, number)}" for what, number in counted.items())
         if not self.counts["verdict"]:
-            return f"{said}; nothing was compared"
+            return (
+                f"{said}; {'nothing was detected, so nothing was compared' if self.vacuous else 'nothing was compared'}"
+            )
         differ = len(self.differing)
         return f"{said}; {f'{differ:,}' if differ else 'no'} {_plural('disagreement', differ or 1)}"
 
@@ -327,6 +348,7 @@ def json_text(results: Iterable[Result], note: str = "") -> str:
     every = list(results)
     totals = ComparisonTotals(every)
     counts = {**{f"{what}s": number for what, number in totals.counts.items()}, "disagreements": len(totals.differing)}
+    counts["vacuous"] = totals.vacuous
     found = {"version": version("rvaft"), "note": note, "totals": counts, "results": [_object(one) for one in every]}
     return json.dumps(found, indent=1) + "\n"
 
@@ -355,7 +377,7 @@ def _difference(found: Difference) -> dict[str, Json]:
 def junit_text(results: Iterable[Result], note: str = "") -> str:
     """For continuous integration, as tests: one suite per tree and semantics, one test case per participant.
 
-    A disagreement is a failure, what could not run an error, and what a language cannot say or is too large is skipped.
+    A disagreement is a failure, what could not run an error, and what is vacuous, what a language cannot say and what is too large is skipped.
     """
     root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
     for job, group in groupby(results, key=lambda result: result.job):

@@ -176,6 +176,7 @@ _PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a ch
 @_report_options
 @click.option("--fail-on-not-expressible", is_flag=True, help="Exit with 2 where a language cannot say a tree.")
 @click.option("--fail-on-too-large", is_flag=True, help="Exit with 2 where something was larger than a limit.")
+@click.option("--fail-on-vacuous", is_flag=True, help="Exit with 2 where nothing was detected in any trace.")
 @click.option("--fail-on-timeout", is_flag=True, help="Exit with 2 where the time was too short.")
 def cross_check_command(
     *,
@@ -186,8 +187,9 @@ def cross_check_command(
 ) -> int:
     """Compare the reference, the engine and all faithful backends: on each TREE, or without one on every gate.
 
-    Proves agreement on all traces where it can, tests it otherwise, and says which. The exit status is 1 when some differ, 2 when
-    something could not be read or run.
+    Proves agreement on all traces where it can, tests it otherwise, and says which. Verdicts among which is no detection
+    are vacuous and count as no agreement. The exit status is 1 when some differ, 2 when
+    something could not be read or run, or nothing was compared.
     """
     cases, limit, semantics, timeout = (given[name] for name in ("replay", "limit", "semantics", "timeout"))
     part = {name: given[name] for name in ("branch", "kind")}
@@ -248,9 +250,9 @@ def cross_check_command(
     jobs = given["jobs"] or (1 if roster.flink else os.cpu_count() or 1)  # Flink takes long to start
     running = run(tasks, jobs=jobs, together=1 if trees else every)
     collected.compare(running, count * every, bogus=given["save_bogus"], stop=given["stop_on_error"])
-    fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
+    fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT, Status.VACUOUS)
     asked = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}
-    return FAILED if failures.met else exit_status(collected.results, failing=asked)
+    return FAILED if failures.met else exit_status(collected.results, failing=asked, vacuous=random is not None)
 
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:

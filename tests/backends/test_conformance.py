@@ -1,10 +1,13 @@
 """Every faithful backend against the reference, by the suite that ships with the package."""
 
+import runpy
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.util import find_spec
 from itertools import count, product
 from random import Random
+from typing import get_args
 
 import pytest
 from hypothesis import example, given, settings
@@ -19,9 +22,10 @@ from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText, all_backends, backend
 from rvaft.capabilities import JSON_VALUES, Feature, Ties
-from rvaft.core.property import PARTS, Property
+from rvaft.core.build import build
+from rvaft.core.property import PARTS, Part, Property
 from rvaft.errors import LanguageError, NotExpressible, ToolMissing
-from rvaft.model.guards import Operator
+from rvaft.model.guards import Operation, Operator, walk
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern
 from rvaft.model.tree import RVAFT
@@ -184,6 +188,69 @@ def test_what_is_odd_is_found(made: str, readable: bool, required: bool, checks:
     report = conformance.run(Odd(made, readable), Reference, trees=EXAMPLES[:2], required=lambda *_: required)
     assert [failure.check for failure in report.failures] == checks
     assert (len(report.refusals), report.passed) == (0 if made else 8, passed)
+
+
+ROWS = tuple(conformance.rows())
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row.name for row in ROWS])
+def test_a_row_detects_and_its_counterpart_does_not(row: conformance.Example) -> None:
+    assert row.shown
+    for semantics in row.shown:
+        detects, misses = (list(Reference(row.tree, semantics).run(trace)) for trace in (row.detects, row.misses))
+        assert (detects[-1], Verdict.TRUE in misses) == (Verdict.TRUE, False), semantics
+
+
+EMITTED = sorted(one.name for one in map(backend, all_backends()) if not one.readable)
+
+
+@pytest.mark.parametrize("name", EMITTED)
+def test_what_is_only_emitted_is_translated_or_refused(name: str) -> None:
+    report = conformance.run(backend(name), Reference, required=lambda *_: False, trees=ROWS)
+    assert report.passed, report
+    assert report.translations + len(report.refusals) == len(ROWS) * len(Semantics)
+
+
+def test_rows_have_every_operator_and_every_part() -> None:
+    for row in ROWS:
+        guards = [part for node in row.tree.top_down() for part in walk(node.when)]
+        asked = {part.operator for part in guards if isinstance(part, Operation)}
+        assert not row.name.startswith("operator") or row.name.split("`")[1] in asked, row.name
+    parts = {type(part) for row in ROWS for part in build(row.tree).parts}
+    assert parts >= set(get_args(Part))
+
+
+@pytest.mark.parametrize(("group", "name"), [("operator", "abs"), ("construct", "pand"), ("construct", "late")])
+def test_without_its_row_the_suite_does_not_load(group: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    fewer = {one: {key: row for key, row in some.items() if key != name} for one, some in conformance.GROUPS.items()}
+    monkeypatch.setattr("tomllib.loads", lambda _: fewer)
+    with pytest.raises(AssertionError, match=name):
+        runpy.run_path(str(conformance.__file__))
+    monkeypatch.setattr("tomllib.loads", lambda _: {**fewer, group: {**conformance.GROUPS[group], "length": {}}})
+    with pytest.raises(AssertionError, match="length"):
+        runpy.run_path(str(conformance.__file__))
+
+
+def without_guards(tree: RVAFT) -> RVAFT:
+    nodes = [replace(node, when=None) for node in tree.nodes.values() if node.has_event or node.children]
+    return RVAFT(tree.root, nodes, tree.events.values(), time=tree.time)
+
+
+ALTERED: dict[str, tuple[Callable[[RVAFT], RVAFT], list[conformance.Example]]] = {
+    "never matches": (lambda _: loads("toplevel r; r sand never ever;"), [*ROWS]),
+    "no guards": (without_guards, [row for row in ROWS if row.name.startswith("operator")]),
+}
+
+
+@pytest.mark.parametrize("mistake", ALTERED)
+def test_a_text_that_never_detects_or_drops_a_guard_is_found(mistake: str) -> None:
+    """For each row by itself, whatever else a backend says rightly."""
+    altered, rows = ALTERED[mistake]
+    given = [replace(row, tree=altered(row.tree)) for row in rows]
+    right = {id(one.tree): row.tree for one, row in zip(given, rows, strict=True)}
+    oracle = lambda tree, semantics: Reference(right[id(tree)], semantics)  # noqa: E731
+    report = conformance.run(backend("sql"), oracle, required=lambda *_: False, trees=given, words=0)
+    assert {one.example for one in report.failures if one.check == "detection"} == {row.name for row in rows}
 
 
 class Forgetful(RmlBackend):

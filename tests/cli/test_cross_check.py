@@ -64,6 +64,39 @@ def test_what_is_only_tested_and_what_is_refused(tmp_path: Path) -> None:
     assert run("cross-check", PRUNED, *options).exit_code == 2
 
 
+def test_traces_without_a_detection_are_vacuous_and_no_agreement(sand: Path, tmp_path: Path) -> None:
+    junit = tmp_path / "out.xml"
+    short = ("--semantics", "strict,scattered", *RML, "--length", 1)  # too short for a detection
+    result, found = compared(tmp_path, sand, *short, "--states", 0, "--junit", junit)
+    assert result.exit_code == 2
+    assert "0 verdicts, 0 proofs, " in result.stdout
+    assert "4 vacuous results; nothing was detected, so nothing was compared" in result.stdout
+    assert {one["status"] for one in found} == {"baseline", "vacuous"}
+    assert {one["verdicts"] > 0 for one in found} == {True}
+    assert json.loads((tmp_path / "out.json").read_text())["totals"]["vacuous"] == 4
+    skipped = [str(one.get("message")) for one in ET.parse(junit).iter("skipped")]
+    assert [message.partition(" in ")[0] for message in skipped] == ["vacuous: nothing was detected"] * 4
+    assert "no disagreement" in run("cross-check", sand, *short).stdout  # all is proved
+
+
+def test_random_trees_may_be_vacuous_unless_it_is_refused() -> None:
+    drawn = ("cross-check", "--random", 30, "--max-nodes", 5, *RML)
+    result = run(*drawn)
+    assert (result.exit_code, "vacuous results; no disagreement" in result.stdout) == (0, True)
+    assert re.search(r"engine +\d+ +vacuous: nothing was detected in any trace", result.stdout)
+    assert run(*drawn, "--fail-on-vacuous").exit_code == 2
+
+
+def test_a_shared_variable_that_a_guard_refuses_proves_nothing(tmp_path: Path) -> None:
+    """Values that no guard admits are forgotten at once; that is no proof for those that it admits."""
+    declared = "event seen(what) = { event: what }; event read(value) = { value: value };"
+    guards = ("r sand a b; a on seen(V); b on read(V) when V >= 0 and V <= 1;", "r sand a b when V + 1 > 1;")
+    for text in (guards[0], f"{guards[1]} a on seen(V); b on read(V);"):
+        tree = written(tmp_path / "tree.rvaft", f"{declared} toplevel r; {text}")
+        _, found = compared(tmp_path, tree, "--semantics", "consecutive,scattered", *RML, "--traces", 20)
+        assert {one["status"] for one in found if one["participant"] == "engine"} == {"tested"}
+
+
 @pytest.mark.parametrize("suffix", [".rml", ".ltlf", ".hoa", ".rvaft"])
 def test_another_specification_of_the_same_tree_is_proved_equal(sand: Path, tmp_path: Path, suffix: str) -> None:
     name = {".rml": "rml", ".ltlf": "ltlf", ".hoa": "automaton", ".rvaft": None}[suffix]

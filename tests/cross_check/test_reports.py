@@ -15,6 +15,7 @@ from cross_check.results import (
     Status,
     csv_text,
     difference_lines,
+    exit_status,
     json_text,
     junit_text,
     markdown_text,
@@ -43,6 +44,40 @@ def results(name: str = "tree") -> list[Result]:
     ]
 
 
+def vacuous(name: str = "tree") -> list[Result]:
+    """Two participants that give the same verdicts, none of which is a detection."""
+    job = Job(name, Semantics.CONSECUTIVE)
+    never: dict[str, Any] = {"why": "nothing was detected in any trace", "verdicts": 12}
+    return [
+        Result(job, "reference", Status.BASELINE, verdicts=12),
+        Result(job, "engine", Status.VACUOUS, traces=4, longest=3, **never),
+        Result(job, "rml", Status.VACUOUS, **never),
+    ]
+
+
+def test_traces_without_a_detection_are_no_agreement() -> None:
+    assert [result.text for result in vacuous()] == [
+        *("baseline", "vacuous: nothing was detected in 4 traces up to length 3"),
+        "vacuous: nothing was detected in any trace",
+    ]
+    alone, beside = ComparisonTotals(vacuous()), ComparisonTotals([*results()[:2], *vacuous()])
+    counted = "1 tree, 1 comparison, 0 verdicts, 0 proofs, 2 vacuous results"
+    assert alone.headline == f"{counted}; nothing was detected, so nothing was compared"
+    counted = "1 tree, 2 comparisons, 20 verdicts, 1 proof, 2 vacuous results"
+    assert beside.headline == f"{counted}; no disagreement"
+    assert [exit_status(some) for some in (vacuous(), [*results()[:2], *vacuous()], results()[:2])] == [2, 2, 0]
+    assert exit_status(vacuous(), vacuous=True) == 2
+    assert exit_status([*results()[:2], *vacuous()], vacuous=True) == 0
+    assert exit_status([*results()[:2], *vacuous()], vacuous=True, failing=[Status.VACUOUS]) == 2
+    root = ET.fromstring(junit_text(vacuous()))
+    assert [suite.get("skipped") for suite in root] == ["2"]
+    assert [one.get("message") for one in root.iter("skipped")] == [result.text for result in vacuous()[1:]]
+    assert json.loads(json_text(vacuous()))["totals"]["vacuous"] == 2
+    assert [row["exit_status"] for row in csv.DictReader(csv_text(vacuous()).splitlines())] == ["ok", *["vacuous"] * 2]
+    assert "- engine: tree (consecutive): vacuous: nothing was detected" in markdown_text(vacuous())
+    assert unable_lines(vacuous()[1:2])[1] == "engine        1            vacuous: nothing was detected in any trace"
+
+
 def test_totals_and_words_that_are_not_blurred() -> None:
     totals = ComparisonTotals(results())
     assert list(totals.counts.values()) == [2, 2, 34, 1]
@@ -63,7 +98,14 @@ def test_every_form_says_the_same() -> None:
         *("7", "", "tree branch 2", "0.250000")
     ]
     found = json.loads(json_text(results()))
-    assert found["totals"] == {"trees": 2, "comparisons": 2, "verdicts": 34, "proofs": 1, "disagreements": 1}
+    assert found["totals"] == {
+        "trees": 2,
+        "comparisons": 2,
+        "verdicts": 34,
+        "proofs": 1,
+        "disagreements": 1,
+        "vacuous": 0,
+    }
     difference = {"trace": [{"event": "a\n<x>"}], "baseline": "reference", "expected": ["true"], "got": ["false"]}
     assert found["results"][2]["difference"] == difference
     assert (found["results"][5]["branch"], found["results"][5]["masked"]) == (2, 2)

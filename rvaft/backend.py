@@ -8,20 +8,24 @@ Built-in and third-party backends are found the same way: the entry-point group 
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from itertools import count
-from typing import Any, ClassVar, Final, TypeAlias
+from time import perf_counter
+from typing import Any, ClassVar, Final, TypeAlias, final
 
 from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
+from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check
+from rvaft.core.passes import Pass, decide_constants, property_of
+from rvaft.core.property import Event, Part, Property
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed, ToolMissing
 from rvaft.model import guards, patterns
 from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard
+from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import ObjectPattern, Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -82,6 +86,15 @@ class Specification:
 
 
 @dataclass(frozen=True, slots=True)
+class SpecificationText:
+    """What a backend writes: the text, its sizes, and a reader where `Backend.read` is not the one that runs it."""
+
+    text: str
+    metrics: Metrics
+    reader: Callable[[str], Monitor] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Highlighting:
     r"""What the package `listings` of LaTeX calls a language, and the `\lstdefinelanguage` of one that it does not know."""
 
@@ -123,7 +136,10 @@ class Observed:
 
 
 class Backend(ABC):
-    """One specification language. Capabilities are class attributes, looked at before anything is emitted.
+    """One specification language: its capabilities as class attributes, and `write`.
+
+    `translate` checks a tree against the capabilities, runs the passes, and calls `write`. It cannot be overridden. What a
+    backend does not list is refused, so a backend that lists nothing but `semantics` expresses single events alone.
 
     >>> rml = backend("rml")
     >>> rml.language, rml.suffix, rml.faithful, rml.readable
@@ -153,19 +169,79 @@ class Backend(ABC):
     """Programs of others by which `read_with` can run a text as well."""
     highlighting: ClassVar[Highlighting | None] = None
     """How its texts are highlighted in a listing in LaTeX, if they are."""
-    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics) - {Semantics.CONSECUTIVE}
-    unskipped: ClassVar[str] = "the language has no way to say it"
-    """Why the language says no semantics but those, in a few words."""
-    untimed: ClassVar[str] = "the language has no times"
-    """Why its texts cannot ask for the times of events; empty where they can."""
+    semantics: ClassVar[frozenset[Semantics]] = frozenset()
+    """The semantics under which the language expresses trees."""
+    says: ClassVar[frozenset[type[Part]]] = frozenset({Event})
+    """The parts of a property that `write` handles."""
+    passes: ClassVar[tuple[Pass, ...]] = ()
+    """The passes that run before `write`, each of which removes parts; a tree may have these parts, too."""
+    operators: ClassVar[frozenset[Operator]] = frozenset()
+    """The operators of guards that `write` handles."""
+    features: ClassVar[frozenset[Feature]] = frozenset()
+    """Time points and late events, where the language has them."""
+    values: ClassVar[frozenset[Value]] = frozenset()
+    """The kinds of values, beside strings, that a text can require of an event."""
+    ties: ClassVar[Ties] = Ties.NONE
+    """Which variables over several events the language has."""
+    reasons: ClassVar[Mapping[Capability, str]] = {}
+    """Why the language lacks something, in a few words of its own; `Semantics` stands for all semantics that it lacks."""
     default_limit: ClassVar[int]
     """The size (in the unit the backend documents) above which `translate` raises `TooLarge`."""
 
-    @abstractmethod
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "translate" in vars(cls):
+            raise TypeError(f"{cls.__name__} must not override Backend.translate: it has to define `write`")
+
+    @classmethod
+    def capabilities(cls) -> Capabilities:
+        """What the language can express, as data."""
+        return Capabilities(
+            cls.says, cls.operators, cls.features, cls.values, cls.ties, cls.semantics, cls.passes, cls.reasons
+        )
+
+    @final
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as a specification.
 
-        Raises `NotExpressible` where the language cannot say it, `TooLarge` where it could but not within the limit.
+        Raises `NotExpressible` where the language cannot express the tree, `TooLarge` where the text would exceed the limit.
+        """
+        start, semantics = perf_counter(), Semantics(semantics)
+        prop = self.prepared(tree, semantics)
+        with self._refusing(semantics):
+            written = self.write(prop, semantics, self.default_limit if limit is None else limit)
+        metrics = replace(written.metrics, seconds=perf_counter() - start)
+        return Specification(written.text, self.language, metrics, written.reader or self.read)
+
+    @final
+    def prepared(self, tree: RVAFT, semantics: Semantics) -> Property:
+        """The property of a tree after the passes of this backend; raises `NotExpressible` and `TooLarge`."""
+        with self._refusing(semantics):
+            prop = decide_constants(property_of(tree))
+            check(prop, semantics, self.capabilities())
+            for each in self.passes:
+                prop = each(prop)
+            if self.passes:
+                check(prop, semantics, self.capabilities(), written=True)
+        return prop
+
+    @contextmanager
+    def _refusing(self, semantics: Semantics) -> Iterator[None]:
+        """Adds the backend and the semantics to a refusal."""
+        try:
+            yield
+        except NotExpressible as refusal:
+            if refusal.backend:
+                raise
+            raise NotExpressible(
+                refusal.reason, backend=self.name, semantics=semantics, nodes=refusal.nodes
+            ) from refusal.__cause__
+
+    @abstractmethod
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """The text of a property that has only what this backend lists.
+
+        Raises `NotExpressible` for what the capabilities cannot express, with a reason and nodes, and `TooLarge`.
         """
 
     def mapped(self, mapping: Mapping[str, Any]) -> "Backend":  # noqa: ARG002
@@ -192,24 +268,20 @@ class Backend(ABC):
         """The name of the backend that writes its language in a dialect; raises `OptionError` where there is none."""
         raise OptionError(f"{cls.name} has no dialects, and so not {dialect}")
 
-    def plain(self, tree: RVAFT, semantics: Semantics) -> RVAFT:
-        """The tree said without counted leaves, `pand`, windows and time points, for a language that has none of these.
+    def plain(self, prop: Property, *, windows: bool = True) -> RVAFT:
+        """The tree of a property without counted leaves, `pand`, windows and time points; without `windows` these are left out.
 
-        A time is a variable there, in the field `TIME`, and the tree has `time` where it asks for one. Raises `NotExpressible` for what is left, `TooLarge`.
+        A time is a variable, in the field `TIME`. Raises `NotExpressible` where the tree has a field of that name, `TooLarge`.
         """
+        tree = prop.asked or prop.tree
+        if not windows:
+            tree = tree.changed(nodes=[replace(node, within=None) for node in tree.nodes.values()])
         timed = [node.name for node in tree.top_down() if asks_for_time(node)]
-        if semantics not in self.semantics:
-            raise NotExpressible(self.unskipped, backend=self.name, semantics=semantics)
-        if tree.time is not None and tree.time.late is not None:
-            reason = "which events are late the events before them say, and a text asks of each event by itself"
-            raise NotExpressible(reason, backend=self.name, semantics=semantics)
-        if timed and self.untimed:
-            raise NotExpressible(self.untimed, backend=self.name, semantics=semantics, nodes=timed)
         named = (tree.pattern(node.name) for node in tree.top_down())
         patterns = (*named, *(tree.instantiate(ignore.on) for ignore in tree.ignores))
         if timed and any(isinstance(one, ObjectPattern) and TIME in dict(one.fields) for one in patterns):
             reason = f"the time of an event stands in the field {TIME} there, and this tree reads a field of that name"
-            raise NotExpressible(reason, backend=self.name, semantics=semantics, nodes=timed)
+            raise NotExpressible(reason, nodes=timed)
         return one_plain_tree(tree)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002

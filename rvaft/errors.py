@@ -64,19 +64,23 @@ class TreeError(RvaftError, ValueError):
 
 
 class NotExpressible(RvaftError, ValueError):
-    """A backend cannot say this tree under this semantics; it never emits something that means something else.
+    """A backend cannot express this tree under this semantics; it never emits a text with another meaning.
+
+    A writer gives the reason and the nodes; `Backend.translate` adds the backend and the semantics.
 
     >>> print(NotExpressible("the paper does not say how", backend="rml-paper", semantics="scattered"))
     rml-paper cannot express this tree under scattered: the paper does not say how
     """
 
-    def __init__(self, reason: str, *, backend: str, semantics: str, nodes: Iterable[str] = ()) -> None:
+    def __init__(self, reason: str, *, backend: str = "", semantics: str = "", nodes: Iterable[str] = ()) -> None:
         self.reason = reason
         self.backend = backend
         self.semantics = semantics
         self.nodes = tuple(nodes)
         at = f" (at {', '.join(self.nodes)})" if self.nodes else ""
-        super().__init__(f"{backend} cannot express this tree under {semantics}: {reason}{at}")
+        who = f"{backend} cannot express this tree" if backend else "the tree cannot be expressed"
+        under = f" under {semantics}" if semantics else ""
+        super().__init__(f"{who}{under}: {reason}{at}")
 
 
 class TooLarge(RvaftError, RuntimeError):

@@ -1,9 +1,7 @@
 """The backend: tree to HOA text, HOA text to monitor."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
-from time import perf_counter
 from typing import ClassVar
 
 from backends.automaton.configurations import Plan
@@ -13,8 +11,12 @@ from backends.automaton.hoa_reader import HoaMonitor, program
 from backends.automaton.hoa_writer import title_of, write
 from backends.automaton.letters import FeasibleLetters, Relevance
 from backends.automaton.structure import Structure, Work, decided, structure
-from rvaft.backend import Backend, Observed, Specification
+from rvaft.backend import Backend, Observed, SpecificationText
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
+from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.property import Condition, Part, Property
 from rvaft.errors import TooLarge
+from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -38,22 +40,25 @@ class AutomatonBackend(Backend):
     language: ClassVar[str] = "hoa"
     suffix: ClassVar[str] = ".hoa"
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    untimed: ClassVar[str] = ""
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    ties: ClassVar[Ties] = Ties.ANY
     default_limit: ClassVar[int] = 100_000
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as an automaton; raises `TooLarge`, and `NotExpressible` for late events alone."""
-        tree, started = self.plain(tree, Semantics(semantics)), perf_counter()
-        work = Work(self.default_limit if limit is None else limit)
-        automaton, parts, letters = _built(tree, Semantics(semantics), work)
-        relevance, name = _relevance(tree, Semantics(semantics)), title_of(tree, semantics)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """The automaton in HOA; raises `TooLarge` beyond `limit` states."""
+        tree, work = self.plain(prop), Work(limit)
+        automaton, parts, letters = _built(tree, semantics, work)
+        relevance, name = _relevance(tree, semantics), title_of(tree, semantics)
         text, metrics = write(automaton, parts, letters, name=name, time=tree.time, relevance=relevance, work=work)
-        metrics = replace(metrics, seconds=perf_counter() - started)
-        return Specification(text, self.language, metrics, partial(AutomatonBackend.read, self))
+        return SpecificationText(text, metrics, partial(AutomatonBackend.read, self))
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:
         """The minimal automaton as a graph in the DOT language; raises `TooLarge` beyond so many states, by default `READABLE`."""
-        tree, most = self.plain(tree, Semantics(semantics)), READABLE if limit is None else limit
+        tree, most = self.plain(self.prepared(tree, Semantics(semantics))), READABLE if limit is None else limit
         try:
             automaton, parts, letters = _built(tree, Semantics(semantics), Work(BEFORE * most))
         except TooLarge as error:

@@ -5,13 +5,16 @@ of these queries. Reading a text needs the package `eql`, translating does not.
 """
 
 import json
-import time
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from backends.eql.reader import compiled
 from backends.eql.translation import EqlText
-from rvaft.backend import Backend, Metrics, Specification, stamped
+from rvaft.backend import Backend, Metrics, SpecificationText, stamped
+from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
+from rvaft.core.passes import Pass, expand_times, order_ends
+from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -41,15 +44,28 @@ class EqlBackend(Backend):
     extra: ClassVar[str] = "eql"
     modules: ClassVar[tuple[str, ...]] = ("eql",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
-    unskipped: ClassVar[str] = "between the events of a sequence EQL skips all others"
-    untimed: ClassVar[str] = "of times EQL has `maxspan` alone: how long a whole sequence may take"
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
+    operators: ClassVar[frozenset[Operator]] = (
+        LOGICAL | COMPARING | {Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS}
+    )
+    values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN, Value.LIST})
+    ties: ClassVar[Ties] = Ties.ALL_EVENTS
+    reasons: ClassVar[Mapping[Capability, str]] = {
+        Semantics: "between the events of a sequence EQL skips all others",
+        Feature.TIME_POINTS: "of times EQL has `maxspan` alone: how long a whole sequence may take",
+        Value.NULL: "EQL does not tell a field with null from none",
+        **{
+            one: f"a condition of EQL compares a field with a constant; it has no exact `{one}`"
+            for one in EVERY_OPERATOR
+        },
+    }
     default_limit: ClassVar[int] = 1_000
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as queries; `TooLarge` beyond `limit` events of them, `NotExpressible` for what a sequence cannot say."""
-        start, limit = time.perf_counter(), self.default_limit if limit is None else limit
-        text, symbols = EqlText(self, tree, Semantics(semantics), limit).text()
-        return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+        """The queries; raises `TooLarge` beyond `limit` events of them, `NotExpressible` for what a sequence cannot say."""
+        text, symbols = EqlText(prop.asked or prop.tree, self.plain(prop, windows=False), limit).text()
+        return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
         """JSON Lines whose events have their time in `@timestamp`."""

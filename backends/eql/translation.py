@@ -13,7 +13,6 @@ from typing import Final
 
 from backends.orders import Orders, merged
 from rvaft.analysis.scenarios import Kept
-from rvaft.backend import Backend
 from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
@@ -30,7 +29,6 @@ from rvaft.model.guards import OPERATORS, Guard, Operation, Operator
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import is_finite
-from rvaft.model.verdict import Semantics
 
 OPENING: Final = "// rvaft: any of these queries is a detection"
 _WORDS: Final = "and any as by const false fork in join like macro maxspan not null of or regex runs sample sequence true until where with"
@@ -81,15 +79,11 @@ def query(items: Sequence[Item]) -> str:
 class EqlText:
     """One translation. Raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible scenario."""
 
-    def __init__(self, backend: Backend, tree: RVAFT, semantics: Semantics, limit: int) -> None:
-        self._backend, self._semantics = backend, semantics
+    def __init__(self, tree: RVAFT, plain: RVAFT, limit: int) -> None:
         self._windows = {node.name: node.within for node in tree.nodes.values() if node.within is not None}
         self._time = tree.time if self._windows else None
-        if self._windows:
-            tree = tree.changed(nodes=[replace(node, within=None) for node in tree.nodes.values()])
-        if semantics in backend.semantics and max(node.times for node in tree.nodes.values()) > limit:
+        if max(node.times for node in tree.nodes.values()) > limit:
             raise TooLarge("events of all orders in which they may come", limit=limit)
-        plain = backend.plain(tree, semantics)
         self._windows = {
             name: self._windows[old] for name in plain.nodes if (old := plain.origins.get(name, name)) in self._windows
         }
@@ -97,7 +91,7 @@ class EqlText:
         self._seen: dict[str, tuple[list[str], dict[str, str]]] = {}
 
     def _refusal(self, reason: str, nodes: Iterable[str] = ()) -> NotExpressible:
-        return NotExpressible(reason, backend=self._backend.name, semantics=self._semantics, nodes=nodes)
+        return NotExpressible(reason, nodes=nodes)
 
     def text(self) -> tuple[str, int]:
         """The text, and how many symbols its queries have."""

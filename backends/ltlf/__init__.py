@@ -4,17 +4,18 @@ The text explains itself: a leading comment defines the atoms (event patterns an
 subformulas. The unit of `limit` is subformulas made. Reading a text needs Spot, translating does not.
 """
 
-import time
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar
 
 from backends.ltlf.mona import MonaMonitor
 from backends.ltlf.monitor import LtlfMonitor, observed
 from backends.ltlf.translation import Translation
-from rvaft.backend import Backend, Observed, Specification
+from rvaft.backend import Backend, Observed, SpecificationText
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
+from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.property import Condition, Part, Property
+from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 
@@ -38,16 +39,17 @@ class LtlfBackend(Backend):
     suffix: ClassVar[str] = ".ltlf"
     tools: ClassVar[tuple[str, ...]] = ("mona",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    untimed: ClassVar[str] = ""
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    ties: ClassVar[Ties] = Ties.ANY
     default_limit: ClassVar[int] = 200_000
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a formula; `TooLarge` beyond `limit` subformulas, `NotExpressible` for late events alone."""
-        tree, start = self.plain(tree, Semantics(semantics)), time.perf_counter()
-        limit = self.default_limit if limit is None else limit
-        text, metrics = Translation(tree, Semantics(semantics), limit).text()
-        metrics = replace(metrics, seconds=time.perf_counter() - start)
-        return Specification(text, self.language, metrics, self.read)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """The formula; raises `TooLarge` beyond `limit` subformulas."""
+        return SpecificationText(*Translation(self.plain(prop), semantics, limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """A monitor that runs a formula in Spot's LTLf syntax, with or without a header.

@@ -4,13 +4,14 @@ The text explains itself: a leading comment defines the columns of the table `ev
 `limit` is events of all orders in which those of a scenario may come.
 """
 
-import time
-from dataclasses import replace
 from typing import ClassVar
 
 from backends.match_recognize.translation import RowPatternQueries
-from rvaft.backend import Backend, Specification
-from rvaft.model.tree import RVAFT
+from rvaft.backend import Backend, SpecificationText
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
+from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.property import Condition, Part, Property
+from rvaft.model.guards import Operator
 from rvaft.model.verdict import Semantics, Verdict
 
 __all__ = ["MatchRecognizeBackend"]
@@ -41,12 +42,14 @@ class MatchRecognizeBackend(Backend):
     extra: ClassVar[str] = "flink"
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    untimed: ClassVar[str] = ""
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    ties: ClassVar[Ties] = Ties.ANY
     default_limit: ClassVar[int] = 2_000
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as queries; `NotExpressible` for late events, multiplication and what else only Python computes alike, `TooLarge`."""
-        semantics, start = Semantics(semantics), time.perf_counter()
-        plain = self.plain(tree, semantics)
-        text, metrics = RowPatternQueries(plain, semantics, self.default_limit if limit is None else limit).text()
-        return Specification(text, self.language, replace(metrics, seconds=time.perf_counter() - start))
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """The queries; raises `NotExpressible` for what only Python computes alike, `TooLarge`."""
+        return SpecificationText(*RowPatternQueries(self.plain(prop), semantics, limit).text())

@@ -93,7 +93,7 @@ class RowPatternQueries:
             yield
         except Unsayable as error:
             reason = f"a guard over several events: {error}"
-            raise NotExpressible(reason, backend="match-recognize", semantics=self._semantics, nodes=[node]) from None
+            raise NotExpressible(reason, nodes=[node]) from None
 
     def _conditions(
         self,

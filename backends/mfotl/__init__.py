@@ -4,14 +4,16 @@ The text explains itself: a leading comment defines the predicates as columns of
 argument of every predicate is the position of the event in the trace. The unit of `limit` is atoms and comparisons of the formula.
 """
 
-import time
 from dataclasses import replace
 from typing import ClassVar
 
 from backends.mfotl.monpoly import MfotlHeader
 from backends.mfotl.translation import MfotlFormula
-from rvaft.backend import Backend, Specification
-from rvaft.model.tree import RVAFT
+from rvaft.backend import Backend, SpecificationText
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
+from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.property import Condition, Part, Property
+from rvaft.model.guards import Operator
 from rvaft.model.verdict import Semantics, Verdict
 
 __all__ = ["MfotlBackend", "MfotlSignatureBackend"]
@@ -38,14 +40,17 @@ class MfotlBackend(Backend):
     json_alone: ClassVar[bool] = True
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
-    untimed: ClassVar[str] = ""
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    ties: ClassVar[Ties] = Ties.ANY
     default_limit: ClassVar[int] = 5_000
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a formula; `NotExpressible` for late events, multiplication and what else only Python computes alike, `TooLarge`."""
-        tree, start = self.plain(tree, Semantics(semantics)), time.perf_counter()
-        text, metrics = MfotlFormula(tree, self.default_limit if limit is None else limit).text()
-        return Specification(text, self.language, replace(metrics, seconds=time.perf_counter() - start))
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+        """The formula; raises `NotExpressible` for what only Python computes alike, `TooLarge`."""
+        return SpecificationText(*MfotlFormula(self.plain(prop), limit).text())
 
 
 class MfotlSignatureBackend(MfotlBackend):
@@ -62,7 +67,7 @@ class MfotlSignatureBackend(MfotlBackend):
     suffix: ClassVar[str] = ".sig"
     form_of: ClassVar[str | None] = MfotlBackend.name
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The signature; raises what the formula does."""
-        made = super().translate(tree, semantics, limit=limit)
-        return replace(made, text=MfotlHeader.read(made.text).signature(), language=self.language)
+        made = super().write(prop, semantics, limit)
+        return replace(made, text=MfotlHeader.read(made.text).signature())

@@ -18,7 +18,6 @@ from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
 from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 
 _ILLEGAL: Final = re.compile(r"[^a-z0-9_]+")
 _TOKEN: Final = re.compile(r'"[^"]*"|\w+(?:\.\d+)?|[^\s\w]')
@@ -75,7 +74,7 @@ class MfotlFormula:
                 ways.append(conditions.ways(guard))
             except Unsayable as error:
                 reason = f"a guard over several events: {error}"
-                return NotExpressible(reason, backend="mfotl", semantics=Semantics.SCATTERED, nodes=[node])
+                return NotExpressible(reason, nodes=[node])
             return None
 
         own = self._orders.asked(kept, bound, several)

@@ -4,19 +4,24 @@ A comment says what each proposition asks of an event. The unit of `limit` is th
 the package `reelay`, translating does not.
 """
 
-import time
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from backends.mtl.reader import compiled
 from backends.mtl.translation import symbols, translation
-from rvaft.backend import Backend, Metrics, Specification
+from rvaft.backend import Backend, Metrics, SpecificationText
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
+from rvaft.core.passes import Pass, expand_times, order_ends
+from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor
 
 __all__ = ["MtlBackend"]
+
+
+_UNTIMED: Final = "its discrete time counts events, and windows are of clocks"
 
 
 class MtlBackend(Backend):
@@ -38,19 +43,26 @@ class MtlBackend(Backend):
     extra: ClassVar[str] = "mtl"
     modules: ClassVar[tuple[str, ...]] = ("reelay",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
-    unskipped: ClassVar[str] = "a chain of `once` skips what comes between its events"
-    untimed: ClassVar[str] = "its discrete time counts events, and windows are of clocks"
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
+    operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    ties: ClassVar[Ties] = Ties.NONE
+    reasons: ClassVar[Mapping[Capability, str]] = {
+        Semantics: "a chain of `once` skips what comes between its events",
+        Within: _UNTIMED,
+        Feature.TIME_POINTS: _UNTIMED,
+        Ties.ALL_EVENTS: "a proposition is about one event",
+        Ties.ANY: "a proposition is about one event",
+    }
     default_limit: ClassVar[int] = 5_000
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a formula; `TooLarge` beyond `limit` events of all orders, `NotExpressible` for what ties several events."""
-        start, limit = time.perf_counter(), self.default_limit if limit is None else limit
-        plain = self.plain(tree, Semantics(semantics))
-        chains = translation(self, plain, Semantics(semantics), limit)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+        """The formula; raises `TooLarge` beyond `limit` events of all orders, `NotExpressible` for chains that are too long."""
+        chains = translation(self.plain(prop), limit)
         header = "".join(f"{name} := {asked}\n" for name, asked in chains.propositions.items())
         formula = chains.reelay()
-        metrics = Metrics(symbols(formula), seconds=time.perf_counter() - start)
-        return Specification(f"/* rvaft\n{header}*/\n{formula}\n", self.language, metrics, self.read)
+        return SpecificationText(f"/* rvaft\n{header}*/\n{formula}\n", Metrics(symbols(formula)))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:
         """A monitor that asks Reelay; a proposition that the text does not define is as `atoms` says, or the event of its name.

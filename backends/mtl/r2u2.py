@@ -11,17 +11,19 @@ import re
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Final
 
 from backends.mtl import MtlBackend
 from backends.mtl.reader import definitions
 from backends.mtl.translation import symbols, translation
-from rvaft.backend import Backend, Metrics, Specification
+from rvaft.backend import Backend, Metrics, SpecificationText
+from rvaft.capabilities import Capability, Ties, Value
+from rvaft.core.passes import Pass
+from rvaft.core.property import Part, Property
 from rvaft.errors import ToolFailed, ToolMissing
-from rvaft.model.tree import RVAFT
+from rvaft.model.guards import Operator
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 
@@ -55,14 +57,18 @@ class MtlR2u2Backend(Backend):
     readable: ClassVar[bool] = False
     verdicts: ClassVar[frozenset[Verdict]] = MtlBackend.verdicts
     semantics: ClassVar[frozenset[Semantics]] = MtlBackend.semantics
-    unskipped: ClassVar[str] = MtlBackend.unskipped
-    untimed: ClassVar[str] = MtlBackend.untimed
+    says: ClassVar[frozenset[type[Part]]] = MtlBackend.says
+    passes: ClassVar[tuple[Pass, ...]] = MtlBackend.passes
+    operators: ClassVar[frozenset[Operator]] = MtlBackend.operators
+    values: ClassVar[frozenset[Value]] = MtlBackend.values
+    ties: ClassVar[Ties] = MtlBackend.ties
+    reasons: ClassVar[Mapping[Capability, str]] = MtlBackend.reasons
     default_limit: ClassVar[int] = MtlBackend.default_limit
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a file for C2PO; raises `NotExpressible` and `TooLarge` as `mtl` does."""
-        start, limit = time.perf_counter(), self.default_limit if limit is None else limit
-        chains = translation(self, self.plain(tree, Semantics(semantics)), Semantics(semantics), limit)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """The file for C2PO; raises `NotExpressible` and `TooLarge` as `mtl` does."""
+        mtl = MtlBackend()
+        chains = translation(self.plain(prop), limit)
         formula = chains.c2po(HORIZON)
         header = "".join(f"-- {name} := {asked}\n" for name, asked in chains.propositions.items())
         text = (
@@ -70,9 +76,8 @@ class MtlR2u2Backend(Backend):
             f"it misses what comes after {HORIZON + 1} events\n{header}"
             f"INPUT\n    {', '.join(chains.propositions)}: bool;\nPTSPEC\n    detection: {formula};\n"
         )
-        metrics = Metrics(symbols(formula), seconds=time.perf_counter() - start)
-        return Specification(
-            text, self.language, metrics, lambda _: MtlBackend().translate(tree, semantics, limit=limit).monitor()
+        return SpecificationText(
+            text, Metrics(symbols(formula)), lambda _: mtl.read(mtl.write(prop, semantics, limit).text)
         )
 
 

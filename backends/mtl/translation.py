@@ -1,7 +1,6 @@
 """From a tree to a formula: a disjunction of the orders of its events, each a chain of what is strictly earlier."""
 
 import re
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -9,14 +8,12 @@ from typing import Final
 
 from backends.orders import Orders, merged
 from rvaft.analysis.scenarios import Kept
-from rvaft.backend import Backend
 from rvaft.errors import NotExpressible
 from rvaft.model import guards, patterns
 from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Anything
 from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _TOKEN: Final = re.compile(r"\w+|[^\s\w]")
@@ -58,12 +55,9 @@ def symbols(formula: str) -> int:
     return len(_TOKEN.findall(formula))
 
 
-def translation(backend: Backend, tree: RVAFT, semantics: Semantics, limit: int) -> Chains:
+def translation(tree: RVAFT, limit: int) -> Chains:
     """The orders of the events of a plain tree; where there are none, what no event is."""
     orders = Orders(tree, limit=limit)
-
-    def refusal(reason: str, nodes: Iterable[str]) -> NotExpressible:
-        return NotExpressible(reason, backend=backend.name, semantics=semantics, nodes=nodes)
 
     def question(name: str, asked: Sequence[Guard]) -> str:
         pattern = tree.pattern(name) or Anything()
@@ -74,11 +68,8 @@ def translation(backend: Backend, tree: RVAFT, semantics: Semantics, limit: int)
         names = [name for name in kept if orders.tree.nodes[name].has_event]
         single = [name for name in names if name not in orders.groups]
         bound = {name: {*patterns.rigid_variables(tree.pattern(name) or Anything())} for name in single}
-        holders = Counter(chain.from_iterable(bound.values()))
-        if tied := [name for name in single if any(holders[one] > 1 for one in bound[name])]:
-            raise refusal("a proposition is about one event, and a variable ties several", tied)
         several = "a proposition is about one event, and a guard compares several"
-        asked = orders.asked(kept, bound, lambda node, _: refusal(several, [node]))
+        asked = orders.asked(kept, bound, lambda node, _: NotExpressible(several, nodes=[node]))
         if asked is None:
             return None
         found: dict[str, tuple[str, ...]] = {}
@@ -94,7 +85,7 @@ def translation(backend: Backend, tree: RVAFT, semantics: Semantics, limit: int)
         lambda several: tuple(dict.fromkeys(chain.from_iterable(several))),
     )
     if any(len(word) > _DEEPEST for word in words):
-        raise refusal(f"Reelay itself ends at formulas that are deeper than {_DEEPEST} events", [])
+        raise NotExpressible(f"Reelay itself ends at formulas that are deeper than {_DEEPEST} events")
     if not words:
         return Chains({_NEVER: "{ } when false"}, (((_NEVER,),),))
     names = {

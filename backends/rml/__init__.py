@@ -4,7 +4,6 @@ The text means the tree under the published RML compiler and monitor.
 """
 
 from collections.abc import Mapping, Sequence
-from time import perf_counter
 from typing import ClassVar, Final
 
 from backends.rml.reader.deviations import touching
@@ -12,7 +11,23 @@ from backends.rml.reader.event_types import observed
 from backends.rml.reader.monitor import read
 from backends.rml.writer import translate
 from backends.rml.writer.terms import FUNCTIONS, KEYWORDS, TYPES, VALUES
-from rvaft.backend import Backend, Highlighting, Metrics, Observed, Specification
+from rvaft.backend import Backend, Highlighting, Metrics, Observed, SpecificationText
+from rvaft.capabilities import (
+    CALCULATING,
+    COMPARING,
+    GATES,
+    JSON_VALUES,
+    LOGICAL,
+    READING,
+    TEXTUAL,
+    Capability,
+    Feature,
+    Ties,
+    Value,
+)
+from rvaft.core.passes import Pass, expand_times, order_ends
+from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -37,6 +52,9 @@ HIGHLIGHTING: Final = Highlighting(
 """RML for the package `listings` of LaTeX, in styles that survive print without colour."""
 
 
+_UNTIMED: Final = "times are read from texts and decimals, and RML has only the numbers of an event as they stand"
+
+
 class RmlBackend(Backend):
     """Attack-fault trees in the Runtime Monitoring Language (RML).
 
@@ -51,19 +69,23 @@ class RmlBackend(Backend):
     suffix: ClassVar[str] = ".rml"
     highlighting: ClassVar[Highlighting] = HIGHLIGHTING
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    untimed: ClassVar[str] = (
-        "times are read from texts and decimals, and RML has only the numbers of an event as they stand"
-    )
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
+    operators: ClassVar[frozenset[Operator]] = LOGICAL | COMPARING | CALCULATING
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    ties: ClassVar[Ties] = Ties.ANY
+    reasons: ClassVar[Mapping[Capability, str]] = {
+        Within: _UNTIMED,
+        Feature.TIME_POINTS: _UNTIMED,
+        **{one: f"RML has no {one.value}" for one in TEXTUAL | READING},
+    }
     default_limit: ClassVar[int] = 20_000
     json_alone: ClassVar[bool] = True  # `not matches` takes whatever is not matched
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as an RML text; raises `NotExpressible` and `TooLarge`."""
-        tree, start = self.plain(tree, Semantics(semantics)), perf_counter()
-        limit = self.default_limit if limit is None else limit
-        text, symbols, equations = self._translated(tree, Semantics(semantics), limit)
-        metrics = Metrics(symbols=symbols, states=equations, seconds=perf_counter() - start)
-        return Specification(text, self.language, metrics, self.read)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """The text in RML; raises `NotExpressible` and `TooLarge`."""
+        text, symbols, equations = self._translated(self.plain(prop), semantics, limit)
+        return SpecificationText(text, Metrics(symbols=symbols, states=equations))
 
     def _translated(self, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
         """The text, the symbols and the number of its equations."""

@@ -21,7 +21,9 @@ from backends.rml import RmlBackend
 from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted, spellings
 from rvaft.analysis.branches import Branch, branches, or_gates
 from rvaft.analysis.normal_form import Body, Op, body
-from rvaft.analysis.plain_trees import is_plain
+from rvaft.capabilities import Capability, Feature
+from rvaft.core.passes import Pass
+from rvaft.core.property import EndInOrder, Times, Within
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.guards import (
     ARITHMETIC,
@@ -355,12 +357,11 @@ class RmlPaperBackend(RmlBackend):
     name: ClassVar[str] = "rml-paper"
     faithful: ClassVar[bool] = False
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.STRICT, Semantics.PROJECTED})
-
-    def plain(self, tree: RVAFT, semantics: Semantics) -> RVAFT:
-        """The tree itself; of what is not plain, and of the other semantics, there is no word in the paper."""
-        if semantics not in self.semantics or not is_plain(tree):
-            raise NotExpressible("the paper does not say how", backend=self.name, semantics=semantics)
-        return super().plain(tree, semantics)
+    passes: ClassVar[tuple[Pass, ...]] = ()
+    reasons: ClassVar[Mapping[Capability, str]] = {
+        **RmlBackend.reasons,
+        **dict.fromkeys((Semantics, Times, EndInOrder, Within, Feature.TIME_POINTS), "the paper does not say how"),
+    }
 
     def _translated(self, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
         return specification(tree, semantics, limit)

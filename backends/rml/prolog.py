@@ -7,17 +7,18 @@ turns them once more inside nested patterns), so that a text which suits one mat
 its own `fits/2`, which does what the published `deep_subdict` does, and means the same in both.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
-from time import perf_counter
 from typing import ClassVar, Final
 
 from backends.rml import RmlBackend
 from backends.rml.reader import syntax as s
 from backends.rml.reader.parser import parse
-from rvaft.backend import Backend, Highlighting, Specification
-from rvaft.model.tree import RVAFT
+from rvaft.backend import Backend, Highlighting, SpecificationText
+from rvaft.capabilities import Capability, Ties, Value
+from rvaft.core.passes import Pass
+from rvaft.core.property import Part, Property
+from rvaft.model.guards import Operator
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 
@@ -191,13 +192,16 @@ class RmlPrologBackend(Backend):
     )
     form_of: ClassVar[str] = RmlBackend.name
     semantics: ClassVar[frozenset[Semantics]] = RmlBackend.semantics
+    says: ClassVar[frozenset[type[Part]]] = RmlBackend.says
+    passes: ClassVar[tuple[Pass, ...]] = RmlBackend.passes
+    operators: ClassVar[frozenset[Operator]] = RmlBackend.operators
+    values: ClassVar[frozenset[Value]] = RmlBackend.values
+    ties: ClassVar[Ties] = RmlBackend.ties
+    reasons: ClassVar[Mapping[Capability, str]] = RmlBackend.reasons
     readable: ClassVar[bool] = False
     default_limit: ClassVar[int] = RmlBackend.default_limit
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a Prolog module; raises `NotExpressible` and `TooLarge`."""
-        start = perf_counter()
-        made = RmlBackend().translate(tree, semantics, limit=limit)
-        text = prolog(made.text)
-        metrics = replace(made.metrics, seconds=perf_counter() - start)
-        return Specification(text, self.language, metrics, lambda _: made.monitor())
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """The Prolog module; raises `NotExpressible` and `TooLarge`."""
+        made = RmlBackend().write(prop, semantics, limit)
+        return SpecificationText(prolog(made.text), made.metrics, lambda _: RmlBackend().read(made.text))

@@ -4,14 +4,15 @@ The unit of `limit` is rules. Reading a text needs pySigma and its backend for S
 """
 
 import json
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from backends.sigma.reader import SigmaMonitor
 from backends.sigma.translation import SigmaRules
-from rvaft.backend import Backend, Metrics, Specification, stamped
+from rvaft.backend import Backend, Metrics, SpecificationText, stamped
+from rvaft.capabilities import GATES, Capability, Feature, Ties, Value
+from rvaft.core.passes import Pass, expand_times, order_ends
+from rvaft.core.property import Condition, Part, Property, Within
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -19,6 +20,9 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
 __all__ = ["SigmaBackend"]
+
+
+_UNTYPED: Final = "Sigma has no types, and no null: it takes the constant for another value"
 
 
 class SigmaBackend(Backend):
@@ -45,17 +49,24 @@ class SigmaBackend(Backend):
     extra: ClassVar[str] = "sigma"
     modules: ClassVar[tuple[str, ...]] = ("sigma", "sigma.backends.sqlite", "yaml")
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
-    unskipped: ClassVar[str] = "a correlation says which events there are and not that there are none between"
-    untimed: ClassVar[str] = "of times a correlation has its timespan alone"
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Within}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
+    values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER})
+    ties: ClassVar[Ties] = Ties.ALL_EVENTS
+    reasons: ClassVar[Mapping[Capability, str]] = {
+        Semantics: "a correlation says which events there are and not that there are none between",
+        Condition: "Sigma compares without types: to it a text is more than any number",
+        Feature.TIME_POINTS: "of times a correlation has its timespan alone",
+        Value.NULL: _UNTYPED,
+        Value.BOOLEAN: _UNTYPED,
+        Value.LIST: "no rule asks for the length of a list, or whether a value is an object",
+    }
     default_limit: ClassVar[int] = 100
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a correlation with its rules; `TooLarge` beyond `limit` rules, `NotExpressible`, `ToolMissing` without PyYAML."""
-        semantics, start = Semantics(semantics), time.perf_counter()
-        plain = self.plain(tree.changed(nodes=[replace(n, within=None) for n in tree.nodes.values()]), semantics)
-        made = SigmaRules(tree, plain, semantics, self.default_limit if limit is None else limit)
-        text, symbols = made.text()
-        return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+        """The correlation with its rules; raises `TooLarge` beyond `limit` rules, `NotExpressible`, `ToolMissing` without PyYAML."""
+        text, symbols = SigmaRules(prop.asked or prop.tree, self.plain(prop, windows=False), limit).text()
+        return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
         """JSON Lines whose events have their time in `timestamp`."""

@@ -21,7 +21,6 @@ from rvaft.model.guards import variables
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import NUMBER, Json, equal
-from rvaft.model.verdict import Semantics
 
 _DAYS: Final = 50_000
 FOREVER: Final = f"{_DAYS}d"
@@ -50,8 +49,8 @@ class Junction(NamedTuple):
 class SigmaRules:
     """One translation of a tree; `plain` is the same without counted leaves, `pand` and windows. `limit` counts rules and correlations."""
 
-    def __init__(self, tree: RVAFT, plain: RVAFT, semantics: Semantics, limit: int) -> None:
-        self._tree, self._semantics, self._limit = plain, semantics, limit
+    def __init__(self, tree: RVAFT, plain: RVAFT, limit: int) -> None:
+        self._tree, self._limit = plain, limit
         self._documents: dict[str, dict[str, Any]] = {}
         self._names: dict[object, str] = {}
         self._bound: dict[str, dict[str, str]] = {}
@@ -78,7 +77,7 @@ class SigmaRules:
 
     def _refuse(self, reason: str, nodes: Iterable[str]) -> NoReturn:
         named = dict.fromkeys(self._tree.origins.get(name, name) for name in nodes)
-        raise NotExpressible(reason, backend="sigma", semantics=self._semantics, nodes=named)
+        raise NotExpressible(reason, nodes=named)
 
     def _fits(self, size: int) -> None:
         if size > self._limit:

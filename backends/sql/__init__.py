@@ -5,17 +5,18 @@ Python's own SQLite reads it; `sql-duckdb` and `sql-postgres` are the same query
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from time import perf_counter
 from typing import ClassVar
 
 from backends.sql.dialects import DIALECTS
 from backends.sql.reader import query
 from backends.sql.translation import SqlQuery
-from rvaft.backend import Backend, Highlighting, Match, Specification
-from rvaft.errors import NotExpressible, OptionError
+from rvaft.backend import Backend, Highlighting, Match, SpecificationText
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
+from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.property import Condition, Part, Property
+from rvaft.errors import OptionError
+from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Monitor
@@ -40,19 +41,18 @@ class SqlBackend(Backend):
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     json_alone: ClassVar[bool] = True
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    untimed: ClassVar[str] = ""
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE})
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    ties: ClassVar[Ties] = Ties.ANY
     highlighting: ClassVar[Highlighting | None] = Highlighting("SQL")
     default_limit: ClassVar[int] = 2_000
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a query; `TooLarge` beyond `limit` events that are joined, `NotExpressible` for a constant that no table can hold."""
-        semantics, start = Semantics(semantics), perf_counter()
-        limit = self.default_limit if limit is None else limit
-        try:
-            text, metrics = SqlQuery(tree, semantics, DIALECTS[self.dialect], limit).text()
-        except NotExpressible as error:
-            raise NotExpressible(error.reason, backend=self.name, semantics=semantics) from None
-        return Specification(text, self.language, replace(metrics, seconds=perf_counter() - start), self.read)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """The query; raises `TooLarge` beyond `limit` events that are joined, `NotExpressible` for a constant that no table can hold."""
+        return SpecificationText(*SqlQuery(prop.asked or prop.tree, semantics, DIALECTS[self.dialect], limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a query, whoever wrote it; raises `LanguageError`."""

@@ -35,7 +35,7 @@ def quoted(text: str, character: str = "chr") -> str:
     """A text as a literal on one line; raises `NotExpressible` for what no table can hold."""
     if _HALF.search(text):
         reason = f"{text!a} has a character that no text in a table can have"
-        raise NotExpressible(reason, backend="sql", semantics="any semantics")
+        raise NotExpressible(reason)
     parts = enumerate(_CONTROL.split(text))
     said = [f"{character}({ord(part)})" if odd % 2 else "'" + part.replace("'", "''") + "'" for odd, part in parts]
     kept = [part for part in said if part != "''"] or ["''"]

@@ -66,7 +66,7 @@ class Guards:
             case int() | float():
                 if isinstance(value, int) and abs(value) >= 2**63:
                     reason = f"{value} is an integer of more than 64 bits"
-                    raise NotExpressible(reason, backend="sql", semantics="any semantics")
+                    raise NotExpressible(reason)
                 said = self.dialect.number(value)
                 known = value if abs(value) < _EXACT else None
                 if isinstance(value, int):
@@ -140,7 +140,7 @@ class Guards:
             case _ if operator in COMPARISONS:
                 return SqlTerm(truth=self.compared(first, operator.value, terms[1]))
             case _:
-                raise NotExpressible(f"SQL has no {operator.value}", backend="sql", semantics="any semantics")
+                raise NotExpressible(f"SQL has no {operator.value}")
 
     def compared(self, left: SqlTerm, sign: str, right: SqlTerm, *, texts: bool = True) -> str | None:
         """Two numbers or two texts compared; NULL for anything else."""
@@ -208,7 +208,7 @@ class Guards:
         if whole is not None and exact and term.constant is None:
             if term.total and term.key is None:  # a literal
                 reason = f"a quotient of {whole}, which is an integer beyond 2**53"
-                raise NotExpressible(reason, backend="sql", semantics="any semantics")
+                raise NotExpressible(reason)
             too_large = self.dialect.checked(f"{whole} * 1024")  # an error beyond 2^53
             whole = f"CASE WHEN {too_large} IS NOT NULL THEN {whole} END"
         if term.constant is not None:

@@ -204,7 +204,7 @@ class SqlQuery:
         patterns = [*map(tree.pattern, tree.nodes), *(tree.instantiate(ignore.on) for ignore in tree.ignores)]
         if self.timed and any(TIME in dict(one.fields) for one in patterns if isinstance(one, ObjectPattern)):
             reason = f"the time of an event is called {TIME} there, and this tree reads a field of that name"
-            raise NotExpressible(reason, backend="sql", semantics=semantics)
+            raise NotExpressible(reason)
         same = SameTree(tree)
         self.scenarios = _scenarios(same, limit, minimal=True) if semantics is Semantics.SCATTERED else ()
         self.first = all(one.loose for one in self.scenarios) or any(one.counts for one in self.scenarios)

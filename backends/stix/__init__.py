@@ -5,7 +5,6 @@ of another type. The unit of `limit` is observation expressions. Reading a text 
 """
 
 import json
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -15,7 +14,22 @@ from uuid import UUID
 from backends.stix.observations import StixHeader
 from backends.stix.reader import StixMonitor
 from backends.stix.translation import StixPattern
-from rvaft.backend import Backend, Metrics, Specification
+from rvaft.backend import Backend, Metrics, SpecificationText
+from rvaft.capabilities import (
+    CALCULATING,
+    COMPARING,
+    GATES,
+    LOGICAL,
+    READING,
+    TEXTUAL,
+    Capability,
+    Feature,
+    Ties,
+    Value,
+)
+from rvaft.core.passes import Pass, expand_times, order_ends
+from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -41,8 +55,23 @@ class StixBackend(Backend):
     extra: ClassVar[str] = "stix"
     modules: ClassVar[tuple[str, ...]] = ("stix2matcher", "stix2patterns")
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
-    unskipped: ClassVar[str] = "a pattern says which observations there are and not that there are none between"
-    untimed: ClassVar[str] = "of times a pattern has WITHIN alone, and compares no two of them"
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
+    operators: ClassVar[frozenset[Operator]] = LOGICAL | COMPARING | TEXTUAL - {Operator.LOWER}
+    values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
+    ties: ClassVar[Ties] = Ties.NONE
+    reasons: ClassVar[Mapping[Capability, str]] = {
+        Semantics: "a pattern says which observations there are and not that there are none between",
+        Feature.TIME_POINTS: "of times a pattern has WITHIN alone, and compares no two of them",
+        Value.NULL: "STIX has no null",
+        Value.LIST: "no comparison asks for the length of a list, or whether a value is an object",
+        Ties.ALL_EVENTS: "no pattern compares what two observations have",
+        Ties.ANY: "no pattern compares what two observations have",
+        **dict.fromkeys(
+            CALCULATING | READING | {Operator.LOWER},
+            "a comparison is of one property and a constant, and calculates nothing",
+        ),
+    }
     default_limit: ClassVar[int] = 250
 
     def __init__(self, header: StixHeader | None = None) -> None:
@@ -58,15 +87,13 @@ class StixBackend(Backend):
         """
         return StixBackend(StixHeader.mapped(mapping))
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a pattern; `TooLarge` beyond `limit` observation expressions, `OptionError` for a mapping that lacks a type or a field."""
-        semantics, start = Semantics(semantics), time.perf_counter()
-        plain = self.plain(tree.changed(nodes=[replace(n, within=None) for n in tree.nodes.values()]), semantics)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+        """The pattern; `TooLarge` beyond `limit` observation expressions, `OptionError` for a mapping that lacks a type or a field."""
+        tree, plain = prop.asked or prop.tree, self.plain(prop, windows=False)
         windows = any(node.within is not None for node in tree.top_down())
         header = replace(self._header, time=tree.time if windows else None)
-        limit = self.default_limit if limit is None else limit
-        text, symbols = StixPattern(tree, plain, semantics, header, limit).text()
-        return Specification(text, self.language, Metrics(symbols, seconds=time.perf_counter() - start), self.read)
+        text, symbols = StixPattern(tree, plain, header, limit).text()
+        return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
         """A bundle of observed data; raises what `translate` does under `scattered`, and `TraceError` where times do not increase."""

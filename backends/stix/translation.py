@@ -13,7 +13,6 @@ from rvaft.analysis.normal_form import Op
 from rvaft.errors import NotExpressible
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 
 _SECOND: Final = 1_000_000_000
 _LONGEST: Final = 1_000 * 366 * 86_400 * _SECOND
@@ -26,8 +25,8 @@ _SIGNS: Final = {Op.ALL: " AND ", Op.SEQUENCE: " FOLLOWEDBY ", Op.ONE: " OR "}
 class StixPattern:
     """One translation of a tree; `plain` is the same without counted leaves, `pand` and windows. `limit` counts observation expressions."""
 
-    def __init__(self, tree: RVAFT, plain: RVAFT, semantics: Semantics, header: StixHeader, limit: int) -> None:
-        self._plain, self._semantics, self._header = plain, semantics, header
+    def __init__(self, tree: RVAFT, plain: RVAFT, header: StixHeader, limit: int) -> None:
+        self._plain, self._header = plain, header
         asked = {tree.origins.get(n.name, n.name): n.within for n in tree.top_down() if n.within is not None}
         for name, within in asked.items():
             if within < 1 or within % 1_000 or within > _LONGEST or (within > _EXACT and within % _SECOND):
@@ -45,7 +44,7 @@ class StixPattern:
 
     def _refuse(self, reason: str, nodes: Iterable[str]) -> NoReturn:
         named = dict.fromkeys(self._plain.origins.get(name, name) for name in nodes)
-        raise NotExpressible(reason, backend="stix", semantics=self._semantics, nodes=named)
+        raise NotExpressible(reason, nodes=named)
 
     def _inseparable(self, why: str, nodes: Iterable[str]) -> NoReturn:
         if why == WINDOW:

@@ -8,8 +8,9 @@ import click
 
 from rvaft.api import meant, narrowed, translate
 from rvaft.backend import Backend, UnknownBackend, all_backends, backend
+from rvaft.capabilities import table
 from rvaft.cli import options
-from rvaft.errors import OptionError, TooLarge, ToolMissing
+from rvaft.errors import OptionError, TooLarge, ToolFailed, ToolMissing
 from rvaft.export import PICTURES, Format, format_of, picture
 from rvaft.export.latex import listing
 from rvaft.model.nodes import Node
@@ -68,10 +69,23 @@ def emit_command(*, tree: str, language: str, dialect: str | None, form: str, ou
 
 
 @click.command("backends")
-def backends_command() -> int:
+@click.option("--capabilities", is_flag=True, help="Show which language can express what, as a table.")
+def backends_command(*, capabilities: bool) -> int:
     """List the specification languages, what each can do, and what is missing for it."""
+    if capabilities:
+        found = {name: one for name in all_backends() if (one := _loaded(name)) is not None and one.form_of is None}
+        click.echo("\n".join(columns(table({name: one.capabilities() for name, one in found.items()}))))
+        return 0
     click.echo("\n".join(columns([("NAME", "LANGUAGE", "FAITHFUL", "SEMANTICS", "AVAILABLE"), *_languages()])))
     return 0
+
+
+def _loaded(name: str) -> Backend | None:
+    """The backend of that name, None where it cannot be loaded."""
+    try:
+        return backend(name)
+    except ToolFailed:
+        return None
 
 
 def _languages() -> Iterator[tuple[str, ...]]:

@@ -390,7 +390,9 @@ windows_to_guards: Final = Pass("windows_to_guards", frozenset({Within}), _windo
 # What the semantics makes superfluous.
 
 
-def _simplify(prop: Property, _: int) -> Property:
+def decide_constants(prop: Property) -> Property:
+    """The property without conditions that have no variables, and without what a false one makes impossible."""
+
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         possible = tuple(inner for inner in parts if inner is not IMPOSSIBLE)
         match part:
@@ -413,7 +415,11 @@ def _simplify(prop: Property, _: int) -> Property:
             case _:
                 assert_never(part)
 
-    return prop.with_root(prop.rewritten(change).root)
+    return prop.rewritten(change)
+
+
+def _simplify(prop: Property, _: int) -> Property:
+    return prop.with_root(decide_constants(prop).root)
 
 
 simplify: Final = Pass("simplify", frozenset(), _simplify)
@@ -455,5 +461,6 @@ def reduced(prop: Property, limit: int = LIMIT) -> Property:
 def property_of(tree: RVAFT) -> Property:
     """The property of a tree, or of the branch or kind that a restricted tree stands for."""
     if tree.part_of is None:
-        return build(tree)
-    return restrict(build(tree.part_of.tree), branch_number=tree.part_of.branch, kind=tree.part_of.kind)
+        return replace(build(tree), asked=tree)
+    prop = restrict(build(tree.part_of.tree), branch_number=tree.part_of.branch, kind=tree.part_of.kind)
+    return replace(prop, asked=tree)

@@ -204,6 +204,8 @@ class Property:
     wholes: Mapping[Source, Part] = field(default_factory=dict)
     branch: int | None = None
     kind: Kind | None = None
+    asked: RVAFT | None = None
+    """The tree as it was given, with its restriction to a branch or kind."""
     resolved: bool = False
     """Whether a pass has made all choices: the property, or each of its alternatives, is of one branch."""
 

@@ -37,7 +37,9 @@ _TOLD: Final = 10
 _OVERSIZE: Final = 16
 """A message up to this many times the longest that is read gets an error reply; a longer one ends its connection."""
 _BACKLOG: Final = 1024
-"""Connections that may wait to be taken: all monitors of a robot start at once."""
+"""Connections that the system may queue: all monitors of a robot start at once."""
+_ACCEPTED: Final = 1
+"""Connections that `asyncio` accepts at a time, and retries that it schedules when the limit of open files is reached."""
 _HANDSHAKE: Final = 5.0
 """Seconds that a client has to say what it wants."""
 _PATIENCE: Final = 1.0
@@ -144,10 +146,17 @@ class Server:
             self._tell(f"{name} closed after {counted(read)}{doubtful}")
 
     def failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Say once, until one gets in, that there is no room for another connection; anything else as `asyncio` does."""
+        """Report an exception of the event loop.
+
+        The limit of open files is reported once, until the next connection opens. While the server stops,
+        a retry of accepting fails, since the socket is closed: this is not reported. Everything else is
+        reported as `asyncio` does.
+        """
         error = context.get("exception")
+        if self._stop.is_set() and "_start_serving" in context.get("message", ""):
+            return
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-            if not self._full:  # `asyncio` tries a thousand times a second
+            if not self._full:  # `asyncio` retries every second
                 self.say("too many open files: new connections have to wait; allow more with ulimit -n")
             self._full = True
         else:
@@ -181,12 +190,15 @@ class Server:
                 close_timeout=_PATIENCE,
                 max_size=self.protocol.longest * _OVERSIZE,
                 logger=_LIBRARY,
-                backlog=_BACKLOG,
+                backlog=_ACCEPTED,
             )
             try:
                 listener = await stack.enter_async_context(serving)
             except OSError as error:
                 raise unavailable(error, f"ws://{host}:{self.port}") from error
+            for listened in listener.sockets:
+                with listened.dup() as same:
+                    same.listen(_BACKLOG)
             listening(f"ws://{host}:{listener.sockets[0].getsockname()[1]}")
             await stop.wait()
             for connection in self.present:  # who reads no replies does not read either that the server goes away

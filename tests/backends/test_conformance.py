@@ -20,11 +20,12 @@ from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import random_tree
 from rvaft.analysis.branches import restrict
 from rvaft.api import loads
-from rvaft.backend import Backend, Metrics, Observed, Specification, all_backends, backend
+from rvaft.backend import Backend, Metrics, Observed, SpecificationText, all_backends, backend
+from rvaft.capabilities import JSON_VALUES, Feature, Ties
 from rvaft.core.build import build
-from rvaft.core.property import Part
+from rvaft.core.property import PARTS, Part, Property
 from rvaft.errors import LanguageError, NotExpressible, ToolMissing
-from rvaft.model.guards import Operation, walk
+from rvaft.model.guards import Operation, Operator, walk
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern
 from rvaft.model.tree import RVAFT
@@ -158,12 +159,15 @@ class Odd(Backend):
     def __init__(self, made: str, readable: bool) -> None:
         self.made, self.readable = made, readable  # type: ignore[misc]
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
+    semantics, says, operators = frozenset(Semantics), frozenset(PARTS), frozenset(Operator)
+    features, values, ties = frozenset(Feature), JSON_VALUES, Ties.ANY
+
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         if not self.made:
-            raise NotExpressible(f"no {tree}, whatever the limit {limit}", backend=self.name, semantics=semantics)
+            raise NotExpressible(f"no {prop.tree} under {semantics}, whatever the limit {limit}")
         if self.made == "another":
-            return Specification(f"{tree} {limit} {next(NUMBERS)}", "another", Metrics(0))
-        return Specification(self.made, self.language, Metrics(1), self.read)
+            return SpecificationText(f"{prop.tree} {limit} {next(NUMBERS)}", Metrics(0))
+        return SpecificationText(self.made, Metrics(1))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         raise LanguageError(f"{text} with {atoms} is not for me")
@@ -175,7 +179,7 @@ ODD = [  # what it writes, whether that is to be read, whether it must be expres
     ("", True, False, [], False),
     ("the same", True, True, ["readable"] * 8, False),
     ("the same", False, True, [], True),
-    ("another", False, True, ["repeatable", "language", "metrics"] * 8, False),
+    ("another", False, True, ["repeatable", "metrics"] * 8, False),
 ]
 
 

@@ -10,9 +10,11 @@ from cross_check.comparison import Roster
 from cross_check.participants import Absent, faithful_backends
 from cross_check.results import Job
 from rvaft import backend as backends
-from rvaft.backend import Backend, Metrics, Specification
+from rvaft.backend import Backend, Metrics, SpecificationText
+from rvaft.capabilities import JSON_VALUES, Feature, Ties
+from rvaft.core.property import PARTS, Property
 from rvaft.errors import ToolFailed
-from rvaft.model.tree import RVAFT
+from rvaft.model.guards import Operator
 from rvaft.model.verdict import Semantics
 from tests.cli.runs import TREES, failed, run
 
@@ -56,8 +58,11 @@ class Spoken(Backend):
 
     name, language, suffix, default_limit, readable = "spoken", "spoken", ".txt", 1, False
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:  # noqa: ARG002
-        return Specification(f"first {tree.root}", self.language, Metrics(symbols=2))
+    semantics, says, operators = frozenset(Semantics), frozenset(PARTS), frozenset(Operator)
+    features, values, ties = frozenset(Feature), JSON_VALUES, Ties.ANY
+
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+        return SpecificationText(f"first {prop.tree.root}", Metrics(symbols=2))
 
 
 def test_a_language_that_is_only_emitted_is_in_the_way_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,6 +29,7 @@ from tests.ros.clients import SEQUENCE, A, B, asked, connected, live, served, se
 from tests.tables import rows
 
 MANY: Final = 60
+FEW_FILES: Final = partial(resource.setrlimit, resource.RLIMIT_NOFILE, (40, 40))
 UPGRADE: Final = (
     "GET / HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n{more}\r\n"
@@ -325,9 +326,8 @@ async def test_each_repeated_detection_is_said_and_that_there_can_be_no_other() 
 async def test_what_happens_is_said(tmp_path: Path) -> None:
     """Also of connections beyond what is allowed, and beyond the files that there may be; it goes on all the same."""
     tree = written(tmp_path / "tree.rvaft", "top or f s; f fault; s sand a b; a attack; b;")
-    few = partial(resource.setrlimit, resource.RLIMIT_NOFILE, (40, 40))
     words = "--kind attack --semantics scattered --shared --max-connections 2"
-    with serving(tree, *words.split(), preexec_fn=few) as (running, url):
+    with serving(tree, *words.split(), preexec_fn=FEW_FILES) as (running, url):
         assert running.stderr is not None
         async with connected(url) as one, connected(url) as other:
             await asked(one, "", {"event": "f"}, A)
@@ -346,8 +346,8 @@ async def test_what_happens_is_said(tmp_path: Path) -> None:
             async with connected(url) as late:
                 assert (await asked(late, {}))[0]["verdict"] is False
         running.send_signal(signal.SIGTERM)
+        lines += await asyncio.to_thread(running.stderr.readlines)
         assert running.wait(20) == 0
-        lines += running.stderr.readlines()
     assert sorted(re.sub("^rvaft: | from [0-9.:]+|\n", "", line) for line in lines) == [
         "connection 1 closed after 3 events",
         "connection 1 opened",
@@ -362,6 +362,20 @@ async def test_what_happens_is_said(tmp_path: Path) -> None:
         "connection refused: there are 2, the most that --max-connections allows",
         *["too many open files: new connections have to wait; allow more with ulimit -n"] * 2,
     ]
+
+
+@live
+async def test_it_ends_at_the_limit_of_open_files_while_clients_hold_connections_and_nobody_reads_stderr() -> None:
+    with serving(SAND, preexec_fn=FEW_FILES) as (running, url):
+        assert running.stderr is not None
+        clients = [socket.create_connection(endpoint(url)) for _ in range(MANY)]
+        said = await asyncio.to_thread(running.stderr.readline)
+        running.send_signal(signal.SIGTERM)
+        assert await asyncio.to_thread(running.wait, 20) == 0
+        said += running.stderr.read()
+        for client in clients:
+            client.close()
+    assert said == "rvaft: too many open files: new connections have to wait; allow more with ulimit -n\n"
 
 
 @live

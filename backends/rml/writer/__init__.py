@@ -36,7 +36,7 @@ def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> tuple[str, in
         nodes = [n for n, own in zip(tree.occurrences, letters.variables, strict=True) if own & set(names)]
         why = "any event may be skipped" if semantics is Semantics.SCATTERED else "a match may begin at any event"
         reason = f"{why}, so {names[0]} can have any number of values at once, and RML follows one"
-        raise NotExpressible(reason, backend="rml", semantics=semantics, nodes=nodes)
+        raise NotExpressible(reason, nodes=nodes)
     main, made = _property(letters, semantics, limit)
     main = around(main, ">>", _relevant(letters)) if semantics.projects else main
     body = "\n".join(f"{name} = {term};" for name, term in [("Main", main), *made])

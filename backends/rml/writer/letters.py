@@ -103,7 +103,7 @@ class RmlLetters:
         try:
             return when_true(guard)
         except Inexpressible as error:
-            raise NotExpressible(str(error), backend="rml", semantics=self._semantics, nodes=[node]) from None
+            raise NotExpressible(str(error), nodes=[node]) from None
 
     def letter(self, index: int, registers: Mapping[str, str], guards: Iterable[str]) -> RmlLetter | None:
         """The letter of an occurrence with the guards of some nodes, or None where no event can fulfil it.

@@ -161,10 +161,10 @@ def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:
         Random("possible"),
         5 if semantics is Semantics.CONSECUTIVE else 7,
     )  # every state has all of the start's
-    different = 0
+    different, automata = 0, AutomatonBackend()
     for _ in range(30):
         shape = Shape(max_nodes=size, sharing=0.3, variables=1, guards=0.6, typed_events=0.9, times=0)
-        tree, work = AutomatonBackend().plain(random_tree(random, shape), semantics), Work(100_000)
+        tree, work = automata.plain(automata.prepared(random_tree(random, shape), semantics)), Work(100_000)
         automaton, parts, letters = _built(tree, semantics, work)
         relevance = _relevance(tree, semantics)
         whole, rest = (

@@ -32,11 +32,13 @@ from papers.languages.measurement import (
     walks,
 )
 from rvaft import backend as registry
-from rvaft.backend import Backend, Metrics, Specification, all_backends, backend
+from rvaft.backend import Backend, Metrics, SpecificationText, all_backends, backend
+from rvaft.capabilities import JSON_VALUES, Feature, Ties
+from rvaft.core.property import PARTS, Property
 from rvaft.engine import Engine
 from rvaft.errors import OptionError
+from rvaft.model.guards import Operator
 from rvaft.model.nodes import Gate
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Monitor
@@ -121,13 +123,15 @@ class Odd(Backend):
     name = language = "odd"
     suffix = ".odd"
     default_limit = 1
+    semantics, says, operators = frozenset(Semantics), frozenset(PARTS), frozenset(Operator)
+    features, values, ties = frozenset(Feature), JSON_VALUES, Ties.ANY
 
     def __init__(self, translating: Callable[[], object] = int, reader: Callable[[str], Any] | None = None) -> None:
         self.translating, self.reader = translating, reader
 
-    def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:  # noqa: ARG002
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         self.translating()
-        return Specification("text", "odd", Metrics(symbols=7), self.read)
+        return SpecificationText("text", Metrics(symbols=7))
 
     def read(self, text: str, *, atoms: object = None) -> Monitor:  # noqa: ARG002
         assert self.reader is not None

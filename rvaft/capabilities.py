@@ -1,0 +1,296 @@
+"""What a specification language can express, as data, and the check of a property against it.
+
+A backend lists parts, operators of guards, features and kinds of values. What it does not list is refused: a new part or
+operator is refused by every backend until the backend lists it.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Final, NamedTuple, TypeAlias
+
+from rvaft.core.passes import Pass
+from rvaft.core.property import (
+    PARTS,
+    All,
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    One,
+    Part,
+    Property,
+    Sequence,
+    Times,
+    Within,
+)
+from rvaft.core.scenarios import resolutions
+from rvaft.errors import NotExpressible
+from rvaft.model import patterns
+from rvaft.model.guards import Duration, Guard, Operation, Operator, conjuncts, time_points, variables, walk
+from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern
+from rvaft.model.verdict import Semantics
+
+
+class Ties(Enum):
+    """Which variables over several events a language has."""
+
+    NONE = "no variables over several events"
+    ALL_EVENTS = "variables that all events of a match share"
+    ANY = "variables over any events"
+
+
+class Value(Enum):
+    """A kind of value, apart from strings, that a text can require of an event."""
+
+    NUMBER = "numbers"
+    BOOLEAN = "true and false"
+    NULL = "null"
+    LIST = "lists"
+
+
+class Feature(Enum):
+    """What a tree can say beside its parts, operators and values."""
+
+    TIME_POINTS = "times of events in guards (`at`, `start`, `end`)"
+    LATE = "dropping late events (`late`)"
+
+
+JSON_VALUES: Final = frozenset({Value.NUMBER, Value.BOOLEAN, Value.NULL, Value.LIST})
+"""Every kind of JSON value."""
+
+_O = Operator
+LOGICAL: Final = frozenset({_O.NOT, _O.AND, _O.OR})
+"""Operators that combine conditions."""
+COMPARING: Final = frozenset({_O.EQ, _O.NE, _O.LT, _O.LE, _O.GT, _O.GE, _O.IN})
+"""Comparisons of two values."""
+CALCULATING: Final = frozenset({_O.ADD, _O.SUB, _O.MUL, _O.DIV, _O.NEGATE, _O.ABS, _O.MIN, _O.MAX})
+"""Operators from numbers to numbers."""
+READING: Final = frozenset({_O.NUMBER})
+"""Operators from texts to numbers."""
+TEXTUAL: Final = frozenset({_O.STARTSWITH, _O.ENDSWITH, _O.CONTAINS, _O.LIKE, _O.LOWER})
+"""Operators on texts."""
+EVERY_OPERATOR: Final = LOGICAL | COMPARING | CALCULATING | READING | TEXTUAL
+"""The operators that exist today. They are listed one by one, so that a new operator is in no backend's list."""
+
+GATES: Final[frozenset[type[Part]]] = frozenset({Event, All, Sequence, One, AtLeast})
+"""Events, and the gates `and`, `sand`, `or` and k-of-n."""
+
+Capability: TypeAlias = type[Part] | Operator | Feature | Value | Ties | type[Semantics]
+"""What a reason can be given for; `Semantics` stands for every semantics that a language lacks."""
+
+_CONSTRUCTS: Final[Mapping[type[Part], str]] = {
+    Event: "events",
+    Times: "counted events (`times`)",
+    Condition: "guards (`when`)",
+    All: "events in any order (`and`)",
+    Sequence: "events in order (`sand`)",
+    One: "choices (`or`)",
+    AtLeast: "votes (k-of-n)",
+    EndInOrder: "parts that end in order (`pand`)",
+    Within: "windows (`within`)",
+}
+assert set(_CONSTRUCTS) == set(PARTS)
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What one language can express; everything that is not listed is refused.
+
+    `passes` remove parts before a text is written, so these parts need not be listed. `reasons` gives the language's own
+    words for what it lacks: `Semantics` stands for all semantics that it lacks, `Ties.ALL_EVENTS` for variables over
+    several events, `Ties.ANY` for guards over several events.
+    """
+
+    says: frozenset[type[Part]]
+    operators: frozenset[Operator]
+    features: frozenset[Feature]
+    values: frozenset[Value]
+    ties: Ties
+    semantics: frozenset[Semantics]
+    passes: tuple[Pass, ...] = ()
+    reasons: Mapping[Capability, str] = field(default_factory=dict)
+
+    @property
+    def constructs(self) -> frozenset[type[Part]]:
+        """The parts that a tree may have: those that a text can say, and those that a pass removes."""
+        return self.says.union(*(one.removes for one in self.passes))
+
+    def reason(self, lacking: Capability) -> str:
+        """Why a language refuses something, in a few words."""
+        if lacking in self.reasons:
+            return self.reasons[lacking]
+        match lacking:
+            case Operator():
+                return f"the language has no operator `{lacking.value}`"
+            case Feature.LATE:
+                return "the language cannot drop late events (`late`): lateness depends on earlier events"
+            case Feature() | Value():
+                return f"the language has no {lacking.value}"
+            case Ties():
+                return f"the language has {Ties.NONE.value}"
+            case type() if lacking is Semantics:
+                return "the language has no way to say it"
+            case _:
+                return f"the language has no {described(lacking)}"
+
+
+def described(part: type) -> str:
+    """A kind of part in the words of the tree language.
+
+    >>> described(Within)
+    'windows (`within`)'
+    """
+    return _CONSTRUCTS[part]
+
+
+def check(prop: Property, semantics: Semantics, capabilities: Capabilities, *, written: bool = False) -> None:
+    """Raise `NotExpressible`, with the nodes, for the first thing that a property has and a language lacks.
+
+    `written`: the passes have run, and the parts that they remove do not count as listed.
+    """
+    if semantics not in capabilities.semantics:
+        raise NotExpressible(capabilities.reason(Semantics))
+    constructs = capabilities.says if written else capabilities.constructs
+    listed = constructs.union(capabilities.operators, capabilities.features, capabilities.values)
+    lacking: dict[Capability, dict[str, None]] = {}
+    for need, node in _needs(prop, semantics):
+        if need not in listed:
+            lacking.setdefault(need, {})[node] = None
+    for need, nodes in lacking.items():
+        raise NotExpressible(capabilities.reason(need), nodes=[node for node in nodes if node])
+    if capabilities.ties is Ties.NONE and (tie := _tied(prop, semantics)) is not None:
+        raise NotExpressible(f"{capabilities.reason(tie.lacking)}: {tie.by}", nodes=tie.nodes)
+
+
+def _needs(prop: Property, semantics: Semantics) -> Iterator[tuple[Capability, str]]:
+    """What a property needs, with the node that needs it, or no name where a statement of the tree does."""
+    if prop.time is not None and prop.time.late is not None:
+        yield Feature.LATE, ""
+    guarded = list[str]()
+    for part in reversed(prop.parts):
+        node = part.source.node if part.source is not None else ""
+        if isinstance(part, All) and sum(not isinstance(inner, Condition) for inner in part.parts) < 2:
+            guarded.append(node)  # the part only adds a guard, so a language without guards is refused for the guard
+        else:
+            yield type(part), node
+        if isinstance(part, Event | Times):
+            yield from ((value, node) for value in _values(part.pattern))
+        if isinstance(part, Condition):
+            yield from ((need, node) for need in _of_guard(part.guard))
+    yield from ((All, node) for node in guarded)
+    if semantics.projects:
+        for name, guard in (
+            *((entry.node, entry.when) for entry in prop.alphabet),
+            *(("", ignored.when) for ignored in prop.ignored),
+        ):
+            yield from ((need, name) for need in _of_guard(guard))
+
+
+def _of_guard(guard: Guard | None) -> Iterator[Capability]:
+    if guard is None:
+        return
+    if time_points(guard):
+        yield Feature.TIME_POINTS
+    for part in walk(guard):
+        if isinstance(part, Operation):
+            yield part.operator
+        elif isinstance(part, Literal) and not isinstance(part, Duration):
+            yield from _values(part)
+
+
+def _values(pattern: Pattern) -> Iterator[Value]:
+    """The kinds of values that a pattern requires."""
+    for part in patterns.walk(pattern):
+        match part:
+            case Literal(bool()):
+                yield Value.BOOLEAN
+            case Literal(None):
+                yield Value.NULL
+            case Literal(int() | float()):
+                yield Value.NUMBER
+            case ListPattern():
+                yield Value.LIST
+            case Literal(str()) | ObjectPattern() | patterns.Variable() | patterns.Anything():
+                pass
+
+
+class _Tie(NamedTuple):
+    """Events of one scenario that a variable or a guard ties, with what ties them in words."""
+
+    lacking: Ties
+    by: str
+    nodes: tuple[str, ...]
+
+
+def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
+    """The first events of one scenario that share a variable, or that one conjunct of a guard looks at.
+
+    Under `scattered` a vote never needs more of its parts than its threshold.
+    """
+    binding = {
+        part: set(patterns.rigid_variables(part.pattern)) for part in prop.parts if isinstance(part, Event | Times)
+    }
+    times = {event: 2 if isinstance(event, Times) and event.count > 1 else 1 for event in binding}
+    uses = Counter(name for event, names in binding.items() for name in names for _ in range(times[event]))
+    asked = {
+        part: [set(variables(one)) for one in conjuncts(part.guard)]
+        for part in prop.parts
+        if isinstance(part, Condition)
+    }
+    alone = all(any(names <= bound for bound in binding.values()) for found in asked.values() for names in found)
+    if alone and all(count == 1 for count in uses.values()):
+        return None
+    for kept in resolutions(prop, minimal=semantics is Semantics.SCATTERED):
+        events = [part for part in kept if isinstance(part, Event | Times)]
+        for part in events:
+            for name in sorted(binding[part]):
+                having = [one for one in events if name in binding[one]]
+                if len(having) > 1 or times[part] > 1:
+                    return _Tie(Ties.ALL_EVENTS, f"variable {name}", _names(having))
+        for condition in (part for part in kept if isinstance(part, Condition)):
+            for names in asked[condition]:
+                if names and not any(names <= binding[one] for one in events):
+                    having = [one for one in events if names & binding[one]]
+                    nodes = dict.fromkeys((condition.source.node, *_names(having)))
+                    return _Tie(Ties.ANY, "a guard over several events", tuple(nodes))
+    return None
+
+
+def _names(events: Iterable[Event | Times]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(event.source.node for event in events))
+
+
+def table(languages: Mapping[str, Capabilities]) -> list[tuple[str, ...]]:
+    """Which language can express what: a heading with their names, then a row for each capability.
+
+    Operators that the same languages have stand in one row.
+
+    >>> one = Capabilities(frozenset({Event}), frozenset(), frozenset(), frozenset(), Ties.NONE, frozenset())
+    >>> table({"mine": one})[:2], table({"mine": one})[5]
+    ([('', 'mine'), ('semantics strict', '-')], ('events', 'yes'))
+    """
+    rows = [("", *languages)]
+
+    def add(title: str, cells: Iterable[bool]) -> None:
+        rows.append((title, *("yes" if cell else "-" for cell in cells)))
+
+    each = languages.values()
+    for semantics in Semantics:
+        add(f"semantics {semantics}", (semantics in one.semantics for one in each))
+    for part in PARTS:
+        add(described(part), (part in one.constructs for one in each))
+    add("variables that all events share", (one.ties is not Ties.NONE for one in each))
+    add(Ties.ANY.value, (one.ties is Ties.ANY for one in each))
+    for feature in Feature:
+        add(feature.value, (feature in one.features for one in each))
+    for value in Value:
+        add(value.value, (value in one.values for one in each))
+    alike: dict[tuple[bool, ...], list[str]] = {}
+    for operator in Operator:
+        word = "- x" if operator is Operator.NEGATE else operator.value
+        alike.setdefault(tuple(operator in one.operators for one in each), []).append(word)
+    for cells, words in alike.items():
+        add(f"operators {' '.join(words)}", cells)
+    return rows

@@ -1,0 +1,196 @@
+"""A backend expresses what it lists, and refuses everything else with a reason."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import pytest
+
+from rvaft import loads
+from rvaft.backend import Backend, Metrics, SpecificationText
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value, described
+from rvaft.core.passes import expand_times, order_ends, windows_to_guards
+from rvaft.core.property import PARTS, All, Condition, Event, Property
+from rvaft.errors import NotExpressible
+from rvaft.model.guards import Operator
+from rvaft.model.verdict import Semantics
+from tests.cli.runs import run
+
+EVENTS = "event e(v) = { v: v }; event f(v) = { w: v }; "
+CONSTRUCTS: Mapping[str, tuple[str, str]] = {
+    "and": ("r and a b;", "and"),
+    "or": ("r or a b;", "or"),
+    "sand": ("r sand a b;", "sand"),
+    "sand_rl": ("r sand_rl a b;", "sand"),
+    "pand": ("r pand a b;", "pand"),
+    "vote": ("r 2of3 a b c;", "k-of-n"),
+    "times": ("r times 2;", "times"),
+    "within": ("time t as s; r and a b within 5 s;", "within"),
+    "late": ("time t as s late 1 s; r;", "late"),
+    "when": ("r on e(X) when X > 1;", "when"),
+    "event of a gate": ("r or a on e(1);", "sand"),
+    "number": ("r on e(1);", "numbers"),
+    "boolean": ("r on e(true);", "true and false"),
+    "null": ("r on e(null);", "null"),
+}
+GUARDS: Mapping[Operator, str] = {
+    Operator.EQ: "X == 1",
+    Operator.NE: "X != 1",
+    Operator.LT: "X < 1",
+    Operator.LE: "X <= 1",
+    Operator.GT: "X > 1",
+    Operator.GE: "X >= 1",
+    Operator.ADD: "X + 1 > 2",
+    Operator.SUB: "X - 1 > 2",
+    Operator.MUL: "X * 2 > 2",
+    Operator.DIV: "X / 2 > 2",
+    Operator.NEGATE: "-X > 2",
+    Operator.NOT: "not X > 2",
+    Operator.AND: "X > 2 and X < 9",
+    Operator.OR: "X > 9 or X < 2",
+    Operator.IN: "X in (1, 2)",
+    Operator.STARTSWITH: 'startswith(X, "a")',
+    Operator.ENDSWITH: 'endswith(X, "a")',
+    Operator.CONTAINS: 'contains(X, "a")',
+    Operator.LIKE: 'like(X, "a*")',
+    Operator.LOWER: 'lower(X) == "a"',
+    Operator.ABS: "abs(X) > 2",
+    Operator.MIN: "min(X, 1) > 2",
+    Operator.MAX: "max(X, 1) > 2",
+    Operator.NUMBER: "number(X) > 2",
+}
+assert set(GUARDS) == set(Operator)
+
+
+class Bare(Backend):
+    """Lists a semantics and nothing else."""
+
+    name, language, suffix, default_limit = "bare", "bare", ".bare", 100
+    semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        return SpecificationText(f"{semantics} {limit}: {type(prop.root).__name__}", Metrics(1))
+
+
+def refusal(backend: Backend, text: str, semantics: str = "scattered") -> NotExpressible:
+    with pytest.raises(NotExpressible) as raised:
+        backend.translate(loads(EVENTS + text), Semantics(semantics))
+    return raised.value
+
+
+def test_a_backend_that_lists_nothing_expresses_single_events_alone() -> None:
+    assert Bare().translate(loads("r;"), Semantics.SCATTERED).text == "scattered 100: Event"
+    assert Bare().translate(loads("r;"), Semantics.SCATTERED, limit=7).text == "scattered 7: Event"
+    assert str(refusal(Bare(), "r;", "strict")) == (
+        "bare cannot express this tree under strict: the language has no way to say it"
+    )
+
+
+@pytest.mark.parametrize(("text", "word"), CONSTRUCTS.values(), ids=CONSTRUCTS)
+def test_it_refuses_every_construct_by_name(text: str, word: str) -> None:
+    found = refusal(Bare(), text)
+    assert found.backend == "bare"
+    assert word in found.reason
+
+
+def test_a_refusal_names_the_nodes() -> None:
+    found = refusal(Bare(), "r and a b; b times 3;")
+    assert str(found).endswith("the language has no events in any order (`and`) (at r)")
+
+
+@pytest.mark.parametrize(("operator", "guard"), GUARDS.items(), ids=map(str, GUARDS))
+def test_every_operator_is_refused_unless_it_is_listed(operator: Operator, guard: str) -> None:
+    class Without(Bare):
+        says = GATES | {Condition}
+        values = JSON_VALUES
+        operators = EVERY_OPERATOR - {operator}
+
+    class With(Without):
+        operators = EVERY_OPERATOR
+
+    text = f"r on e(X) when {guard};"
+    assert f"`{operator.value}`" in refusal(Without(), text).reason
+    assert With().translate(loads(EVENTS + text), Semantics.SCATTERED)
+
+
+def test_a_guard_that_decides_relevance_is_checked_where_relevance_counts() -> None:
+    class Gates(Bare):
+        says, values, semantics = GATES, JSON_VALUES, frozenset(Semantics)
+
+    text = "ignore e(X) when X > 1; r sand a b;"
+    assert Gates().translate(loads(EVENTS + text), Semantics.STRICT)
+    assert "`>`" in refusal(Gates(), text, "projected").reason
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("r and a b; a on e(X); b on f(X);", "variables over several events: variable X"),
+        ("r and a b; a on e(X); b on f(Y) when Y > X;", "variables over several events: a guard over several events"),
+    ],
+)
+def test_what_ties_events_is_refused_unless_it_is_listed(text: str, reason: str) -> None:
+    class Untied(Bare):
+        says, operators = GATES | {Condition}, EVERY_OPERATOR
+
+    class Tied(Untied):
+        ties = Ties.ANY
+
+    assert refusal(Untied(), text).reason.endswith(reason)
+    assert Tied().translate(loads(EVENTS + text), Semantics.SCATTERED)
+
+
+def test_variables_of_alternatives_tie_nothing() -> None:
+    class Untied(Bare):
+        says, operators, values = GATES | {Condition}, EVERY_OPERATOR, frozenset({Value.NUMBER})
+
+    text = "r or a b; a on e(X) when X > 1; b on f(X) when X > 2;"
+    assert Untied().translate(loads(EVENTS + text), Semantics.SCATTERED)
+
+
+def test_passes_remove_what_a_language_lacks_before_it_is_written() -> None:
+    class Plain(Bare):
+        says, values, operators = GATES | {Condition}, JSON_VALUES, EVERY_OPERATOR
+        features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+        passes, ties = (expand_times, order_ends, windows_to_guards), Ties.ANY
+
+        def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+            assert {type(part) for part in prop.parts} <= self.says
+            return super().write(prop, semantics, limit)
+
+    for text, _ in CONSTRUCTS.values():
+        if "late" not in text:
+            assert Plain().translate(loads(EVENTS + text), Semantics.SCATTERED)
+
+
+def test_what_passes_leave_behind_is_refused() -> None:
+    class Half(Bare):
+        """Claims no gate, though its pass makes sequences."""
+
+        says: ClassVar[frozenset[Any]] = frozenset({Event})
+        passes = (expand_times,)
+
+    assert "events in order (`sand`)" in refusal(Half(), "r times 2;").reason
+
+
+def test_reasons_of_a_language_replace_the_general_ones() -> None:
+    class Reasoned(Bare):
+        reasons: ClassVar[Mapping[Any, str]] = {All: "all of it at once is too much", Semantics: "it skips events"}
+
+    assert refusal(Reasoned(), "r and a b;").reason == "all of it at once is too much"
+    assert refusal(Reasoned(), "r;", "strict").reason == "it skips events"
+
+
+def test_translate_cannot_be_replaced() -> None:
+    with pytest.raises(TypeError, match=r"must not override Backend\.translate"):
+
+        class Own(Bare):
+            def translate(self, *_: Any, **__: Any) -> Any:  # type: ignore[misc]
+                return None
+
+
+def test_the_table_of_capabilities_has_every_part() -> None:
+    table = run("backends", "--capabilities").stdout
+    for part in PARTS:
+        assert f"\n{described(part)} " in table
+    for operator in set(Operator) - {Operator.NEGATE}:
+        assert f" {operator.value} " in table

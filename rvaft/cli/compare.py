@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import click
 
-from cross_check.benchmark import plots as drawing
-from cross_check.benchmark.measurement import (
+from papers.languages import plots as drawing
+from papers.languages.measurement import (
     MAX_ARITY,
     Cell,
     Measurement,
@@ -20,7 +20,7 @@ from cross_check.benchmark.measurement import (
     measured,
     unmeasured,
 )
-from cross_check.benchmark.tables import Width, csv_text, headline, latex_text, pandas, read_rows, text_lines
+from papers.languages.tables import Width, csv_text, headline, latex_text, pandas, read_rows, text_lines
 from rvaft.api import narrowed
 from rvaft.backend import backend
 from rvaft.cli import FAILED, FOUND, INTERRUPTED, Failures, Stopped, options, report

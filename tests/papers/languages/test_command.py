@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from cross_check.benchmark import plots
-from cross_check.benchmark.measurement import Cell, Measurement, Outcome, measured
-from cross_check.benchmark.tables import COLUMNS, read_rows
+from papers.languages import plots
+from papers.languages.measurement import Cell, Measurement, Outcome, measured
+from papers.languages.tables import COLUMNS, read_rows
 from rvaft.cli import compare
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
 

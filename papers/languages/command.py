@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import click
 
+from cross_check.commands.cross_check import progress
 from papers.languages import plots as drawing
 from papers.languages.measurement import (
     MAX_ARITY,
@@ -24,7 +25,6 @@ from papers.languages.tables import Width, csv_text, headline, latex_text, panda
 from rvaft.api import narrowed
 from rvaft.backend import backend
 from rvaft.cli import FAILED, FOUND, INTERRUPTED, Failures, Stopped, options, report
-from rvaft.cli.cross_check import progress
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole

@@ -222,6 +222,7 @@ class Backend(ABC):
             for each in self.passes:
                 prop = each(prop)
             if self.passes:
+                prop = decide_constants(prop)  # a pass may make parts impossible
                 check(prop, semantics, self.capabilities(), written=True)
         return prop
 

@@ -13,7 +13,7 @@ from backends.automaton.letters import FeasibleLetters, Relevance
 from backends.automaton.structure import Structure, Work, decided, structure
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Operator
@@ -41,7 +41,7 @@ class AutomatonBackend(Backend):
     suffix: ClassVar[str] = ".hoa"
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
     values: ClassVar[frozenset[Value]] = JSON_VALUES
@@ -50,20 +50,21 @@ class AutomatonBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The automaton in HOA; raises `TooLarge` beyond `limit` states."""
-        tree, work = self.plain(prop), Work(limit)
-        automaton, parts, letters = _built(tree, semantics, work)
-        relevance, name = _relevance(tree, semantics), title_of(tree, semantics)
-        text, metrics = write(automaton, parts, letters, name=name, time=tree.time, relevance=relevance, work=work)
+        work = Work(limit)
+        automaton, parts, letters = _built(prop, semantics, work)
+        relevance, name = _relevance(prop, semantics), title_of(prop, semantics)
+        text, metrics = write(automaton, parts, letters, name=name, time=prop.time, relevance=relevance, work=work)
         return SpecificationText(text, metrics, partial(AutomatonBackend.read, self))
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:
         """The minimal automaton as a graph in the DOT language; raises `TooLarge` beyond so many states, by default `READABLE`."""
-        tree, most = self.plain(self.prepared(tree, Semantics(semantics))), READABLE if limit is None else limit
+        semantics, most = Semantics(semantics), READABLE if limit is None else limit
+        prop = self.prepared(tree, semantics)
         try:
-            automaton, parts, letters = _built(tree, Semantics(semantics), Work(BEFORE * most))
+            automaton, parts, letters = _built(prop, semantics, Work(BEFORE * most))
         except TooLarge as error:
             raise TooLarge(f"{error.what}, too many to draw", limit=most) from error
-        return diagram(automaton, parts, letters, tree=tree, semantics=Semantics(semantics), limit=most)
+        return diagram(automaton, parts, letters, prop=prop, semantics=semantics, limit=most)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """A monitor that runs any HOA text.
@@ -79,19 +80,19 @@ class AutomatonBackend(Backend):
         return tuple(dict.fromkeys(known.questions())) if known.time is None else None
 
 
-def _relevance(tree: RVAFT, semantics: Semantics) -> Relevance | None:
+def _relevance(prop: Property, semantics: Semantics) -> Relevance | None:
     if not semantics.projects:
         return None
-    alphabet = dict.fromkeys((entry.pattern, entry.when) for entry in tree.alphabet)
-    ignored = dict.fromkeys((tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores)
+    alphabet = dict.fromkeys((entry.pattern, entry.when) for entry in prop.alphabet)
+    ignored = dict.fromkeys((one.pattern, one.when) for one in prop.ignored)
     return Relevance(tuple(alphabet), tuple(ignored))
 
 
-def _built(tree: RVAFT, semantics: Semantics, work: Work) -> tuple[Automaton, Structure, FeasibleLetters]:
-    """The minimal automaton of a tree, and what its letters mean."""
-    parts = structure(tree)
+def _built(prop: Property, semantics: Semantics, work: Work) -> tuple[Automaton, Structure, FeasibleLetters]:
+    """The minimal automaton of a property, and what its letters mean."""
+    parts = structure(prop)
     scattered = semantics is Semantics.SCATTERED
-    letters = FeasibleLetters(parts.patterns, _relevance(tree, semantics))
+    letters = FeasibleLetters(parts.patterns, _relevance(prop, semantics))
     automaton = Automaton(HOPELESS)
     if parts.form.feasible:  # constant guards may leave no scenario
         graphs = decided(parts.form, at_least=not scattered, work=work)

@@ -14,7 +14,8 @@ from math import comb
 from typing import Final, NamedTuple, assert_never
 
 from backends.automaton.structure import Structure, Work
-from rvaft.analysis.normal_form import NormalForm, Op, Part
+from rvaft.core.numbered import NumberedPart, NumberedParts, Op
+from rvaft.core.property import Condition
 from rvaft.support.bits import bits, mask_of, union
 
 _WIDE: Final = 1 << 61
@@ -85,10 +86,10 @@ class Moment(NamedTuple):
 class Plan:
     """The tables of one graph, and the moves of its configurations; `TooLarge` when a choice has too many ways to be made silently."""
 
-    def __init__(self, structure: Structure, form: NormalForm, number: int, *, at_least: bool, work: Work) -> None:
+    def __init__(self, structure: Structure, form: NumberedParts, number: int, *, at_least: bool, work: Work) -> None:
         self._work = work
         self._moves: dict[Remainder, tuple[Move, ...]] = {}
-        graph: dict[int, Part] = {part: form.parts[part] for part in reversed(form.kept())}
+        graph: dict[int, NumberedPart] = {part: form.parts[part] for part in reversed(form.kept())}
         propositions = len(structure.patterns) + len(structure.guards)
         choosing = [part for part, this in graph.items() if this.chooses]
         happening = [part for part, this in graph.items() if this.op is Op.EVENT]
@@ -111,7 +112,7 @@ class Plan:
         before, after = _around(graph, whole, backwards=False), _around(graph, whole, backwards=True)
         self.moments: dict[int, Moment] = {}
         for part in happening:
-            atom = structure.atoms[graph[part].node]
+            atom = structure.atoms[graph[part].event.pattern]
             self.moments[bit[part]] = Moment(atom, structure.bound[atom], above[part], before[part], after[part])
         self._guards = mask_of(structure.guard_bits.values())
         self._choosing = mask_of(self.choices)
@@ -241,7 +242,7 @@ class Plan:
 
 
 def _extents(
-    graph: dict[int, Part], bit: Mapping[int, int], structure: Structure, work: Work
+    graph: dict[int, NumberedPart], bit: Mapping[int, int], structure: Structure, work: Work
 ) -> tuple[dict[int, int], dict[int, int], dict[int, int], dict[int, tuple[int, ...]]]:
     """Of each part all that may happen for it, what must, what may be first, and the guards with which it is complete silently."""
     whole: dict[int, int] = {}
@@ -255,8 +256,8 @@ def _extents(
                 whole[part] = mandatory[part] = first[part] = own
                 silent[part] = ()
             case Op.CONDITION:
-                assert this.guard is not None
-                whole[part] = mandatory[part] = guard = 1 << structure.guard_bits[this.guard]
+                assert isinstance(this.of, Condition)
+                whole[part] = mandatory[part] = guard = 1 << structure.guard_bits[this.of.guard]
                 first[part], silent[part] = 0, (guard,)
             case Op.ALL | Op.SEQUENCE | Op.ONE | Op.AT_LEAST:
                 whole[part] = own | union(whole[child] for child in this.parts)
@@ -272,7 +273,7 @@ def _extents(
     return whole, mandatory, first, silent
 
 
-def _silent(ways: list[tuple[int, ...]], part: Part, work: Work) -> tuple[int, ...]:
+def _silent(ways: list[tuple[int, ...]], part: NumberedPart, work: Work) -> tuple[int, ...]:
     """The smallest sets of guards with which a part is complete without an event, given those of its parts."""
     able = [way for way in ways if way]
     need = part.need if part.chooses else len(ways)
@@ -289,7 +290,7 @@ def _silent(ways: list[tuple[int, ...]], part: Part, work: Work) -> tuple[int, .
     return _smallest(found)
 
 
-def _around(graph: Mapping[int, Part], whole: Mapping[int, int], *, backwards: bool) -> dict[int, int]:
+def _around(graph: Mapping[int, NumberedPart], whole: Mapping[int, int], *, backwards: bool) -> dict[int, int]:
     """What sequences put before each part, or after it."""
     around = dict.fromkeys(graph, 0)
     for number, part in graph.items():

@@ -14,13 +14,13 @@ from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateR
 from backends.automaton.hoa_writer import Cube, cubes, title_of
 from backends.automaton.letters import FeasibleLetters
 from backends.automaton.structure import Structure
+from rvaft.core.property import Property
 from rvaft.errors import TooLarge
 from rvaft.export.dot import html, html_lines, table, title
 from rvaft.export.layout import wrapped_code
-from rvaft.model.expressions import guard_text, name_text, on_text
+from rvaft.model.expressions import name_text, on_text
 from rvaft.model.guards import variables
 from rvaft.model.patterns import rigid_variables
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of
 
@@ -41,7 +41,7 @@ def diagram(
     structure: Structure,
     letters: FeasibleLetters,
     *,
-    tree: RVAFT,
+    prop: Property,
     semantics: Semantics,
     limit: int,
 ) -> str:
@@ -58,14 +58,14 @@ def diagram(
     }
     for state in order:
         states.append(f"s{number[state]} [{looks.get(state, f'label=<{number[state]}>')}];")
-        for target, lines in () if state in looks else _edges(automaton.rows[state], structure, letters, tree).items():
+        for target, lines in () if state in looks else _edges(automaton.rows[state], structure, letters, prop).items():
             written += len(lines)
             look = f', color="{_QUIET}", fontcolor="{_QUIET}", style=dashed' if target == HOPELESS else ""
             label = table(lines, space=2, cell='align="left" bgcolor="white"')  # which covers the lines that pass
             edges.append(f"s{number[state]} -> s{number[target]} [label=<{label}>{look}];")
     if written > _LINES * limit:
         raise TooLarge(f"{written} labels are too many to draw, {_LINES} allowed for each state", limit=limit)
-    caption = [title_of(tree, semantics)]
+    caption = [title_of(prop, semantics)]
     caption += ["Events that are not relevant change nothing."] if semantics.projects else []
     caption += ["A guard holds as long as one of its variables has no value."] if structure.guards else []
     lines = [
@@ -79,22 +79,22 @@ def diagram(
         f"label=<{table(html(line, 3 * _WIDTH) for line in caption)}>;",
         'labelloc=b; labeljust=l; fontname="Helvetica"; fontsize=10;',
     ]
-    return "\n".join([f"digraph {title(title_of(tree, semantics))} {{", *(f"  {line}" for line in lines), "}", ""])
+    return "\n".join([f"digraph {title(title_of(prop, semantics))} {{", *(f"  {line}" for line in lines), "}", ""])
 
 
-def _edges(row: StateRow, structure: Structure, letters: FeasibleLetters, tree: RVAFT) -> dict[int, list[str]]:
+def _edges(row: StateRow, structure: Structure, letters: FeasibleLetters, prop: Property) -> dict[int, list[str]]:
     """For each target of a state the lines of the label."""
     leaving, rest = cubes(row), row.targets.get(0)
     if len(leaving) == 1:
         return {target: ["any event"] for target in leaving}
     atoms = (1 << len(structure.patterns)) - 1
-    guards = {number: guard_text(guard) for guard, number in structure.guard_bits.items()}
+    guards = dict(zip(structure.guard_bits.values(), structure.written, strict=True))
 
     def event(atom: int) -> str:
         """The event of a node as the tree writes it."""
-        name = structure.names[atom]
-        on = tree.nodes[name].on
-        return name_text(tree.origins.get(name, name)) if on is None else on_text(on)
+        name = structure.nodes[atom]
+        on = prop.tree.nodes[name].on
+        return name_text(name) if on is None else on_text(on)
 
     def line(cube: Cube) -> str:
         excluded = cube.no & atoms

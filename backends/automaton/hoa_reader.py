@@ -17,6 +17,7 @@ from backends import slices
 from backends.automaton.hoa_writer import ALIVE
 from rvaft.backend import Observed
 from rvaft.core.classifier import Decided, PatternIndex
+from rvaft.core.times import timed
 from rvaft.errors import LanguageError, TooLarge, ToolMissing, installed
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
@@ -241,7 +242,7 @@ _HEADER: Final = re.compile(
     re.DOTALL,
 )
 _EXPECTED: Final = {
-    "event:": ((2,), "a number and a pattern in quotes"),
+    "event:": ((2, 3), "a number, a pattern in quotes, and the variable of the time in quotes where there is one"),
     "guard:": ((2,), "a number and a guard in quotes"),
     "time:": ((1,), "a field and its format in quotes"),
     "relevant:": ((1,), "a number"),
@@ -347,7 +348,9 @@ class HoaProgram:
         elif not isinstance(pattern := parse_pattern(texts[0]), ObjectPattern | Anything):
             raise LanguageError("an event is an object: expected a pattern such as { field: 1 }, or _")
         elif name == "event:":
-            self._patterns[int(values[0])] = pattern
+            if len(texts) == 2 and not texts[1].isidentifier():
+                raise LanguageError(f"event: expects the name of a variable, not {texts[1]}")
+            self._patterns[int(values[0])] = timed(pattern, texts[1]) if len(texts) == 2 else pattern
         else:
             fit = Observed(pattern, parse_guard(texts[1]) if len(texts) == 2 else None)
             (self._alphabet if name == "alphabet:" else self._ignored).append(fit)

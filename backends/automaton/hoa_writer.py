@@ -5,24 +5,27 @@ word is accepted when the word that goes on without `alive` is. Lower-case heade
 propositions mean:
 
     event: 2 "{ event: \"a\" }"         proposition 2 holds at events of this pattern
+    event: 3 "{ event: \"b\" }" "T1"    ... which binds the time of the event, in nanoseconds, or null without a time
     guard: 5 "X >= 5"                   ... where this guard holds, or a variable of it has no value yet
     relevant: 1                         ... that one of the next lines fits and no `ignore` line
     alphabet: "{ event: \"a\" }"        an event's pattern, and where it has one the guard on it
     ignore: "{ v: V }" "V < 250"
-    time: "ts as iso8601"               where an event has its time, the field "τ" of these patterns: nanoseconds, or null
+    time: "ts as iso8601"               where an event has its time
 """
 
 import re
 from collections.abc import Iterator, Mapping
+from itertools import count
 from typing import Final, NamedTuple
 
 from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow
 from backends.automaton.letters import FeasibleLetters, Relevance
 from backends.automaton.structure import Structure, Work
 from rvaft.backend import Metrics
+from rvaft.core.property import Property
+from rvaft.core.times import untimed
 from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import guard_text, pattern_text, time_text
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, in_at_least, union
 
@@ -47,13 +50,11 @@ def atom_name(node: str) -> str:
     return re.sub(r"^\d|[^A-Za-z0-9_]|_(?=x)", lambda found: f"_x{ord(found[0]):x}_", node) or "_x_"
 
 
-def title_of(tree: RVAFT, semantics: Semantics) -> str:
-    """The name of an automaton: the root, the part of the tree that is watched, the semantics."""
-    if (part := tree.part_of) is None:
-        return f"{tree.root}, {semantics}"
-    chosen = [f"branch {part.branch}"] if part.branch is not None else []
-    chosen += [part.kind.value] if part.kind is not None else []
-    return ", ".join([part.tree.root, *chosen, semantics])
+def title_of(prop: Property, semantics: Semantics) -> str:
+    """The name of an automaton: the root, the branch or kind, the semantics."""
+    chosen = [f"branch {prop.branch}"] if prop.branch is not None else []
+    chosen += [prop.kind.value] if prop.kind is not None else []
+    return ", ".join([prop.tree.root, *chosen, semantics])
 
 
 class Cube(NamedTuple):
@@ -179,8 +180,9 @@ def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: R
     meanings = []
     for proposition, number in numbers.items():
         if proposition < atoms:
-            names.append(atom_name(structure.names[proposition]))
-            meanings.append(f"event: {number} {_quoted(pattern_text(structure.patterns[proposition]))}")
+            pattern, time = untimed(structure.patterns[proposition])
+            names.append(_fresh(atom_name(structure.names[proposition]), names))
+            meanings.append(f"event: {number} {_quoted(pattern_text(pattern))}" + (f" {_quoted(time)}" if time else ""))
         else:
             names.append(f"guard_{number}")
             meanings.append(f"guard: {number} {_quoted(guard_text(structure.guards[proposition - atoms]))}")
@@ -192,6 +194,11 @@ def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: R
             for pattern, guard in fits:
                 asked = "" if guard is None else f" {_quoted(guard_text(guard))}"
                 yield f"{word}: {_quoted(pattern_text(pattern))}{asked}"
+
+
+def _fresh(wanted: str, taken: list[str]) -> str:
+    """The name, with a number where another proposition has it."""
+    return next(name for number in count(1) if (name := wanted if number == 1 else f"{wanted}_x_{number}") not in taken)
 
 
 def _quoted(text: str) -> str:

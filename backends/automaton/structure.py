@@ -15,11 +15,13 @@ from functools import cached_property
 from math import comb
 from typing import Final, assert_never
 
-from rvaft.analysis.normal_form import NormalForm, Op, Part, divided, normal_form
+from rvaft.core.numbered import NumberedPart, NumberedParts, Op, divided, numbered
+from rvaft.core.property import Condition, Event, Property
 from rvaft.errors import TooLarge
+from rvaft.model.event_time import duration_text
+from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Pattern, rigid_variables
-from rvaft.model.tree import RVAFT
 from rvaft.support.bits import union
 
 STEPS: Final = 1000
@@ -49,16 +51,19 @@ class Work:
 
 @dataclass(frozen=True)
 class Structure:
-    """The parts of a tree, and its propositions: first the patterns of events (*atoms*), then the guards, each a bit.
+    """The parts of a property, and its propositions: first the patterns of events (*atoms*), then the guards, each a bit.
 
-    `names` gives, for each pattern, a node that has it, `atoms` the number of each node's pattern.
+    `names` gives a name for each pattern, `nodes` a node of the tree that has it, `atoms` the number of each pattern. `written` has
+    each guard as the tree writes it.
     """
 
-    form: NormalForm
-    atoms: Mapping[str, int]
+    form: NumberedParts
+    atoms: Mapping[Pattern, int]
     patterns: tuple[Pattern, ...]
+    nodes: tuple[str, ...]
     names: tuple[str, ...]
     guards: tuple[Guard, ...]
+    written: tuple[str, ...]
 
     @cached_property
     def guard_bits(self) -> Mapping[Guard, int]:
@@ -74,13 +79,12 @@ class Structure:
         return tuple(union(having.get(name, 0) for name in rigid_variables(pattern)) for pattern in self.patterns)
 
 
-def structure(tree: RVAFT) -> Structure:
-    """The parts and propositions of a tree."""
-    form = normal_form(tree)
-    shared = {form.whole[name] for name in tree.shared if name in form.whole}
-    kept: set[int] = set()  # what several parents share is not flattened
-    parts: list[Part] = []
+def structure(prop: Property) -> Structure:
+    """The parts and propositions of a property."""
+    form = numbered(prop)
+    parts: list[NumberedPart] = []
     of: list[int] = []
+    kept: set[int] = set()  # what several parents share is not flattened
     for number, part in enumerate(form.parts):
         children = [of[child] for child in part.parts]
         match part.op:
@@ -97,43 +101,70 @@ def structure(tree: RVAFT) -> Structure:
             case _:
                 assert_never(part.op)
         of.append(children[0] if len(children) == 1 and part.op is not Op.AT_LEAST else number)
-        parts.append(replace(part, parts=tuple(children)))
-        if number in shared:
+        need = len(children) if part.op is Op.ALL or part.op is Op.SEQUENCE else part.need
+        parts.append(replace(part, parts=tuple(children), need=need))
+        if part.of in prop.shared:
             kept.add(of[-1])
-    names: dict[Pattern, str] = {}
-    numbers: dict[Pattern, int] = {}
-    atoms: dict[str, int] = {}
-    for name in tree.occurrences:
-        if (pattern := tree.pattern(name)) is not None:
-            names.setdefault(pattern, name)
-            atoms[name] = numbers.setdefault(pattern, len(numbers))
-    guards = dict.fromkeys(node.when for node in tree.top_down() if node.when is not None and variables(node.when))
-    flattened = NormalForm(tuple(parts[: of[-1] + 1]), form.whole)
-    return Structure(flattened, atoms, tuple(names), tuple(names.values()), tuple(guards))
+    events: dict[Pattern, Event] = {}
+    for event in prop.events:
+        events.setdefault(event.pattern, event)
+    conditions: dict[Guard, Condition] = {}
+    for one in reversed(prop.parts):
+        if isinstance(one, Condition):
+            conditions.setdefault(one.guard, one)
+    nodes = [event.source.node for event in events.values()]
+    several = {node for node, count in Counter(nodes).items() if count > 1}
+    names = [
+        f"{node}_{event.source.number}" if (node := event.source.node) in several else node for event in events.values()
+    ]
+    return Structure(
+        NumberedParts(tuple(parts[: of[-1] + 1])),
+        {pattern: number for number, pattern in enumerate(events)},
+        tuple(events),
+        tuple(nodes),
+        tuple(names),
+        tuple(conditions),
+        tuple(map(written, conditions.values())),
+    )
 
 
-def decided(form: NormalForm, *, at_least: bool, work: Work) -> list[NormalForm]:
+def written(condition: Condition) -> str:
+    """A condition as the tree writes it.
+
+    >>> import rvaft
+    >>> from rvaft.core.build import build
+    >>> from rvaft.core.passes import windows_to_guards
+    >>> prop = windows_to_guards(build(rvaft.loads("time t as s; top sand a b within 90 s;")))
+    >>> written(prop.root.parts[-1])
+    'top within 90 s'
+    """
+    if condition.window is not None:
+        return f"{name_text(condition.source.node)} within {duration_text(condition.window)}"
+    return guard_text(condition.written or condition.guard)
+
+
+def decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[NumberedParts]:
     """The graphs, in a stable order, whose remaining choices can all wait; together they have the scenarios of the tree.
 
     `at_least` keeps the ways to choose more than K; raises `TooLarge` beyond so many graphs as states are allowed.
     """
     what = "ways to decide choices between parts that share nodes"
 
-    def look(graph: NormalForm) -> int | None:
+    def look(graph: NumberedParts) -> int | None:
         choice = _urgent(graph, work)
         if choice is not None:
             part = graph.parts[choice]
             work.check(comb(len(set(part.parts)), part.need), what)
         return choice
 
-    done: list[NormalForm] = []
+    done: list[NumberedParts] = []
     for graph, _ in divided(form, look, at_least=at_least):
         done.append(graph)
         work.check(len(done), what)
     return done
 
 
-def _urgent(form: NormalForm, work: Work) -> int | None:
+def _urgent(form: NumberedParts, work: Work) -> int | None:
     """The first choice with an alternative that reaches a part which is also reached otherwise."""
     kept = form.kept()
     references = Counter(child for number in kept for child in form.parts[number].parts)

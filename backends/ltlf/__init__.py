@@ -12,7 +12,7 @@ from backends.ltlf.monitor import LtlfMonitor, observed
 from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
@@ -40,7 +40,7 @@ class LtlfBackend(Backend):
     tools: ClassVar[tuple[str, ...]] = ("mona",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
     values: ClassVar[frozenset[Value]] = JSON_VALUES
@@ -49,7 +49,7 @@ class LtlfBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The formula; raises `TooLarge` beyond `limit` subformulas."""
-        return SpecificationText(*Translation(self.plain(prop), semantics, limit).text())
+        return SpecificationText(*Translation(prop, semantics, limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """A monitor that runs a formula in Spot's LTLf syntax, with or without a header.

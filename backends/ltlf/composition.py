@@ -19,7 +19,7 @@ from typing import Final, NamedTuple, TypeAlias, TypeVar, assert_never
 
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
 from backends.ltlf.parts import Anatomy
-from rvaft.analysis.normal_form import NormalForm, Op, Part, divided
+from rvaft.core.numbered import NumberedPart, NumberedParts, Op, divided
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, union
 from rvaft.support.budget import Call, CellBudget, run
@@ -249,7 +249,7 @@ _Order: TypeAlias = frozenset[tuple[int, int]]
 """A scenario: occurrences (parts) with the set (bits) of those that must come before."""
 
 
-def _choice_or_kept(form: NormalForm) -> list[int] | int:
+def _choice_or_kept(form: NumberedParts) -> list[int] | int:
     """The topmost choice, or the parts where there is none."""
     kept = form.kept()
     return next((number for number in reversed(kept) if form.parts[number].chooses), kept)
@@ -262,7 +262,9 @@ class _Orders:
     they are written out.
     """
 
-    def __init__(self, parts: Sequence[Part], event_of: Callable[[int], int], *, monotone: bool, limit: int) -> None:
+    def __init__(
+        self, parts: Sequence[NumberedPart], event_of: Callable[[int], int], *, monotone: bool, limit: int
+    ) -> None:
         self._parts = parts
         self._event_of = event_of
         self._monotone = monotone
@@ -272,7 +274,7 @@ class _Orders:
     def of(self, root: int) -> frozenset[_Order]:
         """The scenarios of a part. Cyclic ones lead nowhere. A shared part is resolved once."""
         found: set[_Order] = set()
-        whole = NormalForm(tuple(self._parts[: root + 1]), {})
+        whole = NumberedParts(tuple(self._parts[: root + 1]))
         for form, kept in divided(whole, _choice_or_kept, at_least=not self._monotone):
             self._budget.spend(len(kept))
             inside: dict[int, int] = {}

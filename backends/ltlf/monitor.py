@@ -56,19 +56,20 @@ def _observation(header: Header, name: str, given: Mapping[str, Pattern]) -> Obs
 
 def _event_atom(observation: Observation) -> Atom:
     """An event pattern under guards; a guard counts as true while one of its variables is unbound."""
-    binds = frozenset(patterns.rigid_variables(observation.pattern))
+    pattern = observation.observed
+    binds = frozenset(patterns.rigid_variables(pattern))
 
     asked = [(guard, frozenset(guards.variables(guard))) for guard in observation.guards]
 
     def extended(event: Json, binding: Binding) -> Binding | None:
-        found = patterns.match(observation.pattern, event, binding)
+        found = patterns.match(pattern, event, binding)
         if found is None:
             return None
         bound = patterns.rigid(found)
         failed = any(names <= bound.keys() and not guards.holds(guard, bound) for guard, names in asked)
         return None if failed else bound
 
-    return Atom(observation.pattern, binds, binds.union(*(names for _, names in asked)), extended)
+    return Atom(pattern, binds, binds.union(*(names for _, names in asked)), extended)
 
 
 def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:

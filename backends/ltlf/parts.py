@@ -11,16 +11,17 @@ from typing import Final, TypeAlias, assert_never
 
 import networkx as nx
 
-from rvaft.analysis.normal_form import EMPTY, NormalForm, Op, Part, divided
+from rvaft.core.numbered import EMPTY, NumberedPart, NumberedParts, Op, divided
 from rvaft.core.patterns import Overlaps
+from rvaft.core.property import Event
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import Pattern, rigid_variables
+from rvaft.model.patterns import rigid_variables
 from rvaft.support.bits import bits, in_at_least, union
 from rvaft.support.budget import CellBudget
 
 
-def simplified(form: NormalForm, *, monotone: bool) -> tuple[Part, ...]:
+def simplified(form: NumberedParts, *, monotone: bool) -> tuple[NumberedPart, ...]:
     """The same scenarios in fewer parts, the root last: below it nothing empty, and nothing nested that need not be.
 
     Guards are dropped. `monotone`: a match may be found inside a larger one, as any positions may be used.
@@ -54,19 +55,19 @@ class _Simplifier:
 
     def __init__(self, monotone: bool) -> None:
         self._monotone = monotone
-        self.parts: list[Part] = []
+        self.parts: list[NumberedPart] = []
         self.several: set[int] = set()
         """Parts used more than once: their choices are not made where they are used."""
         self._always: list[int] = []
         """Of each part the shared parts that every scenario of it contains, itself among them."""
 
-    def add(self, part: Part, *, shared: bool) -> int:
+    def add(self, part: NumberedPart, *, shared: bool) -> int:
         found = in_at_least(len(part.parts) - part.need + 1, [self._always[inner] for inner in part.parts])
         self._always.append(found | shared << len(self.parts))
         self.parts.append(part)
         return len(self.parts) - 1
 
-    def simple(self, part: Part, *, taken_over: bool = False) -> Part | int:
+    def simple(self, part: NumberedPart, *, taken_over: bool = False) -> NumberedPart | int:
         """The simple form of a part of simple parts, or the number of the part that it equals.
 
         `taken_over`: the only user is of the same kind and takes the parts over anyway.
@@ -75,7 +76,7 @@ class _Simplifier:
         empty = [number for number in part.parts if self.parts[number] == EMPTY]
         match part.op:
             case Op.EVENT:
-                return Part(Op.EVENT, part.node)
+                return NumberedPart(Op.EVENT, of=part.of)
             case Op.CONDITION:
                 return EMPTY
             case Op.AT_LEAST:
@@ -83,8 +84,8 @@ class _Simplifier:
                 if not rest or (self._monotone and not need):
                     return EMPTY
                 if need == len(rest) or (self._monotone and need == 1):
-                    return self.simple(Part(Op.ALL if need == len(rest) else Op.ONE, parts=tuple(rest)))
-                return Part(Op.AT_LEAST, parts=tuple(rest), need=need)
+                    return self.simple(NumberedPart(Op.ALL if need == len(rest) else Op.ONE, tuple(rest)))
+                return NumberedPart(Op.AT_LEAST, parts=tuple(rest), need=need)
             case Op.ONE:
                 if empty and (self._monotone or not rest):
                     return EMPTY
@@ -102,7 +103,7 @@ class _Simplifier:
             rest = [number for number in rest if not twice >> number & 1]
         if len(rest) == 1:
             return rest[0]
-        return Part(part.op, parts=tuple(rest), need=1 if part.op is Op.ONE else len(rest)) if rest else EMPTY
+        return NumberedPart(part.op, parts=tuple(rest), need=1 if part.op is Op.ONE else len(rest)) if rest else EMPTY
 
     def _opened(self, numbers: Sequence[int], op: Op) -> list[int]:
         """The numbers, those of the same kind replaced by their parts; a choice that is used elsewhere too stays one."""
@@ -131,14 +132,14 @@ class Anatomy:
     event, the parts that are that event (`unit`). `tangled` are parts with shared occurrences somewhere below.
     """
 
-    def __init__(self, parts: Sequence[Part], patterns: Mapping[str, Pattern]) -> None:
+    def __init__(self, parts: Sequence[NumberedPart]) -> None:
         self.parts = parts
         self.root = len(parts) - 1
         self.events: list[int] = []
         self.rivals: list[int] = []
         self.unit: list[tuple[int, ...] | None] = []
         self.tangled: list[bool] = []
-        overlaps = Overlaps([patterns[part.node] for part in parts if part.op is Op.EVENT])
+        overlaps = Overlaps([part.event.pattern for part in parts if part.op is Op.EVENT])
         seen = 0
         for number, part in enumerate(parts):
             if part.op is Op.EVENT:
@@ -173,7 +174,7 @@ class Anatomy:
 
     def below(self, part: int) -> list[int]:
         """The part and all below it, parts before wholes."""
-        return NormalForm(tuple(self.parts[: part + 1]), {}).kept()
+        return NumberedParts(tuple(self.parts[: part + 1])).kept()
 
     def is_separable(self, root: int) -> bool:
         """Whether parts that share occurrences may be translated one by one as if they did not (`scattered` only).
@@ -220,17 +221,15 @@ class Anatomy:
         return bool(nx.is_directed_acyclic_graph(graph))
 
 
-GuardsOf: TypeAlias = Mapping[str, tuple[Guard, ...]]
-"""For events (by node) the guards they are under in all scenarios."""
+GuardsOf: TypeAlias = Mapping[Event, tuple[Guard, ...]]
+"""For each event the guards that it is under in all scenarios."""
 
 
-def settled(
-    form: NormalForm, patterns: Mapping[str, Pattern], *, monotone: bool, limit: int
-) -> Iterator[tuple[NormalForm, GuardsOf]]:
-    """All scenarios, divided so that it is settled for each event (`patterns` has them by node) which guards it is under.
+def settled(form: NumberedParts, *, monotone: bool, limit: int) -> Iterator[tuple[NumberedParts, GuardsOf]]:
+    """All scenarios, divided so that it is settled for each event which guards it is under.
 
-    A guard counts in every scenario that contains its node, and is conjoined to every event of that scenario that binds one of
-    its variables. Where some scenarios with such an event contain the guard and others do not, the choices that decide it are made
+    A guard counts in every scenario that contains its condition, and is conjoined to every event of that scenario that binds one
+    of its variables. Where some scenarios with such an event contain the guard and others do not, the choices that decide it are made
     one by one.
     """
     if not form.guards:
@@ -238,15 +237,15 @@ def settled(
         return
     budget = CellBudget("the choices that guards depend on take more than the limit allows", limit)
 
-    def look(candidate: NormalForm) -> GuardsOf | int:
+    def look(candidate: NumberedParts) -> GuardsOf | int:
         kept = candidate.kept()
         budget.spend(len(kept))
-        return _placed(candidate, kept, patterns)
+        return _placed(candidate, kept)
 
     yield from divided(form, look, at_least=not monotone)
 
 
-def _placed(form: NormalForm, kept: Sequence[int], patterns: Mapping[str, Pattern]) -> GuardsOf | int:
+def _placed(form: NumberedParts, kept: Sequence[int]) -> GuardsOf | int:
     """The guards of each event, or a part whose choice decides about one."""
     below: dict[int, int] = {}
     """Of each part itself and all it reaches."""
@@ -266,9 +265,9 @@ def _placed(form: NormalForm, kept: Sequence[int], patterns: Mapping[str, Patter
         above[number] |= 1 << number
         for inner in form.parts[number].parts:
             above[inner] = above.get(inner, -1) & above[number]
-    placed: defaultdict[str, list[Guard]] = defaultdict(list)
+    placed: defaultdict[Event, list[Guard]] = defaultdict(list)
     events = [number for number in kept if form.parts[number].op is Op.EVENT]
-    names = {event: frozenset(rigid_variables(patterns[form.parts[event].node])) for event in events}
+    names = {event: frozenset(rigid_variables(form.parts[event].event.pattern)) for event in events}
     for number, guard in form.guards:
         if number not in below:
             continue
@@ -282,12 +281,12 @@ def _placed(form: NormalForm, kept: Sequence[int], patterns: Mapping[str, Patter
             if names[event].isdisjoint(guard_variables(guard)):
                 continue
             if certain[event] >> number & 1:
-                placed[form.parts[event].node].append(guard)
+                placed[form.parts[event].event].append(guard)
             elif together >> event & 1:
                 # decided by the topmost choice between the part and the nearest part above both
                 between = bits(below[_lowest(above[event] & above[number])])
                 return max(p for p in between if form.parts[p].chooses and below[p] >> number & 1)
-    return {node: tuple(dict.fromkeys(guards)) for node, guards in placed.items()}
+    return {event: tuple(dict.fromkeys(guards)) for event, guards in placed.items()}
 
 
 def _lowest(members: int) -> int:

@@ -2,10 +2,11 @@
 
 Lines of the comment, one each:
 
-    atom NAME := PATTERN when GUARD when GUARD      an event under guards, each true while one of its variables is unbound
+    atom NAME := PATTERN at T when GUARD when GUARD an event under guards, each true while one of its variables is unbound; `at T`
+                                                    binds the time of the event, in nanoseconds, or null without a time
     relevant NAME := PATTERN when GUARD             several lines: events that fit one of them, for some values of the variables,
     ignored NAME := PATTERN when GUARD              and none of these
-    time FIELD as FORMAT                            where an event has its time: the field `"τ"` of the patterns, in nanoseconds, or null
+    time FIELD as FORMAT                            where an event has its time
     NAME := FORMULA                                 a shared subformula, of atoms and of what was defined above
 
 Patterns and guards are written as in the language of trees. The comment starts with `/* rvaft`; any other comment is just that.
@@ -19,6 +20,7 @@ from functools import partial
 from typing import Any, Final
 
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
+from rvaft.core.times import timed
 from rvaft.errors import LanguageError, installed
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
@@ -32,15 +34,22 @@ _OPENING: Final = re.compile(r"\s*/\* rvaft(?!\w)")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _CONTENT: Final = re.compile(r"[^\n]*\S")
 _LINE: Final = re.compile(r"\s*(?:(?:(atom|relevant|ignored)\s+)?([a-z_][a-z0-9_]*)\s*:=\s*(.*\S)|(time\s.*\S))")
-_STRING_OR_WHEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\]]|(?<!\w)when(?!\w)')
+_STRING_OR_WORD: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\]]|(?<!\w)(?:when|at)(?!\w)')
+_VARIABLE: Final = re.compile(r"\s*([A-Za-z_]\w*)\s*", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """An event pattern under guards."""
+    """An event pattern under guards; `time` is the variable that the time of the event binds."""
 
     pattern: Pattern
     guards: tuple[Guard, ...] = ()
+    time: str | None = None
+
+    @property
+    def observed(self) -> Pattern:
+        """The pattern with the variable of the time, for events with the key `TIME`."""
+        return self.pattern if self.time is None else timed(self.pattern, self.time)
 
     @property
     def when(self) -> Guard | None:
@@ -49,8 +58,8 @@ class Observation:
         return Operation(Operator.AND, self.guards) if several else next(iter(self.guards), None)
 
     def __str__(self) -> str:
-        text = pattern_text(self.pattern) + "".join(f" when {guard_text(guard)}" for guard in self.guards)
-        return _in_comment(text)
+        at = "" if self.time is None else f" at {self.time}"
+        return _in_comment(pattern_text(self.pattern) + at + "".join(f" when {guard_text(one)}" for one in self.guards))
 
 
 def _in_comment(text: str) -> str:
@@ -71,7 +80,7 @@ class Header:
     time: EventTime | None = None
 
     def stamped(self, event: Json) -> Json:
-        """The event as the patterns see it."""
+        """The event with its time at the key `TIME`, where the header says where an event has its time."""
         return event if self.time is None else self.time.stamped(event)
 
     def __str__(self) -> str:
@@ -121,18 +130,30 @@ def split(text: str) -> tuple[Header, int]:
 
 
 def _observation(text: str, start: int, stop: int) -> Observation:
-    """The pattern and the guards between the words `when` that stand outside of strings and brackets."""
-    cuts, depth = [start], 0
-    for token in _STRING_OR_WHEN.finditer(text, start, stop):
+    """The pattern, the variable of the time, and the guards, between words that stand outside of strings and brackets."""
+    words: list[tuple[str, int, int]] = []
+    depth = 0
+    for token in _STRING_OR_WORD.finditer(text, start, stop):
         depth += (token[0] in "{[") - (token[0] in "}]")
-        if token[0] == "when" and depth == 0:
-            cuts += token.span()
+        if depth == 0 and token[0] in ("when", "at"):
+            words.append((token[0], *token.span()))
     parts: list[Any] = []
-    for begin, end in zip(cuts[::2], [*cuts[1::2], stop], strict=True):
-        parts.append(_read(parse_guard if parts else parse_pattern, text, begin, end))
+    time: str | None = None
+    ends = [begin for _, begin, _ in words] + [stop]
+    for (word, _, begin), end in zip([("", start, start), *words], ends, strict=True):
+        match word:
+            case "at" if len(parts) == 1 and time is None:
+                found = _VARIABLE.fullmatch(text, begin, end)
+                if found is None:
+                    raise _malformed("expected the name of a variable after `at`", text, begin)
+                time = found[1]
+            case "at":
+                raise _malformed("`at` stands once, right after the pattern", text, begin)
+            case _:
+                parts.append(_read(parse_guard if parts else parse_pattern, text, begin, end))
         if not isinstance(parts[0], ObjectPattern | Anything):
             raise _malformed("an event is an object: expected a pattern such as { field: 1 }, or _", text, start)
-    return Observation(parts[0], tuple(parts[1:]))
+    return Observation(parts[0], tuple(parts[1:]), time)
 
 
 def _read(parser: Callable[[str], Any], text: str, start: int, stop: int) -> Any:

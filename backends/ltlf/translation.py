@@ -8,10 +8,11 @@ from backends.ltlf.composition import Composer
 from backends.ltlf.formulas import FALSE, JUNCTIONS, TRUE, Connective, Formulas
 from backends.ltlf.parts import Anatomy, GuardsOf, settled, simplified
 from backends.ltlf.reader import Header, Observation
-from rvaft.analysis.normal_form import NormalForm, normal_form
 from rvaft.backend import Metrics
+from rvaft.core.numbered import NumberedParts, numbered
+from rvaft.core.property import Property
+from rvaft.core.times import untimed
 from rvaft.errors import TreeError
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 
 _RESERVED: Final = ("true", "false", "xor", "rvaft", "atom", "relevant", "ignored")
@@ -24,29 +25,31 @@ _PREFIX: Final = frozenset({Connective.NOT, Connective.NEXT, Connective.EVENTUAL
 class Translation:
     """One translation. Raises `TooLarge` beyond `limit` distinct subformulas, `TreeError` without a feasible scenario."""
 
-    def __init__(self, tree: RVAFT, semantics: Semantics, limit: int) -> None:
-        self._tree = tree
+    def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
+        self._prop = prop
         self._semantics = semantics
         self._limit = limit
-        self._header = Header(time=tree.time)
+        self._header = Header(time=prop.time)
         self._formulas = Formulas(limit)
         self._atoms: dict[Observation, int] = {}
-        self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
         self._rank: dict[str, int] = {}
-        """Of each atom the place of its node in the tree."""
-        self._place = {node: place for place, node in enumerate(tree.order)}
+        """For each atom the place of its event in the tree."""
+        self._place = {event: place for place, event in enumerate(prop.events)}
+        nodes = Counter(event.source.node for event in prop.events)
+        self._counted = {node for node, count in nodes.items() if count > 1}
+        """The nodes with several events."""
         self._taken = set(_RESERVED)
 
     def text(self) -> tuple[str, Metrics]:
         """The text and its sizes."""
-        formulas, header, form = self._formulas, self._header, normal_form(self._tree)
+        formulas, header, form = self._formulas, self._header, numbered(self._prop)
         relevant = self._relevance() if self._semantics.projects else TRUE
         monotone = self._semantics is Semantics.SCATTERED
-        some = settled(form, self._patterns, monotone=monotone, limit=self._limit) if form.feasible else ()
+        some = settled(form, monotone=monotone, limit=self._limit) if form.feasible else ()
         root = formulas.disjunction(self._formula(parts, guards, monotone, relevant) for parts, guards in some)
         if root == FALSE:
-            message = f"no scenario of {self._tree.root} is feasible"
-            raise TreeError(message, rule="no-scenario", nodes=[self._tree.root])
+            root_node = self._prop.tree.root
+            raise TreeError(f"no scenario of {root_node} is feasible", rule="no-scenario", nodes=[root_node])
         formula = self._written(root)
         used = set(formulas.atoms(root))
         in_order = sorted(header.atoms, key=self._rank.__getitem__)
@@ -55,17 +58,19 @@ class Translation:
         symbols = sum(len(_TOKEN.findall(text)) for text in texts)
         return f"{header}{formula}\n", Metrics(symbols=symbols, subformulas=formulas.size(root))
 
-    def _formula(self, form: NormalForm, guards: GuardsOf, monotone: bool, relevant: int) -> int:
-        anatomy = Anatomy(simplified(form, monotone=monotone), self._patterns)
+    def _formula(self, form: NumberedParts, guards: GuardsOf, monotone: bool, relevant: int) -> int:
+        anatomy = Anatomy(simplified(form, monotone=monotone))
 
         def event_of(part: int) -> int:
             """The atom of an event under guards, named after the first node that observes it."""
-            node = anatomy.parts[part].node
-            observation = Observation(self._patterns[node], guards.get(node, ()))
+            event = anatomy.parts[part].event
+            pattern, time = untimed(event.pattern)
+            observation = Observation(pattern, guards.get(event, ()), time)
             if observation not in self._atoms:
-                name = self._fresh(node)
+                node, number = event.source
+                name = self._fresh(f"{node}_{number}" if time is not None and node in self._counted else node)
                 self._header.atoms[name] = observation
-                self._rank[name] = self._place[node]
+                self._rank[name] = self._place[event]
                 self._atoms[observation] = self._formulas.atom(name)
             return self._atoms[observation]
 
@@ -76,11 +81,11 @@ class Translation:
     def _relevance(self) -> int:
         """The atom of relevant events."""
         wanted = "rel"
-        while wanted in self._tree.nodes:  # nodes keep their own names
+        while wanted in self._prop.tree.nodes:  # nodes keep their own names
             wanted += "_"
         name = self._fresh(wanted)
-        entries = [(entry.pattern, entry.when) for entry in self._tree.alphabet]
-        ignored = [(self._tree.instantiate(ignore.on), ignore.when) for ignore in self._tree.ignores]
+        entries = [(entry.pattern, entry.when) for entry in self._prop.alphabet]
+        ignored = [(one.pattern, one.when) for one in self._prop.ignored]
         for observed, pairs in ((self._header.relevant, entries), (self._header.ignored, ignored)):
             of_name = (Observation(pattern, () if when is None else (when,)) for pattern, when in pairs)
             if pairs:

@@ -29,7 +29,6 @@ from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
@@ -84,12 +83,12 @@ class RmlBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The text in RML; raises `NotExpressible` and `TooLarge`."""
-        text, symbols, equations = self._translated(self.plain(prop), semantics, limit)
+        text, symbols, equations = self._translated(prop, semantics, limit)
         return SpecificationText(text, Metrics(symbols=symbols, states=equations))
 
-    def _translated(self, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
+    def _translated(self, prop: Property, semantics: Semantics, limit: int) -> tuple[str, int, int]:
         """The text, the symbols and the number of its equations."""
-        return translate(tree, semantics, limit=limit)
+        return translate(prop, semantics, limit=limit)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs an RML text, whoever wrote it; its texts define their events, so `atoms` is not looked at."""

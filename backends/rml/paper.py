@@ -23,7 +23,7 @@ from rvaft.analysis.branches import Branch, branches, or_gates
 from rvaft.analysis.normal_form import Body, Op, body
 from rvaft.capabilities import Capability, Feature
 from rvaft.core.passes import Pass
-from rvaft.core.property import EndInOrder, Times, Within
+from rvaft.core.property import EndInOrder, Property, Times, Within
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.guards import (
     ARITHMETIC,
@@ -363,5 +363,5 @@ class RmlPaperBackend(RmlBackend):
         **dict.fromkeys((Semantics, Times, EndInOrder, Within, Feature.TIME_POINTS), "the paper does not say how"),
     }
 
-    def _translated(self, tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
-        return specification(tree, semantics, limit)
+    def _translated(self, prop: Property, semantics: Semantics, limit: int) -> tuple[str, int, int]:
+        return specification(self.plain(prop), semantics, limit)

@@ -7,7 +7,7 @@ properties and the reference of trees.
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import count, product
 from math import prod
 from typing import Final, assert_never
 
@@ -33,10 +33,22 @@ from rvaft.core.property import (
     with_parts,
 )
 from rvaft.core.scenarios import Kept, is_constant, is_empty, most_events, resolutions
+from rvaft.core.times import timed
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint, holds, substitute, time_points
+from rvaft.model import patterns
+from rvaft.model.guards import (
+    Duration,
+    Guard,
+    Operation,
+    Operator,
+    TimePoint,
+    holds,
+    substitute,
+    time_points,
+    variables,
+)
 from rvaft.model.nodes import Kind
-from rvaft.model.patterns import Literal
+from rvaft.model.patterns import Literal, Variable
 from rvaft.model.tree import RVAFT
 
 LIMIT: Final = 5_000
@@ -336,6 +348,7 @@ def _windows_to_guards(prop: Property, limit: int) -> Property:
 def _with_guards(prop: Property, *, windows: bool = True) -> Property:
     """The property without `start` and `end`, and with `windows` as guards; raises `_Open` where choices decide over which events."""
     below: dict[Part, tuple[Part, ...]] = {}
+    rank = {name: place for place, name in enumerate(prop.tree.order)}
 
     def point(one: TimePoint) -> Guard:
         if one.point == "at":
@@ -350,7 +363,8 @@ def _with_guards(prop: Property, *, windows: bool = True) -> Property:
             below[whole] = parts_below(whole)
         if any(map(chooses, below[whole])):
             raise _Open
-        events = [part.source for part in reversed(below[whole]) if isinstance(part, Event)]
+        found = (part.source for part in below[whole] if isinstance(part, Event))
+        events = sorted(found, key=lambda source: (rank[source.node], source.number))
         if not events:  # undefined
             return Operation(Operator.DIV, (Literal(0), Literal(0)))
         times = tuple(TimePoint.of("at", source.node, source.number) for source in events)
@@ -385,6 +399,46 @@ def _differences(guard: Guard) -> Guard:
 
 windows_to_guards: Final = Pass("windows_to_guards", frozenset({Within}), _windows_to_guards)
 """Windows, `start` and `end` become guards over the times of single events; where choices decide which, alternatives."""
+
+
+def _bind_times(prop: Property, _: int) -> Property:
+    used = {point.name for part in prop.parts if isinstance(part, Condition) for point in time_points(part.guard)}
+    taken = {name for part in prop.parts for name in _variables(part)}
+    free = (name for number in count(1) if (name := f"T{number}") not in taken)
+    points = (TimePoint.of("at", *event.source).name for event in prop.events)
+    asked = dict.fromkeys((*(name for name in points if name in used), *sorted(used)))
+    names = {name: next(free) for name in asked}
+
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        match part:
+            case Event(source, pattern) if (name := TimePoint.of("at", *source).name) in names:
+                return Event(source, timed(pattern, names[name]))
+            case Condition(guard=guard) if points := time_points(guard):
+                new = {one.name: Variable(names[one.name]) for one in points}
+                return replace(part, guard=substitute(guard, new), written=part.written or guard)
+            case _:
+                return with_parts(part, parts)
+
+    made = prop.with_root(prop.root).rewritten(change)
+    return replace(made, time=prop.time if names else None)
+
+
+def _variables(part: Part) -> tuple[str, ...]:
+    match part:
+        case Event() | Times():
+            return patterns.variables(part.pattern)
+        case Condition():
+            return variables(part.guard)
+        case All() | Sequence() | One() | AtLeast() | EndInOrder() | Within():
+            return ()
+        case _:
+            assert_never(part)
+
+
+bind_times: Final = Pass("bind_times", frozenset(), _bind_times)
+"""The times of events that guards ask for become variables of the events' patterns (`rvaft.core.times.timed`).
+
+It follows `windows_to_guards`. A property whose guards ask for no time has no `time` afterwards."""
 
 
 # What the semantics makes superfluous.

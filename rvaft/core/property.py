@@ -217,7 +217,9 @@ class Property:
     @cached_property
     def events(self) -> tuple[Event, ...]:
         """The events, in the order of the tree."""
-        return tuple(part for part in reversed(self.parts) if isinstance(part, Event))
+        rank = {name: place for place, name in enumerate(self.tree.order)}
+        found = (part for part in reversed(self.parts) if isinstance(part, Event))
+        return tuple(sorted(found, key=lambda event: (rank[event.source.node], event.source.number)))
 
     @cached_property
     def shared(self) -> frozenset[Part]:

@@ -9,8 +9,9 @@ lost already: the greatest only grows, the least only falls. And where no event 
 from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple
 
+from rvaft.model.event_time import TIME
 from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, TimePoint, time_points, variables
-from rvaft.model.patterns import Literal, Variable
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Json
 
 
@@ -127,3 +128,27 @@ def point_bounds(guard: Guard) -> Iterator[tuple[TimePoint, TimePoint, int]]:
     for (_, names), (_, others), most in differences(guard) or () if points else ():
         if len(names) == len(others) == 1 and points.keys() >= {*names, *others}:
             yield points[names[0]], points[others[0]], most
+
+
+def timed(pattern: Pattern, name: str) -> Pattern:
+    """The pattern that also binds the time of the event (`EventTime.stamped`) to a variable.
+
+    >>> untimed(timed(ObjectPattern(()), "T1"))
+    (ObjectPattern(fields=()), 'T1')
+    """
+    match pattern:
+        case ObjectPattern(fields):
+            return ObjectPattern((*fields, (TIME, Variable(name))))
+        case Anything():
+            return ObjectPattern(((TIME, Variable(name)),))
+        case _:
+            raise AssertionError("the pattern of an event is an object")
+
+
+def untimed(pattern: Pattern) -> tuple[Pattern, str | None]:
+    """The pattern without the time of the event, and the variable of that time, None where the pattern has none."""
+    if isinstance(pattern, ObjectPattern):
+        for key, part in pattern.fields:
+            if key is TIME and isinstance(part, Variable):
+                return ObjectPattern(tuple(pair for pair in pattern.fields if pair[0] is not TIME)), part.name
+    return pattern, None

@@ -17,8 +17,27 @@ from rvaft.errors import OptionError
 from rvaft.model.nodes import Place
 from rvaft.model.values import NUMBER, Json, at
 
-TIME: Final = "τ"
-"""The field that the time of an event becomes where a tree is said without times."""
+
+class _TimeKey(str):
+    """A key of an event that equals no field's name, also one with the same letters."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+    def __ne__(self, other: object) -> bool:
+        return self is not other
+
+    def __hash__(self) -> int:
+        return str.__hash__(self)
+
+    def __reduce__(self) -> str:
+        return "TIME"
+
+
+TIME: Final = _TimeKey("time of the event")
+"""The key of an event's time where patterns bind it (`EventTime.stamped`); no text names it."""
 UNITS: Final[Mapping[str, int]] = {
     "d": 86_400_000_000_000,
     "h": 3_600_000_000_000,
@@ -84,10 +103,10 @@ class EventTime:
         return latest - time > (self.late or 0), max(latest, time)
 
     def stamped(self, event: Json) -> Json:
-        """The event with its time in the field `TIME`, null where that is undefined: as trees without times see it.
+        """The event with its time in nanoseconds at the key `TIME`, or null there where the time is undefined.
 
         >>> EventTime(("ts",), TimeFormat.SECONDS).stamped({"ts": 2})
-        {'ts': 2, 'τ': 2000000000}
+        {'ts': 2, 'time of the event': 2000000000}
         """
         return {**event, TIME: self.read(event)} if isinstance(event, Mapping) else event
 

@@ -9,9 +9,9 @@ from backends.rml.writer.event_types import ALWAYS, NEVER, Call, RmlTypes
 from backends.rml.writer.letters import RmlLetters, closed
 from backends.rml.writer.terms import Written, around, symbols
 from rvaft.core.patterns import Overlaps, implies
+from rvaft.core.property import Property
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.guards import Guard
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits
 
@@ -20,34 +20,34 @@ SMALL: Final = 120
 event that completes a detection, and not one event later, as with optional children beside a count. No limit decides which it is."""
 SYMBOLS: Final = 10
 """How many symbols of the text the limit allows for each alternative it allows: a text has to be read in reasonable time."""
-Property: TypeAlias = tuple[Written, list[tuple[str, Written]]]
+RmlProperty: TypeAlias = tuple[Written, list[tuple[str, Written]]]
 """The expression of the whole, and the equations that it needs."""
 
 
-def translate(tree: RVAFT, semantics: Semantics, *, limit: int) -> tuple[str, int, int]:
-    """The tree as an RML text, its symbols, and how many equations it has, that of `Main` included; raises `NotExpressible`, `TooLarge`, `TreeError`.
+def translate(prop: Property, semantics: Semantics, *, limit: int) -> tuple[str, int, int]:
+    """The property as an RML text, its symbols, and how many equations it has, that of `Main` included; raises `NotExpressible`, `TooLarge`, `TreeError`.
 
     `limit` bounds the scenarios, the alternatives of equations, and with `SYMBOLS` the length of the text.
     """
-    types = RmlTypes(tree)
-    letters = RmlLetters(tree, types, semantics)
+    types = RmlTypes(prop.tree)
+    letters = RmlLetters(prop, types)
     if semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE) and letters.remembered:
         names = sorted(letters.remembered)
-        nodes = [n for n, own in zip(tree.occurrences, letters.variables, strict=True) if own & set(names)]
+        nodes = [n for n, own in zip(letters.nodes, letters.variables, strict=True) if own & set(names)]
         why = "any event may be skipped" if semantics is Semantics.SCATTERED else "a match may begin at any event"
         reason = f"{why}, so {names[0]} can have any number of values at once, and RML follows one"
         raise NotExpressible(reason, nodes=nodes)
     main, made = _property(letters, semantics, limit)
     main = around(main, ">>", _relevant(letters)) if semantics.projects else main
     body = "\n".join(f"{name} = {term};" for name, term in [("Main", main), *made])
-    header = f"// The attack-fault tree {' '.join(tree.root.split())} under the semantics {semantics}."
+    header = f"// The attack-fault tree {' '.join(prop.tree.root.split())} under the semantics {semantics}."
     size = symbols(body)
     if size + sum(map(symbols, types.lines)) > SYMBOLS * limit:
         raise TooLarge(f"symbols of the RML text, {SYMBOLS} allowed for each alternative", limit=limit)
     return "\n".join([header, "", *types.lines, "", body, ""]), size, 1 + len(made)
 
 
-def _property(letters: RmlLetters, semantics: Semantics, limit: int) -> Property:
+def _property(letters: RmlLetters, semantics: Semantics, limit: int) -> RmlProperty:
     composition = Composition(letters, semantics)
     if not composition.possible or semantics is Semantics.CONSECUTIVE:
         return _determinised(letters, semantics, limit)
@@ -57,8 +57,8 @@ def _property(letters: RmlLetters, semantics: Semantics, limit: int) -> Property
     return composition.written(), composition.equations
 
 
-def _determinised(letters: RmlLetters, semantics: Semantics, limit: int) -> Property:
-    scenarios = feasible_scenarios(letters.tree, semantics, limit=limit)
+def _determinised(letters: RmlLetters, semantics: Semantics, limit: int) -> RmlProperty:
+    scenarios = feasible_scenarios(letters.prop, semantics, limit=limit)
     automaton = Determinised(scenarios, letters, semantics, limit=limit)
     classes = (refined if automaton.cyclic else minimised)(automaton.alternatives)
     main, made = equations(classes, letters, cyclic=automaton.cyclic)
@@ -70,12 +70,11 @@ def _determinised(letters: RmlLetters, semantics: Semantics, limit: int) -> Prop
 
 def _relevant(letters: RmlLetters) -> str:
     """The name of the event type, declared among those of the letters."""
-    tree, types = letters.tree, letters.types
-    whole = tree.part_of.tree if tree.part_of is not None else tree
+    whole, types = letters.tree, letters.types
     entries: list[tuple[str, Call, Guard | None]] = []
     for name in whole.occurrences:
         node = whole.nodes[name]
-        default = Call(None, (), whole.origins.get(name, name)), node.when
+        default = Call(None, (), name), node.when
         entries.append((name, *(default if node.on is None else closed(node.on, node.when))))
     patterns = [call.pattern(whole) for _, call, _ in entries]
     overlaps = Overlaps(patterns)

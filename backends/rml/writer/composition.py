@@ -25,9 +25,11 @@ from typing import assert_never
 from backends.rml.writer.event_types import when_true
 from backends.rml.writer.letters import RmlLetter, RmlLetters
 from backends.rml.writer.terms import ALL, AND, ANY, OR, SHUFFLE, THEN, Written, around, join, named, then
-from rvaft.analysis.normal_form import Op, Part, is_constant, is_impossible, normal_form
+from rvaft.core.numbered import NumberedPart, Op, numbered
 from rvaft.core.patterns import Overlaps
+from rvaft.core.property import Condition, Event, parts_below
 from rvaft.model.guards import Operation, Operator, variables
+from rvaft.model.patterns import variables as variables_of
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, union
 from rvaft.support.budget import Call, run
@@ -37,7 +39,7 @@ from rvaft.support.budget import Call, run
 class _Facts:
     """What is known of a part; sets of occurrences are integers. What overlaps with a set is kept: to walk its bits is slow."""
 
-    part: Part
+    part: NumberedPart
     children: Sequence["_Facts"] = ()
     """The parts with events, in the order of time where there is one."""
     events: int = 0
@@ -54,6 +56,11 @@ class _Facts:
     """Whether it ends the whole match: nothing may come after it or beside it."""
 
     @property
+    def node(self) -> str:
+        """The node of the tree that the part comes from, empty for none."""
+        return self.part.of.source.node if self.part.of is not None and self.part.of.source is not None else ""
+
+    @property
     def single_events(self) -> bool:
         """Whether each child is one event in each scenario, so that events are counted where children are."""
         return all(child.single for child in self.children)
@@ -68,12 +75,21 @@ class Composition:
     """Terms for the parts of a plain tree; `possible` says whether it is plain, `equations` holds what was given a name."""
 
     def __init__(self, letters: RmlLetters, semantics: Semantics) -> None:
-        self.tree, self._letters = letters.tree, letters
+        self._prop, self._letters = letters.prop, letters
         self.equations: list[tuple[str, Written]] = []
-        self._form = normal_form(self.tree, as_written=True)
+        self._form = numbered(self._prop)
+        inside = {
+            inner
+            for part in self._prop.parts
+            for inner in part.parts
+            if inner.source and part.source and inner.source.node == part.source.node
+        }
+        self._wholes = {number for number, part in enumerate(self._form.parts) if part.of not in inside}
+        """The parts that are all that comes from their node."""
         self._scattered = semantics is Semantics.SCATTERED
         self._parts: list[_Facts] = []
-        self._own: dict[str, RmlLetter] = {}
+        self._own: list[RmlLetter] = []
+        """The letter of each event."""
         self.possible = self._has_letters() and self._fits()
         self._types: list[str] = []
 
@@ -97,31 +113,35 @@ class Composition:
 
     def _has_letters(self) -> bool:
         """Whether no occurrence depends on another."""
-        tree = self.tree
-        guarded = [node for node in tree.top_down() if node.when is not None and not is_constant(node)]
-        if self._letters.remembered or tree.shared or any(map(is_impossible, tree.nodes.values())):
+        prop = self._prop
+        observing = (any(isinstance(one, Event) for one in parts_below(part)) for part in prop.shared)
+        if self._letters.remembered or not prop.feasible or any(observing):
             return False
-        for node in guarded:
-            if not node.has_event or not set(variables(node.when)) <= set(node.on.variables if node.on else ()):
+        guarded: dict[str, list[Condition]] = {}
+        for part in prop.parts:
+            if isinstance(part, Condition):
+                guarded.setdefault(part.source.node, []).append(part)
+        bound = {event.source.node: set(variables_of(event.pattern)) for event in prop.events}
+        for node, conditions in guarded.items():
+            if any(not set(variables(one.guard)) <= bound.get(node, set()) for one in conditions):
                 return False
-        names = {node.name for node in guarded}
-        for index, name in enumerate(tree.occurrences):
-            letter = self._letters.letter(index, {}, names & {name})
+        for index, event in enumerate(prop.events):
+            letter = self._letters.letter(index, {}, guarded.get(event.source.node, ()))
             if letter is None:
                 return False
-            self._own[name] = letter
+            self._own.append(letter)
         return True
 
     def _fits(self) -> bool:
         """Whether each part can be written by its operator: what is below it is looked at first, then what comes behind it."""
-        overlaps = Overlaps([letter.call.pattern(self.tree) for letter in self._own.values()])
-        position = {name: index for index, name in enumerate(self._own)}
+        overlaps = Overlaps([letter.call.pattern(self._prop.tree) for letter in self._own])
+        position = {event: index for index, event in enumerate(self._prop.events)}
         for part in self._form.parts:
             facts = _Facts(part, [child for number in part.parts if (child := self._parts[number]).events])
             self._parts.append(facts)
             if part.op is Op.EVENT:
-                facts.events = facts.first = facts.marks = 1 << position[part.node]
-                facts.near = facts.near_first = facts.near_marks = overlaps.compatible(position[part.node])
+                facts.events = facts.first = facts.marks = 1 << position[part.event]
+                facts.near = facts.near_first = facts.near_marks = overlaps.compatible(position[part.event])
                 facts.single = True
             else:
                 facts.last = len(self._parts) == len(self._form.parts)
@@ -147,7 +167,7 @@ class Composition:
         facts.first = union(child.first for child in first)
         facts.near_first = union(child.near_first for child in first)
         facts.single = (len(children) == 1 or joined is Op.ONE) and facts.single_events
-        own = [child for child in children if child.part.op is Op.EVENT and child.part.node == part.node]
+        own = [child for child in children if child.part.op is Op.EVENT and child.node == facts.node]
         marked = own or [child for child in children if child.marks]
         if joined is Op.ONE:
             marked = marked if len(marked) == len(children) else []
@@ -185,7 +205,7 @@ class Composition:
 
     def written(self) -> Written:
         """The whole tree."""
-        self._types = [self._type(name, letter) for name, letter in self._own.items()]
+        self._types = [self._type(*pair) for pair in zip(self._letters.nodes, self._own, strict=True)]
         return run(self._awaited(self._parts[-1], ALL)) if self._scattered else self._contiguous()
 
     def _type(self, name: str, letter: RmlLetter) -> str:
@@ -215,7 +235,7 @@ class Composition:
                 term = self._contiguous_part(facts, [done[n] for n in facts.part.parts if n in done])
             else:
                 continue
-            done[number] = self._shallow(term) if self._form.whole[facts.part.node] == number else term
+            done[number] = self._shallow(term) if number in self._wholes else term
         return then(done[self._form.root], ALL)
 
     def _contiguous_part(self, facts: _Facts, parts: list[Written]) -> Written:
@@ -245,14 +265,14 @@ class Composition:
         if facts.single_events:
             return enough
         marks = [self._types[index] for child in facts.children for index in bits(child.marks)]
-        return around(enough, ">>", self._letters.types.union(marks, f"{facts.part.node}_counted"))
+        return around(enough, ">>", self._letters.types.union(marks, f"{facts.node}_counted"))
 
     def _awaited(self, facts: _Facts, after: Written) -> Call[Written]:
         """The events of a part, any others standing between them, then the rest."""
         match facts.part.op if facts.part.op is Op.EVENT else self._joined(facts):
             case Op.ONE | Op.EVENT:  # any number of other events, one of these, then the rest
                 wanted = [self._types[index] for index in bits(facts.events)]
-                first = self.tree.occurrences[next(bits(facts.events))]
+                first = self._letters.nodes[next(bits(facts.events))]
                 other = around(named(self._letters.types.neither(wanted, f"not_{first}")), "*")
                 return self._shallow(then(other, join(OR, map(named, wanted)), after))
             case Op.ALL:

@@ -17,12 +17,12 @@ from typing import Final, NamedTuple, TypeAlias
 from backends.rml.writer.event_types import Call
 from backends.rml.writer.letters import RmlLetter, RmlLetters, Where
 from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, RmlNames, Written, join, named, then
-from rvaft.analysis.normal_form import Op, body
-from rvaft.analysis.scenarios import Kept, resolutions
 from rvaft.core.patterns import Overlaps, compatible, implies
+from rvaft.core.property import Condition, Property
+from rvaft.core.scenarios import scenarios
 from rvaft.errors import TooLarge, TreeError
+from rvaft.model import patterns
 from rvaft.model.guards import variables
-from rvaft.model.nodes import Causality
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
@@ -34,73 +34,41 @@ WORK: Final = 50
 
 
 class BitScenario(NamedTuple):
-    """Its occurrences, what comes before each of them (generators of the precedence), and its nodes with a guard to check."""
+    """Its occurrences, what comes before each of them, and its conditions over variables."""
 
     occurrences: int
     before: tuple[tuple[int, int], ...]
-    guards: frozenset[str]
+    guards: frozenset[Condition]
 
 
-def feasible_scenarios(tree: RVAFT, semantics: Semantics, *, limit: int) -> list[BitScenario]:
+def feasible_scenarios(prop: Property, semantics: Semantics, *, limit: int) -> list[BitScenario]:
     """The feasible scenarios, each once.
 
     Raises `TooLarge` beyond `limit`; `TreeError` where there is none, where one has no occurrence, or leaves a guard unbound.
     """
-    index = {name: position for position, name in enumerate(tree.occurrences)}
+    index, root = {event: position for position, event in enumerate(prop.events)}, prop.tree.root
     found: dict[BitScenario, None] = {}
     nodes, width = 0, 1 + len(index) // 1000  # larger sets of bits take longer
-    for kept in resolutions(tree, minimal=semantics is Semantics.SCATTERED, limit=limit):
-        nodes += (len(kept) + len(tree.order) // 4) * width  # to find a scenario costs the tree's size too
+    for one in scenarios(prop, minimal=semantics is Semantics.SCATTERED, limit=limit):
+        nodes += (len(one.kept) + len(prop.parts) // 4) * width  # to find a scenario costs the size of the property too
         if nodes > WORK * limit:
             raise TooLarge(f"nodes of scenarios, {WORK} allowed for each scenario", limit=limit)
-        one = _scenario(tree, kept, index)
-        if not tree.shared or _is_acyclic(one):
-            found.setdefault(one)
+        number = [index[event] for event in one.events]
+        before = ((number[i], mask_of(number[j] for j in bits(one.before[i]))) for i in range(len(number)))
+        found.setdefault(BitScenario(mask_of(number), tuple(before), frozenset(one.conditions)))
     if not found:
-        raise TreeError("no scenario is feasible", rule="no-scenario", nodes=[tree.root])
+        raise TreeError("no scenario is feasible", rule="no-scenario", nodes=[root])
     for scenario in found:
         if not scenario.occurrences:
-            raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario", nodes=[tree.root])
-        ons = [tree.nodes[tree.occurrences[i]].on for i in bits(scenario.occurrences)] if scenario.guards else []
-        bound = {name for on in ons if on for name in on.variables}
-        for name in sorted(scenario.guards):
-            for variable in variables(tree.nodes[name].when):
+            raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario", nodes=[root])
+        bound = {name for i in bits(scenario.occurrences) for name in patterns.variables(prop.events[i].pattern)}
+        for condition in scenario.guards:
+            for variable in variables(condition.guard):
                 if variable not in bound:
-                    message = f"the guard of {name} speaks of {variable}, which nothing binds in one of its scenarios"
-                    raise TreeError(message, rule="unbound-variable", nodes=[name])
+                    node = condition.source.node
+                    message = f"the guard of {node} speaks of {variable}, which nothing binds in one of its scenarios"
+                    raise TreeError(message, rule="unbound-variable", nodes=[node])
     return list(found)
-
-
-def _scenario(tree: RVAFT, kept: Kept, index: Mapping[str, int]) -> BitScenario:
-    """One pass up for the events in each part, one pass down for what comes before it."""
-    events: dict[str, int] = {}
-    for name in reversed(tuple(kept)):
-        own = 1 << index[name] if name in index else 0
-        events[name] = own | union(events[child] for child in kept[name])
-    top_down = tree.causality is Causality.TOP_DOWN
-    earlier, before = dict.fromkeys(kept, 0), list[tuple[int, int]]()
-    for name, children in kept.items():
-        above, joined = earlier[name], body(tree.nodes[name])
-        if name in index:
-            own = 1 << index[name]
-            before.append((index[name], above if top_down else above | events[name] & ~own))
-            above |= own if top_down else 0
-        for child in joined.children if joined.op is Op.SEQUENCE else children:
-            earlier[child] |= above
-            above |= events[child] if joined.op is Op.SEQUENCE else 0
-    guards = {name for name in kept if (when := tree.nodes[name].when) is not None and variables(when)}
-    return BitScenario(events[tree.root], tuple(before), frozenset(guards))
-
-
-def _is_acyclic(scenario: BitScenario) -> bool:
-    """Whether its occurrences have an order in which they can happen."""
-    left, before = scenario.occurrences, dict(scenario.before)
-    while left:
-        now = mask_of(index for index in bits(left) if not before[index] & left)
-        if not now:
-            return False
-        left &= ~now
-    return True
 
 
 # -- which sets of letters one event can be at once, the largest first -------------------------------------------------
@@ -118,12 +86,12 @@ def combinations(
     is looked at, and may raise.
     """
     calls = list(dict.fromkeys(letter.call for letter in letters))
-    patterns = [call.pattern(tree) for call in calls]
-    overlaps = Overlaps(patterns)
+    asked = [call.pattern(tree) for call in calls]
+    overlaps = Overlaps(asked)
     near = [overlaps.compatible(i) for i in range(len(calls))]
     implied = [
-        mask_of(j for j in bits(near[i]) if i == j or implies(pattern, patterns[j], bound))
-        for i, pattern in enumerate(patterns)
+        mask_of(j for j in bits(near[i]) if i == j or implies(pattern, asked[j], bound))
+        for i, pattern in enumerate(asked)
     ]
     number = {call: position for position, call in enumerate(calls)}
     call_of = [number[letter.call] for letter in letters]
@@ -218,7 +186,7 @@ class Determinised:
     where that name is bound already on the way here, or where one event could have to bind it in two places at once.
     """
 
-    def __init__(self, scenarios: list[BitScenario], letters: RmlLetters, semantics: Semantics, *, limit: int) -> None:
+    def __init__(self, found: list[BitScenario], letters: RmlLetters, semantics: Semantics, *, limit: int) -> None:
         self._letters, self._tree, self._limit = letters, letters.tree, limit
         self._scattered = semantics is Semantics.SCATTERED
         self.cyclic = semantics is Semantics.CONSECUTIVE
@@ -230,17 +198,19 @@ class Determinised:
         self.registers: dict[str, None] = {}
         ready: dict[int, dict[int, int]] = {}  # for each occurrence, what comes before it in which scenarios
         self._complete: dict[int, int] = defaultdict(int)
-        self._guarded: dict[str, int] = defaultdict(int)
-        for number, scenario in enumerate(scenarios):
+        self._guarded: dict[Condition, int] = defaultdict(int)
+        for number, scenario in enumerate(found):
             self._complete[scenario.occurrences] |= 1 << number
             for index, before in scenario.before:
                 ready.setdefault(index, defaultdict(int))[before] |= 1 << number
-            for name in scenario.guards:
-                self._guarded[name] |= 1 << number
+            for condition in scenario.guards:
+                self._guarded[condition] |= 1 << number
         self._ready = {index: tuple(ways.items()) for index, ways in sorted(ready.items())}
-        guarded = (node for node in self._tree.top_down() if node.name in self._guarded)
-        self._speaks = {node.name: frozenset(variables(node.when)) for node in guarded}
-        self._start: Partials = {(0, ()): (1 << len(scenarios)) - 1}
+        guarded = (
+            part for part in reversed(letters.prop.parts) if isinstance(part, Condition) and part in self._guarded
+        )
+        self._speaks = {condition: frozenset(variables(condition.guard)) for condition in guarded}
+        self._start: Partials = {(0, ()): (1 << len(found)) - 1}
         start = MatchState(frozenset(self._start.items()))
         self._number = {start: 0}
         self._waiting = [start]
@@ -293,8 +263,8 @@ class Determinised:
         if not self._scattered:
             return frozenset(merged.items())
         found: dict[Partial, int] = {}
-        for partial, scenarios in sorted(merged.items(), key=lambda item: (-item[0][0].bit_count(), item[0])):
-            left = scenarios
+        for partial, those in sorted(merged.items(), key=lambda item: (-item[0][0].bit_count(), item[0])):
+            left = those
             self._spend(len(found) // 10)  # much cheaper than a step of a match
             for (larger, _), others in found.items():
                 if not partial[0] & ~larger:
@@ -313,7 +283,7 @@ class Determinised:
             for (done, environment), mask in sorted(state.partials)
             for index, before in self._ready.items()
             if not done >> index & 1
-            if mask & (ways := union(scenarios for earlier, scenarios in before if not earlier & ~done))
+            if mask & (ways := union(those for earlier, those in before if not earlier & ~done))
         ]
         chosen = self._chosen(((index, known.keys()) for _, known, index, _ in candidates), state.bound)
         moves: dict[RmlLetter, dict[Partial, int]] = {}
@@ -356,17 +326,17 @@ class Determinised:
             self.registers.setdefault(chosen[where])
         return chosen
 
-    def _split(self, done: int, after: int, mask: int) -> list[tuple[int, tuple[str, ...]]]:
+    def _split(self, done: int, after: int, mask: int) -> list[tuple[int, tuple[Condition, ...]]]:
         """The scenarios, parted by which guards get their last variable now."""
-        parts: list[tuple[int, tuple[str, ...]]] = [(mask, ())]
-        for name, spoken in self._speaks.items():
+        parts: list[tuple[int, tuple[Condition, ...]]] = [(mask, ())]
+        for condition, spoken in self._speaks.items():
             if spoken <= self._bound(after) and not spoken <= self._bound(done):
-                having = self._guarded[name]
+                having = self._guarded[condition]
                 parts = [
-                    (scenarios, names)
+                    (these, asked)
                     for part, guards in parts
-                    for scenarios, names in ((part & having, (*guards, name)), (part & ~having, guards))
-                    if scenarios
+                    for these, asked in ((part & having, (*guards, condition)), (part & ~having, guards))
+                    if these
                 ]
         return parts
 

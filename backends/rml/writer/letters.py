@@ -11,13 +11,12 @@ from typing import NamedTuple, TypeAlias
 
 from backends.rml.writer.event_types import NEVER, Call, Inexpressible, RmlTypes, is_register, when_true
 from backends.rml.writer.terms import Written, named
+from rvaft.core.property import Condition, Property
 from rvaft.errors import NotExpressible
 from rvaft.model.guards import Guard, conjuncts, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Argument, On
 from rvaft.model.patterns import Anything, Pattern, Variable, substitute, variables
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 
 Where: TypeAlias = tuple[str, int]
 """An event type and the position of a parameter."""
@@ -61,13 +60,14 @@ class RmlLetter(NamedTuple):
 
 
 class RmlLetters:
-    """The letters of the occurrences of a tree, by position in `tree.occurrences`; each is called after the node that first needed it."""
+    """The letters of the events of a property, by position in `prop.events`; each is called after the node that first needed it."""
 
-    def __init__(self, tree: RVAFT, types: RmlTypes, semantics: Semantics) -> None:
-        self.tree = tree
+    def __init__(self, prop: Property, types: RmlTypes) -> None:
+        self.prop, self.tree = prop, prop.tree
         self.types = types
-        self._semantics = semantics
-        self._ons = [tree.nodes[name].on for name in tree.occurrences]
+        self.nodes = tuple(event.source.node for event in prop.events)
+        """The node of each event."""
+        self._ons = [prop.tree.nodes[name].on for name in self.nodes]
         self.variables = [frozenset(on.variables if on else ()) for on in self._ons]
         having: dict[str, set[int]] = {}
         for index, names in enumerate(self.variables):
@@ -75,14 +75,15 @@ class RmlLetters:
                 having.setdefault(name, set()).add(index)
         remembered = {name for name, places in having.items() if len(places) > 1}
         used = [set[str]() for _ in self._ons]
-        for names in {frozenset(guard_variables(node.when)) for node in tree.top_down() if node.when} - {frozenset()}:
+        guards = (part.guard for part in prop.parts if isinstance(part, Condition))
+        for names in dict.fromkeys(frozenset(guard_variables(guard)) for guard in guards):
             knowing = set.intersection(*(having.get(name, set()) for name in names))
             remembered.update(() if knowing else names)
             for index in knowing:
                 used[index].update(names)
         self.remembered = frozenset(remembered)
         self._templates = [_template(on, names, remembered) for on, names in zip(self._ons, used, strict=True)]
-        self._rank = {name: position for position, name in enumerate(tree.order)}
+        self._rank = {name: position for position, name in enumerate(prop.tree.order)}
         self._nodes: dict[Call, str] = {}
         self._guards: dict[Guard, tuple[str, tuple[Guard, ...]]] = {}
         self._texts: dict[RmlLetter, tuple[str, ...]] = {}
@@ -94,8 +95,7 @@ class RmlLetters:
 
     def loose(self, index: int) -> Pattern:
         """The pattern of an occurrence for any values."""
-        pattern = self.tree.pattern(self.tree.occurrences[index])
-        assert pattern is not None
+        pattern = self.prop.events[index].pattern
         return substitute(pattern, {name: Anything() for name in variables(pattern)})
 
     def condition(self, guard: Guard, node: str) -> Guard:
@@ -105,27 +105,26 @@ class RmlLetters:
         except Inexpressible as error:
             raise NotExpressible(str(error), nodes=[node]) from None
 
-    def letter(self, index: int, registers: Mapping[str, str], guards: Iterable[str]) -> RmlLetter | None:
-        """The letter of an occurrence with the guards of some nodes, or None where no event can fulfil it.
+    def letter(self, index: int, registers: Mapping[str, str], conditions: Iterable[Condition]) -> RmlLetter | None:
+        """The letter of an occurrence under some conditions, or None where no event can fulfil it.
 
         `registers` names one for every remembered variable.
         """
-        name, on, template = self.tree.occurrences[index], self._ons[index], self._templates[index]
-        call = Call(None, (), self.tree.origins.get(name, name))
+        name, on, template = self.nodes[index], self._ons[index], self._templates[index]
+        call = Call(None, (), name)
         if on is not None:
             call = Call(on.event, tuple(Variable(registers[a.name]) if is_register(a) else a for a in template))
         self._nodes.setdefault(call, name)
         instances: set[Guard] = set()
-        for node in guards:
-            when = self.tree.nodes[node].when
-            assert when is not None
-            guard = renamed(when, {**_places(on), **registers})
+        for condition in conditions:
+            node = condition.source.node
+            guard = renamed(condition.guard, {**_places(on), **registers})
             if guard not in self._guards:
                 self._guards[guard] = (node, conjuncts(self.condition(guard, node)))
-            conditions = self._guards[guard][1]
-            if NEVER in conditions:
+            asked = self._guards[guard][1]
+            if NEVER in asked:
                 return None
-            instances.update((guard,) if conditions else ())
+            instances.update((guard,) if asked else ())
         return RmlLetter(call, frozenset(instances))
 
     def texts(self, letter: RmlLetter) -> tuple[str, ...]:

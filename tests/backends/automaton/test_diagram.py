@@ -164,9 +164,10 @@ def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:
     different, automata = 0, AutomatonBackend()
     for _ in range(30):
         shape = Shape(max_nodes=size, sharing=0.3, variables=1, guards=0.6, typed_events=0.9, times=0)
-        tree, work = automata.plain(automata.prepared(random_tree(random, shape), semantics)), Work(100_000)
-        automaton, parts, letters = _built(tree, semantics, work)
-        relevance = _relevance(tree, semantics)
+        tree, work = random_tree(random, shape), Work(100_000)
+        prop = automata.prepared(tree, semantics)
+        automaton, parts, letters = _built(prop, semantics, work)
+        relevance = _relevance(prop, semantics)
         whole, rest = (
             write(one, parts, letters, name="", time=None, relevance=relevance, work=work)[0]
             for one in (automaton, possible(automaton, parts))

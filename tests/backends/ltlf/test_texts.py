@@ -6,7 +6,7 @@ import pytest
 
 from backends.ltlf import LtlfBackend
 from rvaft.api import loads
-from rvaft.errors import NotExpressible
+from rvaft.errors import LanguageError
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -70,8 +70,24 @@ def test_names_are_legal_and_different() -> None:
     assert all(name.isascii() and name == name.lower() and not name[0].isdigit() for name in given)
 
 
-@pytest.mark.parametrize("reads", ["a on x(_)", "a on y(_); ignore x(_)"])
-def test_a_field_with_the_name_of_times_is_refused(reads: str) -> None:
-    events = 'time t as s; event x(v) = { v: v, "τ": 5 }; event y(v) = { y: v };'
-    with pytest.raises(NotExpressible, match="the field τ"):
-        text_of(f"{events} top and a b within 3 s; b; {reads};", "scattered")
+@pytest.mark.spot
+@needs_spot
+def test_no_field_of_an_event_is_taken_for_its_time() -> None:
+    tree = loads('time t as s; event x(v) = { v: v, "time of the event": 5 }; top and a b within 3 s; b; a on x(_);')
+    monitor = BACKEND.translate(tree, Semantics.SCATTERED).monitor()
+    trace: list[Json] = [{"t": 9, "event": "b"}, {"t": 1, "v": 0, "time of the event": 5}]
+    trace += [{"t": 8, "v": 0, "time of the event": 5}]
+    assert [monitor.step(event).symbol for event in trace] == ["?", "?", "⊤"]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("atom a := {} at 1", "expected the name of a variable after `at`"),
+        ("atom a := {} at X at Y", "`at` stands once, right after the pattern"),
+        ("atom a := {} when X > 1 at X", "`at` stands once, right after the pattern"),
+    ],
+)
+def test_the_variable_of_a_time_stands_after_the_pattern(line: str, message: str) -> None:
+    with pytest.raises(LanguageError, match=message):
+        BACKEND.read(f"/* rvaft\ntime t as s\n{line}\n*/\nF a")

@@ -1,0 +1,170 @@
+"""The parts of a property as numbers, inner parts first, for algorithms on sets of parts: a set is a bit mask.
+
+A graph of parts has no windows, counted events and ends in order: passes remove these before.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from functools import partial
+from itertools import chain, combinations
+from typing import Final, TypeVar, assert_never
+
+from rvaft.core.property import (
+    IMPOSSIBLE,
+    All,
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    One,
+    Part,
+    Property,
+    Sequence,
+    Times,
+    Within,
+)
+from rvaft.model.guards import Guard
+
+Seen = TypeVar("Seen")
+
+
+class Op(Enum):
+    """What a numbered part asks for: its event, its guard, or some of its parts."""
+
+    EVENT = auto()
+    CONDITION = auto()
+    ALL = auto()
+    SEQUENCE = auto()
+    ONE = auto()
+    AT_LEAST = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class NumberedPart:
+    """One part: `parts` are numbers of smaller parts, `need` is the number of them that a scenario keeps at the least.
+
+    `of` is the part of the property, where there is one.
+    """
+
+    op: Op
+    parts: tuple[int, ...] = ()
+    need: int = 0
+    of: Part | None = None
+
+    @property
+    def chooses(self) -> bool:
+        """Whether scenarios differ in which of its parts they keep."""
+        return (self.op is Op.ONE or self.op is Op.AT_LEAST) and self.need < len(self.parts)
+
+    @property
+    def event(self) -> Event:
+        """The event of a part that is one."""
+        assert isinstance(self.of, Event)
+        return self.of
+
+
+EMPTY: Final = NumberedPart(Op.ALL)
+"""Nothing to observe."""
+
+
+@dataclass(frozen=True)
+class NumberedParts:
+    """The parts, each after the parts that it is made of; the root is the last one."""
+
+    parts: tuple[NumberedPart, ...]
+
+    @property
+    def root(self) -> int:
+        """The number of the root."""
+        return len(self.parts) - 1
+
+    @property
+    def feasible(self) -> bool:
+        """Whether constant guards leave any scenario."""
+        return self.parts[-1].of is not IMPOSSIBLE
+
+    @property
+    def guards(self) -> tuple[tuple[int, Guard], ...]:
+        """The conditions, outer parts first, with their guards."""
+        found = ((number, self.parts[number].of) for number in range(self.root, -1, -1))
+        return tuple((number, part.guard) for number, part in found if isinstance(part, Condition))
+
+    def kept(self) -> list[int]:
+        """The parts that the root reaches, inner parts first."""
+        seen = bytearray(len(self.parts))
+        seen[self.root] = 1
+        for number in range(self.root, -1, -1):
+            if seen[number]:
+                for part in self.parts[number].parts:
+                    seen[part] = 1
+        return [number for number in range(len(self.parts)) if seen[number]]
+
+    def resolve(self, number: int, chosen: Iterable[int]) -> "NumberedParts":
+        """The same with one choice made: exactly the chosen parts of that part."""
+        kept = tuple(chosen)
+        made = replace(self.parts[number], op=Op.ALL, parts=kept, need=len(kept))
+        return NumberedParts((*self.parts[:number], made, *self.parts[number + 1 :]))
+
+
+def op_of(part: Part) -> Op:
+    """What a part asks for; the part must be free of windows, counted events and ends in order."""
+    match part:
+        case Event():
+            return Op.EVENT
+        case Condition():
+            return Op.CONDITION
+        case All():
+            return Op.ALL
+        case Sequence():
+            return Op.SEQUENCE
+        case One():
+            return Op.ONE
+        case AtLeast():
+            return Op.AT_LEAST
+        case Times() | EndInOrder() | Within():
+            raise AssertionError("passes remove these before")
+        case _:
+            assert_never(part)
+
+
+def numbered(prop: Property) -> NumberedParts:
+    """The parts of a property with numbers.
+
+    >>> import rvaft
+    >>> from rvaft.core.build import build
+    >>> for part in numbered(build(rvaft.loads("top sand_rl a b;"))).parts: print(part.op.name, part.parts)
+    EVENT ()
+    EVENT ()
+    SEQUENCE (1, 0)
+    """
+    number = {part: place for place, part in enumerate(prop.parts)}
+    found = []
+    for part in prop.parts:
+        inner = tuple(number[one] for one in part.parts)
+        need = part.need if isinstance(part, AtLeast) else 1 if isinstance(part, One) else len(inner)
+        found.append(NumberedPart(op_of(part), inner, need, part))
+    return NumberedParts(tuple(found))
+
+
+def divided(
+    form: NumberedParts, look: Callable[[NumberedParts], Seen | int], *, at_least: bool
+) -> Iterator[tuple[NumberedParts, Seen]]:
+    """All scenarios, divided until `look` names no more part whose choice is to be made; with what `look` returned then.
+
+    `at_least` keeps the ways to choose more than K.
+    """
+    waiting = [iter([form])]
+    while waiting:
+        candidate = next(waiting[-1], None)
+        if candidate is None:
+            waiting.pop()
+            continue
+        found = look(candidate)
+        if isinstance(found, int):
+            part = candidate.parts[found]
+            most = len(part.parts) if at_least and part.op is Op.AT_LEAST else part.need
+            ways = chain.from_iterable(map(partial(combinations, part.parts), range(part.need, most + 1)))
+            waiting.append(map(partial(candidate.resolve, found), ways))
+        else:
+            yield candidate, found

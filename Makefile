@@ -61,7 +61,7 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 
 types: $(STAMP)
-	$(BIN)/mypy rvaft backends cross_check tests
+	$(BIN)/mypy rvaft backends cross_check papers/languages tests
 
 layers: $(STAMP)
 	$(BIN)/lint-imports

@@ -8,32 +8,54 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from rvaft.analysis.branches import Branch
-    from rvaft.api import check, load, loads, monitor, translate
-    from rvaft.asynchronous import on_detection, watch
-    from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends
-    from rvaft.errors import (
+    from rvaft.api import (
+        RVAFT,
+        Awaited,
+        Backend,
+        Branch,
+        Causality,
         CheckpointError,
+        Ended,
+        EventType,
+        Explanation,
+        Finding,
+        Gate,
+        Ignore,
+        Kind,
         LanguageError,
+        Metrics,
+        Monitor,
+        Node,
         NotExpressible,
+        On,
         OptionError,
+        Pending,
+        Repetition,
         RvaftError,
+        Semantics,
+        Severity,
+        Specification,
         TooLarge,
         ToolFailed,
         ToolMissing,
+        Topic,
         TraceError,
         TreeError,
+        UnknownBackend,
+        Verdict,
         WrongType,
+        all_backends,
+        branches,
+        check,
+        dumps,
+        load,
+        loads,
+        monitor,
+        to_dot,
+        translate,
     )
-    from rvaft.language.printer import dumps
-    from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
-    from rvaft.model.tree import RVAFT
-    from rvaft.model.verdict import Semantics, Verdict
-    from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending, Repetition
-    from rvaft.readers.bag import message_event
-    from rvaft.readers.log import LogReader
-    from rvaft.readers.registry import UnknownFormat, all_readers, live_events, read_log
-    from rvaft.rules.rule import Finding, Severity
+    from rvaft.asynchronous import on_detection, watch
+    from rvaft.readers.registry import LogReader, UnknownFormat, all_readers, live_events, message_event, read_log
 
     __version__: str
 
@@ -78,6 +100,7 @@ __all__ = [
     "__version__",
     "all_backends",
     "all_readers",
+    "branches",
     "check",
     "dumps",
     "live_events",
@@ -87,39 +110,26 @@ __all__ = [
     "monitor",
     "on_detection",
     "read_log",
+    "to_dot",
     "translate",
     "watch",
 ]
 
-_NAMES: Final = {
-    "rvaft.api": ("check", "load", "loads", "monitor", "translate"),
-    "rvaft.backend": ("Backend", "Metrics", "Specification", "UnknownBackend", "all_backends"),
-    "rvaft.analysis.branches": ("Branch",),
-    "rvaft.errors": (
-        "LanguageError",
-        "NotExpressible",
-        "OptionError",
-        "RvaftError",
-        "ToolFailed",
-        "ToolMissing",
-        "TooLarge",
-        "CheckpointError",
-        "TraceError",
-        "TreeError",
-        "WrongType",
-    ),
-    "rvaft.readers.log": ("LogReader",),
-    "rvaft.readers.bag": ("message_event",),
-    "rvaft.readers.registry": ("UnknownFormat", "all_readers", "live_events", "read_log"),
-    "rvaft.rules.rule": ("Finding", "Severity"),
-    "rvaft.language.printer": ("dumps",),
-    "rvaft.model.nodes": ("Causality", "EventType", "Gate", "Ignore", "Kind", "Node", "On", "Topic"),
-    "rvaft.monitors": ("Awaited", "Ended", "Explanation", "Monitor", "Pending", "Repetition"),
-    "rvaft.model.tree": ("RVAFT",),
-    "rvaft.model.verdict": ("Semantics", "Verdict"),
+_ELSEWHERE: Final = {
     "rvaft.asynchronous": ("on_detection", "watch"),
+    "rvaft.readers.registry": (
+        "LogReader",
+        "UnknownFormat",
+        "all_readers",
+        "live_events",
+        "message_event",
+        "read_log",
+    ),
 }
-_MODULE_OF: Final = {name: module for module, names in _NAMES.items() for name in names}
+"""The modules of names that `rvaft.api` does not have."""
+_MODULE_OF: Final = {name: "rvaft.api" for name in __all__ if name != "__version__"} | {
+    name: module for module, names in _ELSEWHERE.items() for name in names
+}
 
 
 def __getattr__(name: str) -> object:

@@ -1,25 +1,88 @@
-"""The two verbs: translate a tree into a specification, or monitor events against it.
+"""The functions of `import rvaft`: load, check, draw, translate and monitor a tree; and the types that they take and return.
 
 `branch` and `kind` narrow a tree to one branch, or to the branches that have a kind.
 """
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
 from typing import Any, Final, TypeVar
 
-from rvaft.analysis.branches import restrict
-from rvaft.backend import Specification, backend
+from rvaft.analysis.branches import Branch, restrict
+from rvaft.analysis.branches import branches as branches_of
+from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends, backend
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
-from rvaft.errors import OptionError, TreeError, expect
+from rvaft.errors import (
+    CheckpointError,
+    LanguageError,
+    NotExpressible,
+    OptionError,
+    RvaftError,
+    TooLarge,
+    ToolFailed,
+    ToolMissing,
+    TraceError,
+    TreeError,
+    WrongType,
+    expect,
+)
+from rvaft.export import dot_text, looking, picture
 from rvaft.language.draft import Draft, no_collections
 from rvaft.language.parser import parse, parse_file
-from rvaft.model.nodes import Kind
+from rvaft.language.printer import dumps
+from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
 from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
-from rvaft.monitors import Monitor, Repetition
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending, Repetition
 from rvaft.rules import check_draft, check_tree, require_valid
 from rvaft.rules.rule import Finding, Severity
+
+__all__ = [
+    "RVAFT",
+    "Awaited",
+    "Backend",
+    "Branch",
+    "Causality",
+    "CheckpointError",
+    "Ended",
+    "EventType",
+    "Explanation",
+    "Finding",
+    "Gate",
+    "Ignore",
+    "Kind",
+    "LanguageError",
+    "Metrics",
+    "Monitor",
+    "Node",
+    "NotExpressible",
+    "On",
+    "OptionError",
+    "Pending",
+    "Repetition",
+    "RvaftError",
+    "Semantics",
+    "Severity",
+    "Specification",
+    "TooLarge",
+    "ToolFailed",
+    "ToolMissing",
+    "Topic",
+    "TraceError",
+    "TreeError",
+    "UnknownBackend",
+    "Verdict",
+    "WrongType",
+    "all_backends",
+    "branches",
+    "check",
+    "dumps",
+    "load",
+    "loads",
+    "monitor",
+    "to_dot",
+    "translate",
+]
 
 _TREE: Final = "an RVAFT, as rvaft.load returns it"
 
@@ -89,6 +152,64 @@ def check(tree: RVAFT) -> list[Finding]:
     """
     expect("tree", tree, RVAFT, _TREE)
     return check_tree(tree)
+
+
+def branches(tree: RVAFT) -> Iterator[Branch]:
+    """Yield the branches of a tree in the order of their numbers, from 1; there may be very many. Raises `WrongType`.
+
+    >>> [(branch.number, branch.formula) for branch in branches(loads("top or a both; both sand b c;"))]
+    [(1, 'a'), (2, 'b ; c')]
+    """
+    expect("tree", tree, RVAFT, _TREE)
+    return branches_of(tree)
+
+
+def to_dot(
+    tree: RVAFT,
+    *,
+    events: bool = False,
+    names: bool = True,
+    wrap: int | None = None,
+    depth: int | None = None,
+    collapse: Iterable[str] = (),
+    branch: int | None = None,
+    legend: bool = False,
+    stagger: bool = False,
+) -> str:
+    """Return the tree drawn in the DOT language of Graphviz.
+
+    `events` shows runtime events and guards, `names` shows the names of nodes that also have a label, `wrap` breaks
+    lines at that many columns, `depth` and `collapse` leave out what is below a level or a node, `branch` marks the
+    branch of that number, `legend` explains the signs, `stagger` sets every other leaf of a gate lower, which makes the
+    tree narrower. Raises `OptionError`, `TreeError` where there is no such branch, and `WrongType`.
+
+    >>> to_dot(loads("top or a b;")).startswith("digraph")
+    True
+    """
+    expect("tree", tree, RVAFT, _TREE)
+    look = looking(
+        tree,
+        events=events,
+        names=names,
+        wrap=wrap,
+        depth=depth,
+        collapse=collapse,
+        branch=branch,
+        legend=legend,
+        stagger=stagger,
+    )
+    return dot_text(tree, look)
+
+
+def _notebook_svg(tree: RVAFT) -> str | None:
+    """The picture that a notebook shows, or None where Graphviz is not installed or fails."""
+    try:
+        return picture(to_dot(tree), "svg", timeout=20).decode()
+    except (ToolMissing, ToolFailed):
+        return None
+
+
+RVAFT.notebook_svg = staticmethod(_notebook_svg)
 
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:

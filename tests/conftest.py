@@ -38,8 +38,8 @@ def pytest_sessionfinish() -> None:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """How exact the times of `rvaft compare` are is no question."""
-    monkeypatch.setattr("cross_check.benchmark.measurement.READERS", 1)
-    monkeypatch.setattr("cross_check.benchmark.measurement.PATIENCE", 0.01)
+    monkeypatch.setattr("papers.languages.measurement.READERS", 1)
+    monkeypatch.setattr("papers.languages.measurement.PATIENCE", 0.01)
 
 
 _SETTINGS: Final = (

@@ -14,7 +14,7 @@ _CAPTION: Final = r"$\varphi$ in RML, from the tree: what the Listing of the pap
 
 def formulas_tex(tree: RVAFT) -> str:
     """The formulas of the branches and that of the whole tree, one below the other; what choices share stands once."""
-    return "\n".join([*align_latex([*tree.branches(), tree]), ""])
+    return "\n".join([*align_latex([*rvaft.branches(tree), tree]), ""])
 
 
 def listing_rml(tree: RVAFT) -> str:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Final
 
 import rvaft
-from cross_check.benchmark.plots import library
 from papers.fmas2022.command import ended
 from papers.fmas2022.mission import Mode
 from papers.fmas2022.overhead_cells import Cell, cells
@@ -20,6 +19,7 @@ from papers.fmas2022.overhead_runs import runs
 from papers.fmas2022.overhead_statement import statement
 from papers.fmas2022.overhead_tables import cells_csv, detected_tex, nominal_tex, runs_csv
 from papers.fmas2022.places import OUT, PRUNED
+from papers.languages.plots import library
 
 WAYPOINTS: Final = (5, 10, 20, 40, 80)
 REPETITIONS: Final = 15

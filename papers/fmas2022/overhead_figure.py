@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from cross_check.benchmark.plots import saved, style
 from papers.fmas2022.mission import Mode
 from papers.fmas2022.overhead_cells import Cell, Spread
 from papers.fmas2022.overhead_runs import NONE, SETUPS
+from papers.languages.plots import saved, style
 from rvaft.monitoring.monitor_set import Per
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from time import perf_counter, process_time, process_time_ns
 from typing import Final, TypedDict
 
-from cross_check.benchmark.measurement import no_collection
 from papers.fmas2022.mission import Event, Mission, Mode
+from papers.languages.measurement import no_collection
 from rvaft.api import monitor
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict

@@ -12,6 +12,7 @@ from cross_check.comparison import Roster
 from cross_check.participants import ENGINE, Absent, Outside, Participant, faithful_backends
 from cross_check.results import Job
 from papers.fmas2022 import printed
+from rvaft.analysis.branches import branches
 from rvaft.backend import backend
 from rvaft.errors import RvaftError
 from rvaft.export.property_text import property_sign
@@ -53,7 +54,7 @@ class Trace:
 
 def monitors(tree: RVAFT) -> Monitors:
     """φ for the tree and φ₁, φ₂, … for its branches."""
-    return {property_sign(tree): None, **{property_sign(one): one.number for one in tree.branches()}}
+    return {property_sign(tree): None, **{property_sign(one): one.number for one in branches(tree)}}
 
 
 def enlist(tree: RVAFT) -> Enlisted:

@@ -12,11 +12,11 @@ from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import Final
 
-from cross_check.benchmark.measurement import Measurement
-from cross_check.benchmark.plots import plots
-from cross_check.benchmark.tables import csv_text, headline, latex_text, read_rows
 from papers.languages.findings import missed
+from papers.languages.measurement import Measurement
 from papers.languages.note import FOLDER, TREES, expressible, expressible_tex, note, short
+from papers.languages.plots import plots
+from papers.languages.tables import csv_text, headline, latex_text, read_rows
 from rvaft.cli import main as rvaft
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics

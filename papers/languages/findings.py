@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from math import comb, perm
 from typing import Final
 
-from cross_check.benchmark.measurement import Measurement, Outcome
+from papers.languages.measurement import Measurement, Outcome
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from cross_check.benchmark.measurement import Measurement, Outcome
-from cross_check.benchmark.tables import milliseconds, unable
 from papers.languages.findings import SECTIONS, Finding
+from papers.languages.measurement import Measurement, Outcome
+from papers.languages.tables import milliseconds, unable
 from rvaft.export.latex import escaped
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics

@@ -35,7 +35,7 @@ class Branch:
     """One branch; `choices` maps each `or` gate it reaches to the child it keeps.
 
     >>> import rvaft
-    >>> [(branch.number, branch.formula) for branch in rvaft.loads("top or a both; both sand b c;").branches()]
+    >>> [(branch.number, branch.formula) for branch in branches(rvaft.loads("top or a both; both sand b c;"))]
     [(1, 'a'), (2, 'b ; c')]
     """
 

@@ -1,4 +1,7 @@
-"""The `rvaft` command: the top layer, thin. One module per command, or two that belong together, imported when a command is used.
+"""The `rvaft` command. Each command is an entry point of the group `rvaft.commands` and is imported when it is used.
+
+The package that a command needs contributes it: `cross_check` the command `cross-check`, `rvaft.integrations` the command
+`serve`. A third-party package adds a command in the same way.
 
 Exit status: 0 nothing found, 1 found (a detection, a finding of severity error, a disagreement), 2 could not do it; 2 wins
 over 1. An interrupt ends with 130 and a closed pipe with 141, as if the signal had done it. Whatever fails is one line on
@@ -10,12 +13,13 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from importlib import import_module
 from typing import Any, Final, TypeVar
 
 import click
 
-from rvaft.errors import LanguageError, RvaftError
+from rvaft.errors import LanguageError, RvaftError, ToolFailed
 from rvaft.support.terminal import cut, visible
 
 S = TypeVar("S")
@@ -30,25 +34,28 @@ _WIDTH: Final = 100
 """Columns of a source line that are shown around the caret."""
 _LONGEST: Final = 2000
 """Characters of a message; what is longer quotes the input at length."""
-_COMMANDS: Final = {
-    "check": ("check", "Report what is wrong or doubtful in trees."),
-    "show": ("show", "Draw a tree, or write it in another format."),
-    "branches": ("show", "List the branches of a tree: number, kinds, property."),
-    "emit": ("emit", "Write a specification of a tree."),
-    "test": ("test", "Compare a tree's own traces with the verdicts expected of them."),
-    "monitor": ("monitor", "Watch events for a tree and give verdicts."),
-    "report": ("log_report", "Write a page about what happened in logs."),
-    "view": ("log_report", "Show browsers that page, also while a log grows."),
-    "coverage": ("coverage", "Say which branches some logs exercise."),
-    "traces": ("traces", "Write example logs for a tree."),
-    "serve": ("ros", "Answer ROSMonitoring over WebSocket."),
-    "rosmonitoring": ("ros", "Write a configuration of ROSMonitoring for a tree."),
-    "cross-check": ("cross_check", "Compare the specifications of trees."),
-    "compare": ("compare", "Compare specification languages: sizes and speeds."),
-    "backends": ("emit", "List the specification languages."),
-    "explain": ("check", "Explain what a finding means."),
+GROUP: Final = "rvaft.commands"
+"""The entry points of commands: the name of each, and where its `click.Command` is."""
+_LISTED: Final = {
+    "check": "Report what is wrong or doubtful in trees.",
+    "show": "Draw a tree, or write it in another format.",
+    "branches": "List the branches of a tree: number, kinds, property.",
+    "emit": "Write a specification of a tree.",
+    "test": "Compare a tree's own traces with the verdicts expected of them.",
+    "monitor": "Watch events for a tree and give verdicts.",
+    "report": "Write a page about what happened in logs.",
+    "view": "Show browsers that page, also while a log grows.",
+    "coverage": "Say which branches some logs exercise.",
+    "traces": "Write example logs for a tree.",
+    "serve": "Answer ROSMonitoring over WebSocket.",
+    "rosmonitoring": "Write a configuration of ROSMonitoring for a tree.",
+    "cross-check": "Compare the specifications of trees.",
+    "compare": "Compare specification languages: sizes and speeds.",
+    "backends": "List the specification languages.",
+    "explain": "Explain what a finding means.",
 }
-"""The commands, the modules of their functions (`check_command` for `check`), and what they do."""
+"""The order of the commands in `rvaft --help` and their summaries, so that the help text imports none; others follow."""
+_UNREADABLE: Final = "(cannot be loaded)"
 
 
 class Stopped(Exception):
@@ -154,31 +161,93 @@ def described(error: BaseException) -> list[str]:
     return [f"rvaft: error: {visible(cut(said, _LONGEST))}", *place]
 
 
+@cache
+def registered() -> dict[str, str]:
+    """Return the commands of all installed distributions by name, in the order of `rvaft --help`, as `module:attribute`.
+
+    Reads the files of the entry points itself: importing `importlib.metadata` takes half as long as all of `rvaft --help`.
+    For a name that several distributions register, rvaft's own wins, then the first on the path of Python.
+    """
+    own: dict[str, str] = {}
+    others: dict[str, str] = {}
+    for place in dict.fromkeys(sys.path):
+        with suppress(OSError):
+            for name in sorted(os.listdir(place or os.curdir)):  # noqa: PTH208 (pathlib is slow to import)
+                if name.endswith((".dist-info", ".egg-info")):
+                    found = own if name.startswith("rvaft-") else others
+                    for command, value in _entries(os.path.join(place, name, "entry_points.txt")):  # noqa: PTH118
+                        found.setdefault(command, value)
+    known = {name: own[name] for name in _LISTED if name in own}
+    return known | {name: value for name, value in sorted(others.items()) if name not in known}
+
+
+def _entries(file: str) -> Iterator[tuple[str, str]]:
+    """The commands that a file of entry points lists; none where there is no such file."""
+    try:
+        with open(file, "rb") as stream:  # noqa: PTH123 (pathlib is slow to import)
+            data = stream.read()
+    except OSError:
+        return
+    section = ""
+    for line in map(str.strip, data.decode("utf-8", "replace").splitlines() if GROUP.encode() in data else ()):
+        if line.startswith("["):
+            section = line.strip("[] ")
+        elif section == GROUP and "=" in line and not line.startswith(("#", ";")):
+            name, _, value = line.partition("=")
+            yield name.strip(), value.partition("[")[0].strip()
+
+
+def loaded(name: str) -> click.Command:
+    """Import the command of that name; raises `ToolFailed` where this fails."""
+    module, _, attribute = registered()[name].partition(":")
+    try:
+        found = getattr(import_module(module), attribute)
+    except Exception as error:  # a third party's module may fail in any way
+        reason = f"it cannot be loaded: {type(error).__name__}: {error}"
+        raise ToolFailed(f"the command {name}", reason=reason) from error
+    if not isinstance(found, click.Command):
+        raise ToolFailed(f"the command {name}", reason=f"{module}:{attribute} is no command of click")
+    return found
+
+
+def _summary(name: str) -> str:
+    """What the help text says of a command; only one of a third party is imported for it."""
+    if name in _LISTED:
+        return _LISTED[name]
+    try:
+        return loaded(name).get_short_help_str(limit=_WIDTH)
+    except ToolFailed:
+        return _UNREADABLE
+
+
 class Commands(click.Group):
     """The commands, imported on use, and one way for all of them to fail: a line on standard error, never a traceback."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (the interface of click)
         """The names, in the order of use."""
-        return list(_COMMANDS)
+        return list(registered())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of that name, imported now; an unknown one is an error that lists those there are."""
-        if cmd_name not in _COMMANDS:
-            if cmd_name.startswith("-"):
-                return None
-            from difflib import get_close_matches  # noqa: PLC0415 -- imported on use
+        known = registered()
+        if cmd_name in known:
+            return loaded(cmd_name)
+        if cmd_name.startswith("-"):
+            return None
+        if cmd_name in _LISTED:
+            remedy = "install rvaft again, in a checkout with pip install -e ."
+            raise click.ClickException(f"the command {cmd_name} is not installed: {remedy}")
+        from difflib import get_close_matches  # noqa: PLC0415 -- imported on use
 
-            meant = get_close_matches(cmd_name, _COMMANDS, n=1)
-            hint = f"; did you mean {meant[0]}?" if meant else ""
-            raise click.UsageError(f"unknown command {cmd_name!r}; known: {', '.join(_COMMANDS)}{hint}", ctx)
-        module = import_module(f"rvaft.cli.{_COMMANDS[cmd_name][0]}")
-        found: click.Command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
-        return found
+        meant = get_close_matches(cmd_name, known, n=1)
+        hint = f"; did you mean {meant[0]}?" if meant else ""
+        raise click.UsageError(f"unknown command {cmd_name!r}; known: {', '.join(known)}{hint}", ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """The list of commands in the help text, without importing them."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, said) for name, (_, said) in _COMMANDS.items()])
+        """The list of commands in the help text."""
+        if rows := [(name, _summary(name)) for name in registered()]:
+            with formatter.section("Commands"):
+                formatter.write_dl(rows)
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any

@@ -16,7 +16,6 @@ from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge, ToolMissing
 from rvaft.export import PICTURES
-from rvaft.foxglove import FoxgloveSink, port_of
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
@@ -25,6 +24,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.monitoring.checkpoint import EVERY, CheckpointFile
 from rvaft.monitoring.detection import Hooks
 from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
+from rvaft.monitoring.publisher import publisher_class
 from rvaft.monitoring.run import DEFAULT_WINDOW, MAX_KEYS, Field, Key, MonitoringPlan
 from rvaft.monitors import Monitor
 from rvaft.readers.json_lines import JsonLinesReader
@@ -180,10 +180,10 @@ def _with_foxglove(
 ) -> int:
     """Run all traces, of which Foxglove is told, too."""
     options.refuse(jobs > 1, "--foxglove is for one process: leave out --jobs")
-    served = port_of(target) is not None
+    foxglove = publisher_class("foxglove")
     why = "--foxglove PORT is for events that come by themselves: --follow, a URL, standard input; name a FILE.mcap"
-    options.refuse(served and not endless, why)
-    with FoxgloveSink(settings.tree, target, name=settings.name, key=settings.key, warn=warn) as sink:
+    options.refuse(foxglove.serves(target) and not endless, why)
+    with foxglove(settings.tree, target, name=settings.name, key=settings.key, warn=warn) as sink:
         if sink.url:
             click.echo(f"rvaft: Foxglove connects to {sink.url}", err=True)
         return run(replace(settings, others=(sink,)), traces)

@@ -57,7 +57,7 @@ class Kind(StrEnum):
     """What a node is, where it is one of the two.
 
     >>> import rvaft
-    >>> [kind.value for kind in next(rvaft.loads("top or a b; a attack;").branches()).kinds]
+    >>> [kind.value for kind in next(rvaft.branches(rvaft.loads("top or a b; a attack;"))).kinds]
     ['attack']
     """
 

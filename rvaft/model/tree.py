@@ -7,11 +7,10 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from heapq import heappop, heappush
-from importlib import import_module
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from rvaft.errors import ToolFailed, ToolMissing, TreeError
+from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
@@ -22,8 +21,6 @@ from rvaft.model.verdict import Semantics
 
 if TYPE_CHECKING:
     import networkx as nx
-
-    from rvaft.analysis.branches import Branch
 
 T = TypeVar("T", bound=Hashable)
 
@@ -58,6 +55,9 @@ class RVAFT:
     >>> tree.order, tree.occurrences
     (('top', 'a', 'b'), ('a', 'b'))
     """
+
+    notebook_svg: "ClassVar[Callable[[RVAFT], str | None]]" = staticmethod(lambda _tree: None)
+    """How a notebook draws a tree; `rvaft.api` sets it, because drawing is above the model."""
 
     def __init__(
         self,
@@ -213,42 +213,9 @@ class RVAFT:
         names = (v for name in self.occurrences for v in pattern_variables(self._patterns[name] or Anything()))
         return tuple(dict.fromkeys(name for name in names if not name.startswith("_")))
 
-    def branches(self) -> "Iterator[Branch]":
-        """The branches in the order of their numbers, from 1; lazily, since there may be very many."""
-        found: Iterator[Branch] = import_module("rvaft.analysis.branches").branches(self)  # branches are above the tree
-        return found
-
-    def to_dot(
-        self,
-        *,
-        events: bool = False,
-        names: bool = True,
-        wrap: int | None = None,
-        depth: int | None = None,
-        collapse: Iterable[str] = (),
-        branch: int | None = None,
-        legend: bool = False,
-        stagger: bool = False,
-    ) -> str:
-        """The tree drawn in the DOT language of Graphviz.
-
-        `events` shows runtime events and guards, `names` those of nodes that have a label as well, `wrap` breaks lines at so many
-        columns, `depth` and `collapse` leave out what is below a level or a node, `branch` marks the branch of that number,
-        `stagger` sets every other leaf of a gate lower, which makes the tree narrower. Raises `OptionError`, and `TreeError` where there is no such branch.
-        """
-        export = import_module("rvaft.export")  # drawing is above the tree
-        drawn = {"events": events, "names": names, "wrap": wrap, "depth": depth, "collapse": collapse}
-        text: str = export.dot_text(self, export.looking(self, **drawn, branch=branch, legend=legend, stagger=stagger))
-        return text
-
     def _repr_svg_(self) -> str | None:
-        """The picture that a notebook shows, or None, for the plain `repr`, where Graphviz does not draw it."""
-        export = import_module("rvaft.export")
-        try:
-            svg: bytes = export.picture(self.to_dot(), "svg", timeout=20)
-            return svg.decode()
-        except (ToolMissing, ToolFailed):
-            return None
+        """The picture that a notebook shows, or None, for the plain `repr`."""
+        return type(self).notebook_svg(self)
 
     @cached_property
     def _identity(self) -> tuple[object, ...]:

@@ -15,6 +15,7 @@ from typing import Final
 from rvaft.core.classifier import Scope
 from rvaft.errors import OptionError, RvaftError, ToolFailed, WrongType, expect
 from rvaft.model.values import Json
+from rvaft.readers.bag import message_event
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import (
     FieldType,
@@ -29,6 +30,15 @@ from rvaft.readers.log import (
     suffix,
 )
 from rvaft.rules.rule import did_you_mean
+
+__all__ = [
+    "LogReader",
+    "UnknownFormat",
+    "all_readers",
+    "live_events",
+    "message_event",
+    "read_log",
+]
 
 GROUP: Final = "rvaft.readers"
 

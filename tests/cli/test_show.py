@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rvaft import load, loads, translate
+from rvaft import load, loads, to_dot, translate
 from rvaft.analysis.branches import branches
 from rvaft.backend import all_backends, backend
 from rvaft.errors import ToolMissing
@@ -56,11 +56,11 @@ def test_the_format_follows_the_suffix_unless_it_is_named(tmp_path: Path) -> Non
 
 def test_the_options_of_a_drawing_are_those_of_python() -> None:
     tree = load(FULL)
-    expected = tree.to_dot(
-        events=True, names=False, wrap=20, depth=4, collapse=["imagery"], branch=2, legend=True, stagger=True
+    expected = to_dot(
+        tree, events=True, names=False, wrap=20, depth=4, collapse=["imagery"], branch=2, legend=True, stagger=True
     )
     assert run("show", FULL, "--format", "dot", *CHOICES, "--highlight", "branch:2").stdout == expected
-    assert run("show", FULL, "--format", "dot").stdout == tree.to_dot()
+    assert run("show", FULL, "--format", "dot").stdout == to_dot(tree)
 
 
 def test_branches_in_latex() -> None:

@@ -8,7 +8,7 @@ from xml.dom import minidom
 import pytest
 
 import rvaft
-from rvaft import RVAFT, Explanation, Kind, load, loads
+from rvaft import RVAFT, Explanation, Kind, load, loads, to_dot
 from rvaft.analysis.branches import restrict
 from rvaft.engine import Engine
 from rvaft.export import fired_dot, fired_text, picture
@@ -147,7 +147,7 @@ def test_no_value_of_an_event_can_steer_the_terminal() -> None:
 @needs_dot
 def test_no_value_of_an_event_leaves_its_place_in_a_picture() -> None:
     plain, document = (
-        minidom.parseString(picture(dot, "svg")) for dot in (awkward().to_dot(), fired_dot(*awkward_match()))
+        minidom.parseString(picture(dot, "svg")) for dot in (to_dot(awkward()), fired_dot(*awkward_match()))
     )
     assert len(plain.getElementsByTagName("g")) == len(document.getElementsByTagName("g")), "the same nodes and edges"
     assert not document.getElementsByTagName("b")

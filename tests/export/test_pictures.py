@@ -12,7 +12,7 @@ from xml.dom import minidom
 
 import pytest
 
-from rvaft import RVAFT, Gate, Kind, Node, ToolFailed, ToolMissing, load, loads
+from rvaft import RVAFT, Gate, Kind, Node, ToolFailed, ToolMissing, load, loads, to_dot
 from rvaft.export import Format, draw, picture
 from rvaft.export.layout import WIDTH, looking, wrapped
 from tests.cli.runs import FULL, TREES, written
@@ -130,7 +130,7 @@ def test_children_stand_in_their_order(shared: bool, stagger: bool, count: int) 
     random, broken = Random("order"), 0
     for _ in range(count):
         tree = drawn_from(random, shared=shared)
-        dot = tree.to_dot(stagger=stagger)
+        dot = to_dot(tree, stagger=stagger)
         found = measured(picture(dot, "svg"))
         assert shared or overlaps(found) == []
         for node in tree.nodes.values():
@@ -149,7 +149,7 @@ def test_children_stand_in_their_order(shared: bool, stagger: bool, count: int) 
 @pytest.mark.parametrize(("tree", "options", "centimetres"), rows(__file__, "figures.txt"))
 def test_a_figure_is_readable(tree: str, options: dict[str, Any], centimetres: float) -> None:
     """At least 7 points, no box and no text upon another; a printed page has no other margin."""
-    dot = load(TREES / f"{tree}.rvaft").to_dot(**options)
+    dot = to_dot(load(TREES / f"{tree}.rvaft"), **options)
     found = measured(picture(dot, "svg"))
     assert found.size_in(centimetres) >= 7
     assert overlaps(found) == []

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rvaft import RVAFT, Node, OptionError, TreeError, load, loads
+from rvaft import RVAFT, Node, OptionError, TreeError, load, loads, to_dot
 from rvaft.export import Format, Look, draw, format_of, losses
 from rvaft.export.layout import looking, wrapped, wrapped_code
 from rvaft.export.text import MAX_LEVELS
@@ -107,7 +107,7 @@ def test_a_look_that_a_tree_cannot_have(tree: str, options: dict[str, Any], erro
         with pytest.raises((OptionError, TreeError), match=error):
             draw(loads(tree), form, looking(loads(tree), **options))
     with pytest.raises((OptionError, TreeError), match=error):
-        loads(tree).to_dot(**options)
+        to_dot(loads(tree), **options)
 
 
 @pytest.mark.parametrize(("what", "text", "width", "lines"), rows(__file__, "broken.txt"))

@@ -63,7 +63,7 @@ def test_the_formulas_of_the_paper() -> None:
     radiation = 'inspect(Waypoint) · radiation(Value, T₁) · [Value ≥ 250] · move(NewWp, T₂) · [NewWp ≠ "entrance"]'
     moving, at = "move(Waypoint, _)", 'result(Waypoint, "success")'
     late, attacked = "[T₂ ≥ T₁ + 10]", "goal(MBGoal) · [NewWp ≠ MBGoal]"
-    assert [property_unicode(each) for each in tree.branches()] == [
+    assert [property_unicode(each) for each in branches(tree)] == [
         f"{moving} · {radiation} · {late}",
         f"{at} · {radiation} · {late}",
         f"{moving} · {radiation} · {attacked}",
@@ -164,13 +164,13 @@ def test_formulas_compile(tmp_path: Path) -> None:
     conditions = [Node(f"g{number}", when=parse_guard(row[0])) for number, row in enumerate(GUARDS)]
     conditions += [Node(name) for name in ("ev1", "a b", "a", "b")]
     trees.append(RVAFT("t", [Node("t", Gate.AND, tuple(node.name for node in conditions)), *conditions]))
-    rows = align_latex([*trees[0].branches(), *trees])
+    rows = align_latex([*branches(trees[0]), *trees])
     compiled("\n".join(rows), tmp_path, "amsmath", "textcomp")
 
 
 @needs_tex
 def test_formulas_go_on_on_the_next_page(tmp_path: Path) -> None:
     many = loads(f"toplevel t; t or {' '.join(f'e{number}' for number in range(200))};")
-    said = compiled("\n".join(align_latex(many.branches())), tmp_path, "amsmath", "textcomp")
+    said = compiled("\n".join(align_latex(branches(many))), tmp_path, "amsmath", "textcomp")
     assert r"Overfull \vbox" not in said
     assert "[3]" in said  # pages are told as they are made

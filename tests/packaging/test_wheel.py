@@ -72,6 +72,12 @@ def test_check_emit_monitor_work_there(installed: Path) -> None:
     assert (page.returncode, page.stdout.startswith("<!DOCTYPE html>")) == (0, True), page.stderr
 
 
+def test_languages_are_compared_there(installed: Path) -> None:
+    asked = ("--gates", "and", "--max-arity", "2", "--languages", "rml")
+    done = run(installed / "venv/bin/rvaft", "compare", *asked, cwd=installed)
+    assert (done.returncode, "rml" in done.stdout) == (0, True), done.stdout + done.stderr
+
+
 def test_the_gates_are_compared_there(installed: Path) -> None:
     """The trees of the run without arguments come with the package."""
     done = run(installed / "venv/bin/rvaft", "cross-check", "--backends", "rml", "--semantics", "strict", cwd=installed)

@@ -11,10 +11,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cross_check.benchmark.measurement import ONLY_EMITTED, Measurement, Outcome, default_languages
-from cross_check.benchmark.plots import _STYLES, figures, plots
-from cross_check.benchmark.tables import COLUMNS, Width, csv_text, latex_text, read_rows, text_lines, unable
 from cross_check.results import DETECTIONS_ONLY
+from papers.languages.measurement import ONLY_EMITTED, Measurement, Outcome, default_languages
+from papers.languages.plots import _STYLES, figures, plots
+from papers.languages.tables import COLUMNS, Width, csv_text, latex_text, read_rows, text_lines, unable
 from rvaft.errors import LanguageError
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics

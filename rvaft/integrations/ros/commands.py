@@ -12,12 +12,12 @@ import click
 from rvaft.api import meant, narrowed
 from rvaft.cli import options, warn
 from rvaft.errors import NotExpressible, OptionError, TooLarge
+from rvaft.integrations.ros import configuration as ros
+from rvaft.integrations.ros.connections_page import ConnectionsPage
+from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
+from rvaft.integrations.ros.server import CONNECTIONS, PORT, Server
 from rvaft.model.nodes import Kind
 from rvaft.monitoring.monitor_set import Per
-from rvaft.ros import configuration as ros
-from rvaft.ros.connections_page import ConnectionsPage
-from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
-from rvaft.ros.server import CONNECTIONS, PORT, Server
 from rvaft.support.files import place
 from rvaft.support.network import LOCAL, origin, require_host
 from rvaft.support.terminal import visible

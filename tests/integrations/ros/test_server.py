@@ -17,15 +17,15 @@ import pytest
 
 from rvaft import loads
 from rvaft.errors import OptionError
+from rvaft.integrations.ros import connections_page, server
+from rvaft.integrations.ros.connections_page import ConnectionsPage
+from rvaft.integrations.ros.protocol import Session
 from rvaft.monitoring import report
 from rvaft.monitoring.monitor_set import Per
-from rvaft.ros import connections_page, server
-from rvaft.ros.connections_page import ConnectionsPage
-from rvaft.ros.protocol import Session
 from rvaft.support.network import allowed, require_host
 from rvaft.support.network import origin as origin_of
 from tests.cli.runs import SAND, TREES, failed, run, written
-from tests.ros.clients import SEQUENCE, A, B, asked, connected, live, served, serving, websockets
+from tests.integrations.ros.clients import SEQUENCE, A, B, asked, connected, live, served, serving, websockets
 from tests.tables import rows
 
 MANY: Final = 60

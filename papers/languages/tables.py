@@ -11,8 +11,8 @@ from typing import Any, Final
 import msgspec
 from msgspec.structs import astuple
 
-from cross_check.benchmark.measurement import SIZES, Measurement, Outcome
 from cross_check.results import DETECTIONS_ONLY
+from papers.languages.measurement import SIZES, Measurement, Outcome
 from rvaft.errors import LanguageError, installed
 from rvaft.export.latex import escaped
 from rvaft.support.terminal import columns, visible

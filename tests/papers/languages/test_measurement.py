@@ -15,8 +15,8 @@ import pytest
 
 import rvaft
 from backends.rml.reader.monitor import RmlMonitor, rules
-from cross_check.benchmark import measurement
-from cross_check.benchmark.measurement import (
+from papers.languages import measurement
+from papers.languages.measurement import (
     EVENTS,
     LONGEST,
     Cell,

@@ -39,7 +39,7 @@ root on sudo(N) when N > 0;
 KEYS = [1, 1.0, "1", True, {"b": 1, "a": 2.0}, {"a": 2, "b": 1}, None, *range(2, 14)]
 QUICK = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC"
 """Of so short a run the machine code that Java makes for long ones, and its threads that collect, cost more than they spare."""
-RUN = "import sys; from tests import test_spark as t; t.query(t.session_of(), *sys.argv[1:3])"
+RUN = "import sys; from tests.integrations import test_spark as t; t.query(t.session_of(), *sys.argv[1:3])"
 
 
 def log(events: int, keys: list[Any], seed: int) -> list[str]:
@@ -89,10 +89,10 @@ def session_of() -> Any:
 
 def query(spark: Any, tree: str, folder: str, name: str = "taken") -> None:
     """A streaming query over the files of a folder, one for each batch."""
-    import rvaft.spark
+    from rvaft.integrations import spark as fleets
 
     events = spark.readStream.option("maxFilesPerTrigger", "1").text(f"{folder}/in")
-    found = rvaft.spark.monitor(events, load(tree), key="user", repeat=True, name=name)
+    found = fleets.monitor(events, load(tree), key="user", repeat=True, name=name)
     writer = found.writeStream.format("parquet").option("path", f"{folder}/out")
     writer = writer.option("checkpointLocation", f"{folder}/state").trigger(availableNow=True)
     writer.start().awaitTermination()
@@ -117,13 +117,13 @@ def tree(tmp_path: Path) -> Path:
 def test_a_table_has_the_detections_of_the_command(
     session: Any, tree: Path, tmp_path: Path, options: dict[str, Any]
 ) -> None:
-    import rvaft.spark
+    from rvaft.integrations import spark as fleets
 
     path = tmp_path / "log.jsonl"
     path.write_text("\n".join(log(2_000, KEYS, 1)))
     asked = [word for name, value in options.items() for word in ([f"--{name}"] + [value] * (value is not True))]
     expected = told(path, tree, *asked)
-    rows = rvaft.spark.monitor(session.read.text(str(path)), loads(TREE), key="user", **options).collect()
+    rows = fleets.monitor(session.read.text(str(path)), loads(TREE), key="user", **options).collect()
     assert of_rows(rows) == expected
     assert sum(expected.values()) >= 15
     warnings = [row.warning for row in rows if row.warning is not None]
@@ -132,12 +132,12 @@ def test_a_table_has_the_detections_of_the_command(
 
 
 def test_rows_are_events_and_a_number_is_their_order(session: Any) -> None:
-    import rvaft.spark
+    from rvaft.integrations import spark as fleets
 
     tree = loads("top sand a b;")
     rows = [("x", 2, "b"), ("x", 1, "a"), ("y", 1, "b"), ("y", 2, "a"), (None, 3, "a")]
     table = session.createDataFrame(rows, "host string, n int, event string")
-    detected, lacking = rvaft.spark.monitor(table, tree, key=["host"], order_by="n").orderBy("warning").collect()
+    detected, lacking = fleets.monitor(table, tree, key=["host"], order_by="n").orderBy("warning").collect()
     assert (detected.key, detected.event, detected.time, detected.detection) == ('"x"', 2, None, None)
     assert json.loads(detected.record)["matched"] == [
         {"node": "a", "occurrence": 1, "event": 1},
@@ -147,7 +147,7 @@ def test_rows_are_events_and_a_number_is_their_order(session: Any) -> None:
 
 
 def test_what_is_not_counted_is_told(session: Any) -> None:
-    import rvaft.spark
+    from rvaft.integrations import spark as fleets
 
     tree = loads('event e(x) = { e: "e", x: x }; top and a b; a on e(X); b on e(Y) when Y > X + 1;')
     lines = [
@@ -155,13 +155,13 @@ def test_what_is_not_counted_is_told(session: Any) -> None:
         for number, (key, x) in enumerate(zip("ppqq", (1, "s", 1, 9), strict=True))
     ]
     table = session.createDataFrame([(line,) for line in lines], "log string")
-    rows = rvaft.spark.monitor(table, tree, key="k", order_by="n", column="log", semantics="scattered").collect()
+    rows = fleets.monitor(table, tree, key="k", order_by="n", column="log", semantics="scattered").collect()
     assert {row.key for row in rows if row.warning is None} == {'"q"'}
     assert [row.key for row in rows if row.warning and "Y > X + 1" in row.warning] == ['"p"']
 
 
 def test_a_monitor_that_grows_too_large_is_told_and_stops_no_other(session: Any) -> None:
-    import rvaft.spark
+    from rvaft.integrations import spark as fleets
 
     tree = loads(
         'event e(x) = { e: "e", x: x }; top and a b c; a on e(X); b on e(Y) when Y != X; c on e(Z) when Z * Y == 0 and X * Z > 90;'
@@ -173,20 +173,18 @@ def test_a_monitor_that_grows_too_large_is_told_and_stops_no_other(session: Any)
         if key == "p" or number < 3
     ]
     table = session.createDataFrame([(line,) for line in lines], "log string")
-    rows = rvaft.spark.monitor(
-        table, tree, key="k", order_by="n", column="log", semantics="scattered", limit=20
-    ).collect()
+    rows = fleets.monitor(table, tree, key="k", order_by="n", column="log", semantics="scattered", limit=20).collect()
     ended = {row.key: row.warning for row in rows}
     assert ended['"p"'].startswith("not monitored from event ")
     assert "not monitored" not in ended.get('"q"', "")
 
 
 def test_a_table_without_order_is_refused(session: Any) -> None:
-    import rvaft.spark
+    from rvaft.integrations import spark as fleets
 
     table = session.createDataFrame([("x",)], "host string")
     with pytest.raises(OptionError, match="a table has no order"):
-        rvaft.spark.monitor(table, loads("top and a b;"), key="host")
+        fleets.monitor(table, loads("top and a b;"), key="host")
 
 
 def killed_and_resumed(session: Any, tree: Path, folder: Path, lines: list[str], batches: int) -> list[Any]:
@@ -231,12 +229,12 @@ def test_a_stream_that_is_killed_goes_on_and_tells_each_detection_once(
 
 @pytest.mark.slow
 def test_a_million_events_of_five_thousand_keys(session: Any, tree: Path, tmp_path: Path) -> None:
-    import rvaft.spark
+    from rvaft.integrations import spark as fleets
 
     lines = log(1_000_000, list(range(5_000)), 3)
     path = tmp_path / "log.jsonl"
     path.write_text("\n".join(lines))
     expected = told(path, tree, "--repeat")
-    table = rvaft.spark.monitor(session.read.text(str(path)), loads(TREE), key="user", repeat=True)
+    table = fleets.monitor(session.read.text(str(path)), loads(TREE), key="user", repeat=True)
     assert of_rows(table.collect()) == expected
     assert of_rows(killed_and_resumed(session, tree, tmp_path, lines, 8)) == expected

@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 
 import rvaft
-from rvaft.readers import mqtt
-from rvaft.readers.mqtt import Address
+from rvaft.integrations import mqtt
+from rvaft.integrations.mqtt import Address
 from tests.cli.pages import fetched
 from tests.cli.runs import SAND, failed, process, run, soon, started
 

@@ -8,8 +8,7 @@ import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Final, Self, TypeVar, Unpack
+from typing import Any, BinaryIO, Final, TypeVar, Unpack
 
 import rvaft
 from rvaft.asynchronous import MonitorOptions
@@ -18,7 +17,8 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitoring.detection import detection, matched_events
-from rvaft.monitoring.run import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.monitoring.publisher import Publisher
+from rvaft.monitoring.run import EventBuffer, MonitoredTrace, VerdictChange
 from rvaft.monitors import Explanation
 from rvaft.support.files import telling
 
@@ -52,7 +52,7 @@ _SCHEMAS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
 """For each channel the name of its messages, and what they have."""
 
 
-class FoxgloveSink(Listener):
+class FoxgloveSink(Publisher):
     """Writes messages to a file named `.mcap`, whole once it is closed, or sends them from a port (a number, or `HOST:PORT`); a context manager.
 
     What cannot be written is told to `warn` at once and stops nothing; `close` raises `OSError` for it. Raises `OptionError` for what is neither file nor port and for a port
@@ -92,8 +92,6 @@ class FoxgloveSink(Listener):
             for topic, (title, has) in _SCHEMAS.items()
         }
         self._file: _File | None = None
-        self.url = ""
-        """Where Foxglove connects to, if to anything."""
         if found is None:
             self._file = _File(Path(str(target)))
             self._open: Any = sdk.open_mcap(self._file, context=context)
@@ -106,13 +104,10 @@ class FoxgloveSink(Listener):
             raise OptionError(f"no server for Foxglove at {host}:{port}: {reason}") from error
         self.url = f"ws://{host}:{self._open.port}"
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    @classmethod
+    def serves(cls, target: int | str | os.PathLike[str]) -> bool:
+        """Whether the target is a port, not a file of MCAP; raises `OptionError` for anything else."""
+        return port_of(target) is not None
 
     def close(self) -> None:
         """End the server, or write the rest of the file and put it in its place; raises `OSError` where that fails."""

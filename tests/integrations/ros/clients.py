@@ -12,10 +12,10 @@ from typing import Any, Final
 import pytest
 
 from rvaft import loads
+from rvaft.integrations.ros.connections_page import ConnectionsPage
+from rvaft.integrations.ros.protocol import Protocol, Session
+from rvaft.integrations.ros.server import Server
 from rvaft.model.values import Json
-from rvaft.ros.connections_page import ConnectionsPage
-from rvaft.ros.protocol import Protocol, Session
-from rvaft.ros.server import Server
 from tests.cli.runs import started
 
 websockets = pytest.importorskip("websockets", reason="needs websockets")
@@ -24,7 +24,9 @@ from websockets.asyncio.client import ClientConnection, connect  # noqa: E402 --
 SEQUENCE: Final = loads("top sand a b; a attack; b fault;")
 A: Final = {"event": "a"}
 B: Final = {"event": "b"}
-LIBRARY_ON_USE: Final = "import sys, rvaft.cli.ros; assert 'websockets' not in sys.modules; rvaft.cli.main()"
+LIBRARY_ON_USE: Final = (
+    "import sys, rvaft.integrations.ros.commands; assert 'websockets' not in sys.modules; rvaft.cli.main()"
+)
 
 
 def live(scenario: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:

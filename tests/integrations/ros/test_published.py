@@ -23,7 +23,7 @@ from rvaft import Verdict, load, monitor
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import read
 from tests.cli.runs import LOGS, PRUNED, ROW1, TREES, run, soon, started
-from tests.ros.clients import serving
+from tests.integrations.ros.clients import serving
 
 CHECKOUT: Final = Path(os.environ.get("ROSMONITORING", ""))
 ROS: Final = TREES / "remote_inspection" / "ros.rvaft"

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from cross_check.benchmark.measurement import Measurement, Outcome, default_languages, gate_subjects
-from cross_check.benchmark.tables import read_rows
 from cross_check.results import reason
 from papers.languages.__main__ import LANGUAGES, main, texts
 from papers.languages.findings import FINDINGS, missed
+from papers.languages.measurement import Measurement, Outcome, default_languages, gate_subjects
 from papers.languages.note import FOLDER, TREES, expressible
+from papers.languages.tables import read_rows
 from rvaft import NotExpressible, Semantics, load, translate
 
 

@@ -10,12 +10,12 @@ from collections.abc import Collection
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Final
 
+from rvaft.integrations.live_page import BROWSERS, PERIOD, asked, cursor_of, headers, message, refusal
+from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
 from rvaft.monitoring.detection import counted
-from rvaft.monitoring.live_page import BROWSERS, PERIOD, asked, cursor_of, headers, message, refusal
 from rvaft.monitoring.report import SHOWN, LogReport, Told
 from rvaft.monitoring.run import Key, MonitoringPlan
-from rvaft.ros.protocol import Session
 from rvaft.support.network import own
 
 if TYPE_CHECKING:

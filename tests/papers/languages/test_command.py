@@ -11,10 +11,9 @@ from typing import Any
 
 import pytest
 
-from cross_check.benchmark import plots
-from cross_check.benchmark.measurement import Cell, Measurement, Outcome, measured
-from cross_check.benchmark.tables import COLUMNS, read_rows
-from rvaft.cli import compare
+from papers.languages import command, plots
+from papers.languages.measurement import Cell, Measurement, Outcome, measured
+from papers.languages.tables import COLUMNS, read_rows
 from tests.cli.runs import COMMAND, PRUNED, TREES, failed, run
 
 pytestmark = pytest.mark.usefixtures("quick")
@@ -85,7 +84,7 @@ def test_an_interrupted_run_keeps_what_it_has_and_goes_on(tmp_path: Path, monkey
     table = tmp_path / "x.csv"
     words = ("compare", "--gates", "and,or", "--max-arity", 3, *RML, "--csv", table)
     with monkeypatch.context() as patch:
-        patch.setattr(compare, "measured", stopping)
+        patch.setattr(command, "measured", stopping)
         result = run(*words)
     assert result.exit_code == 130
     assert result.stderr == "interrupted after 2 of 6 measurements; go on with --resume\n"

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-import rvaft.foxglove
+import rvaft
+from rvaft.integrations.foxglove import FoxgloveSink
 from tests.cli.runs import SAND, failed, jsonl, lines, run, soon, started, written
 from tests.docs.examples import ROOT
 from tests.readers.samples import LOGS
@@ -57,7 +58,7 @@ def test_a_file_has_what_the_command_tells(tmp_path: Path) -> None:
     assert detections[0]["events"] == {"2": EVENTS[1], "3": EVENTS[2]}
     assert {one["trace"] for one in detections} == {str(log)}
     # The same from Python, with the tree's own name.
-    with rvaft.foxglove.FoxgloveSink(rvaft.loads(TIMED), tmp_path / "own.mcap") as sink:
+    with FoxgloveSink(rvaft.loads(TIMED), tmp_path / "own.mcap") as sink:
         step = sink.on_detection(repeat=True)
         assert [step(event).symbol for event in EVENTS] == ["?", "?", "⊤", "?", "⊤", "?"]
     again = logged(tmp_path / "own.mcap")
@@ -158,7 +159,7 @@ def test_a_full_disk_stops_no_monitor(tmp_path: Path, monkeypatch: pytest.Monkey
     tree, path = rvaft.loads(TIMED), tmp_path / "run.mcap"
     (tmp_path / ".run.mcap.new").symlink_to("/dev/full")
     said: list[str] = []
-    sink = rvaft.foxglove.FoxgloveSink(tree, path, warn=said.append)
+    sink = FoxgloveSink(tree, path, warn=said.append)
     step = sink.on_detection(repeat=True)
     many = [{**event, "text": "x" * 1000 * number} for number in range(200) for event in EVENTS[1:3]]
     assert [step(event).symbol for event in many] == ["?", "⊤"] * 200

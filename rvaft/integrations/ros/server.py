@@ -14,10 +14,10 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, Final
 
 from rvaft.errors import installed
+from rvaft.integrations.ros.connections_page import ConnectionsPage
+from rvaft.integrations.ros.protocol import Protocol, Session
 from rvaft.model.verdict import Verdict
 from rvaft.monitoring.detection import counted
-from rvaft.ros.connections_page import ConnectionsPage
-from rvaft.ros.protocol import Protocol, Session
 from rvaft.support.network import LOCAL, allowed, unavailable
 
 if TYPE_CHECKING:

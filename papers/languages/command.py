@@ -7,8 +7,9 @@ from typing import Any, Final
 
 import click
 
-from cross_check.benchmark import plots as drawing
-from cross_check.benchmark.measurement import (
+from cross_check.commands.cross_check import progress
+from papers.languages import plots as drawing
+from papers.languages.measurement import (
     MAX_ARITY,
     Cell,
     Measurement,
@@ -20,11 +21,10 @@ from cross_check.benchmark.measurement import (
     measured,
     unmeasured,
 )
-from cross_check.benchmark.tables import Width, csv_text, headline, latex_text, pandas, read_rows, text_lines
+from papers.languages.tables import Width, csv_text, headline, latex_text, pandas, read_rows, text_lines
 from rvaft.api import narrowed
 from rvaft.backend import backend
 from rvaft.cli import FAILED, FOUND, INTERRUPTED, Failures, Stopped, options, report
-from rvaft.cli.cross_check import progress
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole

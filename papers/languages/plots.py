@@ -8,9 +8,9 @@ from pathlib import PurePath
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from cross_check.benchmark.measurement import Measurement, Outcome
-from cross_check.benchmark.tables import Width, unable
 from cross_check.results import DETECTIONS_ONLY
+from papers.languages.measurement import Measurement, Outcome
+from papers.languages.tables import Width, unable
 from rvaft.errors import installed
 from rvaft.model.verdict import Semantics
 from rvaft.support.terminal import cut, visible

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from rvaft import Verdict, load, loads, monitor
 from rvaft.core.classifier import TreeReads
+from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from rvaft.model.values import Json
 from rvaft.monitoring.monitor_set import Per
 from rvaft.readers.json_lines import decode
-from rvaft.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from tests.cli.runs import LOGS, PRUNED
 from tests.monitoring.test_reader import BAD, STRICT
 from tests.tables import rows

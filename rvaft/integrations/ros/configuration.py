@@ -12,13 +12,13 @@ from typing import Final
 from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.api import narrowed, translate
 from rvaft.errors import OptionError, RvaftError, installed
+from rvaft.integrations.ros.server import PORT, REMEDY
 from rvaft.model.nodes import Kind, Node, Topic, absolute, topic_of, wrong_name
 from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitoring.monitor_set import Per, columns
-from rvaft.ros.server import PORT, REMEDY
 from rvaft.rules.rule import listing
 from rvaft.support.budget import Undecided
 from rvaft.support.network import LOCAL, is_address, require_host

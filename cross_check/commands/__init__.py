@@ -1,0 +1,1 @@
+"""The commands `rvaft cross-check` and `rvaft traces`."""

@@ -1,0 +1,94 @@
+"""Commands are entry points: packages add them, and one that is broken stops no other."""
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rvaft import cli
+from tests.cli.runs import failed, run
+
+PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
+MODULE = '''
+import click
+
+@click.command("greet")
+@click.argument("name")
+def greet(name: str) -> int:
+    """Greet somebody by name."""
+    click.echo(f"hello {name}")
+    return 1
+
+number = 3
+'''
+ENTRIES = """
+[other.group]
+nothing = nowhere:nothing
+
+[rvaft.commands]
+# a comment
+zebra = no_such_module:command
+greet = greeting:greet [extra]
+number = greeting:number
+check = greeting:greet
+"""
+
+
+@pytest.fixture
+def _plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A package of somebody else, before rvaft on the path of Python."""
+    folder = tmp_path / "greeting-1.0.dist-info"
+    folder.mkdir()
+    (folder / "entry_points.txt").write_text(ENTRIES, encoding="utf-8")
+    (tmp_path / "greeting.py").write_text(MODULE, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    cli.registered.cache_clear()
+    yield
+    cli.registered.cache_clear()
+
+
+def listed() -> list[str]:
+    """The names in the help text."""
+    lines = run("--help").stdout.split("Commands:\n")[1].split("\n\n")[0].splitlines()
+    return [line.split()[0] for line in lines if line[2] != " "]
+
+
+def test_every_command_of_the_project_is_registered_and_has_its_place_in_the_help_text() -> None:
+    project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
+    assert cli.registered() == project["entry-points"][cli.GROUP]
+    assert listed() == list(cli.registered())
+    for name in cli.registered():
+        assert cli.loaded(name).name == name
+
+
+@pytest.mark.usefixtures("_plugin")
+def test_commands_of_others_come_after_those_of_the_project() -> None:
+    assert listed()[-4:] == ["explain", "greet", "number", "zebra"]
+    text = run("--help").stdout
+    assert "Greet somebody by name." in text
+    assert text.count("(cannot be loaded)") == 2
+
+
+@pytest.mark.usefixtures("_plugin")
+def test_a_command_of_others_runs_and_gives_the_exit_status() -> None:
+    done = run("greet", "you")
+    assert (done.exit_code, done.stdout) == (1, "hello you\n")
+
+
+@pytest.mark.usefixtures("_plugin")
+def test_a_broken_command_is_an_error_that_gives_the_reason() -> None:
+    failed(run("zebra"), "the command zebra failed: it cannot be loaded: ModuleNotFoundError")
+    failed(run("number"), "the command number failed: greeting:number is no command of click")
+    assert run("explain", "cycle").exit_code == 0
+
+
+@pytest.mark.usefixtures("_plugin")
+def test_nobody_replaces_a_command_of_the_project() -> None:
+    assert cli.registered()["check"] == "rvaft.cli.check:check_command"
+
+
+def test_a_command_of_the_project_that_is_not_installed_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "registered", dict)
+    failed(run("compare"), "the command compare is not installed: install rvaft again")
+    assert "Commands:" not in run("--help").stdout

@@ -22,7 +22,6 @@ _SIGNS: Final = {Operator.EQ: "=", Operator.NE: "<>", Operator.NEGATE: "-"}
 FACETS: Final = ("whole", "real", "text", "truth", "null", "key")
 """What a variable is asked for."""
 _EXACT: Final = 2**53
-_ANY: Final = "any semantics"
 _FROM_TERMS: Final = COMPARISONS | {Operator.IN, Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS}
 """What makes a truth value of others."""
 _SIMPLE: Final = re.compile(r"[\w.]+|\(-[\w.]+\)")
